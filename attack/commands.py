@@ -35,10 +35,12 @@ def rows() -> Iterator[Row]:
         finally:
             program.process.kill()
         yield Row(
-            f"{name}: a command held back over STOP, reset and arm ({ready_s:.1f} s)",
+            "a command held back over STOP, reset and arm",
             f"moves it by no more than {1000 * STILL_M:g} mm",
-            f"{1000 * moved_m:.1f} mm",
+            f"{1000 * moved_m:.1f} mm, after {ready_s:.1f} s",
             moved_m <= STILL_M,
+            name,
+            moved_m,
         )
 
 

@@ -102,12 +102,14 @@ def _tokens(hostile: ForgedRobots, board: Program, port: int) -> Iterator[Row]:
         "listed within 5 s",
         f"{took_s:.2f} s",
         took_s < 5.0 and shown(port) == before | {"late"},
+        size=took_s,
     )
     yield Row(
         f"{MANY} tokens: threads of the dashboard",
         "at most 5 more",
         f"{threads} before, {now} then",
         now <= threads + 5,
+        size=now - threads,
     )
 
 
@@ -127,6 +129,7 @@ def _descriptions(hostile: ForgedRobots, port: int) -> Iterator[Row]:
             "listed within 2 s",
             f"{took_s:.2f} s",
             took_s < 2.0 and name not in shown(port),
+            size=took_s,
         )
 
 
@@ -190,6 +193,7 @@ def _living() -> Row:
         "400 found, within 1 s",
         f"{len(found)} in {took_s:.2f} s",
         ended and len(set(found)) == 400 and took_s < 1.0,
+        size=took_s,
     )
 
 
@@ -214,6 +218,7 @@ def _patterns(endpoint: str) -> Iterator[Row]:
             "stops within 0.2 s",
             f"{stopped_s:.2f} s",
             stopped_s < 0.2,
+            size=stopped_s,
         )
         _reset(alice)
 
@@ -258,6 +263,7 @@ def _sessions(endpoint: str) -> Iterator[Row]:
             "drives on",
             f"{opened} open, {refused} not; {counted:.0f} Hz",
             kept and counted > 25.0,
+            size=-counted,
         )
         stack.close()
         first = _raw(endpoint, "abcdef01")
@@ -321,6 +327,7 @@ def _far() -> Row:
         "drives, and stands within 0.35 m",
         f"{float(np.hypot(x, y)):.2f} m, then {way_m:.2f} m; {drops.stale} stale",
         bool(granted["granted"]) and float(np.hypot(x, y)) > 0.2 and way_m <= 0.35,
+        size=way_m,
     )
 
 
@@ -349,6 +356,7 @@ def _duplicate_ids() -> Iterator[Row]:
         "both stop and say why, within 2 s",
         f"{took_s:.2f} s",
         took_s < 2.0 and reasons == {words},
+        size=took_s,
     )
     yield Row(
         "the page of a dashboard beside them, for 2 s",
@@ -387,6 +395,7 @@ def _clocks() -> Iterator[Row]:
         "does not move",
         f"{1000.0 * moved_m:.0f} mm",
         moved_m < 0.005,
+        size=moved_m,
     )
     yield Row(
         "the same while driving for 7 s",

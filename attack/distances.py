@@ -192,7 +192,7 @@ class Result:
 
 def measure(task: Task) -> list[Result]:
     """Do all runs of a task; rows after a failure are marked as not measured."""
-    robot, text = _description(task.robot)
+    robot, text = quick_description(task.robot)
     kind = CAUSES[task.causes[0]].operator
     opened = with_board if kind == "node" else on_a_link
     results = {name: Result(name) for name in task.causes}
@@ -253,7 +253,7 @@ def _get_fast(scene: Scene, twist_scale_m: float) -> float:
     return status.limits.speed_mps
 
 
-def _description(name: str) -> tuple[RobotDescription, str]:
+def quick_description(name: str) -> tuple[RobotDescription, str]:
     """Shipped robot whose speed controllers arm at once, and its text."""
     text = robots.read_description(name)
     if robots.parse_description(text, name).arming_hold_s > 0.1:
@@ -298,13 +298,14 @@ def row(task: Task, result: Result) -> Row:
     """Worst of all runs beside the promise in the description of the robot."""
     allowed_m = robots.load_robot(task.robot).limits.stop_allowance_m
     cause = CAUSES[result.cause].text
-    text = f"{task.robot} at {result.speed_mps:.2f} m/s, lease {task.max_age_s:g} s: {cause}"
+    text = f"{cause}, lease {task.max_age_s:g} s"
     promise = f"stands within {allowed_m:.2f} m"
     if result.failure or not result.ways_m:
-        return Row(text, promise, result.failure or "not measured", False)
+        return Row(text, promise, result.failure or "not measured", False, task.robot)
     worst_m, median_m = max(result.ways_m), statistics.median(result.ways_m)
-    measured = f"{worst_m:.3f} m, median {median_m:.3f} of {len(result.ways_m)}"
-    return Row(text, promise, measured, worst_m <= allowed_m)
+    of = f", median {median_m:.3f} of {len(result.ways_m)}" if len(result.ways_m) > 1 else ""
+    measured = f"{worst_m:.3f} m{of}, from {result.speed_mps:.2f} m/s"
+    return Row(text, promise, measured, worst_m <= allowed_m, task.robot, worst_m)
 
 
 def main() -> None:

@@ -1,7 +1,8 @@
-"""Rows of the attack report."""
+"""Rows of the attack report, and the summary of all repetitions."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 
@@ -10,15 +11,42 @@ class Row:
     """Result of one attack."""
 
     attack: str
-    """What was done, in one line."""
+    """Case: what was done, in one line that is the same at each repetition."""
     promise: str
     """Guarantee to test, with its unit."""
     measured: str
     """What happened, with its unit."""
     held: bool
     """Whether the guarantee held."""
+    robot: str = ""
+    """Robot that was attacked; nothing when no robot matters."""
+    size: float = 0.0
+    """What was measured, as a number; the larger, the worse."""
 
     def __str__(self) -> str:
         """Format the row for a terminal."""
         verdict = "held  " if self.held else "BROKEN"
-        return f"{verdict} {self.attack:<64} {self.measured:<28} {self.promise}"
+        attack = f"{self.robot}: {self.attack}" if self.robot else self.attack
+        return f"{verdict} {attack:<64} {self.measured:<28} {self.promise}"
+
+
+def summary(results: Iterable[tuple[str, Row]]) -> Iterator[str]:
+    """Yield one line for each case of each part and robot: its worst repetition.
+
+    A repetition that did not hold is worse than one that did.
+    """
+    cases: dict[tuple[str, str, str], list[Row]] = {}
+    for part, row in results:
+        cases.setdefault((part, row.robot, row.attack), []).append(row)
+    lines = [("part", "robot", "case", "worst measured", "promised", "held")]
+    for (part, robot, attack), rows in cases.items():
+        worst = max(rows, key=lambda row: (not row.held, row.size))
+        held = f"{sum(row.held for row in rows)} of {len(rows)}"
+        lines.append((part, robot, attack, worst.measured, worst.promise, held))
+    yield from _aligned(lines)
+
+
+def _aligned(lines: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        yield "  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True))

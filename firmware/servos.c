@@ -1,5 +1,7 @@
 #include "servos.h"
 
+#include <stddef.h>
+
 #include "clock.h"
 #include "control_table.h"
 #include "gimbals.h"
@@ -19,6 +21,8 @@
 _Static_assert(SERVO_BAUD >= 250000, "six servos do not fit into a cycle below this");
 
 #define ALL ((1 << CT_SERVOS) - 1)
+
+static const registers_t MODEL_NUMBER = {0, 2};
 
 enum { PING, MOVING, STATE, TORQUE, SETTING, TELL };
 enum { GOALS_2, GOALS_1, ASK, EXTRA = ASK + CT_SERVOS, REST };
@@ -40,12 +44,13 @@ static uint16_t listening_since;
 static servo_report_t reports[CT_SERVOS];
 static uint8_t age_ms[CT_SERVOS], torque_age_ms[CT_SERVOS];
 static uint8_t to_tell;  // Bit i: servo i has to be told whether to hold.
-static bool told_torque;
+static uint8_t told_torque;
 
 // The request beside goals and positions, one in each cycle: which, and to which servo.
 static uint8_t more, more_to, torque_turn, state_turn, setting_turn, since_other, others;
 static bool more_due;
 static uint8_t short_cycles;  // Cycles to come that have no time of their own for it.
+static const servo_model_t *model[CT_SERVOS];  // NULL: not read.
 static uint8_t setting[CT_SERVOS];  // Next one to be read.
 static uint8_t probe;  // Next servo to look for, and in which protocol.
 static uint8_t right[CT_SERVOS];    // Settings in a row that had the required value.
@@ -68,11 +73,11 @@ static bool send(uint8_t length) {
 }
 
 static bool send_goals(const protocol_t *to, uint8_t mask) {
-  if (!servo_command.torque) return false;
   uint16_t goals[CT_SERVOS];
   for (uint8_t i = 0; i < CT_SERVOS; i++) goals[i] = gimbals_goal(i, servo_command.goal[i]);
   protocol = to;
-  return send(to->set_goals(servo_line_request(), mask & table.servo_found, goals));
+  uint8_t those = mask & table.servo_found & servo_command.torque;
+  return send(to->set_goals(servo_line_request(), those, goals));
 }
 
 static void turn_to(uint8_t i, uint8_t what, const protocol_t *spoken) {
@@ -129,15 +134,22 @@ static void choose_more(void) {
   }
 }
 
+// What a servo is asked for to check its settings: first which model it is.
+static registers_t next_settings(uint8_t i) {
+  if (!model[i]) return MODEL_NUMBER;
+  const setting_t *of = &model[i]->settings[setting[i]];
+  return (registers_t){of->address, of->read};
+}
+
 static bool ask_more(void) {
   const protocol_t *to = spoken_by(more_to);
-  const setting_t *of = &to->settings[setting[more_to]];
   more_due = false;
   if (more == TORQUE) return put(TORQUE, more_to, to->torque);
   if (more == STATE) return put(STATE, more_to, to->state);
-  if (more == SETTING) return put(SETTING, more_to, (registers_t){of->address, of->size});
+  if (more == SETTING) return put(SETTING, more_to, next_settings(more_to));
   turn_to(more_to, TELL, to);
-  return send(to->set_torque(servo_line_request(), id, servo_command.torque));
+  bool torque = servo_command.torque & bit(more_to);
+  return send(to->set_torque(servo_line_request(), id, torque));
 }
 
 // After goals and positions, when the cycle has time for it. With servos that answer late it has
@@ -194,7 +206,7 @@ static void begin_cycle(void) {
   } while (table.servo_found != ALL && (table.servo_found & bit(probe / 2)));
   due = false;
   renumbered = false;
-  if (servo_command.torque != told_torque) to_tell = ALL;
+  to_tell |= servo_command.torque ^ told_torque;
   told_torque = servo_command.torque;
   if (short_cycles) short_cycles--;
   if (!more_due) choose_more();
@@ -216,6 +228,7 @@ static void found(uint8_t i) {
     table.servo_protocol &= ~bit(i);
   }
   to_tell |= bit(i);
+  model[i] = NULL;
   setting[i] = right[i] = 0;
   age_ms[i] = 0;  // Without a position it is looked for again, in both protocols.
 }
@@ -235,36 +248,60 @@ static void take_torque(uint8_t i, bool on) {
   } else {
     table.servo_torque &= ~bit(i);
   }
-  if (on != told_torque) to_tell |= bit(i);
+  bool told = told_torque & bit(i);
+  if (on != told) {
+    to_tell |= bit(i);
+  } else {
+    to_tell &= ~bit(i);  // Also of one that does not answer what it is told.
+  }
 }
 
-static void take_setting(uint8_t i, const uint8_t *data) {
-  const setting_t *of = &protocol->settings[setting[i]];
+static void name_wrong(uint8_t i, uint8_t address, int32_t value) {
+  right[i] = 0;
+  table.servo_checked &= ~bit(i);
+  table.wrong_servo = i + 1;
+  table.wrong_register = address;
+  table.wrong_value = (uint32_t)value;
+}
+
+static void take_model(uint8_t i, const uint8_t *data) {
+  uint16_t number = data[0] | (uint16_t)data[1] << 8;
+  model[i] = servo_model(number);
+  table.servo_model[i] = number;
+  if (!model[i]) name_wrong(i, MODEL_NUMBER.address, number);
+}
+
+static void take_setting(uint8_t i, const setting_t *of, const uint8_t *data) {
   bool named = table.wrong_servo == i + 1 && table.wrong_register == of->address;
   int32_t value = number(data, of->size);
-  setting[i] = (setting[i] + 1) % protocol->setting_count;
-  if (value != of->wanted) {
-    right[i] = 0;
-    table.servo_checked &= ~bit(i);
-    table.wrong_servo = i + 1;
-    table.wrong_register = of->address;
-    table.wrong_value = (uint32_t)value;
+  if (value < of->least || value > of->most) {
+    name_wrong(i, of->address, value);
     return;
   }
   if (named) table.wrong_servo = 0;
-  if (right[i] < protocol->setting_count) right[i]++;
-  if (right[i] == protocol->setting_count) table.servo_checked |= bit(i);
+  if (right[i] < model[i]->count) right[i]++;
+  if (right[i] == model[i]->count) table.servo_checked |= bit(i);
+}
+
+// Those of one read.
+static void take_settings(uint8_t i, const uint8_t *data) {
+  const setting_t *first = &model[i]->settings[setting[i]], *of = first;
+  uint8_t at = 0;
+  for (; at < first->read; at += of++->size) take_setting(i, of, data + at);
+  setting[i] = (setting[i] + (of - first)) % model[i]->count;
 }
 
 static void take_answer(const uint8_t *data) {
   if (question == MOVING) {
     take_moving(servo, data);
   } else if (question == STATE) {
-    protocol->report_state(data, &reports[servo]);
+    protocol->report_state(data, model[servo] ? model[servo]->current_unit : 0, &reports[servo]);
   } else if (question == TORQUE) {
     take_torque(servo, data[0] != 0);
+  } else if (!model[servo]) {
+    take_model(servo, data);
   } else {
-    take_setting(servo, data);
+    take_settings(servo, data);
   }
 }
 
@@ -272,7 +309,7 @@ static uint8_t expected_size(void) {
   if (question == MOVING) return protocol->moving.size;
   if (question == STATE) return protocol->state.size;
   if (question == TORQUE) return protocol->torque.size;
-  return protocol->settings[setting[servo]].size;
+  return next_settings(servo).size;
 }
 
 static void take_reply(reply_t reply) {

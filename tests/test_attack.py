@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
-from attack.__main__ import PARTS
+from attack.__main__ import PARTS, rows_of
 from attack.distances import CAUSES, Result, Task, row
+from attack.table import Row, summary
 from attack.track import DistanceLog, Odometer
 from tsd_twin import robots
 from tsd_twin.lie import SE2, SO3
@@ -61,6 +63,33 @@ def test_a_row_holds_when_every_run_was_measured_and_the_worst_is_within_the_pro
     allowed_m = robots.load_robot("tsd").limits.stop_allowance_m
     result = Result("both", 1.0, [share * allowed_m for share in ways], failure)
     assert row(Task("tsd", 0.25, tuple(CAUSES), len(ways)), result).held is held
+
+
+def test_the_summary_shows_the_worst_repetition_of_each_case_and_how_often_it_held() -> None:
+    def moved(robot: str, way_m: float) -> tuple[str, Row]:
+        return "part", Row("late", "1 m", f"{way_m} m", way_m <= 1.0, robot, way_m)
+
+    failed = ("part", Row("late", "1 m", "not measured", False, "tsd"))
+    ways = [moved("kiwi", 0.2), moved("tsd", 0.9), moved("kiwi", 0.7), moved("tsd", 1.2)]
+    heading, *cells = (line.split("  ") for line in summary([*ways, failed]))
+    kiwi, tsd = ([cell.strip() for cell in line if cell] for line in cells)
+    assert len(heading) >= 6
+    assert kiwi == ["part", "kiwi", "late", "0.7 m", "1 m", "2 of 2"]
+    assert tsd == ["part", "tsd", "late", "1.2 m", "1 m", "1 of 3"]
+
+
+def test_a_part_that_ends_early_leaves_a_row_that_did_not_hold(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def rows() -> Iterator[Row]:
+        yield Row("first", "", "", True)
+        raise TimeoutError("no robot answers")
+
+    monkeypatch.setattr("attack.commands.rows", rows)
+    first, last = rows_of("commands")
+    assert first.held
+    assert not last.held
+    assert "no robot answers" in last.measured
 
 
 @pytest.mark.parametrize("part", PARTS)

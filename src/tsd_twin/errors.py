@@ -5,7 +5,8 @@ TwinError                   anything below; its text is one sentence for the per
 ├── RobotFileError          a robot description is missing, misspelt or impossible
 ├── MessageError            a peer sent something that cannot be read (theirs, not ours)
 ├── BusError                the bus cannot be opened, or is used in a way that is not allowed
-│   └── NoAnswerError       a service did not answer in time
+│   ├── NoAnswerError       a service did not answer in time
+│   └── SeveralAnswersError more than one node answered, so an id is not unique
 ├── LinkError               a description of a simulated link cannot be read (in link_emulation)
 ├── PathError               a path that no robot can follow
 ├── RecordingError          a file is no recording, or lacks a topic
@@ -17,6 +18,7 @@ TwinError                   anything below; its text is one sentence for the per
     ├── ControlDenied       the lease is not granted; `holder` has it
     ├── ControlLost         the lease ended: taken over, handed over or expired
     ├── RequestRefused      the robot refused to arm, reset, set its pose ...
+    ├── StopNotConfirmed    robots that did not confirm `stop_all`: `robots`
     ├── RobotStopped        the robot is latched, or began to stop by itself
     ├── RobotSilent         the robot does not answer, or sends no status
     └── MotionFailed        the robot left its path or did not come to rest
@@ -30,6 +32,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -62,6 +65,13 @@ class NoAnswerError(BusError):
 
     def __init__(self, key: str, timeout_s: float) -> None:
         super().__init__(f"{key}: no answer within {timeout_s:g} s")
+
+
+class SeveralAnswersError(BusError):
+    """More than one node answered a request, so it is unknown which one acted on it."""
+
+    def __init__(self, key: str, count: int) -> None:
+        super().__init__(f"{key}: {count} nodes answered; give each robot its own id")
 
 
 class PathError(TwinError):
@@ -102,8 +112,83 @@ def install_command(extra: str) -> str:
 # The names are those of events, as a script reads them: `except ControlLost`.
 
 
+REMEDIES: dict[str, str] = {
+    # No robot, or which one.
+    "no robot": "tsd-demo or tsd-mock starts one; connect('tcp/HOST:PORT') names its endpoint",
+    "name one, connect(robot=": "connect(robot='NAME')",
+    # The lease; a more specific sentence comes first.
+    "control is kept for": "robot.request_control(), or try again after 3 s",
+    "control was kept": "robot.request_control() after the time that is named",
+    "asks already": "robot.request_control() once the other request is answered",
+    "gives no control": "robot.request_control(), or robot.control(take_over=True, reason='...')",
+    "no operator has requested control": "base.asked_by names who asks, or None",
+    "it is ... who asks": "base.hand_over(base.asked_by)",
+    "no control of": "base.acquire(), or enter robot.control() again",
+    "take control first": "base.acquire(), or enter robot.control() again",
+    "has control": "robot.request_control(), or robot.control(take_over=True, reason='...')",
+    # Modes.
+    "reset it first": "robot.reset()",
+    "reset first": "robot.reset()",
+    "is stopped": "robot.reset()",
+    "is fault": "robot.reset()",
+    "not stopped": "base.arm(): only a stop or a fault is reset",
+    "let go of the stick first": "base.rest(), then base.reset()",
+    "is disarmed": "base.arm()",
+    "is arming": "base.arm() waits until the robot is ready",
+    "is ready already": "none: drive",
+    "the robot is ... already": "base.rest()",
+    "stopped by itself": "base.rest(), then the motion again, once the named cause is gone",
+    "is not ready": "base.rest(), or base.arm()",
+    "refuses to arm": "base.arm() once robot.state.status.refusals.arm is None",
+    # Motions and settings.
+    "is in another motion": "base.rest(), or wait in the thread of that motion",
+    "is in no motion": "base.drive(...), or base.set_velocity(...)",
+    "can be set at rest only": "base.rest()",
+    "have no speed to choose": "none: only robots with wheels that always spin have one",
+    "the wheels turn at": "base.set_wheel_speed(rpm) in the range that is named",
+    "not a request": "the same call with finite numbers in the range of its unit",
+    "a twist is three finite numbers": "base.drive(vx_mps=..., duration_s=...) with finite numbers",
+    "a frame is": "frame='base_link' or frame='odom'",
+    "a duration is": "base.drive(duration_s=...) with a number of seconds",
+    "a speed is a positive": "base.go_to(speed_mps=...) with a positive number",
+    "has no such pose": "SimulatedRobot(...) without pose",
+    "it goes nowhere": "base.turn(...)",
+    "use turn, set_turn_rate": "base.turn(...), or base.set_turn_rate(...)",
+    "use drive, set_velocity": "base.drive(...), or base.set_velocity(...)",
+    "stopped on its way": "base.go_to(...) again, from where the robot is now",
+    "does not come to rest": "robot.stop()",
+    # Silence.
+    "did not acknowledge the stop": "robot.stop() again, and the stop switch of the robot",
+    "nor stopped": "robot.stop() again, and the stop switch of the robot",
+    "does not answer": "tsd_twin.connect() again, once the robot and the network run",
+    "does not show": "tsd_twin.connect() again, once the robot and the network run",
+    "sends no state": "tsd_twin.connect() again, once the robot and the network run",
+    "has sent no": "tsd_twin.connect() again, once the robot and the network run",
+}
+"""Calls that resolve what a client raises, by a part of the sentence; ... is any text."""
+
+
+def remedy_of(sentence: str) -> str:
+    """Return the call that resolves what a sentence of a client reports; "" without one."""
+    return next(
+        (
+            call
+            for part, call in REMEDIES.items()
+            if re.search(".*".join(map(re.escape, part.split("..."))), sentence)
+        ),
+        "",
+    )
+
+
 class ClientError(TwinError):
-    """Base class of the errors of the client library."""
+    """Base class of the errors of the client library; a traceback shows the remedy, too."""
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(sentence)
+        self.remedy = remedy_of(sentence)
+        """Call that resolves it; "" if none is known."""
+        if self.remedy:
+            self.add_note(f"Remedy: {self.remedy}")
 
 
 class NoRobotFound(ClientError):  # noqa: N818  Reads as what happened.
@@ -112,6 +197,22 @@ class NoRobotFound(ClientError):  # noqa: N818  Reads as what happened.
 
 class SeveralRobotsFound(ClientError):  # noqa: N818  Reads as what happened.
     """More than one robot is on the bus, and none was named."""
+
+    def __init__(self, robots: Sequence[str], where: str) -> None:
+        super().__init__(
+            f"{', '.join(robots)} are at {where}: name one, connect(robot='{robots[0]}')"
+        )
+        self.robots = tuple(robots)
+        """Ids of the robots, sorted."""
+
+
+class StopNotConfirmed(ClientError):  # noqa: N818  Reads as what happened.
+    """Robots did not confirm that they are stopped; the others are."""
+
+    def __init__(self, robots: Sequence[str]) -> None:
+        super().__init__(f"no confirmed stop of {', '.join(robots)}: use the emergency stop")
+        self.robots = tuple(robots)
+        """Ids of the robots that did not confirm, sorted."""
 
 
 class ControlDenied(ClientError):  # noqa: N818  Reads as what happened.

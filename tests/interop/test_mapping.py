@@ -46,7 +46,13 @@ from tsd_twin.messages.ros import (
     encode_joints,
     encode_odometry,
 )
-from tsd_twin.messages.status import ConsistencyStatus, LeaseStatus, Status, encode_status
+from tsd_twin.messages.status import (
+    ConsistencyStatus,
+    LeaseStatus,
+    LoopStatus,
+    Status,
+    encode_status,
+)
 from tsd_twin.messages.topics import Topic
 from tsd_twin.models import shipped_model
 
@@ -237,6 +243,7 @@ def test_status_becomes_diagnostics_and_battery_once_a_second_and_when_the_mode_
             lease=LeaseStatus(holder="alice"),
             consistency=ConsistencyStatus(suspect="module2", level=1.5),
             hardware={"battery_v": 11.5},
+            loop=LoopStatus(99.2, 3, 12.5, 140.0 if mode == "fault" else 20.0),
         )
         for name, message in decoded(it.convert(topics.STATUS, encode_status(status))).items():
             counted[name] += 1
@@ -249,9 +256,24 @@ def test_status_becomes_diagnostics_and_battery_once_a_second_and_when_the_mode_
     assert by_name["left: mode"].level == 2
     assert by_name["left: mode"].message == "a gimbal is stuck"
     assert by_name["left: consistency"].level == 1
+    assert by_name["left: loop"].level == 1
+    assert by_name["left: loop"].message == "99 Hz, longest period 140 ms"
     assert {"holder": "alice"}.items() <= {
         value.key: value.value for value in by_name["left: mode"].values
     }.items()
+
+
+def test_twists_that_are_refused_are_an_error_of_the_diagnostics_at_once() -> None:
+    problem = ""
+    urdf = urdf_file("tsd").read_text("utf-8")
+    it = RobotMapping("left", ALONE, urdf, "package://left/", lambda: problem)
+    status = encode_status(Status("ready"))
+    levels: list[tuple[int, str]] = []
+    for problem in ("", "it must pause", "it must pause", ""):  # noqa: B007  The function reads it.
+        for message in decoded(it.convert(topics.STATUS, status)).values():
+            found = getattr(message, "status", [])
+            levels += [(each.level, each.message) for each in found if "cmd_vel" in each.name]
+    assert levels == [(0, "ok"), (2, "it must pause"), (0, "ok")]
 
 
 def test_an_event_becomes_a_line_of_the_log() -> None:
@@ -328,5 +350,5 @@ def test_the_table_is_whole() -> None:
     for row in PUBLISHED:
         assert set(row.source.split(", ")) <= known
         assert row.type in STORE.types
-    assert SERVICES == ("arm", "disarm", "stop", "reset")
+    assert SERVICES == ("arm", "disarm", "stop", "reset", "resume")
     assert BASE == "base_link"

@@ -18,11 +18,16 @@ from tsd_twin.dynamixel.control_table import (
     BoardMode,
     ReceiverKind,
 )
+from tsd_twin.dynamixel.servo_models import MODELS
 
 CYCLE_S = 0.01
-_SET_UP_S = 0.3
+MODEL = {1: MODELS[310], 2: MODELS[311]}
+"""Of the simulated servos, by protocol."""
+CHECK_S = 2.5
+"""After this all settings of all servos have been read once more."""
+_SET_UP_S = 0.4
 """After this all servos hold, and the set-up is in EEPROM."""
-HOLD_S = 2.05
+HOLD_S = 2.15
 """After this a board that got power may be armed."""
 CRUISE = (2414, 2411, 2417)
 ZERO = (ZERO_THROTTLE,) * 3

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from firmware.simulator.mx64 import Mx64
+from tests.support import source_rules
 from tests.support.firmware_host import (
+    CHECK_S,
     CRUISE,
     CYCLE_S,
     HOLD_S,
+    MODEL,
     PING,
     ZERO,
     Bench,
@@ -21,7 +25,7 @@ from tests.support.firmware_host import (
 )
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
-from tsd_twin.hardware.joints import SETTINGS
+from tsd_twin.dynamixel.servo_models import MODELS
 
 TILTED = (100, -60, 0, 40, -100, 20)
 NEUTRAL_GOALS = [2048] * 6
@@ -137,8 +141,10 @@ def a_recorded_session_arms_nothing(bench: Bench) -> None:
         if refused:  # It must not be taken later either.
             assert pilot.arm(at_once=True).refusal == Refusal.ESC_HOLD
         for restart in ("", "reset", "power"):
-            if restart:
-                pilot.simulation.board.reset(power=restart == "power")
+            if restart == "power":
+                pilot.simulation.power_cycle()
+            elif restart:
+                pilot.simulation.board.reset()
             pilot.simulation.run(HOLD_S)
             for command in pilot.sent:
                 pilot.simulation.board.send(command)
@@ -303,7 +309,10 @@ def a_setup_is_kept_over_resets(bench: Bench) -> None:
     pilot = bench.pilot(neutral=neutral, reverse=reverse)
     pilot.get_ready(Setup(neutral=neutral, reverse=0b101))
     for power in (False, True):
-        pilot.simulation.board.reset(power=power)
+        if power:
+            pilot.simulation.power_cycle()
+        else:
+            pilot.simulation.board.reset()
         pilot.simulation.run(0.5)
         assert pilot.telemetry().position == (0,) * 6
         assert [servo.goal for servo in pilot.simulation.servos] == list(neutral)
@@ -315,7 +324,7 @@ def a_setup_is_kept_over_resets(bench: Bench) -> None:
 def a_setup_that_was_spoilt_is_none(bench: Bench) -> None:
     pilot = bench.pilot().get_ready()
     pilot.simulation.board.poke_eeprom(3, 0x55)
-    pilot.simulation.board.reset(power=True)
+    pilot.simulation.power_cycle()
     pilot.simulation.run(2.1)
     assert pilot.arm().refusal == Refusal.SETUP
     assert pilot.telemetry().position == (0,) * 6
@@ -389,27 +398,147 @@ def arming_wants_torque(bench: Bench) -> None:
 
 
 def settings_of_servos_are_checked(bench: Bench) -> None:
-    for version, settings in SETTINGS.items():
+    for version, above in itertools.product((1, 2), (False, True)):
+        settings = MODEL[version].settings
         pilot = bench.pilot(version)
         servos = pilot.simulation.servos
-        wrong = [setting.wanted + 1 for setting in settings]
-        for i, setting in enumerate(settings):
-            servos[i % 6].set_register(setting.address, setting.size, wrong[i])
+        before: list[int] = []
+        wrong: list[tuple[int, int, int]] = []
+        for i, s in enumerate(settings):  # Those of one read are at different servos.
+            before.append(s.value(servos[i % 6].read(s.address, s.size)))
+            value = (s.most + 1 if above else s.least - 1) % (1 << 8 * s.size)
+            servos[i % 6].set_register(s.address, s.size, value)
+            wrong.append((i % 6 + 1, s.address, value))
         pilot.get_ready()
-        for i, setting in enumerate(settings):
-            pilot.simulation.run(1.4)
-            seen = pilot.arm()
-            assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
-            named = (seen.wrong_servo, seen.wrong_register, seen.wrong_value)
-            assert named in {
-                (j % 6 + 1, settings[j].address, wrong[j]) for j in range(i, len(settings))
-            }
-            assert not seen.servo_checked >> seen.wrong_servo - 1 & 1
-            servos[i % 6].set_register(setting.address, setting.size, setting.wanted)
-        pilot.simulation.run(1.4)
+        named: set[tuple[int, int, int]] = set()
+        for _ in range(round(CHECK_S / CYCLE_S)):
+            seen = pilot.cycle(0)
+            assert seen is not None
+            assert not seen.servo_checked
+            named.add((seen.wrong_servo, seen.wrong_register, seen.wrong_value))
+        assert named == set(wrong)
         seen = pilot.arm()
-        assert (seen.mode, seen.servo_checked) == (BoardMode.ARMED, 0b111111)
-        assert seen.wrong_servo == 0
+        assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+        last = len(settings) - 1 - above
+        for i, s in enumerate(settings):
+            if i != last:
+                servos[i % 6].set_register(s.address, s.size, before[i])
+        pilot.simulation.run(2.0 * CHECK_S)
+        seen = pilot.arm()
+        assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+        assert seen.servo_checked == 0b111111 - (1 << last % 6)
+        assert (seen.wrong_servo, seen.wrong_register, seen.wrong_value) == wrong[last]
+        servos[last % 6].set_register(settings[last].address, settings[last].size, before[last])
+        pilot.simulation.run(CHECK_S)
+        seen = pilot.arm()
+        assert (seen.mode, seen.servo_checked, seen.wrong_servo) == (BoardMode.ARMED, 0b111111, 0)
+
+
+HEATED_S = 0.6
+"""After this the temperature of every servo has been read once more."""
+
+
+def a_hot_servo_stops(bench: Bench) -> None:
+    for version, hot in ((1, 0), (2, 5)):
+        pilot = bench.pilot(version).get_driving()
+        servo = pilot.simulation.servos[hot]
+        servo.temperature_c = 74
+        assert pilot.drive(HEATED_S).mode == BoardMode.ARMED
+        servo.temperature_c = 75
+        seen = pilot.drive(HEATED_S)
+        assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HOT)
+        pilot.drive(0.3, arm=0, throttle=ZERO)
+        assert pilot.arm().refusal == Refusal.HOT
+        servo.temperature_c = 74
+        pilot.simulation.run(HEATED_S)
+        assert pilot.arm().mode == BoardMode.ARMED
+        pilot.drive(0.1, arm=0, throttle=ZERO)
+        pilot.simulation.run(HOLD_S)
+        assert pilot.set_up(Setup(servos_expected=63 - (1 << hot))) == 0
+        servo.temperature_c = 90
+        pilot.simulation.run(HEATED_S)
+        assert pilot.arm().mode == BoardMode.ARMED, "a servo that is not expected"
+
+
+def a_hot_servo_stops_the_radio_control(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_ready()
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.1)
+    assert pilot.mode() == BoardMode.RC
+    pilot.simulation.servos[2].temperature_c = 75
+    pilot.simulation.run(HEATED_S)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HOT)
+    pilot.simulation.run(HOLD_S)
+    for manual in (False, True):
+        pilot.simulation.set_switches(manual=manual)
+        pilot.simulation.run(0.1)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.HOT)
+
+
+def servos_are_not_blamed_for_a_disturbed_line(bench: Bench) -> None:
+    disturbances = (
+        b"\xff\xff\xfd\x00\xc8\x05\x00\x02\0\0\0\0",  # With a wrong sum.
+        b"\xff\xff\xfd\x00",  # Given up.
+    )
+    for disturbance in disturbances:
+        for dead, before_s, trip in (
+            (True, 0.02, Trip.LINE),
+            (False, 0.02, Trip.LINE),
+            (True, -1.0, Trip.SERVO),
+        ):
+            pilot = bench.pilot().get_driving()
+            servo = pilot.simulation.servos[1]
+            if dead:
+                servo.dead = True
+            else:
+                servo.switch_off()
+            ended = 0
+            while pilot.simulation.board.now_s and not ended:
+                if before_s > 0.0:
+                    pilot.simulation.board.send(disturbance)
+                    pilot.simulation.run(before_s)
+                    pilot.simulation.board.receive()
+                seen = pilot.cycle(1, CRUISE)
+                ended = seen.trip if seen else 0
+            assert ended == trip
+
+
+def a_disturbance_of_the_line_is_over_after_50_ms(bench: Bench) -> None:
+    for pause_s, trip in ((0.02, Trip.SERVO), (0.0, Trip.LINE)):
+        pilot = bench.pilot().get_driving()
+        pilot.simulation.board.send(b"\xff\xff\xfd\x00\xc8\x05\x00\x02\0\0\0\0")
+        pilot.simulation.run(0.002)
+        pilot.simulation.run(pause_s)
+        pilot.simulation.servos[4].dead = True
+        assert pilot.drive(0.1).trip == trip
+
+
+def servos_of_other_models_are_refused(bench: Bench) -> None:
+    pilot = bench.pilot()
+    pilot.simulation.servos[3].set_register(0, 2, 1060)
+    pilot.get_ready()
+    seen = pilot.arm()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+    assert seen.servo_checked == 0b110111
+    assert (seen.wrong_servo, seen.wrong_register, seen.wrong_value) == (4, 0, 1060)
+    assert seen.servo_model == (311, 311, 311, 1060, 311, 311)
+
+
+def each_model_has_its_own_settings(bench: Bench) -> None:
+    for model in MODELS.values():
+        pilot = bench.pilot(model.protocol)
+        for servo in pilot.simulation.servos:
+            servo.set_register(0, 2, model.number)
+            for s in model.settings:
+                if not s.allows(s.value(servo.read(s.address, s.size))):
+                    servo.set_register(s.address, s.size, s.least)
+        pilot.get_ready()
+        pilot.simulation.run(0.3)
+        seen = pilot.arm()
+        assert (seen.mode, seen.wrong_servo) == (BoardMode.ARMED, 0)
+        assert seen.servo_model == (model.number,) * 6
 
 
 def who_is_disarmed_moves_nothing(bench: Bench) -> None:
@@ -450,7 +579,7 @@ def writes_that_are_wrong_change_nothing(bench: Bench) -> None:
         (write(ADDRESS["arm"], b"\0"), 5),
         (write(Command.ADDRESS, good[:4] + b"\xa1\x0f" + good[6:]), 4),
         (write(Command.ADDRESS, good[:4] + b"\xcf\x07" + good[6:]), 4),
-        (write(Command.ADDRESS, good[:2] + b"\x02" + good[3:]), 4),
+        (write(Command.ADDRESS, good[:2] + b"\x03" + good[3:]), 4),
         (write(Command.ADDRESS, good[:goal_at] + b"\x00\x04" + good[goal_at + 2 :]), 4),
         (write(Command.ADDRESS, good + b"\0"), 7),
         (write(Setup.ADDRESS, Setup().pack()), 7),
@@ -534,7 +663,7 @@ def an_expected_receiver_is_missed_when_power_comes(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_ready(Setup(receiver_expected=1))
     assert pilot.arm().mode == BoardMode.ARMED
     pilot.simulation.lose_receiver()
-    pilot.simulation.board.reset(power=True)
+    pilot.simulation.power_cycle()
     pilot.simulation.run(HOLD_S)
     assert pilot.arm().refusal == Refusal.RECEIVER
     pilot.simulation.set_switches()
@@ -696,8 +825,11 @@ def power_makes_a_new_start(bench: Bench) -> None:
     pilot.simulation.lose_receiver()
     for cause, lose_memory in ((ResetCause.POWER_ON, False), (ResetCause.BROWN_OUT, True)):
         pilot.simulation.board.off()
-        pilot.simulation.run(0.05)
+        pilot.simulation.set_contactor(closed=False)
+        pilot.simulation.run(0.2)
         pilot.simulation.board.on(cause, lose_memory=lose_memory)
+        pilot.simulation.run(0.05)
+        pilot.simulation.set_contactor(closed=True)
         pilot.simulation.run(HOLD_S)
         seen = pilot.telemetry()
         assert (seen.trips, seen.resets, seen.reset_cause) == (0, 0, cause)
@@ -736,7 +868,7 @@ def servos_have_the_ids_of_the_setup(bench: Bench) -> None:
         assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.SERVO)
         assert seen.servo_alive == 0b111111 - (1 << lost)
         servos[lost].dead = False
-        pilot.simulation.board.reset(power=True)
+        pilot.simulation.power_cycle()
         pilot.simulation.run(HOLD_S)
         assert pilot.arm().mode == BoardMode.ARMED, "the ids are kept"
 
@@ -797,4 +929,4 @@ LAWS: dict[str, Law] = {
     name: law
     for name, law in list(globals().items())
     if callable(law) and getattr(law, "__module__", "") == __name__
-}
+} | source_rules.LAWS

@@ -37,7 +37,7 @@ _SETTLE_S = 3.0
 """The newest status shows a new holder, or a centred stick, long before that."""
 _TRIES = 3
 _ANSWER_S = 0.5
-_STOP_TRIES, _STOP_ANSWER_S = 20, 0.1
+STOP_TRIES, STOP_ANSWER_S = 20, 0.1
 
 
 # Requests.
@@ -80,8 +80,26 @@ def reset(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     end_s = now_s + _SETTLE_S
     while now_s < end_s and _refuses_reset(protocol.status):
         now_s = (yield NextStatus(end_s)).now_s
+        yield from renew(protocol, now_s)
     yield from request(protocol, Service.RESET, HolderRequest(protocol.lease_hex), "reset")
     yield from _until_mode(protocol, now_s, Mode.DISARMED)
+
+
+def reset_without_control(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
+    """Acquire the lease, reset, and release the lease; the robot is disarmed then.
+
+    Raises:
+        ControlDenied: another operator has the lease.
+        RequestRefused, RobotSilent: as `reset`.
+    """
+    yield from acquire(protocol)
+    try:
+        yield from reset(protocol, now_s)
+    except BaseException as error:
+        if not isinstance(error, GeneratorExit):
+            yield from release_lease(protocol)
+        raise
+    yield from release_lease(protocol)
 
 
 def _refuses_reset(status: Status | None) -> bool:
@@ -125,9 +143,9 @@ def stop(robot_id: str, operator: str, reason: str) -> Procedure[None]:
         RobotSilent: it was not acknowledged.
     """
     payload = stop_payload(operator, reason)
-    for _ in range(_STOP_TRIES):
+    for _ in range(STOP_TRIES):
         yield SendStop(payload)
-        answer = (yield Call(Service.STOP, payload, _STOP_ANSWER_S)).answer
+        answer = (yield Call(Service.STOP, payload, STOP_ANSWER_S)).answer
         reply = _decoded(answer, Reply)
         if reply is not None and reply.ok:
             return

@@ -1,4 +1,4 @@
-"""Fault detection: saturation of commands, a low battery, missing joint measurements, following
+"""Fault detection: saturation of commands, a low battery, hot servos, missing joint measurements, following
 errors, suspect actuators.
 """
 
@@ -16,7 +16,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.requests import Event
 from tsd_twin.messages.status import ConsistencyStatus
 from tsd_twin.robots.description import Battery
-from tsd_twin.safety import ARMED, Mode, SafetySupervisor
+from tsd_twin.safety import ARMED, LATCHED, SafetySupervisor
 
 _SATURATION_REPORT_S = 0.5
 
@@ -94,6 +94,52 @@ class BatteryMonitor:
     @staticmethod
     def _event(text: str, now_s: float) -> Event:
         return Event("battery", text, rule="limits with a low battery", robot_s=now_s)
+
+
+WARM_C, HOT_C = 65.0, 70.0
+"""Temperatures of a servo at which the robot warns, and at which it slows down. At 75 the board
+stops it, at 80 a servo switches itself off."""
+
+
+class HeatMonitor:
+    """Share of the speed limits that the temperature of the servos allows.
+
+    It rises again only while the robot is disarmed and the servos have cooled below `WARM_C`. A
+    temperature that is not measured, None or NaN, changes nothing.
+    """
+
+    def __init__(self, share_when_hot: float) -> None:
+        self.share = 1.0
+        """Share of the limits of speed and turn rate."""
+        self.reason = ""
+        """Reason why it is less than 1; else empty."""
+        self._share_when_hot = share_when_hot
+        self._warm = False
+
+    def step(self, hottest_c: float | None, now_s: float, *, armed: bool) -> Event | None:
+        """Update with the hottest servo; return an event when it gets warm or hot, or has cooled."""
+        if hottest_c is None or math.isnan(hottest_c):
+            return None
+        if hottest_c < WARM_C:
+            if armed or not self._warm:
+                return None
+            self.share, self.reason, self._warm = 1.0, "", False
+            return self._event("The servos have cooled: the robot drives as usual.", now_s)
+        if hottest_c >= HOT_C and not self.reason:
+            self.share, self._warm = self._share_when_hot, True
+            self.reason = f"a servo is hot: above {HOT_C:g} °C"
+            percent = f"{100.0 * self.share:.0f} %"
+            text = f"A{self.reason[1:]}. The speed limit is {percent} of the usual."
+            return self._event(text, now_s)
+        if self._warm:
+            return None
+        self._warm = True
+        text = f"A servo has {hottest_c:.0f} °C: at {HOT_C:g} °C the robot slows down."
+        return self._event(text, now_s)
+
+    @staticmethod
+    def _event(text: str, now_s: float) -> Event:
+        return Event("heat", text, rule="limits with hot servos", robot_s=now_s)
 
 
 def _largest(twist: Array) -> float:
@@ -191,13 +237,15 @@ class JointFaultMonitor:
         `setpoint` (n,) is the last one commanded to the joints.
         """
         if self.silent(now_s) and not fault:
-            fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms"
+            busy = supervisor.loop.explains(self._estimator.measured_s, SILENT_S, now_s)
+            why = f", since {busy}" if busy else f" for {SILENT_S * 1000:.0f} ms"
+            fault = f"the joints have not been measured{why}"
         return fault or self._stuck(now_s, setpoint, supervisor)
 
     def _stuck(self, now_s: float, setpoint: Array, supervisor: SafetySupervisor) -> str:
         if supervisor.mode not in ARMED or not len(self._angles):
             self._following_error.forget()
-            if supervisor.mode is not Mode.FAULT:
+            if supervisor.mode not in LATCHED:
                 self.evidence = None
             return ""
         angles = self._angles

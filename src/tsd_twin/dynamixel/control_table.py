@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Literal
 
-TABLE_VERSION = 4
-FW_VERSION = 4
+TABLE_VERSION = 5
+FW_VERSION = 5
 MODEL = 2014
 """What a ping answers; the year of the thesis."""
 BOARD_ID = 200
@@ -24,6 +24,8 @@ RECEIVER_CHANNELS = 16
 """Of a receiver with SBUS."""
 STICKS = 4
 """The first four channels: forward, left, turn, speed."""
+SERVO_HOT_C = 75
+"""A servo this hot stops the robot, before it switches itself off at 80."""
 RC_US = (800, 2200)
 """Pulses of a receiver, at the least and at the most."""
 ZERO_THROTTLE = 2000
@@ -87,7 +89,14 @@ IDENTITY = Block(
         Item("heartbeat_timeout_ms", "u16", "Trips after this without a beat.", 500, unit="ms"),
         Item("watchdog_ms", "u16", "A hung firmware is reset after this.", 250, unit="ms"),
         Item("esc_hold_ms", "u16", "Zero throttle before arming.", 2000, unit="ms"),
-        Item("neutral_band", "u16", "Neutral is within this.", 34, unit="step"),
+        Item("neutral_band", "u16", "Neutral is within this.", 11, unit="step"),
+        Item(
+            "servo_hot_c",
+            "u8",
+            "A servo this hot does not arm, and trips.",
+            SERVO_HOT_C,
+            unit="deg C",
+        ),
     ),
 )
 
@@ -163,6 +172,22 @@ SETUP = Block(
             ESCS,
         ),
         Item("pulse_high", "u16", "Of full throttle.", 4000, (3000, 4400), "0.5 us", ESCS),
+        Item(
+            "throttle_limit",
+            "u16",
+            "No throttle exceeds this, whatever the source.",
+            FULL_THROTTLE,
+            (ZERO_THROTTLE, FULL_THROTTLE),
+            "",
+            ESCS,
+        ),
+        Item(
+            "throttle_rise",
+            "u16",
+            "Most by which a throttle rises in 10 ms; it falls at once.",
+            FULL_THROTTLE - ZERO_THROTTLE,
+            (1, FULL_THROTTLE - ZERO_THROTTLE),
+        ),
     ),
 )
 
@@ -182,9 +207,10 @@ COMMAND = Block(
             "arm",
             "u8",
             "Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip "
-            "it has to be written 0 first: 1 again and again never arms again.",
+            "it has to be written 0 first: 1 again and again never arms again. 2 is STOP, for the "
+            "radio control too: until a 0 of this session no source gets the robot.",
             0,
-            (0, 1),
+            (0, 2),
         ),
         Item("torque", "u8", "0 switches servo torque off, while disarmed only.", 1, (0, 1)),
         Item(
@@ -209,7 +235,7 @@ COMMAND = Block(
         Item(
             "session",
             "u16",
-            "As `nonce`, or the block only disarms: with `arm` 1 it is error 7.",
+            "As `nonce`, or the block only disarms or stops: with `arm` 1 it is error 7.",
             0,
             (0, 65535),
             count=2,
@@ -254,7 +280,7 @@ TELEMETRY = Block(
             "u8",
             "Number, from 1, of a servo with a wrong setting, which the next two name; 0: none.",
         ),
-        Item("wrong_register", "u8", "Its address in the table of the servo."),
+        Item("wrong_register", "u8", "Its address in the table of the servo; 0: its model."),
         Item("wrong_value", "u32", "What it is there."),
         Item("throttle_out", "u16", "Throttle that is put out.", ZERO_THROTTLE, None, "", ESCS),
         Item("position", "i16", "Gimbals from neutral.", 0, None, "step", SERVOS),
@@ -280,6 +306,21 @@ TELEMETRY = Block(
         Item("overruns", "u16", "Cycles that took longer than 10 ms."),
         Item("trips", "u16", "Times that the board disarmed itself since power came."),
         Item("resets", "u16", "Resets since power came."),
+        Item("stop_proven", "u8", "1: the stop circuit was seen open since power came."),
+        Item(
+            "servo_far",
+            "u8",
+            "Bit i: servo i was not within 100 steps of its `neutral` yet, since power came or "
+            "`neutral` changed: it gets no torque.",
+        ),
+        Item("servo_stuck", "u8", "Bit i: servo i did not follow its goal, at the last trip."),
+        Item("servo_model", "u16", "Model numbers of the servos; 0: not read.", count=SERVOS),
+        Item(
+            "servo_missed",
+            "u8",
+            "Missing or wrong answers of each servo; from 255 on to 0.",
+            count=SERVOS,
+        ),
     ),
 )
 
@@ -352,6 +393,15 @@ class Trip(IntEnum):
     """The battery was below `battery_stop_mv` for 1 s."""
     TORQUE = 9
     """A servo of `servos_expected` does not hold: its torque was switched off, or it restarted."""
+    FOLLOWING = 10
+    """A servo of `servos_expected` does not follow its goal."""
+    HOT = 12
+    """A servo of `servos_expected` has `servo_hot_c`."""
+    LINE = 13
+    """Servos were not heard or did not say that they hold, and in the same 50 ms bytes from the PC
+    were lost or wrong: its line kept the board too busy."""
+    STOPPED = 14
+    """The PC wrote 2 to `arm`: STOP."""
 
 
 class Refusal(IntEnum):
@@ -385,6 +435,16 @@ class Refusal(IntEnum):
     """A setting of a servo of `servos_expected` differs from the required value, or is unread."""
     TORQUE = 13
     """A servo of `servos_expected` does not hold."""
+    STOP_NOT_PROVEN = 14
+    """The stop circuit was not seen open since power came: whether it can stop is not known."""
+    RC_WITHOUT_SERVOS = 15
+    """The radio control drives with all six servos at the board: `servos_expected` must be 63."""
+    NEUTRAL = 17
+    """A servo of `servos_expected` is far from its `neutral`, and gets no torque."""
+    HOT = 18
+    """A servo of `servos_expected` has `servo_hot_c`."""
+    STOPPED = 19
+    """STOP, as of 2 in `arm`, is not released."""
 
 
 class ResetCause(IntFlag):

@@ -20,6 +20,7 @@ from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import ros
 from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, decode_twist
+from tsd_twin.messages.topics import Service
 
 _ATTACHMENT = struct.Struct("<Q16sQ")
 _PAYLOADS_KEPT = 16
@@ -136,7 +137,7 @@ def decode_pose(payload: bytes) -> PoseStamped:
 def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
     """Pose on the floor, and its stamp, in a sample of `twin/<robot>/sensor/pose`.
 
-    Heading in [-pi, pi]; height and a small lean are left out.
+    Heading in (-pi, pi]; height and a small lean are left out.
 
     Raises:
         MessageError: the reason is one of `key`, `shape`, `frame`, `nonfinite` and `quaternion`.
@@ -155,7 +156,8 @@ def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
     if 1.0 - 2.0 * (x * x + y * y) < _UPRIGHT:
         raise MessageError("quaternion", "a robot on a floor stands upright")
     heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return SE2(np.array([message.position_m[0], message.position_m[1], heading])), message.stamp_ns
+    x_m, y_m, _ = message.position_m
+    return SE2(ros.wrapped_heading(np.array([x_m, y_m, heading]))), message.stamp_ns
 
 
 LeaseId: TypeAlias = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
@@ -292,6 +294,13 @@ def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
     # Text that is not UTF-8 and thousands of brackets are not among the errors of msgspec.
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MessageError("shape", f"not {what}: {error}") from error
+
+
+def encode_refusal(service: Service, reason: str) -> bytes:
+    """JSON of a reply that refuses a request to a service."""
+    if service is Service.LEASE:
+        return msgspec.json.encode(LeaseReply(False, reason=reason))
+    return msgspec.json.encode(Reply(False, reason))
 
 
 def duplicate_id_text(robot_id: str) -> str:

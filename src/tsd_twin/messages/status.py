@@ -13,6 +13,8 @@ import msgspec
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.requests import decode_json
 
+RECORDING = "recording"
+"""`hardware.kind` in the status of a replayed recording."""
 _STAMP = struct.Struct("<Qq")
 _LEVELS = 8
 """Largest nesting depth of `hardware`; the shipped robots use three levels."""
@@ -147,11 +149,12 @@ class LearnedError(msgspec.Struct, frozen=True):
 
 
 class LoopStatus(msgspec.Struct, frozen=True):
-    """Timing of the control loop: rate, overruns and jitter."""
+    """Timing of the control loop: rate, overruns, jitter and the longest period."""
 
     hz: float = 0.0
     overruns: int = 0
     jitter_p99_ms: float = 0.0
+    longest_ms: float = 0.0
 
 
 class ArmingStatus(msgspec.Struct, frozen=True):
@@ -183,6 +186,11 @@ class Status(msgspec.Struct, frozen=True):
     """Constant errors by name; null without a measurement that shows any."""
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether a replay sends this status; a recording cannot be driven or stopped."""
+        return self.hardware.get("kind") == RECORDING
 
     @property
     def no_drive_reason(self) -> str:

@@ -16,6 +16,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -78,6 +79,15 @@ class HasBattery(Protocol):
 
     def battery_v(self, now_s: float) -> float | None:
         """Return the newest voltage of the battery; None while there is none."""
+        ...
+
+
+@runtime_checkable
+class HasServoTemperature(Protocol):
+    """Hardware that measures the temperature of its servos."""
+
+    def servo_c(self, now_s: float) -> float | None:
+        """Return the newest temperature of the hottest servo; None while there is none."""
         ...
 
 
@@ -205,14 +215,15 @@ class RateKeeper:
         return now_s
 
     def status(self) -> LoopStatus:
-        """Return rate, overruns and jitter of the loop."""
+        """Return rate, overruns, jitter and longest period of the loop."""
         if not self._periods_s:
             return LoopStatus()
         periods_s = np.array(self._periods_s)
         place = min(len(periods_s) - 1, math.ceil(0.99 * len(periods_s)))
         p99_s = float(np.partition(np.abs(periods_s - self._period_s), place)[place])
         hz = 1.0 / float(periods_s.mean())
-        return LoopStatus(round(hz, 1), self._overruns, round(1000.0 * p99_s, 2))
+        longest_ms = round(1000.0 * float(periods_s.max()), 1)
+        return LoopStatus(round(hz, 1), self._overruns, round(1000.0 * p99_s, 2), longest_ms)
 
 
 class DuplicateIdMonitor:
@@ -312,6 +323,7 @@ class RobotNode:
         # Looked at once: a look at a protocol takes as long as a message.
         self._watchdog = io if isinstance(io, HasWatchdog) else None
         self._battery = io if isinstance(io, HasBattery) else None
+        self._servos = io if isinstance(io, HasServoTemperature) else None
         self._truth_io = io if isinstance(io, HasTruth) else None
         self._controller = LoggedController(
             robot, lambda: secrets.token_bytes(16), pose=pose, build=build()
@@ -353,7 +365,7 @@ class RobotNode:
         now_s = time.monotonic()
         self._controller.stop(b'{"reason": "the node ended"}', now_s)
         try:
-            self._write(self._controller.step(now_s, None, ()), now_s)
+            self._write(self._controller.step(now_s, None, ()), now_s, ends=True)
             self._input_log.flush()
         finally:
             self._io.close()
@@ -369,7 +381,10 @@ class RobotNode:
         if poses := self._poses.take_samples():
             self._controller.add_pose_measurements(poses, now_s, time.time_ns())
         battery_v = self._battery.battery_v(now_s) if self._battery else None
-        setpoint = self._controller.step(now_s, measured, commands, self._fault(now_s), battery_v)
+        servo_c = self._servos.servo_c(now_s) if self._servos else None
+        setpoint = self._controller.step(
+            now_s, measured, commands, self._fault(now_s), battery_v, servo_c
+        )
         self._write(setpoint, now_s)
         self._publish(now_s, tick, bool(commands), rate)
         self._input_log.step()
@@ -380,9 +395,12 @@ class RobotNode:
             self._watchdog.fault(now_s) if self._watchdog else ""
         )
 
-    def _write(self, setpoint: Array, now_s: float) -> None:
+    def _write(self, setpoint: Array, now_s: float, *, ends: bool = False) -> None:
         if self._watchdog:
-            self._watchdog.set_heartbeat(self._controller.supervisor.heartbeat)
+            heartbeat = self._controller.supervisor.heartbeat
+            # The end of a program takes the robot from no radio control.
+            stopped = heartbeat.stopped and not ends
+            self._watchdog.set_heartbeat(replace(heartbeat, stopped=stopped))
         self._io.write(setpoint, now_s)
 
     def _serve(self, now_s: float) -> None:

@@ -225,7 +225,7 @@ def _decoded(entry: Entry) -> Any:
             return msgspec.json.decode(entry.data)
         if entry.encoding == MSGPACK:
             return msgspec.msgpack.decode(entry.data)
-    except (MessageError, msgspec.DecodeError, KeyError) as error:
+    except (MessageError, msgspec.DecodeError, KeyError, UnicodeError, RecursionError) as error:
         raise RecordingError(f"{entry.topic}: {error}") from error
     return entry.data
 
