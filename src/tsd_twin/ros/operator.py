@@ -86,7 +86,6 @@ class RosOperator:
         """`machine` is that of the robot, also of the time before it was out of reach."""
         self._source = source
         self._driver = RobotDriver(source.client, machine, self._tell)
-        self._driver.connected()
         self._loop = asyncio.get_running_loop()
         # Poses must not take the place of twists, nor delay them.
         self._waiting = {
@@ -103,6 +102,7 @@ class RosOperator:
         self._said: dict[str, float] = {}
         self._told: deque[float] = deque([-math.inf] * MOST_SENTENCES, MOST_SENTENCES)
         self._lock = threading.Lock()
+        self._driver.connected()  # It may tell that control was lost.
 
     async def close(self) -> None:
         """Bring the robot to rest and release it, if it is held."""

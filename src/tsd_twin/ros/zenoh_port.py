@@ -216,7 +216,6 @@ class ZenohPort:
         return list(self._others.get((Kind.SUBSCRIPTION, topic), {}).values())
 
     def _note_endpoint(self, found: dict[str, str], token: str, lives: bool) -> None:
-        # A call of the session here would wait for itself when the link breaks.
         session, node = node_of(token)
         if not lives:
             found.pop(token, None)
