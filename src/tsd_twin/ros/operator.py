@@ -35,7 +35,7 @@ MOST_POSES = 8
 """Poses of one topic that wait for the event loop; the oldest are dropped."""
 MOST_CALLS = 16
 """Calls of services other than `stop` that are under way at once."""
-MOST_STOPS = 64
+MOST_STOPS = 1000
 """Calls of `stop` that wait for an answer: one stop answers all that came before it began."""
 MOST_SENTENCES = 10
 """Sentences in `SAY_AGAIN_S`."""
