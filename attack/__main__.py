@@ -10,7 +10,7 @@ import importlib
 import sys
 import time
 
-PARTS: tuple[str, ...] = ("commands", "distances", "gateway", "discovery", "login")
+PARTS: tuple[str, ...] = ("commands", "distances", "gateway", "discovery", "login", "files")
 
 
 def main() -> None:
