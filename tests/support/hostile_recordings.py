@@ -158,7 +158,7 @@ def bombs(honest: Path, folder: Path) -> dict[str, Path]:
     first = parts.chunks[0]
     nested = _with_payloads(first, lambda _: b"[" * 400_000)
     overflow = first.content() + _HEADER.pack(Opcode.MESSAGE, (1 << 64) - 1)
-    many = replace(parts, chunks=(*parts.chunks, *[_tiny(first)] * 40_000))
+    many = replace(parts, chunks=(*parts.chunks, *[_tiny(first)] * 5000))
     made = {
         "bomb of 0.5 GiB": parts.with_bomb(1 << 29).write(folder / "half.mcap"),
         "bomb of 2 GiB": parts.with_bomb(1 << 31).write(folder / "bomb.mcap"),
@@ -168,7 +168,7 @@ def bombs(honest: Path, folder: Path) -> dict[str, Path]:
         "one chunk, 200,000 times": replace(parts, chunks=parts.chunks[:1]).write(
             folder / "many_index.mcap", repeats=200_000
         ),
-        "40,000 chunks at one time": many.write(folder / "overlap.mcap"),
+        "5000 chunks at one time": many.write(folder / "overlap.mcap"),
         "a length beyond the end": replace(
             parts, chunks=(Chunk.of(overflow, first), *parts.chunks[1:])
         ).write(folder / "len_overflow.mcap"),
@@ -176,9 +176,9 @@ def bombs(honest: Path, folder: Path) -> dict[str, Path]:
             folder / "nested.mcap"
         ),
     }
-    largest = 8 << 20  # As large as a chunk may be.
+    largest = 6 << 20  # As large as a message may be.
     zeros = tuple(replace(parts, chunks=parts.chunks[-1:]).with_bomb(largest).chunks[:1]) * 200
-    made["200 chunks of 8 MiB"] = replace(parts, chunks=(*parts.chunks, *zeros)).write(
+    made["200 chunks of 6 MiB"] = replace(parts, chunks=(*parts.chunks, *zeros)).write(
         folder / "planted.mcap"
     )
     return made
@@ -246,7 +246,7 @@ def _bytes_changed(data: bytearray, dice: random.Random) -> bytes:
 
 
 def _times(chunk: Chunk, dice: random.Random) -> Chunk:
-    edges = (*_EDGES, chunk.start_ns, chunk.end_ns, chunk.start_ns + 10**12)
+    edges = (*_EDGES, chunk.start_ns, chunk.end_ns, START_NS + 10**12)
     return replace(chunk, start_ns=dice.choice(edges), end_ns=dice.choice(edges))
 
 
