@@ -196,8 +196,7 @@ def test_a_message_that_is_too_long_is_dropped_and_the_session_goes_on(
         publisher.put(payload)
     assert box.next().payload == b"before"
     # What is sent while the long one is still on the line is dropped, as states are.
-    deadline_s = time.monotonic() + 10.0
-    while box.samples.empty() and time.monotonic() < deadline_s:
+    for _ in range(100):
         publisher.put(b"after")
         time.sleep(0.05)
     assert box.next().payload == b"after"
