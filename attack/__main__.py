@@ -15,7 +15,14 @@ from attack.table import Row, summary
 from tsd_twin.errors import TwinError
 
 PARTS: tuple[str, ...] = (
-    "commands", "distances", "gateway", "discovery", "login", "ros_age", "instances"
+    "commands",
+    "distances",
+    "gateway",
+    "discovery",
+    "login",
+    "ros_age",
+    "instances",
+    "files",
 )
 
 
