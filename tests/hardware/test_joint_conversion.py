@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin import robots
+from tsd_twin.errors import RobotFileError
 from tsd_twin.hardware import HardwareError
 from tsd_twin.hardware.joints import JointConverter, padded
 from tsd_twin.lie import Array
@@ -167,5 +168,5 @@ def test_the_throttle_limit_is_that_of_the_fastest_speed_that_can_be_selected() 
     assert 2700 < max(joints.throttle_limit) < 2900
     assert joints.throttle_rise == pytest.approx((max(joints.throttle_limit) - 2000) / 25, abs=1.0)
     refused = text.replace("max_speed_rpm = 5000.0", "max_speed_rpm = 2000.0")
-    with pytest.raises(robots.DescriptionError, match=r"drive\.max_speed_rpm is 2000"):
+    with pytest.raises(RobotFileError, match=r"drive\.max_speed_rpm is 2000"):
         robots.parse_description(refused, "slow")
