@@ -221,6 +221,10 @@ class Board:
         """Set the voltage at an analogue input."""
         self._lib.board_set_adc(self._board, channel, round(1000.0 * volts))
 
+    def cut_adc(self, channel: int) -> None:
+        """Take the wire of an analogue input off; not at the simulated chip."""
+        self._lib.board_set_adc(self._board, channel, 0xFFFFFFFF)
+
     def set_supply(self, volts: float) -> None:
         """Set the supply of the board, which is the reference of its analogue inputs."""
         self._lib.board_set_supply(self._board, round(1000.0 * volts))

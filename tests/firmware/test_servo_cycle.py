@@ -15,7 +15,6 @@ from firmware.simulator import protocol1, protocol2
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.servo_bus import ServoBusSimulation
 from tests.support.firmware_host import (
-    CHECK_S,
     CRUISE,
     CYCLE_S,
     MODEL,

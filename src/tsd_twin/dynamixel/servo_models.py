@@ -48,7 +48,7 @@ def _exactly(address: int, size: int, value: int, name: str) -> ServoSetting:
 
 
 _RETURN_DELAY = (25, 250)
-"""In 2 us: the board listens after 50 us, and more than the factory value does not fit its cycle."""
+"""In 2 us: the board listens after 50 us; more than the factory value does not fit its cycle."""
 
 
 @dataclass(frozen=True, slots=True)
