@@ -29,7 +29,7 @@ static const setting_t SETTINGS_311[] = {
     {12, 1, 0, 255, 255},  // secondary id
     {13, 1, 0, 2, 2},  // protocol type
     {20, 4, 4, 0, 0},  // homing offset
-    {31, 1, 25, 80, 80},  // temperature limit
+    {31, 1, 21, 80, 80},  // temperature limit
     {32, 2, 0, 160, 160},  // max voltage limit
     {34, 2, 0, 95, 95},  // min voltage limit
     {36, 2, 0, 885, 885},  // PWM limit
@@ -37,7 +37,7 @@ static const setting_t SETTINGS_311[] = {
     {40, 4, 0, 32767, 32767},  // acceleration limit
     {44, 4, 0, 285, 1023},  // velocity limit
     {48, 4, 0, 4095, 4095},  // largest position
-    {52, 4, 0, 0, 0},  // smallest position
+    {52, 4, 4, 0, 0},  // smallest position
     {63, 1, 1, 52, 52},  // shutdown
     {68, 1, 1, 2, 2},  // status return level
     {76, 2, 10, 1920, 1920},  // velocity I gain

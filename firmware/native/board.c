@@ -605,6 +605,8 @@ uint8_t board_peek(void *it, uint16_t address) {
   return (void)it, ((const uint8_t *)&table)[address];
 }
 
+uint8_t board_peek_eeprom(void *it, uint16_t address) { return (void)it, board.eeprom[address]; }
+
 void board_poke_eeprom(void *it, uint16_t address, uint8_t value) {
   (void)it, board.eeprom[address] = value;
 }

@@ -237,6 +237,10 @@ class Board:
         """Stop the timer of the millisecond, and nothing else, until the next reset."""
         self._lib.board_stop_tick(self._board)
 
+    def peek_eeprom(self, address: int) -> int:
+        """Return a byte of the EEPROM; not of the simulated chip."""
+        return int(self._lib.board_peek_eeprom(self._board, address))
+
     def poke_eeprom(self, address: int, value: int) -> None:
         """Change a byte of the memory that outlives power."""
         self._lib.board_poke_eeprom(self._board, address, value)
@@ -327,6 +331,8 @@ def _library(program: Path) -> ctypes.CDLL:
     if program.suffix == ".so":
         lib.board_overrun.argtypes = [pointer]
         lib.board_busy.argtypes = [pointer, u32]
+        lib.board_peek_eeprom.argtypes = [pointer, ctypes.c_uint16]
+        lib.board_peek_eeprom.restype = ctypes.c_uint8
         lib.board_light.argtypes = [pointer]
         lib.board_light.restype = ctypes.c_bool
     else:

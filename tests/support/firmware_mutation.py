@@ -32,6 +32,7 @@ from firmware.simulator.board import BUILD, FIRMWARE, build_native
 from tests.firmware import (
     test_driving,
     test_edges,
+    test_eeprom,
     test_line,
     test_power,
     test_receiver_lines,
@@ -193,7 +194,7 @@ _TESTS: tuple[Law, ...] = (
     test_line.test_what_looks_like_a_header_inside_a_packet_is_stuffed_both_ways,
     *(
         test
-        for module in (test_edges, test_power, test_receiver_lines, test_servo_cycle)
+        for module in (test_edges, test_eeprom, test_power, test_receiver_lines, test_servo_cycle)
         for name, test in vars(module).items()
         if name.startswith("test_")
     ),

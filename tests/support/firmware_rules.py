@@ -909,7 +909,7 @@ def ids_of_servos_are_checked(bench: Bench) -> None:
 def new_ids_make_the_servos_unknown(bench: Bench) -> None:
     for first, then in (((1, 2, 3, 4, 5, 6), (6, 5, 4, 3, 2, 1)), ((6, 2, 3, 4, 5, 1),) * 2):
         pilot = bench.pilot().get_ready(Setup(servo_id=first))
-        pilot.simulation.run(1.0)
+        pilot.simulation.run(CHECK_S)
         assert pilot.telemetry().servo_checked == 0b111111
         pilot.set_up(Setup(servo_id=then))
         seen = pilot.telemetry()

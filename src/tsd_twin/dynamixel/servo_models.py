@@ -14,8 +14,8 @@ from typing import Literal
 ProtocolVersion = Literal[1, 2]
 MODEL_NUMBER = 0
 """Register of the model number in both protocols; two bytes."""
-LONGEST_READ: dict[ProtocolVersion, int] = {1: 10, 2: 26}
-"""Bytes of settings in one response, by protocol."""
+LONGEST_READ: dict[ProtocolVersion, int] = {1: 10, 2: 21}
+"""Bytes of settings in one response, by protocol; as many as the board reads otherwise."""
 
 
 @dataclass(frozen=True, slots=True)
