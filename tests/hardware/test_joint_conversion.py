@@ -148,6 +148,16 @@ def test_what_the_robot_does_not_have_is_filled_up() -> None:
 
 
 @pytest.mark.parametrize("neutral_us", [1100.0, 1500.0])
+def test_silent_servos_are_named_and_all_of_them_are_the_bus() -> None:
+    joints = JointConverter(ROBOT, Motors.of(ROBOT))
+    assert joints.silent(8) == "servo 4 (module2_beta): no answer"
+    assert joints.silent(63) == "all servos: no answer: the bus, its supply or its fuse"
+    assert joints.silent(0b110000) == (
+        "servos 5 (module3_alpha), 6 (module3_beta): no answer: the wire between them, or the bus, "
+        "its supply or its fuse"
+    )
+
+
 def test_speed_controllers_that_run_both_ways_are_refused(neutral_us: float) -> None:
     motors = replace(Motors.of(ROBOT), pulses_us=(neutral_us, 2000.0))
     with pytest.raises(HardwareError, match=f"tsd has zero throttle at {neutral_us:g} us"):
