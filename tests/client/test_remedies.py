@@ -92,7 +92,12 @@ def raised() -> Iterator[str]:
 
 
 def text_of(call: ast.Call) -> str:
-    before = {"ControlDenied": "... gives no control: ", "RequestRefused": "... refuses to ... "}
+    before = {
+        "ControlDenied": "... gives no control: ",
+        "RequestRefused": "... refuses to ... ",
+        "SeveralRobotsFound": "name one, connect(robot=",
+        "StopNotConfirmed": "no confirmed stop of ",
+    }
     parts: list[str] = [before.get(getattr(call.func, "id", ""), "")]
     for argument in call.args:
         for node in ast.walk(argument):
