@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from tsd_twin.dynamixel.packets import protocol2
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
 from tsd_twin.hardware.joints import Receiver, SpeedControllers
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
-from tsd_twin.node import HasBattery, HasWatchdog, RobotIO
+from tsd_twin.node import HasBattery, HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
@@ -151,7 +152,7 @@ def test_the_heartbeat_is_the_count_of_words_and_nothing_else(it: Bench) -> None
 @pytest.mark.parametrize(
     ("identity", "words"),
     [
-        (Identity(table_version=9), "control table 9: this program needs model 2014 with table 4"),
+        (Identity(table_version=99), "control table 99: this program needs model 2014 with table"),
         (Identity(model=311), "is model 311"),
     ],
 )
@@ -291,6 +292,7 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
         (
             {
                 "servo_protocol": 0,
+                "servo_model": (310,) * 6,
                 "servo_checked": 62,
                 "wrong_servo": 1,
                 "wrong_register": 20,
@@ -298,6 +300,11 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
             },
             "servo 1 (module1_alpha): multi-turn offset (register 20) is 5, and must be 0; set it "
             "with Dynamixel Wizard",
+        ),
+        (
+            {"servo_checked": 62, "wrong_servo": 1, "wrong_register": 0, "wrong_value": 12},
+            "servo 1 (module1_alpha): model 12 is not one of MX-64 (310), MX-64(2.0) (311), "
+            "XM430-W350 (1020), XM430-W210 (1030), XM540-W270 (1120), XM540-W150 (1130)",
         ),
         (
             {"servo_checked": 0b111011},
@@ -310,7 +317,7 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
     ],
 )
 def test_a_servo_that_is_not_set_or_does_not_hold_is_named(
-    it: Bench, telemetry: dict[str, int], fault: str
+    it: Bench, telemetry: dict[str, Any], fault: str
 ) -> None:
     it.board.telemetry = replace(it.board.telemetry, **telemetry)
     it.until(lambda: it.fault == fault, "named")
@@ -322,6 +329,22 @@ def test_the_node_is_told_the_voltage_of_the_battery(it: Bench) -> None:
     it.until(lambda: it.robot.battery_v(time.monotonic()) == 11.15, "measured")
     it.peer.unplug()
     it.until(lambda: it.robot.battery_v(time.monotonic()) is None, "not any more")
+
+
+def test_the_node_is_told_the_hottest_servo_and_75_degrees_are_a_fault(it: Bench) -> None:
+    assert isinstance(it.robot, HasServoTemperature)
+    it.board.telemetry = replace(it.board.telemetry, temperature=(40, 50, 74, 45, 40, 40))
+    it.until(lambda: it.robot.servo_c(time.monotonic()) == 74.0, "measured")
+    it.until(lambda: not it.fault, "no fault")
+    it.board.telemetry = replace(it.board.telemetry, temperature=(40, 50, 75, 45, 40, 76))
+    it.until(
+        lambda: (
+            it.fault == "servos 3 (module2_alpha), 6 (module3_beta): at least 75 °C: let it cool"
+        ),
+        "named",
+    )
+    it.peer.unplug()
+    it.until(lambda: it.robot.servo_c(time.monotonic()) is None, "not any more")
 
 
 def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:

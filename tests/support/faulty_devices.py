@@ -70,6 +70,7 @@ class PretendBoard:
             servo_torque=63,
             servo_checked=63,
             servo_protocol=63,
+            servo_model=(311,) * 6,
             battery_mv=12000,
             drive_mv=12000,
         )

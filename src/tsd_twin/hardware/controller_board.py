@@ -140,6 +140,8 @@ TRIPS: dict[int, str] = {
     Trip.WATCHDOG: "its firmware hung and was restarted",
     Trip.BATTERY: "the battery is empty",
     Trip.TORQUE: "a servo lost its torque",
+    Trip.HOT: "a servo is too hot: let it cool",
+    Trip.LINE: "the line from the computer lost bytes, and kept the board from its servos",
     Trip.DRIVE: "the stop circuit opened: the speed controllers lost their power",
     Trip.FOLLOWING: "a gimbal does not follow its goal: it is stuck, or its servo is",
     Trip.STOPPED: "STOP",
@@ -158,8 +160,11 @@ REFUSALS: dict[int, str] = {
     Refusal.BATTERY: "the battery is too low",
     Refusal.SETTING: "a setting of a servo is not as it must be, or not read yet",
     Refusal.TORQUE: "a servo has no torque",
+    Refusal.HOT: "a servo is too hot: let it cool",
     Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
-    Refusal.STOP_NOT_PROVEN: "the stop was not seen to work since power came: press it once, and release it",
+    Refusal.STOP_NOT_PROVEN: (
+        "the stop was not seen to work since power came: press it once, and release it"
+    ),
     Refusal.RC_WITHOUT_SERVOS: "the radio control drives with all six servos at the board only",
     Refusal.NEUTRAL: "a servo is too far from its neutral position to get torque",
     Refusal.STOPPED: "the robot is stopped: reset first",
