@@ -163,6 +163,7 @@ REMEDIES: dict[str, str] = {
     "does not come to rest": "robot.stop()",
     # Silence.
     "did not acknowledge the stop": "robot.stop() again, and the stop switch of the robot",
+    "belongs to the parent of this process": "tsd_twin.connect() in the child",
     "no confirmed stop of": "tsd_twin.stop_all() again, and the emergency stop",
     "nor stopped": "robot.stop() again, and the stop switch of the robot",
     "does not answer": "tsd_twin.connect() again, once the robot and the network run",
