@@ -29,7 +29,7 @@ GOOD = {
     "rpm": 7000.0,
 }
 ENDINGS = {"acquire", "release", "arm", "arming", "disarm", "stop", "reset", "hand_over"}
-"""Methods that take away what a motion needs; the law for their arguments is a test of its own."""
+"""Methods after which the robot is not ready, or has no operator."""
 UNTIMED = {"staying_ready", "driving"}
 """Iterators; their arguments are checked when they are first advanced."""
 

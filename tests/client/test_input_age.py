@@ -1,6 +1,6 @@
 """Age of an input: repetitions of a set-point never move the robot for longer than the gate allows.
 
-Protocol and robot controller in virtual time, with delays, losses and pauses on the way.
+Protocol and robot controller in virtual time, with delays, losses and pauses.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def test_no_input_moves_the_robot_for_longer_than_its_command_age(
 def test_one_set_velocity_moves_the_robot_and_brings_it_to_rest(
     name: str, trip_s: float, phase: int
 ) -> None:
-    """The zero arrives in time: the robot does not have to stop by itself."""
+    """The zero arrives in time, before the command timeout of the robot."""
     client = DelayedClient(name, 0.5 * trip_s, 0.5 * trip_s, None)
     client.wait(phase * PERIOD_S)
     for _ in range(2):

@@ -17,7 +17,7 @@ NEVER_SENT: tuple[int, float] = (0, -math.inf)
 
 
 class Echoes:
-    """Status numbers of one robot with their times of arrival, oldest first."""
+    """Status numbers of a robot with their times of arrival."""
 
     def __init__(self) -> None:
         self._received: deque[tuple[int, float]] = deque(maxlen=_KEPT)

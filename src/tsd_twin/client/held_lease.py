@@ -1,4 +1,4 @@
-"""Lease of one operator as seen by the client: its id, renewals, and why it ended. Pure."""
+"""Lease from the client's point of view: id, renewals, and why it ended. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.requests import LeaseReply, LeaseRequest, decode_json
 
 RENEW_PERIOD_S = 0.5
-"""The lease is renewed this often, of the 2 s after which it expires."""
+"""Renewal period; a lease expires after 2 s."""
 _ROUND_TRIPS = 8
 
 
