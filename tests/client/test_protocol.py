@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from tsd_twin import robots
 from tsd_twin.client import ClientError, ControlLost, RobotSilent, RobotStopped
+from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.protocol import (
     COMMAND_PERIOD_S,
-    RENEW_PERIOD_S,
     SETPOINT_TIMEOUT_S,
     SILENCE_S,
     ControlProtocol,

@@ -48,7 +48,7 @@ PUSH = CmdVel((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
 ZERO = CmdVel((0.0,) * 6)
 PERIOD_S = 0.05
 FREE, MINE = RobotView("ready"), RobotView("driving", ME)
-REST = Drive((0.0,) * 6, BASE)
+REST = Drive((0.0,) * 6, BASE, None)
 
 
 def holder(now_s: float = 0.0) -> CmdVelOperator:
@@ -75,9 +75,9 @@ def texts(actions: list[Action]) -> str:
 
 def test_a_twist_takes_a_free_robot_and_the_next_one_drives_it() -> None:
     operator = holder()
-    assert operator.on_twist(PUSH, 0.05, MINE, 0.05) == [Drive(PUSH.twist, BASE)]
+    assert operator.on_twist(PUSH, 0.05, MINE, 0.05) == [Drive(PUSH.twist, BASE, 0.05)]
     odom = CmdVel(PUSH.twist, ODOM)
-    assert operator.on_twist(odom, 0.1, MINE, 0.1) == [Drive(PUSH.twist, ODOM)]
+    assert operator.on_twist(odom, 0.1, MINE, 0.1) == [Drive(PUSH.twist, ODOM, 0.1)]
 
 
 def test_zeros_take_no_lease_and_keep_none() -> None:

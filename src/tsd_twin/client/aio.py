@@ -14,8 +14,8 @@ from typing import Any, Self, TypeAlias, TypeVar
 
 from tsd_twin.client import procedures
 from tsd_twin.client.base import QUEUE, BaseClient, BaseControl
+from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.link import BusLink, open_link
-from tsd_twin.client.protocol import RENEW_PERIOD_S
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.client.steps import (
     Call,

@@ -276,17 +276,21 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         vy_mps: float = 0.0,
         omega_rad_per_s: float = 0.0,
         frame: str = BASE,
+        given_s: float | None = None,
     ) -> None:
-        """Put a velocity set-point in force for 0.2 s, and return at once.
+        """Set a velocity for up to 0.2 s, and return at once.
 
-        The library sends it at 50 Hz. A set-point that is not refreshed is replaced by zero.
+        The library sends it at 50 Hz. A velocity that is not refreshed is replaced by zero, before
+        it is older than the robot accepts. `given_s` is when a person or another program gave it,
+        on the clock of `robot.time_s`; now if it is not given.
 
         Raises:
             ControlLost: the lease ended.
             RobotStopped: the robot is not ready, was stopped, or has stopped by itself.
             RobotSilent: the robot sends no status.
         """
-        self._set_velocity(self._protocol.planar(vx_mps, vy_mps, omega_rad_per_s), frame)
+        twist = self._protocol.planar(vx_mps, vy_mps, omega_rad_per_s)
+        self._set_velocity(twist, frame, given_s)
 
     def set_turn_rate(
         self,
@@ -295,10 +299,11 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         wy_rad_per_s: float = 0.0,
         wz_rad_per_s: float = 0.0,
         frame: str = BASE,
+        given_s: float | None = None,
     ) -> None:
-        """Put an angular velocity of a sphere in force for 0.2 s; as `set_velocity`."""
+        """Set an angular velocity of a sphere for up to 0.2 s; as `set_velocity`."""
         twist = self._protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s)
-        self._set_velocity(twist, frame)
+        self._set_velocity(twist, frame, given_s)
 
     def rest(self) -> DoneT:
         """Bring the robot to rest, and return when it stands; it stays armed."""
@@ -380,9 +385,9 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
             return procedures.acquire(self._protocol, **self._wish)
         return procedures.ask_for_control(self._protocol, self._now_s, self._ask_s, **self._wish)
 
-    def _set_velocity(self, twist: Sequence[float], frame: str) -> None:
+    def _set_velocity(self, twist: Sequence[float], frame: str, given_s: float | None) -> None:
         with self._link.lock:
-            command = self._protocol.set_velocity(twist, frame, self._now_s)
+            command = self._protocol.set_velocity(twist, frame, self._now_s, given_s)
             if command is not None:
                 self._link.send(command)
             self._wake_sender()

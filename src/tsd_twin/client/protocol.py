@@ -1,4 +1,4 @@
-"""Operator protocol without I/O: lease, commands, set-point time-out.
+"""Operator protocol without I/O: commands, motions, set-point timeout; `held_lease` has the lease.
 
 Time is an argument, in seconds of any monotonic clock. Received messages go in, commands and
 requests come out; `robot`, `aio`, the simulated robot and the dashboard transport them.
@@ -7,20 +7,18 @@ requests come out; `robot`, `aio`, the simulated robot and the dashboard transpo
 from __future__ import annotations
 
 import math
-import statistics
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-import msgspec
 import numpy as np
 
-from tsd_twin.errors import ClientError, ControlLost, MessageError, RobotSilent, RobotStopped
+from tsd_twin.client.echoes import Echoes
+from tsd_twin.client.held_lease import HeldLease
+from tsd_twin.errors import ClientError, RobotSilent, RobotStopped
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages import topics
-from tsd_twin.messages.requests import LeaseReply, LeaseRequest, decode_json, encode_attachment
+from tsd_twin.messages.requests import LeaseReply, encode_attachment
 from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, encode_twist
 from tsd_twin.messages.status import Status
 from tsd_twin.motion.prediction import CommandDelay
@@ -31,8 +29,10 @@ COMMAND_PERIOD_S = 0.02
 """Commands are sent at 50 Hz while a motion is in force."""
 SETPOINT_TIMEOUT_S = 0.2
 """A velocity set-point that is not refreshed for this long is replaced by zero."""
-RENEW_PERIOD_S = 0.5
-"""The lease is renewed this often, of the 2 s after which it expires."""
+_SHORTEST_SETPOINT_S = 0.06
+"""A slow link does not shorten a set-point further; the robot then refuses what is too old."""
+_ZERO_LEAD_S = 0.03
+"""Time from the end of a set-point until its zero has counted, on top of the round trip."""
 SILENCE_S = 1.0
 """Twenty statuses; commands stop counting long before that."""
 _GRACE_S = 0.3
@@ -45,7 +45,6 @@ _NUMBERS_APART = 1000
 """Between the numbers of two leases: more than a previous holder can have under way."""
 _MOST_NUMBERS = 2**53
 """A higher number that the robot shows is not continued: it may be the last that fits."""
-_ROUND_TRIPS = 8
 _STILL_MPS, _STILL_RAD_PER_S = 0.02, 0.05
 REST = (0.0, 0.0, 0.0)
 """The twist of standstill."""
@@ -61,13 +60,23 @@ class TwistCommand:
     payload: bytes
     """CDR of a `geometry_msgs/msg/TwistStamped`."""
     attachment: bytes
-    """Its number, the lease id and the number of the newest status received."""
+    """Its number, the lease id and the number of the echoed status."""
     twist: Array
     """(3,): m/s and rad/s in `frame`."""
     frame: str
 
 
-class ControlProtocol:
+@dataclass(frozen=True, slots=True)
+class _Setpoint:
+    """Velocity that is repeated, with the echo of its input."""
+
+    twist: tuple[float, ...]
+    frame: str
+    status_seq: int
+    expires_s: float
+
+
+class ControlProtocol(HeldLease):
     """State machine of one operator and one robot: lease, sequence numbers, set-point.
 
     Not thread-safe: its users call it under one lock.
@@ -79,31 +88,24 @@ class ControlProtocol:
         Raises:
             BusError: the name of the operator cannot be part of a bus key.
         """
-        self.robot_id = robot_id
+        super().__init__(robot_id, operator, robot.limits.max_command_age_s)
         self.robot = robot
-        self.operator = topics.checked(operator)
         self.kinematics: Kinematics[Any] = robot.kinematics()
         self._axes = list(self.kinematics.twist_axes)
         self.status: Status | None = None
         self.status_seq = 0
-        """Number of the newest status, which each command echoes."""
+        """Number of the newest status, which each new input echoes."""
+        self._echoes = Echoes()
         self._xy_heading: Array | None = None
         self._twist: Array | None = None
-        self.max_age_s = robot.limits.max_command_age_s
-        """Age up to which commands count under this lease."""
         self._status_s = self._odometry_s = -math.inf
-        self._lease = b""
-        self._granted_s = -math.inf
-        self._lost = ""
         self._seq = 0
         self._stops: int | None = None
         self._stale_before = 0
-        self._setpoint: tuple[Sequence[float], str] | None = None
-        self._expires_s = self._sent_s = self._refreshed_s = -math.inf
+        self._setpoint: _Setpoint | None = None
+        self._sent_s = self._refreshed_s = -math.inf
         self._rest_seq: int | None = None
         self._failure: ClientError | None = None
-        self._renewed_s = -math.inf
-        self._round_trips_s: deque[float] = deque(maxlen=_ROUND_TRIPS)
         self._delay = CommandDelay()
 
     # Received messages.
@@ -114,6 +116,7 @@ class ControlProtocol:
             return
         if seq != self.status_seq:
             self._delay.add_status(status.command, now_s)
+            self._echoes.add(seq, now_s)
         self.status, self.status_seq, self._status_s = status, seq, now_s
         settled = now_s - self._granted_s > max(_GRACE_S, self.max_age_s)
         if self._lease and settled and status.lease.holder != self.operator:
@@ -124,97 +127,20 @@ class ControlProtocol:
         """Process pose (3,) and twist (3,) of a `state/odom`; a sphere's pose means nothing."""
         self._xy_heading, self._twist, self._odometry_s = xy_heading, twist, now_s
 
-    def add_round_trip(self, seconds: float) -> None:
-        """Add a measured round-trip time of a service."""
-        self._round_trips_s.append(seconds)
-
-    @property
-    def round_trip_s(self) -> float:
-        """Median time from a request to its answer; 0 while none is known."""
-        return statistics.median(self._round_trips_s) if self._round_trips_s else 0.0
-
     def delay_s(self, now_s: float) -> float | None:
         """Return the measured time from a command to a state with its effect; None if unknown."""
         return self._delay.median_s(now_s)
 
-    # The lease.
-
-    @property
-    def has_lease(self) -> bool:
-        """Whether the lease is held, according to the newest status."""
-        return bool(self._lease)
-
-    @property
-    def lost_reason(self) -> str:
-        """Why the lease ended; "" before the first."""
-        return self._lost
-
-    @property
-    def lease_hex(self) -> str:
-        """The lease id, as requests have it.
-
-        Raises:
-            ControlLost: the lease is not held.
-        """
-        self.check_lease()
-        return self._lease.hex()
-
     def grant(self, reply: LeaseReply, now_s: float) -> None:
         """Process the reply that grants the lease."""
-        if reply.lease is None:
-            raise MessageError("shape", "a granted lease has an id")
-        self._lease = bytes.fromhex(reply.lease)
-        self._granted_s = self._renewed_s = now_s
-        self._lost, self._failure, self._stops = "", None, None
-        self._setpoint = self._rest_seq = None
-        self.max_age_s = reply.max_age_s
+        super().grant(reply, now_s)
+        self._failure = self._stops = self._setpoint = self._rest_seq = None
         # Above the numbers that the robot has shown: a status with one of these has counted it.
         counted = 0 if self.status is None else self.status.command.seq
         self._seq = max(self._seq, counted if counted < _MOST_NUMBERS else 0) + _NUMBERS_APART
 
-    def release(self) -> None:
-        """Record that the lease was released or handed over."""
-        self._lose("control was released")
-
-    def check_lease(self) -> None:
-        """Check that the lease is held.
-
-        Raises:
-            ControlLost: it is not.
-        """
-        if not self._lease:
-            raise ControlLost(f"no control of {self.robot_id}: {self._lost or 'take it first'}")
-
-    def renewal_is_due(self, now_s: float) -> bool:
-        """Return whether a lease is held that has to be renewed."""
-        return bool(self._lease) and now_s - self._renewed_s >= RENEW_PERIOD_S
-
-    def renewal(self, now_s: float) -> bytes | None:
-        """Return the request that renews the lease, when one is due."""
-        if not self.renewal_is_due(now_s):
-            return None
-        self._renewed_s = now_s
-        lease = self._lease.hex()
-        return msgspec.json.encode(LeaseRequest(op="renew", operator=self.operator, lease=lease))
-
-    def receive_renewal(self, request: bytes, answer: bytes | None, trip_s: float) -> None:
-        """Process the response to a renewal; a missing one is judged by the age of the status."""
-        if answer is None or not self._lease:
-            return
-        asked = decode_json(request, LeaseRequest, "a renewal")
-        try:
-            reply = decode_json(answer, LeaseReply, "an answer")
-        except MessageError:
-            return
-        if asked.lease != self._lease.hex():
-            return  # The answer is about an earlier lease.
-        self.add_round_trip(trip_s)
-        if not reply.granted:
-            holder = reply.holder if reply.holder != self.operator else "another client"
-            self._lose(f"{holder} has control now" if holder else reply.reason)
-
     def _lose(self, reason: str) -> None:
-        self._lease, self._lost = b"", reason
+        super()._lose(reason)
         self._setpoint = self._stops = None
 
     # Motions.
@@ -330,10 +256,15 @@ class ControlProtocol:
 
     # Velocity set-points.
 
-    def set_velocity(self, twist: Sequence[float], frame: str, now_s: float) -> TwistCommand | None:
-        """Put a set-point in force for `SETPOINT_TIMEOUT_S`; return a command to send at once.
+    def set_velocity(
+        self, twist: Sequence[float], frame: str, now_s: float, given_s: float | None = None
+    ) -> TwistCommand | None:
+        """Set a velocity for up to `SETPOINT_TIMEOUT_S`; return a command to send at once.
 
-        None, and the next one comes from `due`, if the last one is less than 10 ms old.
+        None, and the next one comes from `due`, if the last one is less than 10 ms old. `given_s`
+        is when the input was given, by default now: each repetition echoes the status that was
+        current then, so the robot bounds the time from the input to the end of the motion. The
+        set-point expires early enough for a zero to arrive before the robot stops by itself.
 
         Raises:
             ClientError: as `begin_motion` and `check_motion`; a failure since the last set-point.
@@ -343,13 +274,22 @@ class ControlProtocol:
             self.begin_motion(now_s)
         self.check_motion(now_s)
         _checked(twist, frame)
-        self._setpoint, self._expires_s = (tuple(twist), frame), now_s + SETPOINT_TIMEOUT_S
+        given_s = now_s if given_s is None else min(given_s, now_s)
+        seq, received_s = self._echoes.at(given_s)
+        expires_s = self._setpoint_expires_s(received_s, now_s)
+        self._setpoint = _Setpoint(tuple(twist), frame, seq, expires_s)
         self._rest_seq = None
         # Not counted from the last repetition by `due`, behind which a refresh would have to wait.
         if now_s - self._refreshed_s < _SHORTEST_PERIOD_S:
             return None
         self._refreshed_s = now_s
-        return self.command(twist, frame, now_s)
+        return self.command(twist, frame, now_s, seq)
+
+    def _setpoint_expires_s(self, received_s: float, now_s: float) -> float:
+        trip_s = self.delay_s(now_s)
+        trip_s = self.round_trip_s if trip_s is None else trip_s
+        counts_s = received_s + self.max_age_s - now_s - trip_s - _ZERO_LEAD_S
+        return now_s + min(max(counts_s, _SHORTEST_SETPOINT_S), SETPOINT_TIMEOUT_S)
 
     def due(self, now_s: float) -> TwistCommand | None:
         """Return the command that is due for the set-point in force, zero once it has expired.
@@ -369,9 +309,9 @@ class ControlProtocol:
             return None
         if now_s - self._sent_s < COMMAND_PERIOD_S - 1e-6:
             return None
-        twist, frame = self._setpoint
-        if now_s < self._expires_s:
-            return self.command(twist, frame, now_s)
+        setpoint = self._setpoint
+        if now_s < setpoint.expires_s:
+            return self.command(setpoint.twist, setpoint.frame, now_s, setpoint.status_seq)
         command = self.command(REST, BASE, now_s)
         self._rest_seq = command.seq if self._rest_seq is None else self._rest_seq
         return command
@@ -397,8 +337,9 @@ class ControlProtocol:
         return self._setpoint is not None
 
     def end_setpoint(self) -> None:
-        """Let the set-point in force expire now."""
-        self._expires_s = -math.inf
+        """Expire the set-point now."""
+        if self._setpoint is not None:
+            self._setpoint = replace(self._setpoint, expires_s=-math.inf)
 
     # The newest state.
 

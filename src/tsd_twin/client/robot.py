@@ -16,9 +16,10 @@ from typing import Any, Self, TypeVar
 
 from tsd_twin.client import motions, procedures
 from tsd_twin.client.base import QUEUE, BaseClient, BaseControl
+from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.link import Link, open_link
 from tsd_twin.client.motions import TwistSource
-from tsd_twin.client.protocol import RENEW_PERIOD_S, REST
+from tsd_twin.client.protocol import REST
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.client.steps import Procedure, Sleep, run, run_stepwise
 from tsd_twin.messages.requests import Event

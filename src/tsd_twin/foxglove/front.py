@@ -13,6 +13,7 @@ import contextlib
 import hmac
 import logging
 import ssl
+import statistics
 import struct
 import time
 from collections import deque
@@ -32,7 +33,7 @@ _LOG = logging.getLogger(__name__)
 FOXGLOVE_ORIGIN = "https://app.foxglove.dev"
 """Origin of Foxglove's web application."""
 MOST_CLIENTS = 16
-PING_S = 0.05
+PING_S = 0.02
 """Period of pings: the age of a message is known to so much more than the round trip."""
 SILENT_S = 2.0
 """A client that has answered no ping for so long is cut off; its robot comes to rest."""
@@ -42,6 +43,7 @@ MOST_MESSAGES, MOST_BYTES = 1000, 512 * 2**10
 """Of one client in one second; more closes its connection."""
 MOST_CHANNELS = 64
 """Channels that a client may publish on at once."""
+_TRIPS = 50
 _MOST_CALLS = 32
 _MOST_SENTENCES = 64
 _CLOSE_S = 1.0
@@ -132,8 +134,8 @@ class ClientOperator(Protocol):
         ...
 
 
-MakeOperator = Callable[[Callable[[str], None]], ClientOperator]
-"""Makes the operator of a client, from a function that tells the client a sentence."""
+MakeOperator = Callable[[Callable[[str], None], Callable[[], float]], ClientOperator]
+"""Makes the operator of a client, from functions that show it a sentence, and measure its link."""
 
 
 class _ClientChannel(msgspec.Struct, frozen=True):
@@ -270,6 +272,7 @@ class _Client:
         self._calls: set[asyncio.Task[None]] = set()
         self._said: set[asyncio.Task[None]] = set()
         self._pings: deque[tuple[bytes, float]] = deque(maxlen=256)
+        self._trips_s: deque[float] = deque(maxlen=_TRIPS)
         self._sent_after_s = self._answered_s = time.monotonic()
 
     async def run(
@@ -278,7 +281,7 @@ class _Client:
         """Serve until one side closes; then the operator of this client lets go of its robots."""
         self._inner = inner
         if make_operator is not None:
-            self._operator = make_operator(self.say)
+            self._operator = make_operator(self.say, self.trip_s)
         # A ping waits behind data that the client does not read, so that the watch is apart.
         works = (self._from_client(), self._from_sdk(inner), self._ping(), self._until_silent())
         tasks = [asyncio.create_task(work) for work in works]
@@ -294,6 +297,10 @@ class _Client:
             if self._operator is not None:
                 await self._operator.close()
             await self.end(aiohttp.WSCloseCode.GOING_AWAY, "")
+
+    def trip_s(self) -> float:
+        """Return the median round-trip time of recent pings; 0 while none is known."""
+        return statistics.median(self._trips_s) if self._trips_s else 0.0
 
     async def end(self, code: int, reason: str) -> None:
         """Close the connection."""
@@ -329,6 +336,7 @@ class _Client:
         at = next((i for i, (sent, _) in enumerate(self._pings) if sent == data), None)
         if at is not None:
             self._sent_after_s, self._answered_s = self._pings[at][1], now_s
+            self._trips_s.append(now_s - self._sent_after_s)
             for _ in range(at + 1):
                 self._pings.popleft()
 

@@ -91,10 +91,18 @@ class LiveOperator:
     """Operator behind one client: a driver for each robot that it drives."""
 
     def __init__(
-        self, fleet: Fleet[FoxgloveSource], operator: str, say: Callable[[str], None]
+        self,
+        fleet: Fleet[FoxgloveSource],
+        operator: str,
+        say: Callable[[str], None],
+        trip_s: Callable[[], float],
     ) -> None:
-        """`operator` is the name before the digits; `say` tells the client a sentence."""
-        self._fleet, self._say = fleet, say
+        """Prepare for one client.
+
+        `operator` is the name before the digits; `say` shows the client a sentence; `trip_s`
+        returns its round-trip time.
+        """
+        self._fleet, self._say, self._trip_s = fleet, say, trip_s
         self._name = f"{operator}-{secrets.token_hex(4)}"
         self._drivers: dict[str, tuple[FoxgloveSource, RobotDriver]] = {}
         self._unread_s = -math.inf
@@ -146,7 +154,7 @@ class LiveOperator:
             else:  # The robot was restarted, or was out of reach.
                 machine = made[1].machine
                 self._closing = asyncio.create_task(made[1].close())
-            driver = RobotDriver(source.client, machine, say)
+            driver = RobotDriver(source.client, machine, say, self._trip_s)
             if made is not None:
                 driver.connected()
             made = self._drivers[source.id] = source, driver

@@ -129,10 +129,12 @@ class Acquire:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Action: put a twist in force for 0.2 s; call `motion_failed` or `lost` when it fails."""
+    """Action: set a velocity for up to 0.2 s; call `motion_failed` or `lost` when it fails."""
 
     twist: tuple[float, float, float, float, float, float]
     frame: str
+    given_s: float | None
+    """When the publisher gave the twist, at the earliest; None for now."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +243,7 @@ class CmdVelOperator:
         if self.state is State.TAKING:
             return []
         self._driven_s = self._used_s = now_s
-        return [Drive(message.twist, message.frame or BASE)]
+        return [Drive(message.twist, message.frame or BASE, sent_after_s)]
 
     def _note_hold_up(self, now_s: float) -> None:
         """Take no time in which this program stood still for a pause of the publisher.
@@ -279,7 +281,7 @@ class CmdVelOperator:
         """Act on a zero: it ends a motion, and neither takes nor keeps the lease."""
         self._must_pause = False
         in_motion = self.state is State.HELD and now_s - self._driven_s < AT_REST_S
-        return [Drive(_REST, BASE)] if in_motion else []
+        return [Drive(_REST, BASE, None)] if in_motion else []
 
     def _drop(self, now_s: float, reason: str) -> list[Action]:
         self.dropped += 1

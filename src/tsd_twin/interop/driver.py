@@ -35,21 +35,43 @@ from tsd_twin.interop.cmd_vel import (
 )
 from tsd_twin.lie import SO3
 from tsd_twin.messages.requests import PoseStamped
+from tsd_twin.robots.description import Limits
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.1
+FAR_S = 0.015
+"""Round trip to the publisher from which on a lease lets older commands count."""
+REFRESH_S = 0.2
+"""Time beyond that round trip that twists at 10 Hz need: their period, and a status period."""
+
+
+def command_age_for(limits: Limits, trip_s: float) -> float:
+    """Return the age up to which commands have to count, from the round trip to the publisher.
+
+    The robot is slower under a lease for old commands, so that it stops within its allowance.
+    """
+    wanted_s = trip_s + REFRESH_S if trip_s > FAR_S else 0.0
+    return min(max(wanted_s, limits.max_command_age_s), limits.max_command_age_ceiling_s)
 
 
 class RobotDriver:
     """One publisher of `cmd_vel`, as an operator of one robot."""
 
     def __init__(
-        self, robot: AsyncRobotClient, machine: CmdVelOperator, say: Callable[[str], None]
+        self,
+        robot: AsyncRobotClient,
+        machine: CmdVelOperator,
+        say: Callable[[str], None],
+        trip_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
-        """`machine` may have served an earlier driver; `say` tells the publisher a sentence."""
+        """Drive one robot for one publisher.
+
+        `machine` may have served an earlier driver; `say` shows the publisher a sentence; `trip_s`
+        returns the round-trip time to the publisher, 0 if unknown.
+        """
         self.machine = machine
-        machine.max_age_s = robot.description.limits.max_command_age_s
-        self._robot, self._say = robot, say
+        self._robot, self._say, self._trip_s = robot, say, trip_s
+        machine.max_age_s = self._max_age_s()
         self._turning = robot.description.kinematics().pose_type is SO3
         self._control: AsyncRobotControl | None = None
         self._driven_s = -math.inf
@@ -63,6 +85,8 @@ class RobotDriver:
 
     def on_cmd_vel(self, message: CmdVel, now_s: float, sent_after_s: float | None) -> None:
         """Act on a twist that has come in."""
+        if self._control is None or not self._control.is_held:
+            self.machine.max_age_s = self._max_age_s()
         self._perform(self.machine.on_twist(message, now_s, self._view(), sent_after_s))
 
     async def call(self, service: str) -> tuple[bool, str]:
@@ -142,7 +166,8 @@ class RobotDriver:
             ClientError: it is not granted.
         """
         await self._end_control()  # Of a lease that was lost, so that its tasks end.
-        control = self._robot.control(self.machine.operator, arm=False)
+        max_age_s = self.machine.max_age_s = self._max_age_s()
+        control = self._robot.control(self.machine.operator, arm=False, max_age_s=max_age_s)
         try:
             await control.acquire()
         except BaseException as error:
@@ -151,6 +176,9 @@ class RobotDriver:
             raise
         self._control = control
         self.machine.acquired(self._robot.time_s)
+
+    def _max_age_s(self) -> float:
+        return command_age_for(self._robot.description.limits, self._trip_s())
 
     async def _release(self) -> None:
         await self._end_control()
@@ -218,10 +246,20 @@ class RobotDriver:
         vx, vy, _, wx, wy, wz = action.twist
         if self._turning:
             control.set_turn_rate(
-                wx_rad_per_s=wx, wy_rad_per_s=wy, wz_rad_per_s=wz, frame=action.frame
+                wx_rad_per_s=wx,
+                wy_rad_per_s=wy,
+                wz_rad_per_s=wz,
+                frame=action.frame,
+                given_s=action.given_s,
             )
         else:
-            control.set_velocity(vx_mps=vx, vy_mps=vy, omega_rad_per_s=wz, frame=action.frame)
+            control.set_velocity(
+                vx_mps=vx,
+                vy_mps=vy,
+                omega_rad_per_s=wz,
+                frame=action.frame,
+                given_s=action.given_s,
+            )
 
     def _note_loss(self, control: AsyncRobotControl) -> None:
         self._perform(self.machine.lost(control.lost_reason, self._robot.time_s))

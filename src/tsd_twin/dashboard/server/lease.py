@@ -12,8 +12,9 @@ from typing import Any, Literal, ParamSpec, TypeVar
 
 from tsd_twin.client import ControlDenied, RequestRefused, procedures
 from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.procedures import LeaseRequestState
-from tsd_twin.client.protocol import RENEW_PERIOD_S, ControlProtocol
+from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.steps import Call, Outcome, Procedure, SendStop, Step, run_async
 from tsd_twin.dashboard.server.messages_from_page import LeaseAction
 from tsd_twin.dashboard.server.messages_to_page import ActionReply
