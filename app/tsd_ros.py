@@ -94,6 +94,7 @@ def serve(args: argparse.Namespace) -> None:
                 ready,
                 operator=name,
                 may_drive=may_drive,
+                require_echo=args.require_echo,
                 only=only,
             )
         )
@@ -237,6 +238,11 @@ def main() -> None:
         "--mesh-uri",
         metavar="URI",
         help="what goes before the names of meshes instead, as package://my_robot/meshes/",
+    )
+    made.add_argument(
+        "--require-echo",
+        action="store_true",
+        help="cmd_vel moves a robot only as TwistStamped with the stamp of the newest odom",
     )
     _add_import_flags()
     program.run(PARSER, serve)

@@ -34,6 +34,7 @@ DISCOVERY_S = 2.0
 """In this time the publishers of a robot that comes into reach have been found."""
 SAY_AGAIN_S = 2.0
 """The same sentence is repeated no more often."""
+MUST_PAUSE = "cmd_vel moves the robot again after a pause, or a zero, or the service resume"
 _REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _DRIVABLE = frozenset({Mode.READY, Mode.DRIVING})
 
@@ -187,6 +188,7 @@ class CmdVelOperator:
         """Twists that did not count."""
         self._must_pause = False
         self._heard_s = self._driven_s = self._used_s = self._not_before_s = -math.inf
+        self._held_s = -math.inf
         self._polled_s = math.inf
         self._lost, self._was_lost = "", False
         self._said: dict[str, float] = {}
@@ -209,12 +211,18 @@ class CmdVelOperator:
     # Twists.
 
     def on_twist(
-        self, message: CmdVel, now_s: float, view: RobotView, sent_after_s: float | None = None
+        self,
+        message: CmdVel,
+        now_s: float,
+        view: RobotView,
+        sent_after_s: float | None = None,
+        unproven: str = "",
     ) -> list[Action]:
         """Decide about a twist that has come in at `now_s`.
 
         `sent_after_s` is a time, on the same clock, before which it cannot have been sent; None
-        where the transport gives no such bound.
+        where the transport gives no such bound. `unproven` is why the transport cannot vouch for
+        that time yet: the twist may end a pause, but does not move the robot.
         """
         self._note_hold_up(now_s)
         paused = now_s - self._heard_s >= PAUSE_S
@@ -232,8 +240,12 @@ class CmdVelOperator:
         self._heard_s = now_s
         if self._must_pause and not paused:
             self.dropped += 1
-            return self._say(now_s, "cmd_vel moves the robot again after a pause, or a zero")
+            self._held_s = now_s
+            return self._say(now_s, MUST_PAUSE)
         self._must_pause = False
+        if unproven:
+            self.dropped += 1
+            return self._say(now_s, unproven)
         if sent_after_s is not None and sent_after_s < self._not_before_s:
             self.dropped += 1
             return []  # It was sent before the lease was granted, or a request was done.
@@ -256,6 +268,24 @@ class CmdVelOperator:
     def on_unread(self, now_s: float) -> None:
         """Note a twist on a topic that no robot reads now; held on, it must not move one later."""
         self._must_pause, self._heard_s = True, now_s
+
+    def waits_for_pause(self, now_s: float) -> bool:
+        """Return whether twists are refused now since their publisher did not pause."""
+        return now_s - self._held_s < PAUSE_S
+
+    def resume(self, now_s: float, view: RobotView) -> str:
+        """Let a twist that is held on move the robot without a pause; return why not.
+
+        For a controller that streams, after a stall. It needs a robot that is armed and at rest;
+        the next twist that is refused makes a pause necessary again.
+        """
+        reason = self._obstacle(view)
+        if not reason and (view.mode != Mode.READY or now_s - self._driven_s < PAUSE_S):
+            reason = f"resume works when the robot has been at rest for {PAUSE_S:g} s"
+        if not reason:
+            self._must_pause, self._held_s = False, -math.inf
+            self._used_s = self._not_before_s = now_s
+        return reason
 
     def _refusal(self, message: CmdVel) -> str:
         if not all(math.isfinite(number) for number in message.twist):

@@ -83,14 +83,16 @@ class RobotDriver:
         """Note that the robot has come into reach, for the first time or again."""
         self._perform(self.machine.connected(self._robot.time_s))
 
-    def on_cmd_vel(self, message: CmdVel, now_s: float, sent_after_s: float | None) -> None:
-        """Act on a twist that has come in."""
+    def on_cmd_vel(
+        self, message: CmdVel, now_s: float, sent_after_s: float | None, unproven: str = ""
+    ) -> None:
+        """Act on a twist that has come in; arguments as for `CmdVelOperator.on_twist`."""
         if self._control is None or not self._control.is_held:
             self.machine.max_age_s = self._max_age_s()
-        self._perform(self.machine.on_twist(message, now_s, self._view(), sent_after_s))
+        self._perform(self.machine.on_twist(message, now_s, self._view(), sent_after_s, unproven))
 
     async def call(self, service: str) -> tuple[bool, str]:
-        """Carry out `arm`, `disarm`, `stop` or `reset`; return whether it worked, and a text."""
+        """Carry out one of `SERVICES`; return whether it worked, and a text."""
         match service:
             case "stop":  # It needs no lease, and waits for nothing.
                 return await self._answer(self._stop())
@@ -98,6 +100,9 @@ class RobotDriver:
                 return await self._answer(self._request(lambda control: control.arm()))
             case "disarm":
                 return await self._answer(self._request(self._disarm))
+            case "resume":
+                reason = self.machine.resume(self._robot.time_s, self._view())
+                return not reason, reason or self._robot.state.mode.value
             case _:
                 return await self._answer(self._request(lambda control: control.reset()))
 

@@ -99,7 +99,7 @@ class RobotSource(ABC):
             await self.withdraw(before)
         if names is None:
             return
-        mapping = RobotMapping(self.id, names, self._urdf, self.mesh_uri(names))
+        mapping = RobotMapping(self.id, names, self._urdf, self.mesh_uri(names), self.input_problem)
         try:
             await self.show(names)
         except TwinError:
@@ -115,6 +115,10 @@ class RobotSource(ABC):
         with self._lock:
             if self._mapping is not None:
                 self.publish(self._mapping.sentence(text))
+
+    def input_problem(self) -> str:
+        """Return why the robot does not follow `cmd_vel` now; "" if it does."""
+        return ""
 
     async def close(self) -> None:
         """Leave the robot."""

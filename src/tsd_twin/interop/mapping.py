@@ -130,7 +130,7 @@ IMPORTED = (
     DESCRIPTION,
 )
 """Topics of a robot of others that are read; best effort takes reliable publishers as well."""
-SERVICES = ("arm", "disarm", "stop", "reset")
+SERVICES = ("arm", "disarm", "stop", "reset", "resume")
 """Services of the type `std_srvs/srv/Trigger`, relative to the namespace of the robot."""
 
 SOURCES: Mapping[Topic, tuple[RosTopic, ...]] = {
@@ -198,8 +198,17 @@ class RosMessage:
 class RobotMapping:
     """Conversion of the messages of one robot; it keeps wheel angles and the newest stamp."""
 
-    def __init__(self, robot: str, names: RosNames, urdf: str, mesh_uri: str) -> None:
+    def __init__(
+        self,
+        robot: str,
+        names: RosNames,
+        urdf: str,
+        mesh_uri: str,
+        input_problem: Callable[[], str] = str,
+    ) -> None:
         """`mesh_uri` goes before the name of each mesh file of the URDF.
+
+        `input_problem` returns why the robot does not follow `cmd_vel` now, "" if it does.
 
         Raises:
             MessageError: the URDF is none.
@@ -211,7 +220,8 @@ class RobotMapping:
         self._wheels = WheelAngles()
         self._stamp_ns = 0
         self._moved: list[tuple[Transform, int]] = []
-        self._diagnosed: tuple[str, int] = ("", 0)
+        self._input_problem = input_problem
+        self._diagnosed: tuple[str, str, int] = ("", "", 0)
 
     def static(self) -> list[RosMessage]:
         """Return the messages that never change: the URDF, and the fixed frames."""
@@ -331,16 +341,17 @@ class RobotMapping:
         if DIAGNOSTICS not in rows and BATTERY not in rows:
             return
         second = int(1e-9 * self._stamp_ns / _DIAGNOSTICS_EVERY_S)
-        if self._diagnosed == (status.mode, second):
+        problem = self._input_problem()
+        if self._diagnosed == (status.mode, problem, second):
             return
-        self._diagnosed = (status.mode, second)
+        self._diagnosed = (status.mode, problem, second)
         if DIAGNOSTICS in rows:
-            yield self._diagnostics(status)
+            yield self._diagnostics(status, problem)
         volts = _volts(status)
         if BATTERY in rows and volts is not None:
             yield self._battery(volts)
 
-    def _diagnostics(self, status: Status) -> RosMessage:
+    def _diagnostics(self, status: Status, problem: str) -> RosMessage:
         array = make_message(
             DIAGNOSTICS.type,
             header=make_header(self._stamp_ns, ""),
@@ -356,7 +367,7 @@ class RobotMapping:
                         for key, value in values.items()
                     ],
                 )
-                for name, level, text, values in diagnose(status)
+                for name, level, text, values in diagnose(status, problem)
             ],
         )
         return self._message(DIAGNOSTICS, array)
@@ -430,7 +441,9 @@ OK, WARN, ERROR = 0, 1, 2
 """Levels of `diagnostic_msgs/msg/DiagnosticStatus`."""
 
 
-def diagnose(status: Status) -> list[tuple[str, int, str, dict[str, object]]]:
+def diagnose(
+    status: Status, input_problem: str = ""
+) -> list[tuple[str, int, str, dict[str, object]]]:
     """Return name, level, sentence and values of each diagnostic of a robot."""
     level = ERROR if status.mode == Mode.FAULT else WARN if status.mode in LATCHED else OK
     command, consistency, loop = status.command, status.consistency, status.loop
@@ -453,6 +466,7 @@ def diagnose(status: Status) -> list[tuple[str, int, str, dict[str, object]]]:
                 **{f"dropped_{name}": count for name, count in _fields(command.dropped)},
             },
         ),
+        ("cmd_vel", ERROR if input_problem else OK, input_problem or "ok", {}),
         (
             "consistency",
             OK if suspect is None else WARN,

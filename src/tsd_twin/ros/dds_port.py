@@ -22,7 +22,8 @@ from tsd_twin.interop.mapping import (
     RosTopic,
 )
 from tsd_twin.messages.ros import TRIGGER
-from tsd_twin.ros.port import ADAPTER, UNTOLD, Endpoints, Inputs, Origin, types_of
+from tsd_twin.ros.arrivals import Origin
+from tsd_twin.ros.port import ADAPTER, UNTOLD, Endpoints, Inputs, types_of
 
 _LOG = logging.getLogger(__name__)
 _END_S = 2.0
@@ -97,6 +98,9 @@ class DdsPort:
         """
         self._published: dict[str, Any] = {}
         self._nodes: list[_Node] = []
+        self._own = endpoints
+        self._read: dict[str, list[str]] = {}
+        """Our own nodes that read each topic."""
         try:
             self._open(domain, names, inputs, endpoints)
         except Exception as error:  # rclpy has no class for all that its middleware refuses.
@@ -118,6 +122,7 @@ class DdsPort:
         for row in endpoints.read:
             for node, type_name in zip(self._nodes, types_of(row), strict=False):
                 node.subscribe(names.topic(row.name), row, type_name, inputs)
+                self._read.setdefault(names.topic(row.name), []).append(node.name)
         for service in endpoints.services:
             self._nodes[0].serve(names.topic(service), partial(inputs.on_call, service))
         for node in self._nodes:
@@ -141,6 +146,15 @@ class DdsPort:
         except Exception as error:  # rclpy has no class for all that its middleware refuses.
             raise TwinError(f"ROS does not publish it: {error}") from error
 
+    def publishers(self, topic: str) -> list[str]:
+        """Return the names of the other nodes that publish a topic."""
+        found = self._nodes[0].publishers_of(topic)
+        return _without(found, [self._own.node] if topic in self._published else [])
+
+    def subscribers(self, topic: str) -> list[str]:
+        """Return the names of the other nodes that read a topic."""
+        return _without(self._nodes[0].subscribers_of(topic), self._read.get(topic, []))
+
     def close(self) -> None:
         """Leave the graph."""
         for node in self._nodes:
@@ -152,6 +166,7 @@ class _Node:
 
     def __init__(self, name: str, domain: int, namespace: str) -> None:
         rclpy: Any = load_rclpy()
+        self.name = name
         self._executors: Any = importlib.import_module("rclpy.executors")
         self._qos: Any = importlib.import_module("rclpy.qos")
         self._context: Any = rclpy.Context()
@@ -168,6 +183,14 @@ class _Node:
         self._executor: Any = None
         self._thread = threading.Thread(target=self._run, name=f"ros {namespace}", daemon=True)
         self._ending = threading.Event()
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return the node of each publisher of a topic."""
+        return [each.node_name for each in self._node.get_publishers_info_by_topic(topic)]
+
+    def subscribers_of(self, topic: str) -> list[str]:
+        """Return the node of each subscriber of a topic."""
+        return [each.node_name for each in self._node.get_subscriptions_info_by_topic(topic)]
 
     def publisher(self, name: str, row: RosTopic) -> Any:
         """Return the publisher of a topic."""
@@ -248,3 +271,11 @@ class _Node:
 
 def _same_response(_request: Any, response: Any) -> Any:
     return response
+
+
+def _without(nodes: list[str], own: list[str]) -> list[str]:
+    """Return nodes less our own: the graph does not say which of one name is ours."""
+    for name in own:
+        if name in nodes:
+            nodes.remove(name)
+    return nodes

@@ -43,7 +43,9 @@ from tsd_twin.messages.ros import (
 from tsd_twin.models.imported import MOST_BYTES, geometry_toml, read_urdf, stand_in
 from tsd_twin.robots import ImportedDescription, parse_description
 from tsd_twin.robots.imported import ImportedGeometry
-from tsd_twin.ros.port import UNTOLD, Arrivals, Endpoints, Origin, RosPort
+from tsd_twin.ros.arrivals import Arrivals, Origin
+from tsd_twin.ros.port import UNTOLD, Endpoints, RosPort
+from tsd_twin.ros.shared_names import NameWatch
 from tsd_twin.safety import Heartbeat
 
 _LOG = logging.getLogger(__name__)
@@ -196,6 +198,7 @@ class ImportedRobot:
         self._unsent, self._unsent_s = "", -math.inf
         self._closed = False
         self._port = open_port(self)
+        self._shared = NameWatch(self._port, names, is_shown=False)
         self._described.wait(description_s)
         for received in self._taken(DESCRIPTION):
             self._describe(received)
@@ -215,10 +218,10 @@ class ImportedRobot:
         if row.name == DESCRIPTION.name:
             self._described.set()
 
-    def on_unreadable(self, row: RosTopic, reason: str) -> None:
-        """Count a message that is none."""
+    def on_unreadable(self, name: str, reason: str) -> None:
+        """Count a message that cannot be read."""
         self._dropped += 1
-        self._problem = f"a message of {row.name} is ignored: {reason}"[:200]
+        self._problem = f"a message of {name} is ignored: {reason}"[:200]
 
     def on_call(self, service: str, answer: Callable[[bool, str], None]) -> None:  # noqa: ARG002  Of the interface.
         """Refuse: it offers no services."""
@@ -233,7 +236,7 @@ class ImportedRobot:
                 try:
                     self._receive(received, now_s)
                 except MessageError as error:
-                    self.on_unreadable(row, str(error))
+                    self.on_unreadable(row.name, str(error))
         if self._problem:
             self._say(self._problem, now_s)
             self._problem = ""
@@ -273,7 +276,9 @@ class ImportedRobot:
             self._zeros = ZEROS
 
     def fault(self, now_s: float) -> str:
-        """Return that odometry is missing, or that nothing can be sent; "" otherwise."""
+        """Return that odometry is missing, nothing can be sent, or two robots have its name."""
+        if problem := self._shared.problem(now_s):
+            return problem
         if now_s - self._unsent_s < _UNSENT_S:
             return self._unsent
         if not self._is_silent(now_s):
@@ -314,11 +319,13 @@ class ImportedRobot:
 
     def _receive(self, received: _Received, now_s: float) -> None:
         name = received.row.name
-        sent_s = self._arrivals[name].sent_after_s(received.origin, received.arrived_s)
-        if sent_s is None:
+        arrival = self._arrivals[name].note(received.origin, received.arrived_s)
+        if arrival is None:
             self._dropped += 1  # It has come twice, or after a newer one.
+        elif arrival.sent_after_s == -math.inf:
+            raise MessageError("clock", "the clock of its publisher has jumped")
         elif name == ODOMETRY.name:
-            self._take_odometry(received, sent_s, now_s)
+            self._take_odometry(received, arrival.sent_after_s, now_s)
         elif name == JOINT_STATES.name:
             self._take_joints(received)
         else:
@@ -373,7 +380,7 @@ class ImportedRobot:
         try:
             raw = decode_cdr(received.payload, DESCRIPTION.type, MOST_BYTES + 64)
         except MessageError as error:
-            self.on_unreadable(DESCRIPTION, str(error))
+            self.on_unreadable(DESCRIPTION.name, str(error))
             return
         self._counted[DESCRIPTION.name] += 1
         if self._robot is None:

@@ -1,8 +1,4 @@
-"""Port to ROS: what an adapter needs of a middleware, and checks of what arrives. Pure.
-
-A message carries the time of its publisher's clock. The smallest difference to the time of arrival
-is that of the fastest message: how much later than that one comes, for so long it has waited.
-"""
+"""Port to ROS: interface of an adapter to a middleware, and checks of poses. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from tsd_twin.errors import MessageError
-from tsd_twin.interop.cmd_vel import PAUSE_S, TWIST_STAMPED
+from tsd_twin.interop.cmd_vel import TWIST_STAMPED
 from tsd_twin.interop.mapping import (
     CMD_VEL,
     PUBLISHED,
@@ -26,6 +22,7 @@ from tsd_twin.interop.mapping import (
 )
 from tsd_twin.messages.requests import PoseStamped
 from tsd_twin.messages.ros import ODOM, decode_cdr, stamp_ns
+from tsd_twin.ros.arrivals import Origin
 
 NODE = "tsd_ros"
 """Name of the node of each robot, in the namespace of the robot."""
@@ -52,8 +49,8 @@ class Inputs(Protocol):
         """Take a message of a topic that is read."""
         ...
 
-    def on_unreadable(self, row: RosTopic, reason: str) -> None:
-        """Take note of a message that is none."""
+    def on_unreadable(self, name: str, reason: str) -> None:
+        """Note a message of a topic or a service that cannot be read."""
         ...
 
     def on_call(self, service: str, answer: Callable[[bool, str], None]) -> None:
@@ -72,6 +69,14 @@ class RosPort(Protocol):
         """Publish a message; one thread at a time."""
         ...
 
+    def publishers(self, topic: str) -> list[str]:
+        """Return the names of the other nodes that publish `odom`, one for each publisher."""
+        ...
+
+    def subscribers(self, topic: str) -> list[str]:
+        """Return the names of the other nodes that read `cmd_vel`, one for each subscriber."""
+        ...
+
     def close(self) -> None:
         """Leave the graph."""
         ...
@@ -86,88 +91,10 @@ def types_of(row: RosTopic) -> tuple[str, ...]:
     return (row.type, TWIST_STAMPED) if row is CMD_VEL else (row.type,)
 
 
-MOST_PUBLISHERS = 64
-"""Publishers whose clocks are known at once; the one that was silent longest is forgotten."""
-DRIFT = 1e-3
-"""Seconds in a second that two clocks may drift apart."""
 UNTOLD = b""
 """Publisher of a message where the middleware does not say which one of several it was."""
 _UNIT = 0.01
 """How far the length of a quaternion may be from one."""
-
-
-@dataclass(frozen=True, slots=True)
-class Origin:
-    """Where and when a message was published."""
-
-    publisher: bytes
-    sequence: int
-    source_ns: int
-    """Wall clock of the publisher."""
-
-
-@dataclass(slots=True)
-class _Clock:
-    offset_s: float
-    """Of the fastest message: monotonic clock here less wall clock there."""
-    sequence: int
-    at_s: float
-
-
-class Arrivals:
-    """Clocks and sequence numbers of all publishers of a topic."""
-
-    def __init__(self) -> None:
-        self._clocks: dict[bytes, _Clock] = {}
-
-    def sent_after_s(self, origin: Origin, now_s: float) -> float | None:
-        """Return when a message was sent, on the clock of `now_s`, its arrival.
-
-        The time is that of the fastest message so far, at most: a message that took longer gets an
-        earlier time. None for a message that came twice, or after a newer one.
-        """
-        offset_s = now_s - 1e-9 * origin.source_ns
-        clock = self._clocks.pop(origin.publisher, None)
-        if clock is None:
-            while len(self._clocks) >= MOST_PUBLISHERS:
-                del self._clocks[next(iter(self._clocks))]
-            clock = _Clock(offset_s, origin.sequence - 1, now_s)
-        self._clocks[origin.publisher] = clock  # The newest is the last.
-        if origin.sequence <= clock.sequence:
-            return None
-        drifted_s = clock.offset_s + DRIFT * (now_s - clock.at_s)
-        clock.offset_s, clock.sequence, clock.at_s = (
-            min(offset_s, drifted_s),
-            origin.sequence,
-            now_s,
-        )
-        return 1e-9 * origin.source_ns + clock.offset_s
-
-
-class OnePublisher:
-    """Turn of one publisher of `cmd_vel`: twists of others move nothing until it pauses.
-
-    A publisher that was refused has to pause as well, so that a stick that is held on does not
-    begin to count.
-    """
-
-    def __init__(self) -> None:
-        self._publisher, self._moved_s = b"", -math.inf
-        self._refused: dict[bytes, float] = {}
-
-    def admits(self, publisher: bytes, moves: bool, now_s: float) -> bool:
-        """Note a twist, other than zero if it `moves`; return whether it counts."""
-        taken = publisher != self._publisher and now_s - self._moved_s < PAUSE_S
-        if not moves:
-            return not taken
-        recent = {each: at_s for each, at_s in self._refused.items() if now_s - at_s < PAUSE_S}
-        if taken or publisher in recent:
-            while len(recent) >= MOST_PUBLISHERS:
-                del recent[next(iter(recent))]
-            self._refused = {**recent, publisher: now_s}
-            return False
-        self._refused, self._publisher, self._moved_s = recent, publisher, now_s
-        return True
 
 
 def decode_pose_input(payload: bytes, type_name: str, odom: str) -> PoseStamped:

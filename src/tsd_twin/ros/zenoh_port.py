@@ -7,7 +7,6 @@ Sources of the format, as of ROS 2 Jazzy and newer: `liveliness_utils.cpp` and
 from __future__ import annotations
 
 import itertools
-import logging
 import struct
 import time
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ import xxhash
 from tsd_twin.bus import Bus, Publisher, Request
 from tsd_twin.errors import MessageError
 from tsd_twin.interop.mapping import (
+    CMD_VEL,
+    ODOMETRY,
     RosMessage,
     RosNames,
     RosQoS,
@@ -27,10 +28,13 @@ from tsd_twin.interop.mapping import (
 from tsd_twin.messages.requests import Sample
 from tsd_twin.messages.ros import TRIGGER, encode_trigger_response, type_hash
 from tsd_twin.messages.topics import QoS
-from tsd_twin.ros.port import ADAPTER, Endpoints, Inputs, Origin, types_of
+from tsd_twin.ros.arrivals import Origin
+from tsd_twin.ros.port import ADAPTER, Endpoints, Inputs, types_of
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
+_MOST_ENDPOINTS = 1000
+"""Endpoints of others on one topic that are noted; two are a fault already."""
 
 QOS = {
     RosQoS.SENSOR: "2::,5:,:,:,,",
@@ -54,6 +58,17 @@ class Kind(StrEnum):
     PUBLISHER = "MP"
     SUBSCRIPTION = "MS"
     SERVICE = "SS"
+
+
+def endpoints_key(domain: int, kind: Kind, name: str) -> str:
+    """Return the key of the tokens of all endpoints of a kind on a topic."""
+    return f"@ros2_lv/{domain}/*/*/*/{kind}/*/*/*/{_mangled(name)}/**"
+
+
+def node_of(token: str) -> tuple[str, str]:
+    """Return session and node of the token of an endpoint."""
+    parts = token.split("/")
+    return parts[2], parts[8]
 
 
 def dds_type(type_name: str) -> str:
@@ -129,9 +144,6 @@ def decode_attachment(data: bytes) -> Attachment:
     return Attachment(sequence, source_ns, gid)
 
 
-_LOG = logging.getLogger(__name__)
-
-
 @dataclass(slots=True)
 class _Published:
     publisher: Publisher
@@ -164,8 +176,15 @@ class ZenohPort:
             publisher = bus.publisher(self._key(name, row.type), qos, row.type, kept=1)
             gid = self._enter(Kind.PUBLISHER, name, row.type, QOS[row.qos])
             self._published[name] = _Published(publisher, gid)
+        self._others: dict[tuple[Kind, str], dict[str, str]] = {}
         if inputs is None:
             return
+        for kind, row in ((Kind.PUBLISHER, ODOMETRY), (Kind.SUBSCRIPTION, CMD_VEL)):
+            name = names.topic(row.name)
+            found = self._others.setdefault((kind, name), {})
+            bus.subscribe_liveliness(
+                endpoints_key(domain, kind, name), partial(self._note_endpoint, found)
+            )
         for row in endpoints.read:
             name = names.topic(row.name)
             for type_name in types_of(row):
@@ -188,6 +207,21 @@ class ZenohPort:
         to.sequence += 1
         to.publisher.put(message.payload, Attachment(to.sequence, time.time_ns(), to.gid).encode())
 
+    def publishers(self, topic: str) -> list[str]:
+        """Return the names of the other nodes that publish `odom`."""
+        return list(self._others.get((Kind.PUBLISHER, topic), {}).values())
+
+    def subscribers(self, topic: str) -> list[str]:
+        """Return the names of the other nodes that read `cmd_vel`."""
+        return list(self._others.get((Kind.SUBSCRIPTION, topic), {}).values())
+
+    def _note_endpoint(self, found: dict[str, str], token: str, lives: bool) -> None:
+        session, node = node_of(token)
+        if not lives:
+            found.pop(token, None)
+        elif session != self._bus.id and len(found) < _MOST_ENDPOINTS:
+            found[token] = node
+
     def close(self) -> None:
         """Leave the graph: publishers, tokens and services end with the session."""
         self._bus.close()
@@ -209,7 +243,7 @@ def _receive(inputs: Inputs, row: RosTopic, type_name: str, sample: Sample) -> N
     try:
         read = decode_attachment(sample.attachment)
     except MessageError as error:
-        inputs.on_unreadable(row, str(error))
+        inputs.on_unreadable(row.name, str(error))
         return
     origin = Origin(read.gid, read.sequence, read.source_ns)
     inputs.on_message(row, type_name, sample.payload, origin)
@@ -219,7 +253,7 @@ def _serve(inputs: Inputs, service: str, request: Request) -> None:
     try:
         asked = decode_attachment(request.attachment)
     except MessageError as error:
-        _LOG.warning("a call of %s is ignored: %s", service, error)
+        inputs.on_unreadable(service, str(error))
         request.drop()
         return
 

@@ -1,0 +1,46 @@
+"""Two robots under one ROS name, as the graph of ROS shows them: a fault. Pure."""
+
+from __future__ import annotations
+
+import math
+
+from tsd_twin.interop.mapping import CMD_VEL, ODOMETRY, RosNames
+from tsd_twin.ros.port import NODE, RosPort
+
+CHECK_S = 0.2
+"""Time between two looks at the graph, which cost some calls of the middleware."""
+READERS = frozenset({NODE, f"{NODE}_stamped"})
+"""Nodes that stand for a robot on a bus, by which topic they read."""
+
+
+def shared_name(port: RosPort, names: RosNames, *, is_shown: bool) -> str:
+    """Return a sentence if another robot has the name of this one; "" if none has.
+
+    A robot that `is_shown` to ROS has `odom` of our own port; another robot's `odom` has one
+    publisher that is not ours.
+    """
+    odom, cmd_vel = names.topic(ODOMETRY.name), names.topic(CMD_VEL.name)
+    publishers = sorted(port.publishers(odom))
+    readers = sorted(READERS.intersection(port.subscribers(cmd_vel)))
+    if len(publishers) > (0 if is_shown else 1):
+        topic, what = odom, f"is also published by {publishers[-1]}"
+    elif readers:
+        topic, what = cmd_vel, f"is also read by {readers[0]}"
+    else:
+        return ""
+    return f"two robots have the ROS name {topic}, which {what}: end one, or use another --domain"
+
+
+class NameWatch:
+    """Newest answer of `shared_name`, which is asked again from time to time."""
+
+    def __init__(self, port: RosPort, names: RosNames, *, is_shown: bool) -> None:
+        self._port, self._names, self._is_shown = port, names, is_shown
+        self._checked_s, self._problem = -math.inf, ""
+
+    def problem(self, now_s: float) -> str:
+        """Return the sentence that is true now; "" if no other robot has the name."""
+        if now_s - self._checked_s >= CHECK_S:
+            self._checked_s = now_s
+            self._problem = shared_name(self._port, self._names, is_shown=self._is_shown)
+        return self._problem
