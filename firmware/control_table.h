@@ -7,9 +7,9 @@
 #include <stdint.h>
 
 #define CT_MODEL 2014
-#define CT_FW_VERSION 4
+#define CT_FW_VERSION 5
 #define CT_BOARD_ID 200
-#define CT_TABLE_VERSION 4
+#define CT_TABLE_VERSION 5
 #define CT_SERVOS 6
 #define CT_ESCS 3
 #define CT_RC_CHANNELS 6
@@ -17,7 +17,7 @@
 #define CT_STICKS 4
 #define CT_ZERO_THROTTLE 2000
 #define CT_FULL_THROTTLE 4000
-#define CT_SIZE 275
+#define CT_SIZE 286
 
 typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
@@ -36,6 +36,8 @@ typedef enum {  // Why the board last disarmed itself; stays until it is armed a
   TRIP_DRIVE = 7,
   TRIP_BATTERY = 8,
   TRIP_TORQUE = 9,
+  TRIP_FOLLOWING = 10,
+  TRIP_STOPPED = 14,
 } trip_code_t;
 
 typedef enum {  // Why arming was last refused; 0 once it succeeds.
@@ -53,6 +55,10 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
   REFUSAL_RECEIVER = 11,
   REFUSAL_SETTING = 12,
   REFUSAL_TORQUE = 13,
+  REFUSAL_STOP_NOT_PROVEN = 14,
+  REFUSAL_RC_WITHOUT_SERVOS = 15,
+  REFUSAL_NEUTRAL = 17,
+  REFUSAL_STOPPED = 19,
 } refusal_code_t;
 
 typedef enum {  // What the receiver of the radio control sends.
@@ -66,18 +72,18 @@ typedef enum {  // What the receiver of the radio control sends.
 
 // Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle.
 #define CT_SETUP 21
-#define CT_SETUP_SIZE 71
+#define CT_SETUP_SIZE 79
 
 // Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5.
-#define CT_COMMAND 92
+#define CT_COMMAND 100
 #define CT_COMMAND_SIZE 26
 
 // Measurements and states: one READ in each cycle.
-#define CT_TELEMETRY 118
-#define CT_TELEMETRY_SIZE 113
+#define CT_TELEMETRY 126
+#define CT_TELEMETRY_SIZE 116
 
 // All that receivers of either kind send: for their set-up.
-#define CT_RADIO 231
+#define CT_RADIO 242
 #define CT_RADIO_SIZE 44
 
 typedef struct __attribute__((packed)) {
@@ -110,51 +116,56 @@ typedef struct __attribute__((packed)) {
   uint32_t receiver_map;  // 76: Channel of forward, left, turn, speed, kill, manual: 4 bits each, from the lowest.
   uint16_t pulse_low[3];  // 80: Pulse of zero throttle of each speed controller; another only without power at them. [0.5 us]
   uint16_t pulse_high[3];  // 86: Of full throttle. [0.5 us]
+  uint16_t throttle_limit[3];  // 92: No throttle exceeds this, whatever the source.
+  uint16_t throttle_rise;  // 98: Most by which a throttle rises in 10 ms; it falls at once.
   // command: read and write
-  uint16_t heartbeat;  // 92: A change is a beat; arming needs one. While armed, a block that is behind is error 7.
-  uint8_t arm;  // 94: Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again.
-  uint8_t torque;  // 95: 0 switches servo torque off, while disarmed only.
-  uint16_t throttle[3];  // 96: Of each speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; put out while armed.
-  int16_t goal[6];  // 102: Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed. [step]
-  uint16_t session[2];  // 114: As `nonce`, or the block only disarms: with `arm` 1 it is error 7.
+  uint16_t heartbeat;  // 100: A change is a beat; arming needs one. While armed, a block that is behind is error 7.
+  uint8_t arm;  // 102: Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again. 2 is STOP, for the radio control too: until a 0 of this session no source gets the robot.
+  uint8_t torque;  // 103: 0 switches servo torque off, while disarmed only.
+  uint16_t throttle[3];  // 104: Of each speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; put out while armed.
+  int16_t goal[6];  // 110: Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed. [step]
+  uint16_t session[2];  // 122: As `nonce`, or the block only disarms or stops: with `arm` 1 it is error 7.
   // telemetry: read only
-  uint32_t millis;  // 118: Since the reset. [ms]
-  uint8_t mode;  // 122: Source of the joint commands: `BoardMode`.
-  uint8_t trip;  // 123: Why the board last disarmed itself, until it arms: `Trip`.
-  uint8_t refusal;  // 124: Why arming was last refused: `Refusal`.
-  uint8_t reset_cause;  // 125: Why the board started: `ResetCause`.
-  uint16_t beat;  // 126: Echo of the heartbeat that was written last.
-  uint16_t nonce[2];  // 128: Number of this session; another after each start, each disarming, and each 1 in `arm` that does not arm.
-  uint8_t setup_known;  // 132: 1: the setup was written, now or before.
-  uint8_t drive_on;  // 133: 1: the speed controllers have power, behind the contactor.
-  uint8_t esc_ready;  // 134: 1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power and since the last disarming.
-  uint8_t servo_found;  // 135: Bit i: servo i answered a ping.
-  uint8_t servo_alive;  // 136: Bit i: servo i answered within the last 50 ms.
-  uint8_t servo_protocol;  // 137: Bit i: servo i speaks Protocol 2.0, else 1.0.
-  uint8_t servo_fault;  // 138: Bit i: servo i reports a hardware error.
-  uint8_t servo_torque;  // 139: Bit i: servo i said within the last 150 ms that it holds.
-  uint8_t servo_checked;  // 140: Bit i: the settings of servo i have the required values.
-  uint8_t wrong_servo;  // 141: Number, from 1, of a servo with a wrong setting, which the next two name; 0: none.
-  uint8_t wrong_register;  // 142: Its address in the table of the servo.
-  uint32_t wrong_value;  // 143: What it is there.
-  uint16_t throttle_out[3];  // 147: Throttle that is put out.
-  int16_t position[6];  // 153: Gimbals from neutral. [step]
-  int16_t velocity[6];  // 165: Gimbals. [step/s]
-  int16_t current[6];  // 177: Of the servos. [mA]
-  uint8_t voltage[6];  // 189: At the servos. [0.1 V]
-  uint8_t temperature[6];  // 195: Of the servos. [deg C]
-  uint16_t rc[6];  // 201: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
-  uint16_t battery_mv;  // 213: Of the battery. [mV]
-  uint16_t drive_mv;  // 215: Of the speed controllers, behind the contactor. [mV]
-  uint16_t supply_mv;  // 217: Of the board; the reference of the other two. [mV]
-  uint16_t crc_errors;  // 219: Packets from the PC with a wrong sum.
-  uint16_t rx_errors;  // 221: Bytes from the PC lost, or cut packets given up.
-  uint16_t servo_errors;  // 223: Answers of servos that were missing or wrong.
-  uint16_t overruns;  // 225: Cycles that took longer than 10 ms.
-  uint16_t trips;  // 227: Times that the board disarmed itself since power came.
-  uint16_t resets;  // 229: Resets since power came.
+  uint32_t millis;  // 126: Since the reset. [ms]
+  uint8_t mode;  // 130: Source of the joint commands: `BoardMode`.
+  uint8_t trip;  // 131: Why the board last disarmed itself, until it arms: `Trip`.
+  uint8_t refusal;  // 132: Why arming was last refused: `Refusal`.
+  uint8_t reset_cause;  // 133: Why the board started: `ResetCause`.
+  uint16_t beat;  // 134: Echo of the heartbeat that was written last.
+  uint16_t nonce[2];  // 136: Number of this session; another after each start, each disarming, and each 1 in `arm` that does not arm.
+  uint8_t setup_known;  // 140: 1: the setup was written, now or before.
+  uint8_t drive_on;  // 141: 1: the speed controllers have power, behind the contactor.
+  uint8_t esc_ready;  // 142: 1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power and since the last disarming.
+  uint8_t servo_found;  // 143: Bit i: servo i answered a ping.
+  uint8_t servo_alive;  // 144: Bit i: servo i answered within the last 50 ms.
+  uint8_t servo_protocol;  // 145: Bit i: servo i speaks Protocol 2.0, else 1.0.
+  uint8_t servo_fault;  // 146: Bit i: servo i reports a hardware error.
+  uint8_t servo_torque;  // 147: Bit i: servo i said within the last 150 ms that it holds.
+  uint8_t servo_checked;  // 148: Bit i: the settings of servo i have the required values.
+  uint8_t wrong_servo;  // 149: Number, from 1, of a servo with a wrong setting, which the next two name; 0: none.
+  uint8_t wrong_register;  // 150: Its address in the table of the servo.
+  uint32_t wrong_value;  // 151: What it is there.
+  uint16_t throttle_out[3];  // 155: Throttle that is put out.
+  int16_t position[6];  // 161: Gimbals from neutral. [step]
+  int16_t velocity[6];  // 173: Gimbals. [step/s]
+  int16_t current[6];  // 185: Of the servos. [mA]
+  uint8_t voltage[6];  // 197: At the servos. [0.1 V]
+  uint8_t temperature[6];  // 203: Of the servos. [deg C]
+  uint16_t rc[6];  // 209: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
+  uint16_t battery_mv;  // 221: Of the battery. [mV]
+  uint16_t drive_mv;  // 223: Of the speed controllers, behind the contactor. [mV]
+  uint16_t supply_mv;  // 225: Of the board; the reference of the other two. [mV]
+  uint16_t crc_errors;  // 227: Packets from the PC with a wrong sum.
+  uint16_t rx_errors;  // 229: Bytes from the PC lost, or cut packets given up.
+  uint16_t servo_errors;  // 231: Answers of servos that were missing or wrong.
+  uint16_t overruns;  // 233: Cycles that took longer than 10 ms.
+  uint16_t trips;  // 235: Times that the board disarmed itself since power came.
+  uint16_t resets;  // 237: Resets since power came.
+  uint8_t stop_proven;  // 239: 1: the stop circuit was seen open since power came.
+  uint8_t servo_far;  // 240: Bit i: servo i was not within 100 steps of its `neutral` yet, since power came or `neutral` changed: it gets no torque.
+  uint8_t servo_stuck;  // 241: Bit i: servo i did not follow its goal, at the last trip.
   // radio: read only
-  uint16_t channel[22];  // 231: The channels of a frame, then the pulses of the wires; 0: none. [us]
+  uint16_t channel[22];  // 242: The channels of a frame, then the pulses of the wires; 0: none. [us]
 } control_table_t;
 
 _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
@@ -162,15 +173,15 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
 // X(name, address, type, count, default, rise from entry to entry): every item.
 #define CT_ITEMS(X) \
   X(model, 0, uint16_t, 1, 2014, 0) \
-  X(fw, 2, uint8_t, 1, 4, 0) \
-  X(table_version, 3, uint8_t, 1, 4, 0) \
+  X(fw, 2, uint8_t, 1, 5, 0) \
+  X(table_version, 3, uint8_t, 1, 5, 0) \
   X(id, 4, uint8_t, 1, 200, 0) \
   X(host_baud, 5, uint32_t, 1, 1000000, 0) \
   X(servo_baud, 9, uint32_t, 1, 1000000, 0) \
   X(heartbeat_timeout_ms, 13, uint16_t, 1, 500, 0) \
   X(watchdog_ms, 15, uint16_t, 1, 250, 0) \
   X(esc_hold_ms, 17, uint16_t, 1, 2000, 0) \
-  X(neutral_band, 19, uint16_t, 1, 34, 0) \
+  X(neutral_band, 19, uint16_t, 1, 11, 0) \
   X(servo_id, 21, uint8_t, 6, 1, 1) \
   X(neutral, 27, uint16_t, 6, 2048, 0) \
   X(reverse, 39, uint8_t, 1, 0, 0) \
@@ -188,48 +199,53 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(receiver_map, 76, uint32_t, 1, 5517840, 0) \
   X(pulse_low, 80, uint16_t, 3, 2000, 0) \
   X(pulse_high, 86, uint16_t, 3, 4000, 0) \
-  X(heartbeat, 92, uint16_t, 1, 0, 0) \
-  X(arm, 94, uint8_t, 1, 0, 0) \
-  X(torque, 95, uint8_t, 1, 1, 0) \
-  X(throttle, 96, uint16_t, 3, 2000, 0) \
-  X(goal, 102, int16_t, 6, 0, 0) \
-  X(session, 114, uint16_t, 2, 0, 0) \
-  X(millis, 118, uint32_t, 1, 0, 0) \
-  X(mode, 122, uint8_t, 1, 0, 0) \
-  X(trip, 123, uint8_t, 1, 0, 0) \
-  X(refusal, 124, uint8_t, 1, 0, 0) \
-  X(reset_cause, 125, uint8_t, 1, 0, 0) \
-  X(beat, 126, uint16_t, 1, 0, 0) \
-  X(nonce, 128, uint16_t, 2, 0, 0) \
-  X(setup_known, 132, uint8_t, 1, 0, 0) \
-  X(drive_on, 133, uint8_t, 1, 0, 0) \
-  X(esc_ready, 134, uint8_t, 1, 0, 0) \
-  X(servo_found, 135, uint8_t, 1, 0, 0) \
-  X(servo_alive, 136, uint8_t, 1, 0, 0) \
-  X(servo_protocol, 137, uint8_t, 1, 0, 0) \
-  X(servo_fault, 138, uint8_t, 1, 0, 0) \
-  X(servo_torque, 139, uint8_t, 1, 0, 0) \
-  X(servo_checked, 140, uint8_t, 1, 0, 0) \
-  X(wrong_servo, 141, uint8_t, 1, 0, 0) \
-  X(wrong_register, 142, uint8_t, 1, 0, 0) \
-  X(wrong_value, 143, uint32_t, 1, 0, 0) \
-  X(throttle_out, 147, uint16_t, 3, 2000, 0) \
-  X(position, 153, int16_t, 6, 0, 0) \
-  X(velocity, 165, int16_t, 6, 0, 0) \
-  X(current, 177, int16_t, 6, 0, 0) \
-  X(voltage, 189, uint8_t, 6, 0, 0) \
-  X(temperature, 195, uint8_t, 6, 0, 0) \
-  X(rc, 201, uint16_t, 6, 0, 0) \
-  X(battery_mv, 213, uint16_t, 1, 0, 0) \
-  X(drive_mv, 215, uint16_t, 1, 0, 0) \
-  X(supply_mv, 217, uint16_t, 1, 0, 0) \
-  X(crc_errors, 219, uint16_t, 1, 0, 0) \
-  X(rx_errors, 221, uint16_t, 1, 0, 0) \
-  X(servo_errors, 223, uint16_t, 1, 0, 0) \
-  X(overruns, 225, uint16_t, 1, 0, 0) \
-  X(trips, 227, uint16_t, 1, 0, 0) \
-  X(resets, 229, uint16_t, 1, 0, 0) \
-  X(channel, 231, uint16_t, 22, 0, 0)
+  X(throttle_limit, 92, uint16_t, 3, 4000, 0) \
+  X(throttle_rise, 98, uint16_t, 1, 2000, 0) \
+  X(heartbeat, 100, uint16_t, 1, 0, 0) \
+  X(arm, 102, uint8_t, 1, 0, 0) \
+  X(torque, 103, uint8_t, 1, 1, 0) \
+  X(throttle, 104, uint16_t, 3, 2000, 0) \
+  X(goal, 110, int16_t, 6, 0, 0) \
+  X(session, 122, uint16_t, 2, 0, 0) \
+  X(millis, 126, uint32_t, 1, 0, 0) \
+  X(mode, 130, uint8_t, 1, 0, 0) \
+  X(trip, 131, uint8_t, 1, 0, 0) \
+  X(refusal, 132, uint8_t, 1, 0, 0) \
+  X(reset_cause, 133, uint8_t, 1, 0, 0) \
+  X(beat, 134, uint16_t, 1, 0, 0) \
+  X(nonce, 136, uint16_t, 2, 0, 0) \
+  X(setup_known, 140, uint8_t, 1, 0, 0) \
+  X(drive_on, 141, uint8_t, 1, 0, 0) \
+  X(esc_ready, 142, uint8_t, 1, 0, 0) \
+  X(servo_found, 143, uint8_t, 1, 0, 0) \
+  X(servo_alive, 144, uint8_t, 1, 0, 0) \
+  X(servo_protocol, 145, uint8_t, 1, 0, 0) \
+  X(servo_fault, 146, uint8_t, 1, 0, 0) \
+  X(servo_torque, 147, uint8_t, 1, 0, 0) \
+  X(servo_checked, 148, uint8_t, 1, 0, 0) \
+  X(wrong_servo, 149, uint8_t, 1, 0, 0) \
+  X(wrong_register, 150, uint8_t, 1, 0, 0) \
+  X(wrong_value, 151, uint32_t, 1, 0, 0) \
+  X(throttle_out, 155, uint16_t, 3, 2000, 0) \
+  X(position, 161, int16_t, 6, 0, 0) \
+  X(velocity, 173, int16_t, 6, 0, 0) \
+  X(current, 185, int16_t, 6, 0, 0) \
+  X(voltage, 197, uint8_t, 6, 0, 0) \
+  X(temperature, 203, uint8_t, 6, 0, 0) \
+  X(rc, 209, uint16_t, 6, 0, 0) \
+  X(battery_mv, 221, uint16_t, 1, 0, 0) \
+  X(drive_mv, 223, uint16_t, 1, 0, 0) \
+  X(supply_mv, 225, uint16_t, 1, 0, 0) \
+  X(crc_errors, 227, uint16_t, 1, 0, 0) \
+  X(rx_errors, 229, uint16_t, 1, 0, 0) \
+  X(servo_errors, 231, uint16_t, 1, 0, 0) \
+  X(overruns, 233, uint16_t, 1, 0, 0) \
+  X(trips, 235, uint16_t, 1, 0, 0) \
+  X(resets, 237, uint16_t, 1, 0, 0) \
+  X(stop_proven, 239, uint8_t, 1, 0, 0) \
+  X(servo_far, 240, uint8_t, 1, 0, 0) \
+  X(servo_stuck, 241, uint8_t, 1, 0, 0) \
+  X(channel, 242, uint16_t, 22, 0, 0)
 
 // X(name, address, type, count, least, most): every item that can be written.
 #define CT_WRITABLE(X) \
@@ -250,11 +266,13 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(receiver_map, 76, uint32_t, 1, 0, 16777215) \
   X(pulse_low, 80, uint16_t, 3, 2000, 2400) \
   X(pulse_high, 86, uint16_t, 3, 3000, 4400) \
-  X(heartbeat, 92, uint16_t, 1, 0, 65535) \
-  X(arm, 94, uint8_t, 1, 0, 1) \
-  X(torque, 95, uint8_t, 1, 0, 1) \
-  X(throttle, 96, uint16_t, 3, 2000, 4000) \
-  X(goal, 102, int16_t, 6, -1023, 1023) \
-  X(session, 114, uint16_t, 2, 0, 65535)
+  X(throttle_limit, 92, uint16_t, 3, 2000, 4000) \
+  X(throttle_rise, 98, uint16_t, 1, 1, 2000) \
+  X(heartbeat, 100, uint16_t, 1, 0, 65535) \
+  X(arm, 102, uint8_t, 1, 0, 2) \
+  X(torque, 103, uint8_t, 1, 0, 1) \
+  X(throttle, 104, uint16_t, 3, 2000, 4000) \
+  X(goal, 110, int16_t, 6, -1023, 1023) \
+  X(session, 122, uint16_t, 2, 0, 65535)
 
 #endif

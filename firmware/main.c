@@ -3,6 +3,7 @@
 
 #include "clock.h"
 #include "crc16.h"
+#include "gimbals.h"
 #include "hal.h"
 #include "host.h"
 #include "nonce.h"
@@ -29,6 +30,7 @@ void main_start(void) {
   table_start();
   watchdog_remember();
   setup_start();
+  gimbals_start();
   nonce_start();
   safety_start();
   receiver_start();

@@ -2,6 +2,7 @@
 
 #include "hal.h"
 #include "table.h"
+#include "watchdog.h"
 
 #define SAMPLES 4
 #define DIVIDER 4  // 30 and 10 kilo-ohm.
@@ -41,6 +42,10 @@ static void measure(void) {
       table.supply_mv = bandgap ? table.bandgap_mv * (FULL_SCALE * SAMPLES) / bandgap : 0;
       table.drive_mv = millivolts(drive);
       table.battery_mv = millivolts(battery);
+      // Without a battery it would be no news.
+      if (table.drive_mv < DRIVE_LEAST_MV && table.battery_mv >= DRIVE_LEAST_MV) {
+        watchdog_memory.stop_proven = true;
+      }
       drive = battery = bandgap = 0;
       samples = 0;
     }

@@ -1,9 +1,10 @@
 #include "safety.h"
 
-#include <stdlib.h>
 #include <string.h>
 
+#include "approach.h"
 #include "esc.h"
+#include "following.h"
 #include "hal.h"
 #include "manual.h"
 #include "nonce.h"
@@ -14,6 +15,11 @@
 #include "table.h"
 #include "watchdog.h"
 
+#define ALL_SERVOS ((1 << CT_SERVOS) - 1)
+#define STOP 2  // In `arm`.
+#define TAKE_OVER_MS 500
+#define RISE_MS 10
+
 // What was written to `arm` last. A board that has just started takes it for 1: who goes on
 // sending 1 as before does not arm it.
 static bool arm_was_written = true;
@@ -23,6 +29,11 @@ static uint16_t beat_age_ms;
 static uint16_t zero_throttle_ms;
 static uint16_t rest_ms;  // Since the last throttle, or the start.
 static bool manual_before;
+static bool stopped;  // By the PC, also under radio control.
+static uint16_t asking_ms;  // The radio control waits for as long for upright gimbals.
+static bool asks_to_take_over;
+static uint16_t most_throttle[CT_ESCS] = {CT_ZERO_THROTTLE, CT_ZERO_THROTTLE, CT_ZERO_THROTTLE};
+static uint8_t rise_ms;
 
 void safety_start(void) {
   table.reset_cause = watchdog_reset_cause();
@@ -43,6 +54,7 @@ static void disarm(void) {
 static void trip(trip_code_t reason) {
   disarm();
   table.trip = reason;
+  table.servo_stuck = reason == TRIP_FOLLOWING ? following_stuck() : 0;
   watchdog_memory.trips++;
 }
 
@@ -63,8 +75,9 @@ static bool servos_set(void) {
 
 static bool neutral(void) {
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
+    int16_t off = table.position[i], band = CT_DEFAULT(neutral_band);
     bool expected = table.servos_expected & 1 << i;
-    if (expected && abs(table.position[i]) > (int16_t)CT_DEFAULT(neutral_band)) return false;
+    if (expected && (off > band || off < -band)) return false;
   }
   return true;
 }
@@ -85,16 +98,21 @@ static bool goals_zero(void) {
 
 static bool held(void) { return zero_throttle_ms >= CT_DEFAULT(esc_hold_ms); }
 
-// Reason against any source of joint commands.
+// Reason against any source of joint commands: all that concerns the robot is here, so that no
+// source has fewer rules. A source may have more, of what it commands.
 static refusal_code_t refusal_to_anybody(void) {
+  if (stopped) return REFUSAL_STOPPED;
   if (!setup_known()) return REFUSAL_SETUP;
   if (!power_drive()) return REFUSAL_DRIVE;
+  if (!watchdog_memory.stop_proven) return REFUSAL_STOP_NOT_PROVEN;
   if (power_low()) return REFUSAL_BATTERY;
   if (receiver_lost()) return REFUSAL_RECEIVER;
   if (receiver_kills()) return REFUSAL_KILL;
   if (!servos_well()) return REFUSAL_SERVO;
   if (!servos_set()) return REFUSAL_SETTING;
+  if (table.servos_expected & table.servo_far) return REFUSAL_NEUTRAL;
   if (!servos_hold()) return REFUSAL_TORQUE;
+  if (!neutral()) return REFUSAL_NOT_NEUTRAL;
   if (!held()) return REFUSAL_ESC_HOLD;
   return REFUSAL_NONE;
 }
@@ -105,7 +123,16 @@ static refusal_code_t refusal_to_pc(void) {
   if (table.mode == BOARD_RC || receiver_manual()) return REFUSAL_RC;
   if (!throttles_zero()) return REFUSAL_THROTTLE;
   if (!goals_zero()) return REFUSAL_GOAL;
-  if (!neutral()) return REFUSAL_NOT_NEUTRAL;
+  return REFUSAL_NONE;
+}
+
+static refusal_code_t refusal_to_radio(bool takes_over) {
+  refusal_code_t refusal = refusal_to_anybody();
+  // The speed controllers had power all the time, and its stick says zero throttle.
+  if (takes_over && refusal == REFUSAL_ESC_HOLD) refusal = REFUSAL_NONE;
+  if (refusal) return refusal;
+  if (table.servos_expected != ALL_SERVOS) return REFUSAL_RC_WITHOUT_SERVOS;
+  if (!manual_speed_is_zero()) return REFUSAL_THROTTLE;
   return REFUSAL_NONE;
 }
 
@@ -135,18 +162,25 @@ static void ask_to_arm(bool edge, bool beat) {
   nonce_draw();  // Sent again, it must not arm later either.
 }
 
+static void stop(void) {
+  if (table.mode != BOARD_DISARMED) trip(TRIP_STOPPED);
+  stopped = true;
+}
+
 bool safety_command(const control_table_t *wanted) {
   bool armed = table.mode == BOARD_ARMED;
   int16_t ahead = wanted->heartbeat - table.heartbeat;
   bool ours = nonce_is(wanted->session) && !(armed && ahead < 0);
   table.beat = wanted->heartbeat;
+  if (wanted->arm == STOP) stop();
   if (!wanted->arm && armed) disarm();
-  if (!ours) return !wanted->arm;
+  if (!ours) return wanted->arm != 1;
+  if (!wanted->arm) stopped = false;
   bool edge = wanted->arm && !arm_was_written;
   arm_was_written = wanted->arm;
   take(wanted);
   if (ahead) beat_age_ms = 0;
-  if (wanted->arm && !armed) ask_to_arm(edge, ahead);
+  if (wanted->arm == 1 && !armed) ask_to_arm(edge, ahead);
   return true;
 }
 
@@ -162,6 +196,7 @@ static trip_code_t reason_to_trip(void) {
   if (power_empty()) return TRIP_BATTERY;
   if (!servos_well()) return TRIP_SERVO;
   if (!servos_hold()) return TRIP_TORQUE;
+  if (following_stuck()) return TRIP_FOLLOWING;
   if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;
   if (pc && beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)) return TRIP_HEARTBEAT;
   return TRIP_NONE;
@@ -173,14 +208,30 @@ static void look_at_switch(bool takes_over) {
   bool manual = receiver_manual(), edge = manual && !manual_before;
   manual_before = manual || !receiver_present();
   if (table.mode == BOARD_RC && !manual) disarm();
-  if (table.mode != BOARD_DISARMED || !edge) return;
-  table.refusal = refusal_to_anybody();
-  // The speed controllers had power all the time, and its stick says zero throttle.
-  if (takes_over && table.refusal == REFUSAL_ESC_HOLD) table.refusal = REFUSAL_NONE;
-  if (!table.refusal && !manual_speed_is_zero()) table.refusal = REFUSAL_THROTTLE;
-  if (table.refusal) return;
-  manual_begin();
-  give_to(BOARD_RC);
+  if (edge) {
+    asks_to_take_over = takes_over;
+    asking_ms = takes_over ? TAKE_OVER_MS : 1;
+  }
+  if (!manual || table.mode != BOARD_DISARMED) asking_ms = 0;
+  if (!asking_ms) return;
+  asking_ms--;
+  table.refusal = refusal_to_radio(asks_to_take_over);
+  if (table.refusal == REFUSAL_NONE) {
+    manual_begin();
+    give_to(BOARD_RC);
+  }
+  // Gimbals that the PC had tilted get upright first.
+  if (table.refusal != REFUSAL_NOT_NEUTRAL) asking_ms = 0;
+}
+
+// What no source may exceed now: the limit, and so much more than before.
+static void limit_throttles(void) {
+  if (++rise_ms < RISE_MS) return;
+  rise_ms = 0;
+  for (uint8_t i = 0; i < CT_ESCS; i++) {
+    uint16_t risen = table.throttle_out[i] + table.throttle_rise;
+    most_throttle[i] = risen < table.throttle_limit[i] ? risen : table.throttle_limit[i];
+  }
 }
 
 // Passes permitted commands on: without a source, zero throttle and gimbals to neutral.
@@ -190,14 +241,22 @@ static void put_out(void) {
   const int16_t *goal = rc ? manual_goal : table.goal;
   int16_t limit = table.goal_limit;
   for (uint8_t i = 0; i < CT_ESCS; i++) {
-    table.throttle_out[i] = pc || rc ? throttle[i] : CT_ZERO_THROTTLE;
-    if (table.throttle_out[i] != CT_ZERO_THROTTLE) rest_ms = 0;
+    uint16_t wanted = pc || rc ? throttle[i] : CT_ZERO_THROTTLE;
+    table.throttle_out[i] = wanted < most_throttle[i] ? wanted : most_throttle[i];
+    if (table.throttle_out[i] != CT_ZERO_THROTTLE) {
+      rest_ms = 0;
+      watchdog_memory.wheels_may_spin = true;
+    }
   }
+  if (rest_ms == CT_DEFAULT(esc_hold_ms)) watchdog_memory.wheels_may_spin = false;
+  int16_t goals[CT_SERVOS];
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
     int16_t wanted = pc || rc ? goal[i] : 0;
-    servo_command.goal[i] = wanted > limit ? limit : wanted < -limit ? -limit : wanted;
+    goals[i] = wanted > limit ? limit : wanted < -limit ? -limit : wanted;
   }
-  servo_command.torque = setup_known() && (table.torque || pc || rc);
+  approach_tick(goals, !pc && !rc && !watchdog_memory.wheels_may_spin);
+  bool holds = setup_known() && (table.torque || pc || rc);
+  servo_command.torque = holds ? ALL_SERVOS & ~table.servo_far : 0;
   esc_put(table.throttle_out);
   hal_light(pc || rc);
 }
@@ -219,10 +278,13 @@ void safety_tick(void) {
   trip_code_t reason = table.mode == BOARD_DISARMED ? TRIP_NONE : reason_to_trip();
   if (reason) trip(reason);
   look_at_switch(reason == TRIP_RC_TOOK_OVER);
+  following_tick(table.mode != BOARD_DISARMED);
   if (table.mode == BOARD_RC) manual_tick();
+  limit_throttles();
   put_out();
   table.setup_known = setup_known();
   table.drive_on = power_drive();
+  table.stop_proven = watchdog_memory.stop_proven;
   table.esc_ready = held();
   table.trips = watchdog_memory.trips;
   table.resets = watchdog_memory.resets;

@@ -40,7 +40,7 @@ static uint16_t listening_since;
 static servo_report_t reports[CT_SERVOS];
 static uint8_t age_ms[CT_SERVOS], torque_age_ms[CT_SERVOS];
 static uint8_t to_tell;  // Bit i: servo i has to be told whether to hold.
-static bool told_torque;
+static uint8_t told_torque;
 
 // The request beside goals and positions, one in each cycle: which, and to which servo.
 static uint8_t more, more_to, torque_turn, state_turn, setting_turn, since_other, others;
@@ -68,11 +68,11 @@ static bool send(uint8_t length) {
 }
 
 static bool send_goals(const protocol_t *to, uint8_t mask) {
-  if (!servo_command.torque) return false;
   uint16_t goals[CT_SERVOS];
   for (uint8_t i = 0; i < CT_SERVOS; i++) goals[i] = gimbals_goal(i, servo_command.goal[i]);
   protocol = to;
-  return send(to->set_goals(servo_line_request(), mask & table.servo_found, goals));
+  uint8_t those = mask & table.servo_found & servo_command.torque;
+  return send(to->set_goals(servo_line_request(), those, goals));
 }
 
 static void turn_to(uint8_t i, uint8_t what, const protocol_t *spoken) {
@@ -137,7 +137,8 @@ static bool ask_more(void) {
   if (more == STATE) return put(STATE, more_to, to->state);
   if (more == SETTING) return put(SETTING, more_to, (registers_t){of->address, of->size});
   turn_to(more_to, TELL, to);
-  return send(to->set_torque(servo_line_request(), id, servo_command.torque));
+  bool torque = servo_command.torque & bit(more_to);
+  return send(to->set_torque(servo_line_request(), id, torque));
 }
 
 // After goals and positions, when the cycle has time for it. With servos that answer late it has
@@ -194,7 +195,7 @@ static void begin_cycle(void) {
   } while (table.servo_found != ALL && (table.servo_found & bit(probe / 2)));
   due = false;
   renumbered = false;
-  if (servo_command.torque != told_torque) to_tell = ALL;
+  to_tell |= servo_command.torque ^ told_torque;
   told_torque = servo_command.torque;
   if (short_cycles) short_cycles--;
   if (!more_due) choose_more();
@@ -235,7 +236,8 @@ static void take_torque(uint8_t i, bool on) {
   } else {
     table.servo_torque &= ~bit(i);
   }
-  if (on != told_torque) to_tell |= bit(i);
+  bool told = told_torque & bit(i);
+  if (on != told) to_tell |= bit(i);
 }
 
 static void take_setting(uint8_t i, const uint8_t *data) {

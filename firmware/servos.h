@@ -9,10 +9,10 @@
 
 #define SERVOS_CYCLE_MS 10
 
-// What the safety rules let through: steps from neutral, and whether the servos hold.
+// What the safety rules let through: steps from neutral, and the mask of servos that hold.
 typedef struct {
   int16_t goal[CT_SERVOS];
-  bool torque;
+  uint8_t torque;
 } servo_command_t;
 
 extern servo_command_t servo_command;

@@ -2,7 +2,9 @@
 
 #include <string.h>
 
+#include "gimbals.h"
 #include "power.h"
+#include "receiver.h"
 #include "safety.h"
 #include "servos.h"
 #include "setup.h"
@@ -47,6 +49,24 @@ static bool all_differ(const uint8_t *ids) {
   return true;
 }
 
+// At rest a stick is between its ends: a centre beside them drives off with sticks at rest.
+static bool sticks_end_where_they_can(const control_table_t *wanted) {
+  for (uint8_t i = 0; i < CT_STICKS; i++) {
+    uint16_t low = wanted->stick_low[i], high = wanted->stick_high[i];
+    uint16_t centre = wanted->stick_centre[i];
+    if (low >= high) return false;
+    if (i != RC_SPEED && (centre < low || centre > high)) return false;
+  }
+  return true;
+}
+
+// Servos stand elsewhere than it was known.
+static bool moves_neutral(const control_table_t *wanted) {
+  return wanted->reverse != table.reverse ||
+         memcmp(wanted->servo_id, table.servo_id, sizeof table.servo_id) != 0 ||
+         memcmp(wanted->neutral, table.neutral, sizeof table.neutral) != 0;
+}
+
 answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length) {
   static control_table_t wanted;
   bool setup = inside(address, length, CT_SETUP, CT_SETUP_SIZE);
@@ -59,9 +79,11 @@ answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length) {
   memcpy((uint8_t *)&wanted + address, data, length);
   if (!within_limits((const uint8_t *)&wanted)) return ANSWER_RANGE;
   if (!all_differ(wanted.servo_id)) return ANSWER_RANGE;
+  if (!sticks_end_where_they_can(&wanted)) return ANSWER_RANGE;
   if (changes_pulses(&wanted) && power_drive()) return ANSWER_ACCESS;
   if (command) return safety_command(&wanted) ? ANSWER_OK : ANSWER_ACCESS;
   if (memcmp(wanted.servo_id, table.servo_id, sizeof table.servo_id) != 0) servos_renumber();
+  if (moves_neutral(&wanted)) gimbals_forget();
   memcpy((uint8_t *)&table + address, data, length);
   setup_written();
   return ANSWER_OK;

@@ -13,6 +13,9 @@ typedef struct {
   uint16_t trips;
   uint16_t resets;
   bool receiver_seen;
+  bool stop_proven;     // The stop circuit was seen open.
+  bool wheels_may_spin;  // A throttle was put out, less than the time ago that they run down in.
+  uint8_t servos_near;  // Bit i: servo i was seen near its neutral.
 } memory_t;
 
 extern memory_t watchdog_memory;

@@ -76,7 +76,10 @@ static void command(void) {
   memcpy(wanted.session, table.nonce, sizeof wanted.session);
   bool fast = table.mode == BOARD_ARMED;
   for (uint8_t i = 0; i < CT_ESCS; i++) wanted.throttle[i] = CT_ZERO_THROTTLE + (fast ? draw(2001) : 0);
-  for (uint8_t i = 0; i < CT_SERVOS; i++) wanted.goal[i] = fast ? (int16_t)draw(2047) - 1023 : 0;
+  for (uint8_t i = 0; i < CT_SERVOS; i++) {
+    // Its servos stand still: goals beside them for long would be a trip.
+    wanted.goal[i] = fast && draw(2) ? (int16_t)draw(2047) - 1023 : 0;
+  }
   write_block(CT_COMMAND, block, CT_COMMAND_SIZE);
 }
 
@@ -89,6 +92,13 @@ static void set_up(void) {
   if (draw(3) == 0) block[draw(CT_SETUP_SIZE)] = (uint8_t)draw(256);
   memcpy(wanted.pulse_low, first.pulse_low, sizeof wanted.pulse_low);  // What `main` looks for.
   write_block(CT_SETUP, block, CT_SETUP_SIZE);
+}
+
+// The stop circuit has to be seen open once.
+static void prove_stop(void) {
+  board_set_adc(board, ADC_DRIVE, 0);
+  board_run(board, board_cycle(board) + 100 * MS);
+  board_set_adc(board, ADC_DRIVE, 3000);
 }
 
 static void garbage(void) {
@@ -138,7 +148,10 @@ static void act(void) {
       board_parallel_rc(board, 1 + draw(320000));
       break;
     case 4:
-      if (draw(40) == 0) board_reset(board, draw(2));
+      if (draw(40) == 0) {
+        board_reset(board, draw(2));
+        prove_stop();
+      }
       break;
     case 5:
       if (draw(40) == 0) board_hang(board);
@@ -156,7 +169,7 @@ int main(int count, char **arguments) {
   board = board_open("", 0);
   board_on_request(board, answer);
   board_set_adc(board, ADC_BATTERY, 3000);
-  board_set_adc(board, ADC_DRIVE, 3000);
+  prove_stop();
   set_up();
   board_run(board, 2200 * MS);
   for (uint32_t i = 0; i < rounds; i++) {

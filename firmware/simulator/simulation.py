@@ -21,6 +21,8 @@ _STEP_S = 0.004
 """The robot moves on at least this often, while there is traffic on the bus."""
 _STICK_US, _SPEED_US = 400, 800
 _TICK_S = 1e-7
+_STARTED_S = 0.05
+"""The contactor, which was open when power came, is closed so long after the board started."""
 _DIVIDER = 4.0
 
 
@@ -58,6 +60,7 @@ class FirmwareSimulation:
         """When the board starts that is off: after its boot loader, or a brown-out."""
         self._start_cause = ResetCause.POWER_ON
         self._has_power = True
+        self._closes_s: float | None = None
         self._moved_s = 0.0
         self.receiver_us = [1500, 1500, 1500, 1100, 1900, 1100]
         self.board.on_request(self._on_request)
@@ -66,6 +69,7 @@ class FirmwareSimulation:
         self.board.send_frames(on=sbus)
         if receiver:
             self.board.set_receiver(self.receiver_us)
+        self._open_at_first()
 
     def close(self) -> None:
         """Free it."""
@@ -77,8 +81,12 @@ class FirmwareSimulation:
         while (left_s := end_s - self.board.now_s) > _TICK_S:
             if self._starts_s is not None or not self._has_power:
                 left_s = min(left_s, _STEP_S)  # Nothing on the bus moves the robot meanwhile.
+            if self._closes_s is not None:
+                left_s = min(left_s, max(self._closes_s - self.board.now_s, _TICK_S))
             self.board.run(left_s)
             self._move()
+            if self._closes_s is not None and self.board.now_s >= self._closes_s - _TICK_S:
+                self.set_contactor(closed=True)
             if self._starts_s is not None and self.board.now_s >= self._starts_s:
                 self._starts_s = None
                 power_on = self._start_cause == ResetCause.POWER_ON
@@ -97,6 +105,7 @@ class FirmwareSimulation:
     def set_contactor(self, *, closed: bool) -> None:
         """Close the contactor of the drive, or open it as either stop does."""
         self._move()
+        self._closes_s = None
         self.power.stop_circuit = closed
 
     def set_servo_fuse(self, *, whole: bool) -> None:
@@ -119,6 +128,11 @@ class FirmwareSimulation:
     def reset(self) -> None:
         """Reset the board by its pin."""
         self._start(ResetCause.EXTERNAL, self.power.wiring.boot_loader_s)
+
+    def power_cycle(self) -> None:
+        """Take the power of the board away for a moment."""
+        self.board.reset(power=True)
+        self._open_at_first()
 
     def brown_out(self, seconds: float) -> None:
         """Keep the supply of the board below what it needs for a while."""
@@ -175,9 +189,18 @@ class FirmwareSimulation:
     def _start(self, cause: ResetCause, after_s: float) -> None:
         self.board.off()
         self._start_cause, self._starts_s = cause, self.board.now_s + after_s
+        if cause == ResetCause.POWER_ON:
+            self._open_at_first(after_s)
         if after_s <= 0.0:
             self._starts_s = None
             self.board.on(cause, lose_memory=cause == ResetCause.POWER_ON)
+
+    def _open_at_first(self, after_s: float = 0.0) -> None:
+        """Open the contactor as it is without power, until a person has closed it."""
+        self._move()
+        self.power.stop_circuit, self.power.drive_v = False, 0.0
+        self._closes_s = self.board.now_s + after_s + _STARTED_S
+        self._put_voltages()
 
     def _put_voltages(self) -> None:
         self.board.set_adc(0, self.power.battery_v / _DIVIDER)

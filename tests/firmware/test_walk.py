@@ -148,7 +148,10 @@ class Walk:
 
     def _reset(self) -> None:
         power = bool(self._random.integers(2))
-        self.simulation.board.reset(power=power)
+        if power and "stop circuit" not in self.oracle.obstacles:
+            self.simulation.power_cycle()
+        else:
+            self.simulation.board.reset(power=power)
         self.oracle.restarted(self._now_s())
         if power:  # A board without a receiver needs none, and this one never heard of it.
             self.oracle.obstacles.discard("lost")

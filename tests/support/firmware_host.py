@@ -20,9 +20,9 @@ from tsd_twin.dynamixel.control_table import (
 )
 
 CYCLE_S = 0.01
-_SET_UP_S = 0.3
+_SET_UP_S = 0.4
 """After this all servos hold, and the set-up is in EEPROM."""
-HOLD_S = 2.05
+HOLD_S = 2.15
 """After this a board that got power may be armed."""
 CRUISE = (2414, 2411, 2417)
 ZERO = (ZERO_THROTTLE,) * 3

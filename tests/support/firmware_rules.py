@@ -137,8 +137,10 @@ def a_recorded_session_arms_nothing(bench: Bench) -> None:
         if refused:  # It must not be taken later either.
             assert pilot.arm(at_once=True).refusal == Refusal.ESC_HOLD
         for restart in ("", "reset", "power"):
-            if restart:
-                pilot.simulation.board.reset(power=restart == "power")
+            if restart == "power":
+                pilot.simulation.power_cycle()
+            elif restart:
+                pilot.simulation.board.reset()
             pilot.simulation.run(HOLD_S)
             for command in pilot.sent:
                 pilot.simulation.board.send(command)
@@ -303,7 +305,10 @@ def a_setup_is_kept_over_resets(bench: Bench) -> None:
     pilot = bench.pilot(neutral=neutral, reverse=reverse)
     pilot.get_ready(Setup(neutral=neutral, reverse=0b101))
     for power in (False, True):
-        pilot.simulation.board.reset(power=power)
+        if power:
+            pilot.simulation.power_cycle()
+        else:
+            pilot.simulation.board.reset()
         pilot.simulation.run(0.5)
         assert pilot.telemetry().position == (0,) * 6
         assert [servo.goal for servo in pilot.simulation.servos] == list(neutral)
@@ -315,7 +320,7 @@ def a_setup_is_kept_over_resets(bench: Bench) -> None:
 def a_setup_that_was_spoilt_is_none(bench: Bench) -> None:
     pilot = bench.pilot().get_ready()
     pilot.simulation.board.poke_eeprom(3, 0x55)
-    pilot.simulation.board.reset(power=True)
+    pilot.simulation.power_cycle()
     pilot.simulation.run(2.1)
     assert pilot.arm().refusal == Refusal.SETUP
     assert pilot.telemetry().position == (0,) * 6
@@ -450,7 +455,7 @@ def writes_that_are_wrong_change_nothing(bench: Bench) -> None:
         (write(ADDRESS["arm"], b"\0"), 5),
         (write(Command.ADDRESS, good[:4] + b"\xa1\x0f" + good[6:]), 4),
         (write(Command.ADDRESS, good[:4] + b"\xcf\x07" + good[6:]), 4),
-        (write(Command.ADDRESS, good[:2] + b"\x02" + good[3:]), 4),
+        (write(Command.ADDRESS, good[:2] + b"\x03" + good[3:]), 4),
         (write(Command.ADDRESS, good[:goal_at] + b"\x00\x04" + good[goal_at + 2 :]), 4),
         (write(Command.ADDRESS, good + b"\0"), 7),
         (write(Setup.ADDRESS, Setup().pack()), 7),
@@ -534,7 +539,7 @@ def an_expected_receiver_is_missed_when_power_comes(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_ready(Setup(receiver_expected=1))
     assert pilot.arm().mode == BoardMode.ARMED
     pilot.simulation.lose_receiver()
-    pilot.simulation.board.reset(power=True)
+    pilot.simulation.power_cycle()
     pilot.simulation.run(HOLD_S)
     assert pilot.arm().refusal == Refusal.RECEIVER
     pilot.simulation.set_switches()
@@ -696,8 +701,11 @@ def power_makes_a_new_start(bench: Bench) -> None:
     pilot.simulation.lose_receiver()
     for cause, lose_memory in ((ResetCause.POWER_ON, False), (ResetCause.BROWN_OUT, True)):
         pilot.simulation.board.off()
-        pilot.simulation.run(0.05)
+        pilot.simulation.set_contactor(closed=False)
+        pilot.simulation.run(0.2)
         pilot.simulation.board.on(cause, lose_memory=lose_memory)
+        pilot.simulation.run(0.05)
+        pilot.simulation.set_contactor(closed=True)
         pilot.simulation.run(HOLD_S)
         seen = pilot.telemetry()
         assert (seen.trips, seen.resets, seen.reset_cause) == (0, 0, cause)
@@ -736,7 +744,7 @@ def servos_have_the_ids_of_the_setup(bench: Bench) -> None:
         assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.SERVO)
         assert seen.servo_alive == 0b111111 - (1 << lost)
         servos[lost].dead = False
-        pilot.simulation.board.reset(power=True)
+        pilot.simulation.power_cycle()
         pilot.simulation.run(HOLD_S)
         assert pilot.arm().mode == BoardMode.ARMED, "the ids are kept"
 

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from enum import IntEnum
 from pathlib import Path
+from textwrap import wrap
 
 from tsd_twin.dynamixel import control_table
 from tsd_twin.dynamixel.control_table import (
@@ -198,8 +199,8 @@ def _docstring(text: str) -> list[str]:
     line = f'    """{text}"""'
     if len(line) <= 100:
         return [line]
-    cut = text.rindex(" ", 0, 90)
-    return [f'    """{text[:cut]}', f"    {text[cut + 1 :]}", '    """']
+    first, *others = wrap(f'"""{text}', 95)
+    return [f"    {part}" for part in (first, *others, '"""')]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

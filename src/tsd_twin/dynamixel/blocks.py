@@ -18,9 +18,9 @@ class Identity(Packed):
 
     model: int = 2014
     """Kind of board."""
-    fw: int = 4
+    fw: int = 5
     """Version of the firmware, as a ping answers it."""
-    table_version: int = 4
+    table_version: int = 5
     """Version of this table."""
     id: int = 200
     """Id on the wire."""
@@ -34,7 +34,7 @@ class Identity(Packed):
     """A hung firmware is reset after this [ms]."""
     esc_hold_ms: int = 2000
     """Zero throttle before arming [ms]."""
-    neutral_band: int = 34
+    neutral_band: int = 11
     """Neutral is within this [step]."""
 
 
@@ -43,7 +43,7 @@ class Setup(Packed):
     """Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle."""
 
     ADDRESS: ClassVar[int] = 21
-    LAYOUT: ClassVar[Struct] = Struct("<6B6HBHBHHHB4H4H4HBBI3H3H")
+    LAYOUT: ClassVar[Struct] = Struct("<6B6HBHBHHHB4H4H4HBBI3H3H3HH")
 
     servo_id: tuple[int, ...] = (1, 2, 3, 4, 5, 6)
     """Id of each servo, all different: alpha and beta of module 1, then 2, then 3."""
@@ -81,20 +81,25 @@ class Setup(Packed):
     """
     pulse_high: tuple[int, ...] = (4000,) * 3
     """Of full throttle [0.5 us]."""
+    throttle_limit: tuple[int, ...] = (4000,) * 3
+    """No throttle exceeds this, whatever the source."""
+    throttle_rise: int = 2000
+    """Most by which a throttle rises in 10 ms; it falls at once."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command(Packed):
     """Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5."""
 
-    ADDRESS: ClassVar[int] = 92
+    ADDRESS: ClassVar[int] = 100
     LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h2H")
 
     heartbeat: int = 0
     """A change is a beat; arming needs one. While armed, a block that is behind is error 7."""
     arm: int = 0
-    """Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it
-    has to be written 0 first: 1 again and again never arms again.
+    """Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has
+    to be written 0 first: 1 again and again never arms again. 2 is STOP, for the radio control
+    too: until a 0 of this session no source gets the robot.
     """
     torque: int = 1
     """0 switches servo torque off, while disarmed only."""
@@ -103,19 +108,18 @@ class Command(Packed):
     armed.
     """
     goal: tuple[int, ...] = (0,) * 6
-    """Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed
-    [step].
+    """Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed [step].
     """
     session: tuple[int, ...] = (0,) * 2
-    """As `nonce`, or the block only disarms: with `arm` 1 it is error 7."""
+    """As `nonce`, or the block only disarms or stops: with `arm` 1 it is error 7."""
 
 
 @dataclass(frozen=True, slots=True)
 class Telemetry(Packed):
     """Measurements and states: one READ in each cycle."""
 
-    ADDRESS: ClassVar[int] = 118
-    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBBBBBBI3H6h6h6h6B6B6HHHHHHHHHH")
+    ADDRESS: ClassVar[int] = 126
+    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBBBBBBI3H6h6h6h6B6B6HHHHHHHHHHBBB")
 
     millis: int = 0
     """Since the reset [ms]."""
@@ -130,8 +134,8 @@ class Telemetry(Packed):
     beat: int = 0
     """Echo of the heartbeat that was written last."""
     nonce: tuple[int, ...] = (0,) * 2
-    """Number of this session; another after each start, each disarming, and each 1 in `arm`
-    that does not arm.
+    """Number of this session; another after each start, each disarming, and each 1 in `arm` that
+    does not arm.
     """
     setup_known: int = 0
     """1: the setup was written, now or before."""
@@ -191,13 +195,21 @@ class Telemetry(Packed):
     """Times that the board disarmed itself since power came."""
     resets: int = 0
     """Resets since power came."""
+    stop_proven: int = 0
+    """1: the stop circuit was seen open since power came."""
+    servo_far: int = 0
+    """Bit i: servo i was not within 100 steps of its `neutral` yet, since power came or `neutral`
+    changed: it gets no torque.
+    """
+    servo_stuck: int = 0
+    """Bit i: servo i did not follow its goal, at the last trip."""
 
 
 @dataclass(frozen=True, slots=True)
 class Radio(Packed):
     """All that receivers of either kind send: for their set-up."""
 
-    ADDRESS: ClassVar[int] = 231
+    ADDRESS: ClassVar[int] = 242
     LAYOUT: ClassVar[Struct] = Struct("<22H")
 
     channel: tuple[int, ...] = (0,) * 22

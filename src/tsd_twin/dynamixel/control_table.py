@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Literal
 
-TABLE_VERSION = 4
-FW_VERSION = 4
+TABLE_VERSION = 5
+FW_VERSION = 5
 MODEL = 2014
 """What a ping answers; the year of the thesis."""
 BOARD_ID = 200
@@ -87,7 +87,7 @@ IDENTITY = Block(
         Item("heartbeat_timeout_ms", "u16", "Trips after this without a beat.", 500, unit="ms"),
         Item("watchdog_ms", "u16", "A hung firmware is reset after this.", 250, unit="ms"),
         Item("esc_hold_ms", "u16", "Zero throttle before arming.", 2000, unit="ms"),
-        Item("neutral_band", "u16", "Neutral is within this.", 34, unit="step"),
+        Item("neutral_band", "u16", "Neutral is within this.", 11, unit="step"),
     ),
 )
 
@@ -163,6 +163,22 @@ SETUP = Block(
             ESCS,
         ),
         Item("pulse_high", "u16", "Of full throttle.", 4000, (3000, 4400), "0.5 us", ESCS),
+        Item(
+            "throttle_limit",
+            "u16",
+            "No throttle exceeds this, whatever the source.",
+            FULL_THROTTLE,
+            (ZERO_THROTTLE, FULL_THROTTLE),
+            "",
+            ESCS,
+        ),
+        Item(
+            "throttle_rise",
+            "u16",
+            "Most by which a throttle rises in 10 ms; it falls at once.",
+            FULL_THROTTLE - ZERO_THROTTLE,
+            (1, FULL_THROTTLE - ZERO_THROTTLE),
+        ),
     ),
 )
 
@@ -182,9 +198,10 @@ COMMAND = Block(
             "arm",
             "u8",
             "Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip "
-            "it has to be written 0 first: 1 again and again never arms again.",
+            "it has to be written 0 first: 1 again and again never arms again. 2 is STOP, for the "
+            "radio control too: until a 0 of this session no source gets the robot.",
             0,
-            (0, 1),
+            (0, 2),
         ),
         Item("torque", "u8", "0 switches servo torque off, while disarmed only.", 1, (0, 1)),
         Item(
@@ -209,7 +226,7 @@ COMMAND = Block(
         Item(
             "session",
             "u16",
-            "As `nonce`, or the block only disarms: with `arm` 1 it is error 7.",
+            "As `nonce`, or the block only disarms or stops: with `arm` 1 it is error 7.",
             0,
             (0, 65535),
             count=2,
@@ -280,6 +297,14 @@ TELEMETRY = Block(
         Item("overruns", "u16", "Cycles that took longer than 10 ms."),
         Item("trips", "u16", "Times that the board disarmed itself since power came."),
         Item("resets", "u16", "Resets since power came."),
+        Item("stop_proven", "u8", "1: the stop circuit was seen open since power came."),
+        Item(
+            "servo_far",
+            "u8",
+            "Bit i: servo i was not within 100 steps of its `neutral` yet, since power came or "
+            "`neutral` changed: it gets no torque.",
+        ),
+        Item("servo_stuck", "u8", "Bit i: servo i did not follow its goal, at the last trip."),
     ),
 )
 
@@ -352,6 +377,10 @@ class Trip(IntEnum):
     """The battery was below `battery_stop_mv` for 1 s."""
     TORQUE = 9
     """A servo of `servos_expected` does not hold: its torque was switched off, or it restarted."""
+    FOLLOWING = 10
+    """A servo of `servos_expected` does not follow its goal."""
+    STOPPED = 14
+    """The PC wrote 2 to `arm`: STOP."""
 
 
 class Refusal(IntEnum):
@@ -385,6 +414,14 @@ class Refusal(IntEnum):
     """A setting of a servo of `servos_expected` differs from the required value, or is unread."""
     TORQUE = 13
     """A servo of `servos_expected` does not hold."""
+    STOP_NOT_PROVEN = 14
+    """The stop circuit was not seen open since power came: whether it can stop is not known."""
+    RC_WITHOUT_SERVOS = 15
+    """The radio control drives with all six servos at the board: `servos_expected` must be 63."""
+    NEUTRAL = 17
+    """A servo of `servos_expected` is far from its `neutral`, and gets no torque."""
+    STOPPED = 19
+    """STOP, as of 2 in `arm`, is not released."""
 
 
 class ResetCause(IntFlag):
