@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
+import msgspec
 import numpy as np
 from aiohttp import WSMessage, WSMsgType
 
@@ -27,7 +28,7 @@ from tsd_twin.hardware.controller_board import REFUSALS
 from tsd_twin.interop.fleet import Fleet
 from tsd_twin.interop.mapping import CMD_VEL, namespaces
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Event, HolderRequest, LeaseRequest, Sample, decode_json
+from tsd_twin.messages.requests import HolderRequest, LeaseRequest, Sample
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import open_recording
@@ -36,6 +37,7 @@ from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.recording.player import Replay
 from tsd_twin.ros.adapter import RosSource
 from tsd_twin.ros.port import Inputs, Origin
+from tsd_twin.safety import LATCHED
 from tsd_twin.security import Identity, Role
 
 PERIOD_S = 0.02
@@ -62,13 +64,14 @@ class CommandSource(ABC):
         """Connect."""
 
     @abstractmethod
-    async def get_ready(self) -> str:
+    async def get_ready(self, *, reset: bool = True) -> str:
         """Do all that a person can do to make the robot ready; return the refusal, or empty."""
 
     @abstractmethod
     def push(self, vx_mps: float, age_s: float = 0.0) -> None:
         """Give one input, which was made some time ago."""
 
+    @abstractmethod
     async def close(self) -> None:
         """Leave."""
 
@@ -89,6 +92,10 @@ class CommandSource(ABC):
         then_s = self.robot.clock.now_s - age_s
         return max((seq for seq, at_s in sent_s.items() if at_s <= then_s), default=0)
 
+    @property
+    def _is_latched(self) -> bool:
+        return self.robot.supervisor.mode in LATCHED
+
     def _until(self) -> float:
         return self.robot.clock.now_s + _PATIENCE_S
 
@@ -103,9 +110,9 @@ class ScriptSource(CommandSource):
         self._control = self._client.control(arm=False)
         await self._control.acquire()
 
-    async def get_ready(self) -> str:
+    async def get_ready(self, *, reset: bool = True) -> str:
         try:
-            if self._client.state.mode in ("stopped", "fault"):
+            if reset and self._is_latched:
                 await self._control.reset()
             await self._control.arm()
         except TwinError as error:
@@ -170,7 +177,11 @@ class PageSource(CommandSource):
         await self._link_is_up()
         principal = Principal(Identity("page", Role.OPERATOR), may_stop=True)
         session = self._manager.run_session(
-            "0" * 16, principal, cast("Any", self._socket), self._messages(), contextlib.nullcontext()
+            "0" * 16,
+            principal,
+            cast("Any", self._socket),
+            self._messages(),
+            contextlib.nullcontext(),
         )
         self._tasks.append(asyncio.create_task(session))
         await self._answer("lease", t="lease", op="acquire")
@@ -209,8 +220,8 @@ class PageSource(CommandSource):
             await asyncio.sleep(PERIOD_S)
         return "no answer"
 
-    async def get_ready(self) -> str:
-        if self.robot.supervisor.mode in ("stopped", "fault"):
+    async def get_ready(self, *, reset: bool = True) -> str:
+        if reset and self._is_latched:
             await self._answer("reset", t="reset")
         if refusal := await self._answer("arm", t="arm"):
             return refusal
@@ -243,17 +254,15 @@ class FoxglovePanel(CommandSource):
     async def open(self) -> None:
         bus = self.open_bus()
         server = cast("Any", _NoServer())
-        fleet = Fleet(
-            lambda link: FoxgloveSource(server, True, "foxglove", link), self.open_bus
-        )
+        fleet = Fleet(lambda link: FoxgloveSource(server, True, "foxglove", link), self.open_bus)
         fleet.watch(cast("Any", bus))
         while not any(each.names for each in fleet.sources.values()):
             await asyncio.sleep(PERIOD_S)
         self._fleet, self._names = fleet, namespaces([self.robot.id])[self.robot.id]
         self._operator = LiveOperator(fleet, "foxglove", self.said.append)
 
-    async def get_ready(self) -> str:
-        if self.robot.supervisor.mode in ("stopped", "fault"):
+    async def get_ready(self, *, reset: bool = True) -> str:
+        if reset and self._is_latched:
             await self._operator.call(self._names.topic("reset"))
         done, text = await self._operator.call(self._names.topic("arm"))
         return "" if done else text
@@ -309,8 +318,8 @@ class RosPublisher(CommandSource):
             await asyncio.sleep(PERIOD_S)
         await self.hold(2.5, 0.0)  # Its clock becomes known.
 
-    async def get_ready(self) -> str:
-        if self.robot.supervisor.mode in ("stopped", "fault"):
+    async def get_ready(self, *, reset: bool = True) -> str:
+        if reset and self._is_latched:
             await self._call("reset")
         refusal = await self._call("arm")
         await self.hold(0.6, 0.0)
@@ -344,7 +353,8 @@ class RadioControl(CommandSource):
     async def open(self) -> None:
         await asyncio.sleep(0.1)
 
-    async def get_ready(self) -> str:
+    async def get_ready(self, *, reset: bool = True) -> str:
+        del reset  # It has none.
         firmware = self.robot.firmware
         firmware.set_sticks(0.0, 0.0, 0.0, 0.0)
         firmware.set_switches(manual=False)
@@ -361,6 +371,9 @@ class RadioControl(CommandSource):
             self.robot.firmware.lose_receiver()
         else:
             self.robot.firmware.set_sticks(0.5 * np.sign(vx_mps), 0.0, 0.0, 1.0)
+
+    async def close(self) -> None:
+        self.robot.firmware.set_switches(manual=False)
 
 
 class ReplayedDrive(CommandSource):
@@ -391,21 +404,23 @@ class ReplayedDrive(CommandSource):
         recording = open_recording(self.path)
         bus = cast("Any", self.open_bus())
         self._replay = Replay(bus, recording, self.robot.id, "replayed")
+        self.counted = self.robot.supervisor.gate.accepted
         self.commands = sum(t.count for name, t in recording.topics.items() if "/cmd/" in name)
 
     path: Path
     """File to record to."""
 
-    async def get_ready(self) -> str:
+    async def get_ready(self, *, reset: bool = True) -> str:
         """Ask the replay, as a person at a page would."""
+        del reset
         bus = self.open_bus()
         self._serve_soon()
         lease = LeaseRequest(op="acquire", operator="alice")
-        answers = [
-            bus.query(Service.LEASE.key("replayed"), json.dumps({"op": lease.op, "operator": lease.operator}).encode()),
-            bus.query(Service.ARM.key("replayed"), json.dumps({"lease": HolderRequest("00").lease}).encode()),
-        ]
-        reasons = {json.loads(answer)["reason"] for answer in answers}
+        asked = {Service.LEASE: lease, Service.ARM: HolderRequest("00")}
+        reasons = {
+            json.loads(bus.query(service.key("replayed"), msgspec.json.encode(request)))["reason"]
+            for service, request in asked.items()
+        }
         (reason,) = reasons
         return str(reason)
 
@@ -417,8 +432,12 @@ class ReplayedDrive(CommandSource):
 
     async def hold(self, seconds: float, vx_mps: float) -> None:
         """Play the recording, as fast as it was."""
+        del vx_mps
         end_s = self.robot.clock.now_s + seconds
         self._replay.run(cast("Any", _Until(self.robot, end_s)))
+
+    async def close(self) -> None:
+        self._replay.close()
 
 
 class _Until:

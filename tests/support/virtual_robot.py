@@ -10,22 +10,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firmware.simulator.mx64 import Mx64
 from firmware.simulator.simulation import FirmwareSimulation
 from tests.support.memory_bus import MemoryBus, Network
 from tests.support.robot_node import QUICK
 from tests.support.servo_chain import ServoChain
 from tests.support.virtual_time import VirtualClock
 from tsd_twin import robots
-from tsd_twin.dynamixel.blocks import Telemetry
+from tsd_twin.dynamixel.blocks import Setup, Telemetry
+from tsd_twin.dynamixel.control_table import Refusal
 from tsd_twin.hardware import MegaHardware, ServoCalibration, U2D2Hardware, mega, u2d2
 from tsd_twin.hardware import serial_transport as serial
-from tsd_twin.hardware.joints import Receiver
+from tsd_twin.hardware.joints import JointCommand, Receiver
+from tsd_twin.hardware.mega import ControllerBoard
 from tsd_twin.lie import Array
 from tsd_twin.messages.requests import Description
 from tsd_twin.models import robot_urdf
 from tsd_twin.node import RobotNode
 from tsd_twin.node.robot_node import RateKeeper
 from tsd_twin.robots import SingularityDescription, description_of_kind
+from tsd_twin.safety import Heartbeat, SafetySupervisor
 from tsd_twin.simulation import Motors
 
 PERIOD_S = 0.01
@@ -89,6 +93,8 @@ class VirtualRobot:
     """
 
     id = "tsd"
+    late_s = 0.021
+    """From the end of a command until the node acts on it: two periods."""
 
     def __init__(
         self,
@@ -135,14 +141,13 @@ class VirtualRobot:
         self.clock.advance(0.2)
         self.firmware.set_contactor(closed=True)
 
-    def _hardware(self) -> MegaHardware:
+    def _hardware(self) -> MegaHardware | U2D2Hardware:
         calibration, motors = ServoCalibration(receiver=Receiver()), Motors.of(self.robot)
         if self.chain is None:
             return MegaHardware(self.robot, "board", motors, calibration)
         for servo in self.firmware.servos:
             servo.dead = True
-        made: object = U2D2Hardware(self.robot, "board", "servos", motors, calibration)
-        return made  # type: ignore[return-value]  They have the same interface.
+        return U2D2Hardware(self.robot, "board", "servos", motors, calibration)
 
     def _open_port(self, name: str, _baud: int, _timeout_s: float) -> VirtualPort:
         if name == "board":
@@ -185,17 +190,38 @@ class VirtualRobot:
     # What an observer sees.
 
     @property
-    def supervisor(self):  # noqa: ANN201
+    def supervisor(self) -> SafetySupervisor:
         """Safety state machine of the node."""
         return self.node._controller.supervisor
 
     @property
     def telemetry(self) -> Telemetry:
         """Newest telemetry that the bridge has read."""
-        wheels = self.io._wheels if self.chain is not None else self.io  # type: ignore[attr-defined]
-        report = wheels._board.report
+        report = self._board.report
         assert report is not None
         return report.telemetry
+
+    @property
+    def setup(self) -> Setup:
+        """Set-up that the bridge has written to the board."""
+        return self._board._setup
+
+    @property
+    def _board(self) -> ControllerBoard:
+        wheels = self.io._wheels if isinstance(self.io, U2D2Hardware) else self.io
+        return wheels._board
+
+    def refusal_past_the_node(self) -> Refusal:
+        """Let a program that looks at nothing ask the board to arm; return its refusal."""
+        board, at_rest = self._board, np.zeros(9)
+        wheels = self.io._wheels if isinstance(self.io, U2D2Hardware) else self.io
+        transport = wheels._thread._transport
+        for i in range(6):
+            heartbeat = Heartbeat(i > 2, i)
+            board.command = JointCommand(at_rest, heartbeat, self.clock.now_s)
+            board.cycle(transport)
+            self.clock.advance(PERIOD_S)
+        return Refusal(self.telemetry.refusal)
 
     def watch(self) -> None:
         """Forget how wide the pulses were."""
@@ -213,6 +239,6 @@ class VirtualRobot:
         return np.array(goals) - 2048
 
     @property
-    def servos(self):  # noqa: ANN201
+    def servos(self) -> list[Mx64]:
         """Simulated servos that turn the gimbals."""
         return self.chain.servos if self.chain else self.firmware.servos

@@ -81,11 +81,11 @@ class _Loop(asyncio.SelectorEventLoop):
         super().__init__(_Selector(clock))
 
     def run_in_executor(  # type: ignore[override]
-        self, executor: Executor | None, func: Callable[..., T], *args: Any
+        self, _executor: Executor | None, func: Callable[..., T], *args: Any
     ) -> asyncio.Future[T]:
         future: asyncio.Future[T] = self.create_future()
         try:
             future.set_result(func(*args))
-        except Exception as error:  # noqa: BLE001  It is raised where the future is awaited.
+        except Exception as error:
             future.set_exception(error)
         return future
