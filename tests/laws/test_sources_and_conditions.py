@@ -113,7 +113,7 @@ async def _try_again(
     if rule is STALE:
         await _push_old_inputs(robot, made)
         return
-    await asyncio.sleep(0.6)  # Nobody resets a robot with a stick in the hand.
+    await asyncio.sleep(2.2)  # The stick is let go, and zero throttle is held.
     refusal = await made.get_ready(reset=condition.may_reset)
     assert refusal
     await made.hold(0.5, 0.5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -35,7 +36,7 @@ from tsd_twin.recording import open_recording
 from tsd_twin.recording.channels import EntryMaker
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.recording.player import Replay
-from tsd_twin.ros.adapter import RosSource
+from tsd_twin.ros.adapter import serve_ros
 from tsd_twin.ros.port import Inputs, Origin
 from tsd_twin.safety import LATCHED
 from tsd_twin.security import Identity, Role
@@ -259,7 +260,7 @@ class FoxglovePanel(CommandSource):
         while not any(each.names for each in fleet.sources.values()):
             await asyncio.sleep(PERIOD_S)
         self._fleet, self._names = fleet, namespaces([self.robot.id])[self.robot.id]
-        self._operator = LiveOperator(fleet, "foxglove", self.said.append)
+        self._operator = LiveOperator(fleet, "foxglove", self.said.append, lambda: 0.0)
 
     async def get_ready(self, *, reset: bool = True) -> str:
         if reset and self._is_latched:
@@ -287,10 +288,20 @@ class _Graph:
 
     inputs: Inputs
 
+    def __init__(self) -> None:
+        self.entered = asyncio.Event()
+
     def enter(self, _names: object, inputs: Inputs | None) -> _Graph:
         assert inputs is not None
         self.inputs = inputs
+        self.entered.set()
         return self
+
+    def publishers(self, _topic: str) -> list[str]:
+        return []
+
+    def subscribers(self, _topic: str) -> list[str]:
+        return []
 
     def wants(self, _topic: str) -> bool:
         return False
@@ -308,14 +319,17 @@ class RosPublisher(CommandSource):
     _AHEAD_NS = 12_345_678_901
 
     async def open(self) -> None:
-        self._graph, self._sequence = _Graph(), 0
-        bus, enter = self.open_bus(), cast("Any", self._graph.enter)
-        self._fleet = Fleet(
-            lambda link: RosSource(enter, "package://tsd/", "ros", {}, link), self.open_bus
+        self._graph, self._sequence, self._ends = _Graph(), 0, threading.Event()
+        work = serve_ros(
+            cast("Any", self.open_bus),
+            cast("Any", self._graph.enter),
+            "package://tsd/",
+            self._ends,
+            lambda: None,
+            operator="ros",
         )
-        self._fleet.watch(cast("Any", bus))
-        while not any(each.names for each in self._fleet.sources.values()):
-            await asyncio.sleep(PERIOD_S)
+        self._serving = asyncio.create_task(work)
+        await self._graph.entered.wait()
         await self.hold(2.5, 0.0)  # Its clock becomes known.
 
     async def get_ready(self, *, reset: bool = True) -> str:
@@ -342,7 +356,8 @@ class RosPublisher(CommandSource):
         )
 
     async def close(self) -> None:
-        await self._fleet.close()
+        self._ends.set()
+        await self._serving
 
 
 class RadioControl(CommandSource):

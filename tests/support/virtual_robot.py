@@ -171,7 +171,7 @@ class VirtualRobot:
 
     def wait(self, seconds: float) -> None:
         """Let time pass, with a period of the node each 10 ms."""
-        end_s = self.clock.now_s + seconds
+        end_s = self.clock.now_s + max(seconds, 1e-6)
         while self.clock.now_s < end_s - 1e-9:
             if not self._ticking and self.clock.now_s >= self._next_s - 1e-9:
                 self._tick()
