@@ -54,11 +54,12 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
 
     async def close(self) -> None:
         """Give back control, if it is held, and leave the bus."""
+        link = self.link
         try:
             for control in list(self._controls):
                 await control.release()
         finally:
-            await asyncio.to_thread(self.link.close)
+            await asyncio.to_thread(link.close)
 
     async def sleep(self, seconds: float) -> None:
         """Wait."""

@@ -6,6 +6,7 @@ return None, of `AsyncRobotControl` they are awaited.
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
@@ -22,6 +23,7 @@ from tsd_twin.client.motions import goal_along, goal_at
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.state import RobotState
 from tsd_twin.client.steps import Procedure
+from tsd_twin.errors import ClientError
 from tsd_twin.lie import SE2
 from tsd_twin.messages.requests import PoseStamped, encode_pose
 from tsd_twin.messages.ros import BASE
@@ -37,19 +39,37 @@ LinkT = TypeVar("LinkT", bound=Link)
 ControlT = TypeVar("ControlT")
 
 
+def _usable(link: LinkT, process: int) -> LinkT:
+    """Return a link in the process that opened it; its threads do not exist in a forked child."""
+    if os.getpid() != process and not link.virtual:
+        raise ClientError(
+            f"this connection to {link.id} belongs to the parent of this process: connect again in "
+            "the child, or start it with the method 'spawn'"
+        )
+    return link
+
+
 class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
     """One robot: its newest state, and what needs no control of it."""
 
     def __init__(self, link: LinkT, operator: str) -> None:
         """`operator` is the default name of `control`."""
-        self.link = link
-        """The connection; for other parts of this library."""
+        self._own_link, self._process = link, os.getpid()
         self._operator = operator
         self._controls: list[ControlT] = []
 
     def __repr__(self) -> str:
         state = "closed" if self.link.closed else repr(self.state)
         return f"<{type(self).__name__} {self.id}: {state}>"
+
+    @property
+    def link(self) -> LinkT:
+        """The connection; for other parts of this library.
+
+        Raises:
+            ClientError: this process is a forked child of the one that connected.
+        """
+        return _usable(self._own_link, self._process)
 
     @property
     def id(self) -> str:
@@ -160,7 +180,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         wish: dict[str, Any],
         ask_s: float | None,
     ) -> None:
-        self._link = link
+        self._own_link, self._process = link, os.getpid()
         self._protocol = ControlProtocol(link.id, link.robot, operator)
         self._arm, self._wish, self._ask_s = arm, wish, ask_s
 
@@ -398,6 +418,10 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         return self._perform(lambda: procedures.set_wheel_speed(self._protocol, rpm))
 
     # Inside.
+
+    @property
+    def _link(self) -> LinkT:
+        return _usable(self._own_link, self._process)
 
     @property
     def _now_s(self) -> float:

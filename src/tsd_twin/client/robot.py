@@ -57,11 +57,12 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
 
     def close(self) -> None:
         """Give back control, if it is held, and leave the robot."""
+        link = self.link
         try:
             for control in list(self._controls):
                 control.release()
         finally:
-            self.link.close()
+            link.close()
             self._closed.set()
             for thread in self._readers:
                 if thread is not threading.current_thread():
@@ -197,10 +198,11 @@ class RobotControl(BaseControl[Link, None]):
 
         An interrupt, such as Ctrl-C, is raised when that is done.
         """
+        link = self._link  # A forked child must not wait for the threads of its parent.
         try:
             _uninterrupted(
                 lambda: self._perform(lambda: procedures.give_back(self._protocol, self._now_s)),
-                self._link,
+                link,
             )
         finally:
             self._ended.set()
@@ -209,7 +211,7 @@ class RobotControl(BaseControl[Link, None]):
             for thread in self._threads:
                 thread.join()
             self._threads = []
-            self._link.detach(self._protocol)
+            link.detach(self._protocol)
             self.robot.add_control(self, active=False)
 
     def arming(self) -> Iterator[float]:
