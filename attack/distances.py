@@ -20,6 +20,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from attack.client_operators import FoxgloveOperator, ScriptOperator
 from attack.operators import PageBehindGateway, UncheckedOperator
 from attack.scenes import Scene, on_a_link, with_board
 from attack.table import Row
@@ -35,6 +36,8 @@ BEYOND_S = 0.6
 """Faults last for the age that a command may have, and this: by then the robot has to stand."""
 WATCHED_S = 0.4
 """For how long it is watched after the fault is over."""
+REPEATED_S = 0.17
+"""For so long the program repeats the last input before it is stopped, too."""
 PHASE_S = 0.1
 """Faults come at any moment between two messages."""
 
@@ -54,8 +57,8 @@ class Cause:
     name: str
     text: str
     operator: str
-    """Kind of operator: `page`, `raw` (unchecked), or `node`: unchecked, and the board outlives the
-    node."""
+    """Kind of operator: `page`, `raw` (unchecked), `script`, `foxglove`, or `node`: unchecked, and
+    the board outlives the node."""
     fault: Fault = field(repr=False)
 
 
@@ -106,6 +109,30 @@ def hung(pid: Callable[[Scene], int], length_s: float | None = None) -> Fault:
     return fault
 
 
+def repeats_then_hangs(scene: Scene) -> tuple[float, float]:
+    """Fault of a program that hangs while it repeats its last input, from that input."""
+    operator = scene.operator
+    assert isinstance(operator, ScriptOperator | FoxgloveOperator)
+    given_s = operator.release()
+    time.sleep(max(0.0, given_s + REPEATED_S - time.monotonic()))
+    os.kill(operator.pid, signal.SIGSTOP)
+    try:
+        time.sleep(scene.max_age_s + BEYOND_S)
+    finally:
+        os.kill(operator.pid, signal.SIGCONT)
+    return given_s, time.monotonic()
+
+
+def pings_lost(scene: Scene) -> tuple[float, float]:
+    """Fault of the link from the adapter to its client, which goes on publishing."""
+    assert isinstance(scene.operator, FoxgloveOperator)
+    length_s, at_s = scene.max_age_s + BEYOND_S, time.monotonic()
+    scene.operator.link.stall(length_s, (Direction.DOWN,))
+    time.sleep(length_s - 0.1)
+    scene.operator.release()
+    return at_s, at_s + length_s
+
+
 def _gateway(scene: Scene) -> int:
     assert isinstance(scene.operator, PageBehindGateway)
     return scene.operator.gateway_pid
@@ -133,6 +160,9 @@ CAUSES: Mapping[str, Cause] = {
         Cause("gateway-stop", "gateway SIGSTOP", "page", hung(_gateway)),
         Cause("page-kill", "page SIGKILL", "page", killed(_page)),
         Cause("gateway-kill", "gateway SIGKILL", "page", killed(_gateway)),
+        Cause("script", "script hangs, SIGSTOP 0.17 s later", "script", repeats_then_hangs),
+        Cause("foxglove-stop", "last twist, adapter SIGSTOP", "foxglove", repeats_then_hangs),
+        Cause("foxglove-pings", "adapter to client lost", "foxglove", pings_lost),
         Cause("node-stop", "node SIGSTOP 0.5 s", "node", hung(_node, 0.5)),
         Cause("node-long-stop", "node SIGSTOP 1.5 s", "node", hung(_node, 1.5)),
         Cause("node-kill", "node SIGKILL", "node", killed(_node)),
@@ -242,14 +272,14 @@ def rows(
     chosen = [CAUSES[name] for name in causes or CAUSES]
     kinds = {
         kind: tuple(c.name for c in chosen if c.operator == kind)
-        for kind in ("page", "raw", "node")
+        for kind in ("page", "raw", "script", "foxglove", "node")
     }
     tasks = [
         Task(name, max_age_s, of_kind, runs)
-        for max_age_s in leases
-        for of_kind in kinds.values()
+        for kind, of_kind in kinds.items()
         if of_kind
         for name in names or robots.robot_names()
+        for max_age_s in ([_default_age_s(name)] if kind == "foxglove" else leases)
     ]
     # Not forked: a process that has opened a bus has threads.
     context = multiprocessing.get_context("spawn")
@@ -257,6 +287,11 @@ def rows(
         for task, results in zip(tasks, pool.map(measure, tasks), strict=True):
             for result in results:
                 yield row(task, result)
+
+
+def _default_age_s(name: str) -> float:
+    """Age under the lease of an adapter next to its client."""
+    return robots.load_robot(name).limits.max_command_age_s
 
 
 def row(task: Task, result: Result) -> Row:

@@ -38,7 +38,7 @@ class Operator(Protocol):
         """Hold the stick: the first number of the twist, the others zero."""
         ...
 
-    def release(self) -> None:
+    def release(self) -> object:
         """Release the stick."""
         ...
 

@@ -8,10 +8,12 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from attack.client_operators import FoxgloveOperator, ScriptOperator
 from attack.operators import Operator, PageBehindGateway, UncheckedOperator
 from attack.track import DistanceLog, TruthRecorder
 from tests.app.conftest import Program
 from tsd_twin.bus import Bus, client_config
+from tsd_twin.lie import SO3
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.messages.status import Status
 from tsd_twin.robots import RobotDescription
@@ -46,6 +48,11 @@ def on_a_link(robot: RobotDescription, path: Path, max_age_s: float, kind: str) 
         operator: Operator
         if kind == "raw":
             operator = UncheckedOperator(link.endpoint, robot.name)
+        elif kind == "script":
+            operator = ScriptOperator(link.endpoint, robot.name)
+        elif kind == "foxglove":
+            turning = robot.kinematics().pose_type is SO3
+            operator = FoxgloveOperator(link.endpoint, turning, lambda: recorder.status)
         else:
             operator = PageBehindGateway(link.endpoint)
         stack.callback(operator.close)

@@ -198,6 +198,9 @@ HOSTILE = {
     "entities": '<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]><robot name="&b;"/>',
     "a file": '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><robot name="&a;"/>',
     "hidden": "<!-- --><!DOCTYPE r><robot/><!-- -->",
+    "in an instruction": '<?x <!-- ?><!DOCTYPE r [<!ENTITY a "b"><!ENTITY c "-->">]>'
+    f'<robot name="&a;">{ONE_LINK}</robot>',
+    "in another encoding": '<?xml version="1.0" encoding="utf-8"?><!DOCTYPE r><robot name="r"/>',
     "10 MB": "<robot>" + " " * 10_000_000 + "</robot>",
     "nan": f'<robot name="r">{ONE_LINK}<link name="b"/><joint name="j" type="fixed">'
     '<parent link="a"/><child link="b"/><origin xyz="nan 0 0"/></joint></robot>',

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Self, TypeAlias, TypeVar
 
 from tsd_twin.client import procedures
+from tsd_twin.client.arguments import check_numbers, check_optional
 from tsd_twin.client.base import QUEUE, BaseClient, BaseControl
 from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.link import BusLink, open_link
@@ -53,14 +54,16 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
 
     async def close(self) -> None:
         """Give back control, if it is held, and leave the bus."""
+        link = self.link
         try:
             for control in list(self._controls):
                 await control.release()
         finally:
-            await asyncio.to_thread(self.link.close)
+            await asyncio.to_thread(link.close)
 
     async def sleep(self, seconds: float) -> None:
         """Wait."""
+        check_numbers(seconds=seconds)
         await asyncio.sleep(seconds)
 
     async def states(
@@ -70,6 +73,7 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
 
         When the reader is slower, the oldest ones beyond `maxlen` are dropped.
         """
+        check_optional(duration_s=duration_s)
         end_s = None if duration_s is None else self.time_s + duration_s
         with self.link.subscribe_states(Subscription[RobotState](maxlen)) as subscription:
             while not self.link.closed and (end_s is None or self.time_s < end_s):

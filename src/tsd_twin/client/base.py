@@ -6,16 +6,24 @@ return None, of `AsyncRobotControl` they are awaited.
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
 from tsd_twin.client import motions, procedures
+from tsd_twin.client.arguments import (
+    check_duration,
+    check_numbers,
+    check_optional,
+    check_text,
+)
 from tsd_twin.client.link import Link
 from tsd_twin.client.motions import goal_along, goal_at
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.state import RobotState
 from tsd_twin.client.steps import Procedure
+from tsd_twin.errors import ClientError
 from tsd_twin.lie import SE2
 from tsd_twin.messages.requests import PoseStamped, encode_pose
 from tsd_twin.messages.ros import BASE
@@ -31,19 +39,37 @@ LinkT = TypeVar("LinkT", bound=Link)
 ControlT = TypeVar("ControlT")
 
 
+def _usable(link: LinkT, process: int) -> LinkT:
+    """Return a link in the process that opened it; its threads do not exist in a forked child."""
+    if os.getpid() != process and not link.virtual:
+        raise ClientError(
+            f"this connection to {link.id} belongs to the parent of this process: connect again in "
+            "the child, or start it with the method 'spawn'"
+        )
+    return link
+
+
 class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
     """One robot: its newest state, and what needs no control of it."""
 
     def __init__(self, link: LinkT, operator: str) -> None:
         """`operator` is the default name of `control`."""
-        self.link = link
-        """The connection; for other parts of this library."""
+        self._own_link, self._process = link, os.getpid()
         self._operator = operator
         self._controls: list[ControlT] = []
 
     def __repr__(self) -> str:
         state = "closed" if self.link.closed else repr(self.state)
         return f"<{type(self).__name__} {self.id}: {state}>"
+
+    @property
+    def link(self) -> LinkT:
+        """The connection; for other parts of this library.
+
+        Raises:
+            ClientError: this process is a forked child of the one that connected.
+        """
+        return _usable(self._own_link, self._process)
 
     @property
     def id(self) -> str:
@@ -71,6 +97,7 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         Raises:
             RobotSilent: the robot did not acknowledge it.
         """
+        check_text(reason=reason)
         return self._perform(lambda: procedures.stop(self.id, self._operator, reason))
 
     def publish_pose(
@@ -81,6 +108,8 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         `stamp_s` is when it was measured, by the robot's wall clock, as `state.odom.stamp_s`; now
         if it is not given.
         """
+        check_numbers(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
+        check_optional(stamp_s=stamp_s)
         stamp_ns = self.link.wall_ns() if stamp_s is None else round(stamp_s * 1e9)
         pose = SE2.identity()
         pose.xy_heading[:] = x_m, y_m, heading_rad
@@ -102,7 +131,9 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         link, at a lower speed limit; without `arm`, call `arm` yourself. Of `AsyncRobotClient`, it
         is entered with `async with`.
         """
-        wish = {"take_over": take_over, "max_age_s": max_age_s, "reason": reason}
+        check_optional(max_age_s=max_age_s)
+        check_text(operator=operator, reason=reason)
+        wish = {"take_over": bool(take_over), "max_age_s": max_age_s, "reason": reason}
         return self._new_control(operator or self._operator, arm, wish, None)
 
     def request_control(
@@ -117,6 +148,9 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
 
         The holder has `timeout_s` to answer, 15 s at most.
         """
+        check_optional(max_age_s=max_age_s)
+        check_duration(timeout_s=timeout_s)
+        check_text(operator=operator)
         wish = {"max_age_s": max_age_s}
         return self._new_control(operator or self._operator, arm, wish, timeout_s)
 
@@ -146,7 +180,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         wish: dict[str, Any],
         ask_s: float | None,
     ) -> None:
-        self._link = link
+        self._own_link, self._process = link, os.getpid()
         self._protocol = ControlProtocol(link.id, link.robot, operator)
         self._arm, self._wish, self._ask_s = arm, wish, ask_s
 
@@ -182,6 +216,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         Raises:
             RequestRefused: no operator asks for it, or another one.
         """
+        check_text(asker=asker)
         return self._perform(
             lambda: procedures.answer_request(self._protocol, grant=True, asker=asker)
         )
@@ -192,6 +227,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         Raises:
             RequestRefused: no operator asks for it, or another one.
         """
+        check_text(asker=asker)
         return self._perform(
             lambda: procedures.answer_request(self._protocol, grant=False, asker=asker)
         )
@@ -211,6 +247,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
 
     def stop(self, reason: str = "") -> DoneT:
         """Stop the robot and latch it: a software stop."""
+        check_text(reason=reason)
         return self._perform(lambda: procedures.stop(self._link.id, self.operator, reason))
 
     def reset(self) -> DoneT:
@@ -306,7 +343,10 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         self._set_velocity(twist, frame, given_s)
 
     def rest(self) -> DoneT:
-        """Bring the robot to rest, and return when it stands; it stays armed."""
+        """Bring the robot to rest, and return when it stands; it stays armed.
+
+        Any other motion of this control ends.
+        """
         return self._perform(lambda: motions.rest(self._protocol, self._now_s))
 
     def go_to(
@@ -358,12 +398,14 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         Raises:
             RequestRefused: it moves, or a number is not finite.
         """
+        check_numbers(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
         return self._perform(lambda: procedures.set_pose(self._protocol, x_m, y_m, heading_rad))
 
     def set_orientation(
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, w: float = 1.0
     ) -> DoneT:
         """Set the orientation estimate of a sphere, a quaternion; at rest only."""
+        check_numbers(x=x, y=y, z=z, w=w)
         return self._perform(lambda: procedures.set_orientation(self._protocol, x, y, z, w))
 
     def set_wheel_speed(self, rpm: float) -> DoneT:
@@ -372,9 +414,14 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         Raises:
             RequestRefused: the robot has no such wheels, or they cannot turn so fast.
         """
+        check_numbers(rpm=rpm)
         return self._perform(lambda: procedures.set_wheel_speed(self._protocol, rpm))
 
     # Inside.
+
+    @property
+    def _link(self) -> LinkT:
+        return _usable(self._own_link, self._process)
 
     @property
     def _now_s(self) -> float:
@@ -386,6 +433,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         return procedures.ask_for_control(self._protocol, self._now_s, self._ask_s, **self._wish)
 
     def _set_velocity(self, twist: Sequence[float], frame: str, given_s: float | None) -> None:
+        check_optional(given_s=given_s)
         with self._link.lock:
             command = self._protocol.set_velocity(twist, frame, self._now_s, given_s)
             if command is not None:

@@ -10,9 +10,18 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from tsd_twin.client.arguments import (
+    check_duration,
+    check_frame,
+    check_numbers,
+    check_optional,
+    check_speed,
+    checked_points,
+    checked_twist,
+)
 from tsd_twin.client.protocol import COMMAND_PERIOD_S, REST, ControlProtocol
-from tsd_twin.client.steps import Compute, Procedure, Send, Sleep
-from tsd_twin.errors import ClientError, MotionFailed, PathError
+from tsd_twin.client.steps import Compute, NextStatus, Procedure, Send, Sleep
+from tsd_twin.errors import MotionFailed, PathError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.ros import BASE
@@ -24,6 +33,7 @@ from tsd_twin.motion.trajectory import Trajectory
 from tsd_twin.motion.trajectory import plan as time_parameterize
 from tsd_twin.robots import RPM, RobotDescription
 from tsd_twin.robots.description import Limits
+from tsd_twin.safety import Mode
 
 TwistSource = Callable[[float], Sequence[float] | Array | None]
 """Returns the twist (3,) to command at a time; None ends the motion."""
@@ -89,7 +99,13 @@ def kinematics_in_force(
 
 
 def goal_at(x_m: float, y_m: float, heading_rad: float | None) -> NavigationGoal:
-    """Return a place to go to; without a heading, the robot keeps its own."""
+    """Return a place to go to; without a heading, the robot keeps its own.
+
+    Raises:
+        ClientError: a number is not finite.
+    """
+    check_numbers(x_m=x_m, y_m=y_m)
+    check_optional(heading_rad=heading_rad)
     return NavigationGoal(np.array([[x_m, y_m]]), heading_rad)
 
 
@@ -97,12 +113,11 @@ def goal_along(points: Sequence[Sequence[float]], heading_rad: float | None) -> 
     """Return a line to follow through `points` of (x, y) in metres.
 
     Raises:
-        PathError: there are no points, or they are not pairs of numbers.
+        ClientError: the heading is not finite.
+        PathError: there are no points, or they are not pairs of finite numbers.
     """
-    line = np.asarray(points, dtype=float)
-    if line.ndim != 2 or line.shape[1] != 2 or not len(line):
-        raise PathError("a path is a list of (x, y) in metres")
-    return NavigationGoal(line, heading_rad)
+    check_optional(heading_rad=heading_rad)
+    return NavigationGoal(checked_points(points), heading_rad)
 
 
 def plan(goal: NavigationGoal, start: SE2, limits: PlanLimits) -> Trajectory:
@@ -134,13 +149,13 @@ def drive(
     """Command a twist for a time, then zero until the robot is at rest.
 
     Raises:
-        ClientError: as `ControlProtocol.check_motion`, or the duration is no such number.
+        ClientError: as `ControlProtocol.check_motion`, or an argument cannot be used.
     """
-    if not 0.0 <= duration_s < math.inf:
-        raise ClientError(f"a duration is a number of seconds, not {duration_s}")
+    check_duration(duration_s=duration_s)
+    checked_twist(twist, frame)
 
-    def body(now_s: float) -> Procedure[None]:
-        return _send_twists(protocol, now_s, lambda _: twist, frame, now_s + duration_s)
+    def body(now_s: float, motion: int) -> Procedure[None]:
+        return _send_twists(protocol, now_s, motion, lambda _: twist, frame, now_s + duration_s)
 
     yield from _motion(protocol, now_s, body)
 
@@ -153,14 +168,28 @@ def drive_by(
     Raises:
         ClientError: as `ControlProtocol.check_motion`; `twist_at` may raise more.
     """
+    check_frame(frame)
     yield from _motion(
-        protocol, now_s, lambda now_s: _send_twists(protocol, now_s, twist_at, frame)
+        protocol,
+        now_s,
+        lambda now_s, motion: _send_twists(protocol, now_s, motion, twist_at, frame),
     )
 
 
 def rest(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Command zero until the robot is at rest, whatever set-point is in force."""
-    yield from drive(protocol, now_s, REST, 0.0, BASE)
+    """Command zero until the robot is at rest; any other motion of this script ends.
+
+    Raises:
+        ClientError: the lease is not held, or the robot is silent, disarmed or latched.
+    """
+    end_s = now_s + _REST_S
+    while protocol.mode is Mode.STOPPING and now_s < end_s:
+        now_s = (yield NextStatus(end_s)).now_s
+    motion = protocol.begin_rest(now_s)
+    try:
+        yield from _come_to_rest(protocol, now_s, motion)
+    finally:
+        protocol.end_motion(motion)
 
 
 def follow(
@@ -173,17 +202,16 @@ def follow(
         MotionFailed: the robot left the path, or did not get there.
         ClientError: as `ControlProtocol.check_motion`.
     """
-    if speed_mps is not None and not 0.0 < speed_mps < math.inf:
-        raise ClientError(f"a speed is a positive number of m/s, not {speed_mps}")
+    check_speed(speed_mps)
 
-    def body(now_s: float) -> Procedure[None]:
+    def body(now_s: float, motion: int) -> Procedure[None]:
         start = protocol.pose(now_s)
         if goal.is_done(start):
             return
         limits = _limits(protocol, speed_mps)
         outcome = yield Compute(lambda: plan(goal, start, limits))
         path = _PathFollower(protocol, outcome.value, speed_mps)
-        yield from _send_twists(protocol, outcome.now_s, path, BASE)
+        yield from _send_twists(protocol, outcome.now_s, motion, path, BASE)
         if path.step is not None and path.step.phase is ExecutionPhase.LOST:
             reason = path.step.reason
             if stale := protocol.stale_commands:
@@ -222,23 +250,24 @@ def _limits(protocol: ControlProtocol, speed_mps: float | None) -> PlanLimits:
 
 
 def _motion(
-    protocol: ControlProtocol, now_s: float, body: Callable[[float], Procedure[None]]
+    protocol: ControlProtocol, now_s: float, body: Callable[[float, int], Procedure[None]]
 ) -> Procedure[None]:
     """Run the commands of a motion; an error sends a zero first."""
     now_s = yield from _finish_setpoint(protocol, now_s)
-    protocol.begin_motion(now_s)
+    motion = protocol.begin_motion(now_s)
     try:
-        yield from body(now_s)
+        yield from body(now_s, motion)
     except BaseException as error:
-        yield from _zero(protocol, now_s, error)
+        yield from _zero(protocol, now_s, motion, error)
         raise
     finally:
-        protocol.end_motion()
+        protocol.end_motion(motion)
 
 
 def _send_twists(
     protocol: ControlProtocol,
     now_s: float,
+    motion: int,
     twist_at: TwistSource,
     frame: str,
     end_s: float = math.inf,
@@ -246,24 +275,26 @@ def _send_twists(
     """Command a twist 50 times a second, until a time or until it is None; then come to rest."""
     while now_s < end_s - 1e-9:
         twist = twist_at(now_s)
-        protocol.check_motion(now_s)
+        protocol.check_motion(now_s, motion)
         if twist is None:
             break
         yield Send(protocol.command(twist, frame, now_s))
         now_s = (yield Sleep(min(now_s + COMMAND_PERIOD_S, end_s))).now_s
-    yield from _come_to_rest(protocol, now_s)
+    yield from _come_to_rest(protocol, now_s, motion)
 
 
-def _zero(protocol: ControlProtocol, now_s: float, error: BaseException) -> Procedure[None]:
+def _zero(
+    protocol: ControlProtocol, now_s: float, motion: int, error: BaseException
+) -> Procedure[None]:
     """Send one zero after an error; a generator that is closed cannot send any more."""
-    if protocol.has_lease and protocol.in_motion and not isinstance(error, GeneratorExit):
+    if protocol.has_lease and protocol.is_active(motion) and not isinstance(error, GeneratorExit):
         yield Send(protocol.command(REST, BASE, now_s))
 
 
-def _come_to_rest(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
+def _come_to_rest(protocol: ControlProtocol, now_s: float, motion: int) -> Procedure[None]:
     first, still_s, end_s = None, None, now_s + _REST_S
     while True:
-        protocol.check_motion(now_s)
+        protocol.check_motion(now_s, motion)
         command = protocol.command(REST, BASE, now_s)
         first = command.seq if first is None else first
         yield Send(command)

@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from tsd_twin.client.arguments import check_numbers, checked_twist
 from tsd_twin.client.echoes import Echoes
 from tsd_twin.client.held_lease import HeldLease
 from tsd_twin.errors import ClientError, RobotSilent, RobotStopped
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.requests import LeaseReply, encode_attachment
-from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, encode_twist
+from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.status import Status
 from tsd_twin.motion.prediction import CommandDelay
 from tsd_twin.robots import RobotDescription
@@ -101,6 +102,7 @@ class ControlProtocol(HeldLease):
         self._status_s = self._odometry_s = -math.inf
         self._seq = 0
         self._stops: int | None = None
+        self._motion = 0
         self._stale_before = 0
         self._setpoint: _Setpoint | None = None
         self._sent_s = self._refreshed_s = -math.inf
@@ -161,19 +163,36 @@ class ControlProtocol(HeldLease):
         """Whether a motion has begun and not ended."""
         return self._stops is not None
 
-    def begin_motion(self, now_s: float) -> None:
-        """Begin a motion: from here on, any stop of the robot by itself ends it.
+    def begin_motion(self, now_s: float) -> int:
+        """Begin a motion and return its number; any stop of the robot by itself ends it.
 
         Raises:
             ClientError: the lease is not held, the robot is silent or not ready, or another motion
-                is in force.
+                is active.
         """
         if self._stops is not None:
             raise ClientError(f"{self.robot_id} is in another motion of this script")
         self.check_ready(now_s)
-        assert self.status is not None  # noqa: S101  `check_ready` has looked.
+        return self._begin()
+
+    def begin_rest(self, now_s: float) -> int:
+        """End any motion of this script and begin one to rest; return its number.
+
+        Raises:
+            ClientError: the lease is not held, or the robot is silent, disarmed or latched.
+        """
+        self.check_lease()
+        self._check_silence(now_s)
+        if self.mode not in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
+            raise RobotStopped(self._sentence("is not ready"))
+        return self._begin()
+
+    def _begin(self) -> int:
+        assert self.status is not None  # noqa: S101  Callers have looked.
         self._stops, self._stale_before = self.status.stops, self.status.command.dropped.stale
-        self._setpoint = self._rest_seq = self._failure = None
+        self._setpoint = self._rest_seq = None
+        self._motion += 1
+        return self._motion
 
     def check_ready(self, now_s: float) -> None:
         """Check that the robot is ready at standstill under this lease.
@@ -187,18 +206,26 @@ class ControlProtocol(HeldLease):
         if mode is not Mode.READY:
             raise RobotStopped(self._sentence("is not ready"))
 
-    def end_motion(self) -> None:
-        """End the motion; nothing is sent for it any more."""
-        self._stops = self._setpoint = self._rest_seq = None
+    def is_active(self, motion: int) -> bool:
+        """Return whether a motion has not ended, nor has `rest` begun another one."""
+        return self.in_motion and motion == self._motion
 
-    def check_motion(self, now_s: float) -> None:
-        """Check that the motion may go on.
+    def end_motion(self, motion: int | None = None) -> None:
+        """End a motion, by default the active one; nothing is sent for it any more."""
+        if motion is None or motion == self._motion:
+            self._stops = self._setpoint = self._rest_seq = None
+
+    def check_motion(self, now_s: float, motion: int | None = None) -> None:
+        """Check that a motion, by default the active one, may continue.
 
         Raises:
-            ClientError: control was lost, the robot is silent, or it stopped by itself.
+            ClientError: control was lost, the robot is silent, it stopped by itself, or `rest` was
+                called.
         """
         self.check_lease()
         self._check_silence(now_s)
+        if motion is not None and motion != self._motion:
+            raise ClientError(f"rest has ended this motion of {self.robot_id}")
         status = self.status
         if status is None or self._stops is None:
             raise ClientError(f"{self.robot_id} is in no motion")
@@ -227,7 +254,7 @@ class ControlProtocol(HeldLease):
             ClientError: a number is not finite.
         """
         self.check_lease()
-        numbers = _checked(twist, frame)
+        numbers = checked_twist(twist, frame)
         spatial = np.zeros(6)
         spatial[self._axes] = numbers
         self._seq += 1
@@ -269,11 +296,11 @@ class ControlProtocol(HeldLease):
         Raises:
             ClientError: as `begin_motion` and `check_motion`; a failure since the last set-point.
         """
+        checked_twist(twist, frame)
         self.raise_failure()
         if self._setpoint is None:
             self.begin_motion(now_s)
         self.check_motion(now_s)
-        _checked(twist, frame)
         given_s = now_s if given_s is None else min(given_s, now_s)
         seq, received_s = self._echoes.at(given_s)
         expires_s = self._setpoint_expires_s(received_s, now_s)
@@ -360,21 +387,27 @@ class ControlProtocol(HeldLease):
         """Return the twist of a robot on a floor.
 
         Raises:
-            ClientError: the robot turns a sphere in place.
+            ClientError: the robot turns a sphere in place, or a number is not finite.
         """
         if self.kinematics.pose_type is SO3:
             raise ClientError(f"{self.robot_id} turns a sphere in place: use turn, set_turn_rate")
+        check_numbers(vx_mps=vx_mps, vy_mps=vy_mps, omega_rad_per_s=omega_rad_per_s)
         return (vx_mps, vy_mps, omega_rad_per_s)
 
-    def spherical(self, *angular_velocity_rad_per_s: float) -> Sequence[float]:
+    def spherical(
+        self, wx_rad_per_s: float, wy_rad_per_s: float, wz_rad_per_s: float
+    ) -> Sequence[float]:
         """Return the twist of a sphere that is turned in place.
 
         Raises:
-            ClientError: the robot drives on a floor.
+            ClientError: the robot drives on a floor, or a number is not finite.
         """
         if self.kinematics.pose_type is not SO3:
             raise ClientError(f"{self.robot_id} turns no sphere: use drive, set_velocity")
-        return angular_velocity_rad_per_s
+        check_numbers(
+            wx_rad_per_s=wx_rad_per_s, wy_rad_per_s=wy_rad_per_s, wz_rad_per_s=wz_rad_per_s
+        )
+        return (wx_rad_per_s, wy_rad_per_s, wz_rad_per_s)
 
     def latch_reason(self) -> str:
         """Return why the robot is latched, as a sentence; "" when it is not."""
@@ -391,12 +424,3 @@ class ControlProtocol(HeldLease):
         else:
             text = f"{self.robot_id} is {self.status.mode}"
         return f"{text}: {self.status.stop_reason}" if self.status.stop_reason else text
-
-
-def _checked(twist: Sequence[float] | Array, frame: str) -> Array:
-    numbers = np.asarray(twist, dtype=float)
-    if numbers.shape != (3,) or not all(map(math.isfinite, numbers.tolist())):
-        raise ClientError(f"a twist is three finite numbers, not {twist}")
-    if frame not in (BASE, ODOM):
-        raise ClientError(f"a frame is {BASE} or {ODOM}, not {frame}")
-    return numbers

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from tsd_twin.client import motions, procedures
+from tsd_twin.client.arguments import check_duration, check_frame, check_numbers, check_optional
 from tsd_twin.client.base import QUEUE, BaseClient, BaseControl
 from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.link import Link, open_link
@@ -56,11 +57,12 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
 
     def close(self) -> None:
         """Give back control, if it is held, and leave the robot."""
+        link = self.link
         try:
             for control in list(self._controls):
                 control.release()
         finally:
-            self.link.close()
+            link.close()
             self._closed.set()
             for thread in self._readers:
                 if thread is not threading.current_thread():
@@ -75,6 +77,7 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
 
     def sleep(self, seconds: float) -> None:
         """Wait; of a simulated robot, let virtual time pass."""
+        check_numbers(seconds=seconds)
         self.link.sleep_until(self.link.now_s() + seconds)
 
     def states(
@@ -84,6 +87,7 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
 
         When the reader is slower, the oldest ones beyond `maxlen` are dropped.
         """
+        check_optional(duration_s=duration_s)
         end_s = None if duration_s is None else self.time_s + duration_s
         with self.link.subscribe_states(Subscription[RobotState](maxlen)) as subscription:
             while not self.link.closed and (end_s is None or self.time_s < end_s - 1e-9):
@@ -194,10 +198,11 @@ class RobotControl(BaseControl[Link, None]):
 
         An interrupt, such as Ctrl-C, is raised when that is done.
         """
+        link = self._link  # A forked child must not wait for the threads of its parent.
         try:
             _uninterrupted(
                 lambda: self._perform(lambda: procedures.give_back(self._protocol, self._now_s)),
-                self._link,
+                link,
             )
         finally:
             self._ended.set()
@@ -206,7 +211,7 @@ class RobotControl(BaseControl[Link, None]):
             for thread in self._threads:
                 thread.join()
             self._threads = []
-            self._link.detach(self._protocol)
+            link.detach(self._protocol)
             self.robot.add_control(self, active=False)
 
     def arming(self) -> Iterator[float]:
@@ -222,6 +227,7 @@ class RobotControl(BaseControl[Link, None]):
         Raises:
             ControlLost, RobotStopped, RobotSilent: it does not.
         """
+        check_duration(duration_s=duration_s)
         began_s = self._now_s
         for _ in run_stepwise(
             self._link, procedures.stay_ready(self._protocol, began_s, duration_s)
@@ -238,6 +244,7 @@ class RobotControl(BaseControl[Link, None]):
         Raises:
             ControlLost, RobotStopped, RobotSilent: as `drive`; `twist_at` may raise more.
         """
+        check_frame(frame)
         driving = motions.drive_by(self._protocol, self._now_s, twist_at, frame)
         steps = run_stepwise(self._link, driving)
         try:

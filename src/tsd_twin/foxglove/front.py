@@ -94,19 +94,24 @@ class Access:
             host_header, None, port, names, addresses=not is_loopback(host), secure=secure
         )
         if reason is not None:
-            return web.HTTPForbidden(text=reason)
+            return web.HTTPForbidden(text=_readable(reason))
         origin = ", ".join(request.headers.getall("Origin", []))
         if origin and origin.lower() not in {each.lower() for each in self.origins}:
             reason = f"A page of {origin[:200]} may not connect: --allow-origin names another site."
-            return web.HTTPForbidden(text=reason)
+            return web.HTTPForbidden(text=_readable(reason))
         if self.token is not None and not hmac.compare_digest(
-            _token_of(request).encode(), self.token.encode()
+            _token_of(request).encode(errors="surrogateescape"), self.token.encode()
         ):
             return web.HTTPUnauthorized(text="The token is wrong, or missing: ?token=...")
         offered = ",".join(request.headers.getall("Sec-WebSocket-Protocol", []))
         if SUBPROTOCOL not in {each.strip() for each in offered.split(",")}:
             return web.HTTPBadRequest(text=f"Only the protocol {SUBPROTOCOL} is spoken here.")
         return None
+
+
+def _readable(text: str) -> str:
+    """Return text that can be encoded; aiohttp leaves bytes of headers that are not UTF-8 in it."""
+    return text.encode(errors="replace").decode()
 
 
 def _token_of(request: web.Request) -> str:

@@ -41,8 +41,8 @@ _LOG = logging.getLogger(__name__)
 _POLL_S = 0.1
 FAR_S = 0.015
 """Round trip to the publisher from which on a lease lets older commands count."""
-REFRESH_S = 0.2
-"""Time beyond that round trip that twists at 10 Hz need: their period, and a status period."""
+REFRESH_S = 0.22
+"""Age beyond that round trip that twists at 10 Hz reach: periods of twist, status and ping."""
 
 
 def command_age_for(limits: Limits, trip_s: float) -> float:

@@ -14,6 +14,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
+from xml.parsers import expat
 
 import msgspec
 import numpy as np
@@ -87,14 +88,31 @@ def read_urdf(text: str) -> tuple[ImportedGeometry, tuple[str, ...]]:
     """
     if len(text) > MOST_BYTES:
         raise MessageError("shape", f"a URDF of {len(text)} characters is too long")
-    if "<!" in re.sub(r"<!--.*?-->|<!\[CDATA\[", "", text, flags=re.DOTALL):
-        raise MessageError("shape", "a URDF that declares a document type or entities is refused")
     try:
+        _refuse_doctype(text.encode())
         # Entities cannot be declared, and expat reads no other file.
         root = ET.fromstring(text.encode())  # noqa: S314
         return _Reader(root).read()
-    except (ET.ParseError, ValueError, KeyError, RecursionError, OverflowError) as error:
+    except (
+        ET.ParseError,
+        expat.ExpatError,
+        ValueError,
+        KeyError,
+        RecursionError,
+        OverflowError,
+    ) as error:
         raise MessageError("shape", f"not a URDF: {str(error)[:200]}") from error
+
+
+def _refuse_doctype(text: bytes) -> None:
+    """Parse up to a document type, which may declare entities, and refuse it."""
+
+    def refuse(*_: object) -> None:
+        raise MessageError("shape", "a URDF that declares a document type or entities is refused")
+
+    parser = expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = refuse
+    parser.Parse(text, True)
 
 
 class _Reader:

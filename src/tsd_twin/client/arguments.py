@@ -1,0 +1,117 @@
+"""Checks of the arguments of public methods, made before any state changes. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tsd_twin.errors import ClientError, PathError
+from tsd_twin.lie import Array
+from tsd_twin.messages.ros import BASE, ODOM
+
+
+def check_numbers(**values: object) -> None:
+    """Check that each argument is a finite number.
+
+    Raises:
+        ClientError: If one is not; the sentence names it.
+    """
+    for name, value in values.items():
+        if not math.isfinite(_number(name, value)):
+            raise ClientError(f"{name} must be finite, not {value}")
+
+
+def check_optional(**values: object) -> None:
+    """Check that each argument is a finite number or None; as `check_numbers`."""
+    check_numbers(**{name: value for name, value in values.items() if value is not None})
+
+
+def check_duration(**values: object) -> None:
+    """Check that each argument is a finite number of seconds, at least 0.
+
+    Raises:
+        ClientError: If one is not.
+    """
+    check_numbers(**values)
+    for name, value in values.items():
+        if _number(name, value) < 0.0:
+            raise ClientError(f"{name} must be at least 0, not {value}")
+
+
+def check_speed(speed_mps: object) -> None:
+    """Check that an optional speed limit is positive and finite.
+
+    Raises:
+        ClientError: If it is not.
+    """
+    check_optional(speed_mps=speed_mps)
+    if speed_mps is not None and _number("speed_mps", speed_mps) <= 0.0:
+        raise ClientError(f"speed_mps must be greater than 0, not {speed_mps}")
+
+
+def check_frame(frame: object) -> None:
+    """Check the name of a frame.
+
+    Raises:
+        ClientError: If velocities are not understood in it.
+    """
+    if frame not in (BASE, ODOM):
+        raise ClientError(f"frame must be '{BASE}' or '{ODOM}', not {frame!r}")
+
+
+def check_text(**values: object) -> None:
+    """Check that each argument is a string or None.
+
+    Raises:
+        ClientError: If one is not.
+    """
+    for name, value in values.items():
+        if value is not None and not isinstance(value, str):
+            raise ClientError(f"{name} must be a string, not {value!r}")
+
+
+def checked_points(points: Sequence[Sequence[float]]) -> Array:
+    """Return the points of a path as (n, 2), in metres.
+
+    Raises:
+        PathError: If there are none, or they are not pairs of finite numbers.
+    """
+    wrong = PathError("a path is a list of (x, y) in metres")
+    if isinstance(points, str):
+        raise wrong
+    try:
+        line = np.array([[_number("a point", number) for number in point] for point in points])
+    except (TypeError, ValueError, ClientError):
+        raise wrong from None
+    if line.ndim != 2 or line.shape[1] != 2:
+        raise wrong
+    if not np.isfinite(line).all():
+        raise PathError("the points of a path must be finite")
+    return line
+
+
+def checked_twist(twist: Sequence[float] | Array, frame: str) -> Array:
+    """Return a twist as (3,), m/s and rad/s in `frame`.
+
+    Raises:
+        ClientError: If it is not three finite numbers, or the frame is unknown.
+    """
+    check_frame(frame)
+    try:
+        numbers = np.array([_number("a twist", number) for number in twist])
+    except (TypeError, ClientError):
+        numbers = np.empty(0)
+    if numbers.shape != (3,) or not all(map(math.isfinite, numbers.tolist())):
+        raise ClientError(f"a twist is three finite numbers, not {twist}")
+    return numbers
+
+
+def _number(name: str, value: object) -> float:
+    try:
+        if isinstance(value, str | bytes):
+            raise TypeError
+        return float(value)  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError, OverflowError):
+        raise ClientError(f"{name} must be a number, not {value!r}") from None
