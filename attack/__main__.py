@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from attack.table import Row, summary
 from tsd_twin.errors import TwinError
 
-PARTS: tuple[str, ...] = ("commands", "distances", "gateway", "discovery", "login")
+PARTS: tuple[str, ...] = ("commands", "distances", "gateway", "discovery", "login", "ros_age")
 
 
 def main() -> None:

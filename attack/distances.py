@@ -192,7 +192,7 @@ class Result:
 
 def measure(task: Task) -> list[Result]:
     """Do all runs of a task; rows after a failure are marked as not measured."""
-    robot, text = _description(task.robot)
+    robot, text = quick_description(task.robot)
     kind = CAUSES[task.causes[0]].operator
     opened = with_board if kind == "node" else on_a_link
     results = {name: Result(name) for name in task.causes}
@@ -253,7 +253,7 @@ def _get_fast(scene: Scene, twist_scale_m: float) -> float:
     return status.limits.speed_mps
 
 
-def _description(name: str) -> tuple[RobotDescription, str]:
+def quick_description(name: str) -> tuple[RobotDescription, str]:
     """Shipped robot whose speed controllers arm at once, and its text."""
     text = robots.read_description(name)
     if robots.parse_description(text, name).arming_hold_s > 0.1:

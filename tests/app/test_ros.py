@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zenoh
 
 import tsd_twin
 from tests.app.conftest import PATIENCE_S, Program, again_if_held_up, longest_pause_s
@@ -40,7 +41,7 @@ from tests.support.square_drive import SquareDrive
 from tests.support.tcp_relay import Relay
 from tsd_twin import robots
 from tsd_twin.errors import TwinError
-from tsd_twin.interop.cmd_vel import PAUSE_S
+from tsd_twin.interop.cmd_vel import HELD_UP_S, PAUSE_S
 from tsd_twin.interop.mapping import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
@@ -49,6 +50,8 @@ ALLOWANCE_M = robots.load_robot("tsd").limits.stop_allowance_m
 SPEED_MPS = 0.8
 FOREIGN_TOKENS = 300
 TRIES, PUSH_S = 3, 5.0
+FLOOD = 5000
+"""Calls of a service, without a wait for the answers."""
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 
@@ -333,11 +336,11 @@ def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stag
         assert abs(node.x_m - at_m) < 0.01, "a held stick moves nothing"
     assert "control is lost" in stage.adapter.sentence, "the terminal has it, too"
     stage.pause()
-    stage.push(0.3, 0.4)
+    stage.push(0.3, 0.8)
     assert node.status["lease"]["holder"] is None, "nor does a new push"
     stage.arm()
     stage.pause()
-    stage.push(0.3, 0.6)
+    stage.push(0.3, 1.5)
     assert node.x_m - at_m > 0.02, "the service arm takes control again"
 
 
@@ -367,6 +370,56 @@ def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage
             break
     assert pause_s < PAUSE_S
     assert moved_m < 0.01
+
+
+@again_if_held_up
+def test_a_controller_that_streams_is_an_error_after_a_stall_and_moves_again_by_resume(
+    stage: Stage,
+) -> None:
+    node = stage.node
+
+    def level() -> int:
+        found = [e for e in node.newest["/diagnostics"].status if e.name.endswith("cmd_vel")]
+        return int(found[0].level)
+
+    stage.arm()
+    stage.pause()
+    with stage.driving(0.3, lambda: node.status["mode"] == "driving"):
+        stage.adapter.process.send_signal(signal.SIGSTOP)
+        time.sleep(2.0 * HELD_UP_S)
+        stage.adapter.process.send_signal(signal.SIGCONT)
+        node.until(lambda: level() == 2, "no error")
+        node.until(lambda: node.status["mode"] == "ready", "it is not at rest")
+        at_m = node.x_m
+        node.until(lambda: node.call("/resume")[0], "it cannot resume")
+        node.until(lambda: node.x_m - at_m > 0.02, "it does not move again")
+        node.until(lambda: level() == 0, "it is still an error")
+
+
+@again_if_held_up
+def test_a_flood_of_stop_is_answered_and_fills_no_memory(stage: Stage) -> None:
+    node, pid = stage.node, stage.adapter.process.pid
+    stage.arm()
+    before_mb, answers = resident_mb(pid), list[bool]()
+    key = f"0/stop/std_srvs::srv::dds_::Trigger_/{TRIGGER_HASH}"
+    for count in range(1, FLOOD + 1):
+        handler = zenoh.handlers.Callback(
+            lambda reply: answers.append(reply.ok is not None), indirect=False
+        )
+        attachment = struct.pack("<qqB16s", count, time.time_ns(), 16, bytes(16))
+        node.router.get(
+            key, handler, payload=b"\0\1\0\0\0", attachment=attachment, timeout=PATIENCE_S
+        )
+    node.until(lambda: node.status["mode"] == "stopped", "it is not stopped")
+    assert node.call("/stop")[0]
+    node.until(lambda: len(answers) == FLOOD, f"{len(answers)} answers")
+    assert all(answers)
+    assert resident_mb(pid) < before_mb + 0.005 * FLOOD
+
+
+def resident_mb(pid: int) -> float:
+    pages = int(Path(f"/proc/{pid}/statm").read_text("ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 @again_if_held_up
@@ -439,7 +492,7 @@ def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held
         assert abs(robot.state.truth.pose.x_m - at_m) < 0.01
     stage.arm()
     stage.pause()
-    stage.push(0.3, 0.5)
+    stage.push(0.3, 1.5)
     node.until(lambda: node.x_m - at_m > 0.02, "the service arm takes control again")
 
 
@@ -506,7 +559,7 @@ def test_hostile_messages_move_nothing_and_end_nothing(stage: Stage) -> None:
     assert any("not finite" in each for each in node.said)
     assert any("no attachment" in each for each in node.said)
     stage.pause()
-    stage.push(0.3, 0.6)
+    stage.push(0.3, 1.5)
     assert node.x_m - start_m > 0.02, "a good one still drives"
 
 
@@ -588,6 +641,36 @@ def test_two_robots_have_namespaces_in_a_domain_of_their_own(
         assert node.newest["/right_2/odom"].pose.pose.position.x == 0.0
     assert adapter.end() == 0
     assert "Traceback" not in adapter.sentence
+
+
+def test_two_robots_of_one_name_are_neither_armed_nor_driven(
+    start: Callable[..., Program], stage: Stage
+) -> None:
+    """Two buses, so two adapters, which give both robots the default names."""
+    ros = ("--ros-connect", f"tcp/127.0.0.1:{stage.port}", "--domain", "9")
+    endpoints = [
+        start("tsd_mock", "--listen", "tcp/127.0.0.1:0", "--robot", "kiwi").ready().split()[-1]
+        for _ in range(2)
+    ]
+    start("tsd_ros", "--connect", endpoints[0], *ros).ready()
+    with contextlib.closing(ForeignNode(stage.node.router, stage.port, domain=9)) as node:
+        node.until(lambda: node.call("/arm")[0], "a robot that is alone is armed")
+        node.call("/disarm")
+        other = start("tsd_ros", "--connect", endpoints[1], *ros)
+        other.ready()
+        done, text = True, ""
+
+        def is_refused() -> bool:
+            nonlocal done, text
+            done, text = node.call("/arm")
+            return not done and "two robots have the ROS name" in text
+
+        node.until(is_refused, f"it is armed: {text}")
+        for endpoint in endpoints:
+            with tsd_twin.connect(endpoint) as robot:
+                assert robot.state.mode == "disarmed"
+        other.process.kill()
+        node.until(lambda: node.call("/arm")[0], "it is not armed when the other has gone")
 
 
 def test_without_a_router_it_ends_with_one_sentence() -> None:

@@ -258,8 +258,11 @@ def say_no_turn(cart: ForeignRobot) -> None:
 
 
 def publish_twice(cart: ForeignRobot) -> None:
+    other = cart.node.publisher("/odom", ODOMETRY)
     for _ in range(10):
-        cart.say_odom(90.0, 90.0, 0.0, 0.0, 0.0, cart.other)
+        cart.say_odom(90.0, 90.0, 0.0, 0.0, 0.0, other)
+    time.sleep(0.5)
+    other.close()
 
 
 def say_garbage(cart: ForeignRobot) -> None:

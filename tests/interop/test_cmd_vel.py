@@ -365,3 +365,56 @@ def test_time_in_which_the_program_stood_still_is_no_pause_of_the_publisher(firs
     paused_s = now_s + PAUSE_S
     poll_until(operator, now_s, paused_s)
     assert moves(operator.on_twist(PUSH, paused_s, ready, paused_s))
+
+
+def streaming(operator: CmdVelOperator, start_s: float, end_s: float, view: RobotView) -> bool:
+    """Stream twists without a pause; return whether one moves the robot."""
+    times_s = np.arange(start_s, end_s, PERIOD_S)
+    moved = [moves(operator.on_twist(PUSH, now_s, view, now_s)) for now_s in times_s]
+    return any(moved)
+
+
+AT_REST = RobotView("ready", ME)
+
+
+def test_a_controller_that_streams_moves_again_after_a_stall_by_resume_and_only_once() -> None:
+    operator = holder()
+    assert streaming(operator, 0.1, 0.5, MINE)
+    for stall_s in (1.0, 5.0):
+        late = operator.on_twist(PUSH, stall_s, AT_REST, stall_s - 1.0)
+        assert "too late" in texts(late)
+        assert not streaming(operator, stall_s + 0.05, stall_s + 2.0, AT_REST)
+        assert operator.waits_for_pause(stall_s + 2.0)
+        assert operator.resume(stall_s + 2.0, AT_REST) == ""
+        assert not operator.waits_for_pause(stall_s + 2.0)
+        assert streaming(operator, stall_s + 2.05, stall_s + 2.5, AT_REST)
+
+
+def test_resume_is_refused_while_the_robot_moves_or_cannot_be_driven() -> None:
+    operator = holder()
+    assert streaming(operator, 0.1, 0.5, MINE)
+    assert "at rest" in operator.resume(0.6, MINE)
+    assert "at rest" in operator.resume(0.6, AT_REST), "it has driven just now"
+    assert "disarmed" in operator.resume(5.0, RobotView("disarmed", ME))
+    assert "alice" in operator.resume(5.0, RobotView("ready", "alice"))
+    operator.lost("taken", 5.0)
+    assert "arm" in operator.resume(6.0, AT_REST)
+
+
+def test_resume_counts_no_twist_that_was_sent_before_it() -> None:
+    operator = holder()
+    operator.on_unread(0.9)
+    assert operator.resume(1.0, AT_REST) == ""
+    assert not moves(operator.on_twist(PUSH, 1.1, AT_REST, 0.95))
+    assert moves(operator.on_twist(PUSH, 1.15, AT_REST, 1.05))
+
+
+def test_an_unproven_twist_ends_a_pause_and_moves_nothing() -> None:
+    operator = holder()
+    operator.on_unread(0.0)
+    assert texts(operator.on_twist(PUSH, 1.0, MINE, 1.0, "not known yet")) == "not known yet"
+    assert moves(operator.on_twist(PUSH, 1.05, MINE, 1.05))
+    operator.on_unread(1.1)
+    assert not moves(operator.on_twist(PUSH, 1.15, MINE, 1.15, "not known yet"))
+    assert not moves(operator.on_twist(PUSH, 1.2, MINE, 1.2)), "no pause was there"
+    assert operator.on_twist(ZERO, 1.25, MINE, 1.25, "not known yet") == [REST]

@@ -254,6 +254,19 @@ def test_status_becomes_diagnostics_and_battery_once_a_second_and_when_the_mode_
     }.items()
 
 
+def test_twists_that_are_refused_are_an_error_of_the_diagnostics_at_once() -> None:
+    problem = ""
+    urdf = urdf_file("tsd").read_text("utf-8")
+    it = RobotMapping("left", ALONE, urdf, "package://left/", lambda: problem)
+    status = encode_status(Status("ready"))
+    levels: list[tuple[int, str]] = []
+    for problem in ("", "it must pause", "it must pause", ""):  # noqa: B007  The function reads it.
+        for message in decoded(it.convert(topics.STATUS, status)).values():
+            found = getattr(message, "status", [])
+            levels += [(each.level, each.message) for each in found if "cmd_vel" in each.name]
+    assert levels == [(0, "ok"), (2, "it must pause"), (0, "ok")]
+
+
 def test_an_event_becomes_a_line_of_the_log() -> None:
     it = mapping("tsd")
     list(it.convert(topics.ODOM, odometry((0, 0, 0))))
@@ -328,5 +341,5 @@ def test_the_table_is_whole() -> None:
     for row in PUBLISHED:
         assert set(row.source.split(", ")) <= known
         assert row.type in STORE.types
-    assert SERVICES == ("arm", "disarm", "stop", "reset")
+    assert SERVICES == ("arm", "disarm", "stop", "reset", "resume")
     assert BASE == "base_link"

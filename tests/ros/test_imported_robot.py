@@ -14,6 +14,7 @@ from tsd_twin.interop.mapping import ODOMETRY, RosMessage, RosNames
 from tsd_twin.lie import Array
 from tsd_twin.messages.ros import Odometry, decode_cdr, encode_odometry
 from tsd_twin.robots import ImportedDescription
+from tsd_twin.ros.arrivals import Origin
 from tsd_twin.ros.imported_robot import (
     HELD_S,
     SEND_EVERY_S,
@@ -22,7 +23,7 @@ from tsd_twin.ros.imported_robot import (
     ImportLimits,
     describe,
 )
-from tsd_twin.ros.port import UNTOLD, Origin
+from tsd_twin.ros.port import UNTOLD
 from tsd_twin.safety import Heartbeat
 
 TIMEOUT_S = 0.5
@@ -34,12 +35,19 @@ class Outbox:
 
     def __init__(self) -> None:
         self.sent: list[float] = []
+        self.readers: list[str] = []
 
     def wants(self, topic: str) -> bool:
         return bool(topic)
 
     def publish(self, message: RosMessage) -> None:
         self.sent.append(decode_cdr(message.payload, message.topic.type).linear.x)
+
+    def publishers(self, topic: str) -> list[str]:
+        return ["cart"] if topic == "/odom" else []
+
+    def subscribers(self, topic: str) -> list[str]:
+        return [*self.readers, "cart"] if topic == "/cmd_vel" else []
 
     def close(self) -> None:
         self.sent.append(0.0)
@@ -95,6 +103,20 @@ def test_one_publisher_of_odometry_counts_until_it_is_silent() -> None:
     robot.read(now_s + 10.0)
     say(robot, 92, publisher=b"b")
     assert x_m(robot.read(now_s + 10.0)) is None, "its time is not that of this clock"
+
+
+def test_it_is_a_fault_while_another_robot_reads_its_cmd_vel() -> None:
+    port = Outbox()
+    robot = imported(port)
+    say(robot, 1)
+    now_s = time.monotonic()
+    robot.read(now_s)
+    assert robot.fault(now_s) == ""
+    port.readers = ["tsd_ros"]
+    assert "two robots have the ROS name /cmd_vel" in robot.fault(now_s + 0.3)
+    port.readers = []
+    assert robot.fault(now_s + 0.4) != ""
+    assert "two robots" not in robot.fault(now_s + 0.7)
 
 
 def test_twists_come_in_their_period_then_zeros_then_nothing() -> None:

@@ -108,7 +108,6 @@ class ForeignRobot:
         self.heard = self.node.heard
         self.node.subscribe("/cmd_vel", TWIST)
         self._odom = self.node.publisher("/odom", ODOMETRY)
-        self.other = self.node.publisher("/odom", ODOMETRY)
         self._joints = self.node.publisher("/joint_states", JOINTS)
         # As rmw_zenoh publishes what is transient local; the other implementation does not.
         key = f"0/robot_description/std_msgs::msg::dds_::String_/{foreign_hash(STRING)}"

@@ -29,6 +29,8 @@ GAP_S = 0.3
 """Messages further apart are not at a steady rate."""
 JITTER_S = 0.02
 """At a steady rate no message is faster than the first one by more."""
+SLOWER_S = 0.1
+"""At a steady rate no message is slower than the first one by more."""
 FASTER_S = 0.1
 """A clock is no longer known if a message is faster than in its steady start by more."""
 MOST_ECHOES = 256
@@ -73,11 +75,11 @@ class _Clock:
     first_s: float
     """Arrival of the first message of the steady part."""
     first_offset_s: float
+    fastest_offset_s: float
+    """Offset of the fastest message."""
+    usual_offset_s: float = -math.inf
+    """The same, but falls no faster than two clocks drift apart; -inf until the clock is known."""
     is_steady: bool = False
-    fastest_offset_s: float = math.inf
-    """Offset of the fastest message; infinite while the clock is not known."""
-    usual_offset_s: float = math.inf
-    """The same, but falls no faster than two clocks drift apart."""
 
     def note(self, offset_s: float, now_s: float) -> str | None:
         """Update with a message; return why its age does not count yet.
@@ -89,20 +91,21 @@ class _Clock:
         is_known = math.isfinite(self.usual_offset_s)
         self.at_s = now_s
         self.first_offset_s -= drift_s
+        self.fastest_offset_s = min(offset_s, self.fastest_offset_s + drift_s)
         if is_known:
-            self.fastest_offset_s = min(offset_s, self.fastest_offset_s + drift_s)
             self.usual_offset_s = max(self.usual_offset_s - drift_s, self.fastest_offset_s)
             if offset_s < self.usual_offset_s - FASTER_S:
-                self.fastest_offset_s = self.usual_offset_s = math.inf
+                self.usual_offset_s = -math.inf
                 self._restart(offset_s, now_s)
                 return None
-        if gap_s > GAP_S or (not self.is_steady and offset_s < self.first_offset_s - JITTER_S):
+        later_s = offset_s - self.first_offset_s
+        if gap_s > GAP_S or not (self.is_steady or -JITTER_S <= later_s <= SLOWER_S):
             self._restart(offset_s, now_s)
         self.is_steady |= now_s - self.first_s >= (CONFIRM_S if is_known else STEADY_S)
         if not self.is_steady:
             return CONFIRMING if is_known else LEARNING
         if not is_known:
-            self.fastest_offset_s = self.usual_offset_s = min(offset_s, self.first_offset_s)
+            self.usual_offset_s = self.fastest_offset_s
         return ""
 
     def _restart(self, offset_s: float, now_s: float) -> None:
@@ -127,14 +130,13 @@ class Arrivals:
         if clock is None or now_s - clock.at_s > SILENT_S:
             if clock is None and not self._has_room(now_s):
                 return Arrival(now_s, CROWDED)
-            clock = _Clock(origin.sequence, now_s, now_s, offset_s)
+            clock = _Clock(origin.sequence, now_s, now_s, offset_s, offset_s)
             self._clocks[origin.publisher] = clock
         clock.sequence = origin.sequence
         unproven = clock.note(offset_s, now_s)
         if unproven is None:
             return Arrival(-math.inf)
-        waited_s = offset_s - min(offset_s, clock.fastest_offset_s)
-        return Arrival(now_s - waited_s, unproven)
+        return Arrival(1e-9 * origin.source_ns + clock.fastest_offset_s, unproven)
 
     def _has_room(self, now_s: float) -> bool:
         """Forget publishers that are silent; return whether one more has room."""
