@@ -33,6 +33,8 @@ PATIENCE_S = 30.0
 """Timeout for a program to become ready."""
 BUS_PORT = 7447
 PAGE_PORT = 8080
+ALONE = ("--listen", "tcp/127.0.0.1:0")
+"""Bus flags of robots that are reached through the first one."""
 SPACING_M = 1.0
 """Between robots that start side by side."""
 
@@ -60,16 +62,13 @@ def demonstrate(args: argparse.Namespace) -> None:
     chosen = cast_of(args.robot or ["tsd"], args.id, camera=args.camera)
     # Over TCP, whatever a bad link loses holds up all that comes after it.
     protocol, kind = ("udp", socket.SOCK_DGRAM) if link else ("tcp", socket.SOCK_STREAM)
-    bus_ports = [
-        free_port(args.bus_port, BUS_PORT, kind),
-        *(free_port(0, 0, kind) for _ in chosen[1:]),
-    ]
+    bus_port = free_port(args.bus_port, BUS_PORT, kind)
     page_port = free_port(args.port, PAGE_PORT)
     folder = None if args.no_record else record_folder(args.record_dir)
-    endpoints = [f"{protocol}/127.0.0.1:{port}" for port in bus_ports]
-    if args.bus_port is None and bus_ports[0] != BUS_PORT:
+    endpoint = f"{protocol}/127.0.0.1:{bus_port}"
+    if args.bus_port is None and bus_port != BUS_PORT:
         print(
-            f"port {BUS_PORT} is in use, so the bus of this demo is at {endpoints[0]}: name that "
+            f"port {BUS_PORT} is in use, so the bus of this demo is at {endpoint}: name that "
             "to other programs",
             flush=True,
         )
@@ -84,7 +83,7 @@ def demonstrate(args: argparse.Namespace) -> None:
         args.plant,
         *(["--verbose"] if args.verbose else []),
     ]
-    listening = [over_datagrams(each) for each in endpoints] if link else endpoints
+    listening = over_datagrams(endpoint) if link else endpoint
     dashboard = [
         "tsd_dashboard",
         "--port",
@@ -93,13 +92,15 @@ def demonstrate(args: argparse.Namespace) -> None:
         *(["--record-dir", str(folder)] if folder else []),
     ]
     with contextlib.ExitStack() as running:
+        # The first robot routes for the others, so all are on one bus.
+        doors = [["--listen", listening], *([*ALONE, "--connect", listening] for _ in chosen[1:])]
         robots_ready = [
-            running.enter_context(start_program([*role, "--listen", heard_at, *more], stop))
-            for role, heard_at in zip(chosen, listening, strict=True)
+            running.enter_context(start_program([*role, *door, *more], stop))
+            for role, door in zip(chosen, doors, strict=True)
         ]
-        seen_at = [running.enter_context(linked(link, each, stop)) for each in endpoints]
-        for role, each in zip(chosen, seen_at, strict=True):
-            dashboard += ["--connect", each, "--first", role[role.index("--id") + 1]]
+        dashboard += ["--connect", running.enter_context(linked(link, endpoint, stop))]
+        for role in chosen:
+            dashboard += ["--first", role[role.index("--id") + 1]]
         recorder_ready = folder and running.enter_context(
             recorder(folder, args.keep_gb, listening, stop)
         )
@@ -111,7 +112,7 @@ def demonstrate(args: argparse.Namespace) -> None:
             print(f"recording into {folder}, at most {args.keep_gb:g} GB", flush=True)
         url = page_ready.wait_for().split()[1]
         wait_for_robots(url, len(chosen), stop)
-        program.say_ready(f"{url} with the bus at {' '.join(endpoints)}; Ctrl-C ends all")
+        program.say_ready(f"{url} with the bus at {endpoint}; Ctrl-C ends all")
         if not args.no_browser:
             # A browser may hold its own console for as long as it runs.
             threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
@@ -184,12 +185,10 @@ def record_folder(chosen: Path | None) -> Path | None:
 
 @contextlib.contextmanager
 def recorder(
-    folder: Path, keep_gb: float, endpoints: list[str], stop: threading.Event
+    folder: Path, keep_gb: float, endpoint: str, stop: threading.Event
 ) -> Generator[Subprocess]:
     """Run a recorder beside the robots; driving goes on when it ends."""
-    command = ["tsd_record", "--dir", str(folder), "--keep-gb", str(keep_gb)]
-    for each in endpoints:
-        command += ["--connect", each]
+    command = ["tsd_record", "--dir", str(folder), "--keep-gb", str(keep_gb), "--connect", endpoint]
     ended = threading.Event()
 
     def watch() -> None:

@@ -34,8 +34,13 @@ if TYPE_CHECKING:
         RobotStopped,
         SeveralRobotsFound,
         SimulatedRobot,
+        StopNotConfirmed,
         connect,
         connect_async,
+        find,
+        find_async,
+        stop_all,
+        stop_all_async,
     )
     from tsd_twin.errors import RecordingError, TwinError
     from tsd_twin.lie import SE2, SO3
@@ -77,13 +82,18 @@ __all__ = [
     "RobotStopped",
     "SeveralRobotsFound",
     "SimulatedRobot",
+    "StopNotConfirmed",
     "TwinError",
     "__version__",
     "connect",
     "connect_async",
+    "find",
+    "find_async",
     "load_robot",
     "open_recording",
     "simulate",
+    "stop_all",
+    "stop_all_async",
 ]
 
 

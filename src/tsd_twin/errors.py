@@ -5,7 +5,8 @@ TwinError                   anything below; its text is one sentence for the per
 ├── RobotFileError          a robot description is missing, misspelt or impossible
 ├── MessageError            a peer sent something that cannot be read (theirs, not ours)
 ├── BusError                the bus cannot be opened, or is used in a way that is not allowed
-│   └── NoAnswerError       a service did not answer in time
+│   ├── NoAnswerError       a service did not answer in time
+│   └── SeveralAnswersError more than one node answered, so an id is not unique
 ├── LinkError               a description of a simulated link cannot be read (in link_emulation)
 ├── PathError               a path that no robot can follow
 ├── RecordingError          a file is no recording, or lacks a topic
@@ -17,6 +18,7 @@ TwinError                   anything below; its text is one sentence for the per
     ├── ControlDenied       the lease is not granted; `holder` has it
     ├── ControlLost         the lease ended: taken over, handed over or expired
     ├── RequestRefused      the robot refused to arm, reset, set its pose ...
+    ├── StopNotConfirmed    robots that did not confirm `stop_all`: `robots`
     ├── RobotStopped        the robot is latched, or began to stop by itself
     ├── RobotSilent         the robot does not answer, or sends no status
     └── MotionFailed        the robot left its path or did not come to rest
@@ -30,6 +32,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 
@@ -62,6 +65,13 @@ class NoAnswerError(BusError):
 
     def __init__(self, key: str, timeout_s: float) -> None:
         super().__init__(f"{key}: no answer within {timeout_s:g} s")
+
+
+class SeveralAnswersError(BusError):
+    """More than one node answered a request, so it is unknown which one acted on it."""
+
+    def __init__(self, key: str, count: int) -> None:
+        super().__init__(f"{key}: {count} nodes answered; give each robot its own id")
 
 
 class PathError(TwinError):
@@ -112,6 +122,22 @@ class NoRobotFound(ClientError):  # noqa: N818  Reads as what happened.
 
 class SeveralRobotsFound(ClientError):  # noqa: N818  Reads as what happened.
     """More than one robot is on the bus, and none was named."""
+
+    def __init__(self, robots: Sequence[str], where: str) -> None:
+        super().__init__(
+            f"{', '.join(robots)} are at {where}: name one, connect(robot='{robots[0]}')"
+        )
+        self.robots = tuple(robots)
+        """Ids of the robots, sorted."""
+
+
+class StopNotConfirmed(ClientError):  # noqa: N818  Reads as what happened.
+    """Robots did not confirm that they are stopped; the others are."""
+
+    def __init__(self, robots: Sequence[str]) -> None:
+        super().__init__(f"no confirmed stop of {', '.join(robots)}: use the emergency stop")
+        self.robots = tuple(robots)
+        """Ids of the robots that did not confirm, sorted."""
 
 
 class ControlDenied(ClientError):  # noqa: N818  Reads as what happened.

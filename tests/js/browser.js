@@ -179,6 +179,7 @@ const STATE = {
   t: "state",
   seen: 1,
   age_ms: 0,
+  source: "robot",
   you: true,
   status: { mode: "ready", limits: { speed_mps: 2, turn_rate_rad_per_s: 4 } },
 };

@@ -149,6 +149,23 @@ test("a stop is repeated until the robot is stopped, with an alarm from 600 ms t
   assert.deepEqual(take("stop"), []);
 });
 
+for (const source of ["recording", "several"]) {
+  test(`no state of source "${source}" confirms a stop, only the reply of the robots`, () => {
+    const { drive, say, state } = driven();
+    state({}, { source });
+    drive.stop();
+    for (let i = 0; i < 30; i += 1) {
+      pass(30);
+      state({ mode: i % 10 < 5 ? "stopped" : "fault" }, { source });
+    }
+    assert.equal(drive.stopUnconfirmed, true);
+    say({ t: "reply", to: "stop", ok: false, reason: "1 of 2 robots confirmed" });
+    assert.equal(drive.stopUnconfirmed, true);
+    say({ t: "reply", to: "stop", ok: true, reason: "" });
+    assert.equal(drive.stopUnconfirmed, false);
+  });
+}
+
 test("the alarm of a stop outlasts its repetitions, and another robot does not end it", () => {
   const { drive, say, state, take } = driven();
   drive.stop();

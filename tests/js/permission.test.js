@@ -3,8 +3,16 @@ import { test } from "node:test";
 
 import { connect, pass } from "./browser.js";
 
-const { notArm, notDisarm, notDrive, notPlan, notReset, notSetWheelSpeed, notTake } =
-  await import("../../src/tsd_twin/dashboard/static/permission.js");
+const {
+  notArm,
+  notDisarm,
+  notDrive,
+  notPlan,
+  notReset,
+  notSetWheelSpeed,
+  notTake,
+  showsRecording,
+} = await import("../../src/tsd_twin/dashboard/static/permission.js");
 
 const LEASE = { holder: "ann", reserved_for: null };
 const HELD = { arm: notArm, disarm: notDisarm, reset: notReset, speed: notSetWheelSpeed };
@@ -87,4 +95,14 @@ test("control can be taken, asked for and released unless it is reserved for ano
   assert.equal(notTake(link), "Control is kept for bob, for a moment.");
   state(reserved("ann"), { you: false });
   assert.equal(notTake(link), null);
+});
+
+test("a replay cannot be driven, armed or taken, on a live page", () => {
+  const { link, state } = connect();
+  state({ lease: LEASE, refusals: refusals() }, { source: "recording" });
+  const reason = "This is a recording: choose a live robot. STOP stops all of those.";
+  for (const check of [notDrive, notArm, notReset, notTake]) assert.equal(check(link), reason);
+  assert.equal(showsRecording(link), true);
+  state({ lease: LEASE, refusals: refusals() });
+  assert.equal(showsRecording(link), false);
 });

@@ -16,7 +16,7 @@ import zenoh.ext
 
 from tsd_twin.bus.config import Config, reason
 from tsd_twin.bus.half_open import HalfOpenWatch
-from tsd_twin.errors import BusError, NoAnswerError
+from tsd_twin.errors import BusError, NoAnswerError, SeveralAnswersError
 from tsd_twin.messages.requests import Sample
 from tsd_twin.messages.topics import QoS
 
@@ -326,18 +326,38 @@ class Bus:
         """Query `key`, and return the reply; blocks up to `timeout_s`.
 
         Raises:
-            NoAnswerError: no queryable serves the key, or it does not reply in time.
+            NoAnswerError: If no queryable serves the key, or none replies in time.
+            SeveralAnswersError: If more than one replies.
         """
+        answers = self.query_all(key, payload, timeout_s, attachment)
+        if not answers:
+            raise NoAnswerError(key, timeout_s)
+        if len(answers) > 1:
+            raise SeveralAnswersError(key, len(answers))
+        return answers[0]
+
+    def query_all(
+        self, key: str, payload: bytes, timeout_s: float = 1.0, attachment: bytes = b""
+    ) -> list[bytes]:
+        """Query `key`, and return one reply of each queryable; blocks up to `timeout_s`."""
+        answers: dict[str, bytes] = {}
         try:
+            # By default, Zenoh asks the nearest queryable and keeps one reply for each key.
             replies = self._session.get(
-                key, payload=payload, timeout=timeout_s, attachment=attachment or None
+                key,
+                payload=payload,
+                timeout=timeout_s,
+                attachment=attachment or None,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
             )
             for reply in replies:
                 if reply.ok is not None:
-                    return reply.ok.payload.to_bytes()
+                    # With two routes to a session, its reply may arrive twice.
+                    answers[str(reply.replier_id)] = reply.ok.payload.to_bytes()
         except zenoh.ZError as error:
             raise BusError(reason(error)) from error
-        raise NoAnswerError(key, timeout_s)
+        return list(answers.values())
 
     def request(
         self, key: str, payload: bytes, take: Callable[[bytes | None], None], timeout_s: float = 1.0

@@ -1,6 +1,7 @@
 """Client library: connect to a robot, read its state, take control, drive."""
 
 from tsd_twin.client.aio import AsyncRobotClient, AsyncRobotControl, connect_async
+from tsd_twin.client.fleet import find, find_async, stop_all, stop_all_async
 from tsd_twin.client.robot import RobotClient, RobotControl, connect
 from tsd_twin.client.simulated import SimulatedRobot
 from tsd_twin.client.state import OdometryState, PlanarPose, PlanarTwist, RobotState, Subscription
@@ -14,6 +15,7 @@ from tsd_twin.errors import (
     RobotSilent,
     RobotStopped,
     SeveralRobotsFound,
+    StopNotConfirmed,
 )
 
 __all__ = [
@@ -35,7 +37,12 @@ __all__ = [
     "RobotStopped",
     "SeveralRobotsFound",
     "SimulatedRobot",
+    "StopNotConfirmed",
     "Subscription",
     "connect",
     "connect_async",
+    "find",
+    "find_async",
+    "stop_all",
+    "stop_all_async",
 ]

@@ -14,18 +14,25 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import msgspec
 import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, Subscriber
+from tsd_twin.client.instances import Instances, live_count, stop_instances
 from tsd_twin.client.protocol import TwistCommand
-from tsd_twin.errors import BusError, MessageError, NoAnswerError
+from tsd_twin.errors import BusError, MessageError, NoAnswerError, SeveralAnswersError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Description, Sample, decode_json, duplicate_id_text
+from tsd_twin.messages.requests import (
+    Description,
+    Sample,
+    decode_json,
+    duplicate_id_text,
+    encode_refusal,
+)
 from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry, warm_up
 from tsd_twin.messages.status import Refusals, Status, decode_stamp, decode_status
 from tsd_twin.messages.topics import QoS, Service, Topic
@@ -55,8 +62,16 @@ class RobotConnection:
 
     virtual = False
 
-    def __init__(self, bus: Bus, robot_id: str, answer: bytes | None = None) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        robot_id: str,
+        answer: bytes | None = None,
+        instances: Instances | None = None,
+    ) -> None:
         """Read the description of a robot; without its `answer`, request it and wait.
+
+        `instances` are those of all robots on the bus, if they are known already.
 
         Raises:
             BusError: the robot does not answer.
@@ -67,6 +82,7 @@ class RobotConnection:
         self.lock = threading.RLock()
         """Guards the protocols of the operators."""
         self._bus = bus
+        self._instances = instances or Instances(bus, robot_id)
         answer = self._describe() if answer is None else answer
         if len(answer) > _DESCRIPTION_BYTES:
             raise MessageError("shape", f"a description of {len(answer)} bytes is too long")
@@ -95,6 +111,8 @@ class RobotConnection:
                 if time.monotonic() > end_s:
                     raise
                 time.sleep(_ASK_AGAIN_S)  # Without such a robot the answer is none, and at once.
+            except SeveralAnswersError:
+                raise BusError(duplicate_id_text(self.id)) from None
 
     def now_s(self) -> float:
         """Return the time of the monotonic clock."""
@@ -104,15 +122,33 @@ class RobotConnection:
         """Return the wall clock of this machine."""
         return time.time_ns()
 
+    @property
+    def has_duplicate(self) -> bool:
+        """Whether another robot or a replay on the bus has the same id, so that streams mix."""
+        return len(self._instances.of(self.id)) > 1
+
     def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the answer of a service, None when there is none in time; blocks."""
+        """Return the answer of a service, None when there is none in time; blocks.
+
+        While several instances have the id, only a stop is sent; the answer refuses the others.
+        """
+        instances = self._instances.of(self.id)
+        refusal = encode_refusal(service, duplicate_id_text(self.id))
         try:
+            if service is Service.STOP:
+                return stop_instances(self._bus, self.id, payload, timeout_s, instances)
+            if len(instances) > 1:
+                return refusal
             return self._bus.query(service.key(self.id), payload, timeout_s)
+        except SeveralAnswersError:  # Of an instance whose token has not arrived yet.
+            return refusal
         except BusError:
             return None
 
     def send(self, command: TwistCommand) -> None:
-        """Publish a command; when the bus is closed, the robot stops by itself."""
+        """Publish a command, unless several instances have the id; without it, the robot stops."""
+        if self.has_duplicate:
+            return
         key = topics.twist_key(self.id, command.operator)
         self._sent_commands.append(SentCommand(time.monotonic(), command.twist, command.frame))
         self._put(key, topics.TWIST.type, command.payload, command.attachment)
@@ -127,7 +163,9 @@ class RobotConnection:
         self._put(Service.STOP.key(self.id), "json", payload)
 
     def send_pose(self, payload: bytes) -> None:
-        """Publish a pose measurement."""
+        """Publish a pose measurement, unless several instances have the id."""
+        if self.has_duplicate:
+            return
         topic = topics.SENSOR_POSE
         self._put(topic.key(self.id), topic.type, payload, qos=topic.qos)
 
@@ -177,6 +215,10 @@ MAX_ROUND_TRIPS = 40
 """Round trips that count: the last ten seconds."""
 
 
+Source: TypeAlias = Literal["robot", "recording", "several"]
+"""Sender of a state; `several` instances have one id, so their states mix."""
+
+
 class RoundTrips:
     """Recent round-trip times; written by one thread, read by any."""
 
@@ -224,6 +266,8 @@ class Snapshot:
     """Alternative estimate, of robots that have two."""
     truth: Odometry | None = None
     status: Status | None = None
+    source: Source = "robot"
+    """Sender of the status."""
     status_seq: int = 0
     status_robot_s: float = 0.0
     """When the robot sent the status, on its monotonic clock."""
@@ -243,9 +287,15 @@ class RobotMonitor(RobotConnection):
     `poll` and `set_streaming` belong to one thread; all else may be called from any.
     """
 
-    def __init__(self, bus: Bus, robot_id: str, answer: bytes | None = None) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        robot_id: str,
+        answer: bytes | None = None,
+        instances: Instances | None = None,
+    ) -> None:
         """Read the description and subscribe; as `RobotConnection`."""
-        super().__init__(bus, robot_id, answer)
+        super().__init__(bus, robot_id, answer, instances)
         self.ignored = ""
         """Sentence that names ignored parts of the description; empty without any."""
         if self.robot.body.meshes is not None:
@@ -254,8 +304,6 @@ class RobotMonitor(RobotConnection):
             body = msgspec.structs.replace(self.robot.body, meshes=None)
             self.robot = msgspec.structs.replace(self.robot, body=body)
         self.snapshot = Snapshot()
-        self.has_duplicate = False
-        """Whether another robot on the bus has the same id, so that the streams mix."""
         self.round_trips = RoundTrips()
         """Measured round-trip times."""
         warm_up()  # On this thread: the first page shall not wait for it.
@@ -270,6 +318,14 @@ class RobotMonitor(RobotConnection):
         self._subscribers: dict[str, Subscriber] = {}
         self.set_streaming(True)
         self._status = self.subscriber(topics.STATUS, 1)
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether only replays have this id; without liveliness tokens, as the status says."""
+        if instances := self._instances.of(self.id):
+            return live_count(instances) == 0
+        status = self.snapshot.status
+        return status is not None and status.is_recording
 
     def close(self) -> None:
         """Close all subscriptions and publishers; the bus stays open."""
@@ -296,6 +352,7 @@ class RobotMonitor(RobotConnection):
         self._subscribers = {}
         self.snapshot = Snapshot(
             status=self.snapshot.status,
+            source=self.snapshot.source,
             status_seq=self.snapshot.status_seq,
             status_robot_s=self.snapshot.status_robot_s,
             received_s=self.snapshot.received_s,
@@ -313,6 +370,9 @@ class RobotMonitor(RobotConnection):
             fresh = self._of_two(fresh) if new_status else {}
         else:
             self._frozen = None
+            if new_status:
+                recorded = self.is_recording or fresh["status"].is_recording
+                fresh["source"] = "recording" if recorded else "robot"
         if fresh:
             self.snapshot = replace(self.snapshot, **fresh, received_s=now_s)
         return new_status
@@ -327,7 +387,8 @@ class RobotMonitor(RobotConnection):
                 arming=None,
                 refusals=Refusals(arm=reason, drive=reason, set_pose=reason, speed=reason),
             )
-        return {"status": self._frozen, "status_seq": self.snapshot.status_seq + 1}
+        number = self.snapshot.status_seq + 1
+        return {"status": self._frozen, "status_seq": number, "source": "several"}
 
     def _poll_streams(self, fresh: dict[str, Any], now_s: float) -> bool:
         for name, subscriber in self._subscribers.items():

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, Config, as_client, client_config, from_file
 from tsd_twin.client.connection import RobotConnection, numbered_status
+from tsd_twin.client.instances import live_count
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.client.steps import BlockingPort
@@ -280,38 +281,67 @@ def open_link(
     zenoh_config: str | Path | None,
 ) -> tuple[BusLink, str]:
     """Return a connection to a robot, and the default name of its operator; as `connect`."""
-    config, operator = _config(endpoint, certificate, zenoh_config)
+    bus, where, operator = open_bus(endpoint, certificate, zenoh_config)
     try:
-        bus = Bus(config)
-    except BusError:
-        raise NoRobotFound(f"no robot at {config.where}: {_HINT}") from None
-    try:
-        robot_id = robot or _only_robot(bus, config.where)
+        robot_id = robot or _only_robot(bus, where)
         try:
             return BusLink(bus, robot_id), operator
         except NoAnswerError:
             found = robots_on(bus)
-            there = f"{config.where} has {', '.join(found)}" if found else _HINT
+            there = f"{where} has {', '.join(found)}" if found else _HINT
             raise NoRobotFound(f"no robot '{robot_id}' answers: {there}") from None
     except BaseException:
         bus.close()
         raise
 
 
+def open_bus(
+    endpoint: str | Sequence[str] | None,
+    certificate: str | Path | None,
+    zenoh_config: str | Path | None,
+) -> tuple[Bus, str, str]:
+    """Return a session, where it is for errors, and the default operator; as `connect`.
+
+    Raises:
+        NoRobotFound: If nothing answers there.
+        TwinError: If a file cannot be used.
+    """
+    config, operator = _config(endpoint, certificate, zenoh_config)
+    try:
+        return Bus(config), config.where, operator
+    except BusError:
+        raise NoRobotFound(f"no robot at {config.where}: {_HINT}") from None
+
+
 def _only_robot(bus: Bus, where: str) -> str:
-    found = robots_on(bus)
+    instances = instances_on(bus)
+    found = robots_among(instances)
     if not found:
-        raise NoRobotFound(f"no robot at {where}: {_HINT}")
+        replays = f"{min(instances)} is a recording; " if instances else ""
+        raise NoRobotFound(f"no robot at {where}: {replays}{_HINT}")
     if len(found) > 1:
-        raise SeveralRobotsFound(
-            f"{', '.join(found)} are at {where}: name one, connect(robot='{found[0]}')"
-        )
+        raise SeveralRobotsFound(found, where)
     return found[0]
 
 
+def instances_on(bus: Bus) -> dict[str, frozenset[str]]:
+    """Return the ids that are on a bus now, replays included, with the keys of their instances."""
+    ids = {topics.robot_of(key) for key in bus.living_tokens(topics.alive_key("*"))}
+    keys = bus.living_tokens(topics.instance_key("*", "*")) if ids else []
+    return {
+        robot_id: frozenset(key for key in keys if topics.robot_of(key) == robot_id)
+        for robot_id in sorted(ids)
+    }
+
+
 def robots_on(bus: Bus) -> list[str]:
-    """Return the ids of the robots that are on a bus now."""
-    return sorted(topics.robot_of(key) for key in bus.living_tokens(topics.alive_key("*")))
+    """Return the ids of the robots that are on a bus now, without replays of recordings."""
+    return robots_among(instances_on(bus))
+
+
+def robots_among(instances: dict[str, frozenset[str]]) -> list[str]:
+    """Return the ids that robots have; an id without instance tokens counts as one."""
+    return [robot_id for robot_id, keys in instances.items() if not keys or live_count(keys)]
 
 
 def _config(

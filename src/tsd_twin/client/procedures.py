@@ -37,7 +37,7 @@ _SETTLE_S = 3.0
 """The newest status shows a new holder, or a centred stick, long before that."""
 _TRIES = 3
 _ANSWER_S = 0.5
-_STOP_TRIES, _STOP_ANSWER_S = 20, 0.1
+STOP_TRIES, STOP_ANSWER_S = 20, 0.1
 
 
 # Requests.
@@ -125,9 +125,9 @@ def stop(robot_id: str, operator: str, reason: str) -> Procedure[None]:
         RobotSilent: it was not acknowledged.
     """
     payload = stop_payload(operator, reason)
-    for _ in range(_STOP_TRIES):
+    for _ in range(STOP_TRIES):
         yield SendStop(payload)
-        answer = (yield Call(Service.STOP, payload, _STOP_ANSWER_S)).answer
+        answer = (yield Call(Service.STOP, payload, STOP_ANSWER_S)).answer
         reply = _decoded(answer, Reply)
         if reply is not None and reply.ok:
             return

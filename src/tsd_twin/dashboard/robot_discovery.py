@@ -14,6 +14,7 @@ from types import MappingProxyType
 
 from tsd_twin.bus import Bus
 from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.instances import Instances
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.errors import BusError, MessageError, TwinError
 from tsd_twin.messages import topics
@@ -142,7 +143,6 @@ _LOGGED = 300
 _EVENTS = 1000
 """Events that wait; when more come, the oldest give way."""
 _EVENT_BYTES = 16_384
-_INSTANCES = 4096
 
 
 class RobotDiscovery:
@@ -160,11 +160,9 @@ class RobotDiscovery:
         self._events: deque[tuple[str, Event]] = deque(maxlen=_EVENTS)
         self._on_change: list[Callable[[], None]] = []
         self._named: set[str] = set()
-        self._instances: dict[str, set[str]] = {}
-        self._instance_count = 0
+        self._instances = Instances(bus)
         self._coming = RobotConnector(self._request_description, self._fetch_descriptions)
         bus.subscribe_liveliness(topics.alive_key("*"), self._on_liveliness)
-        bus.subscribe_liveliness(topics.instance_key("*", "*"), self._note_instance)
         bus.subscribe_events(topics.EVENT.key("*"), self._on_event)
 
     @property
@@ -189,8 +187,6 @@ class RobotDiscovery:
             came.append(link.id)
             if before is not None:  # It was restarted, perhaps as another robot.
                 before.close()
-        for link in self._links.values():
-            link.has_duplicate = len(self._instances.get(link.id, ())) > 1
         if came:
             for call in self._on_change:
                 call()
@@ -211,7 +207,7 @@ class RobotDiscovery:
             self._log_once(robot_id, f"{MOST_ROBOTS} robots are shown already")
             return
         try:
-            link = RobotMonitor(self._bus, robot_id, answer)
+            link = RobotMonitor(self._bus, robot_id, answer, self._instances)
             RobotTelemetry(link).info()  # Fails here rather than in a page.
         except TwinError as error:
             self._log_once(robot_id, str(error))
@@ -244,20 +240,6 @@ class RobotDiscovery:
             self._coming.add_robot(robot_id)
         else:
             self._coming.remove_robot(robot_id)
-
-    def _note_instance(self, key: str, is_alive: bool) -> None:
-        try:
-            instances = self._instances.setdefault(topics.robot_of(key), set())
-        except BusError:
-            return
-        if is_alive and key not in instances and self._instance_count < _INSTANCES:
-            self._instance_count += 1
-            instances.add(key)
-        elif not is_alive and key in instances:
-            self._instance_count -= 1
-            instances.remove(key)
-        if not instances:
-            del self._instances[topics.robot_of(key)]
 
     def _on_event(self, sample: Sample) -> None:
         try:

@@ -20,6 +20,7 @@ from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import ros
 from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, decode_twist
+from tsd_twin.messages.topics import Service
 
 _ATTACHMENT = struct.Struct("<Q16sQ")
 _PAYLOADS_KEPT = 16
@@ -292,6 +293,13 @@ def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
     # Text that is not UTF-8 and thousands of brackets are not among the errors of msgspec.
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MessageError("shape", f"not {what}: {error}") from error
+
+
+def encode_refusal(service: Service, reason: str) -> bytes:
+    """JSON of a reply that refuses a request to a service."""
+    if service is Service.LEASE:
+        return msgspec.json.encode(LeaseReply(False, reason=reason))
+    return msgspec.json.encode(Reply(False, reason))
 
 
 def duplicate_id_text(robot_id: str) -> str:

@@ -13,6 +13,8 @@ import msgspec
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.requests import decode_json
 
+RECORDING = "recording"
+"""`hardware.kind` in the status of a replayed recording."""
 _STAMP = struct.Struct("<Qq")
 _LEVELS = 8
 """Largest nesting depth of `hardware`; the shipped robots use three levels."""
@@ -183,6 +185,11 @@ class Status(msgspec.Struct, frozen=True):
     """Constant errors by name; null without a measurement that shows any."""
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}
+
+    @property
+    def is_recording(self) -> bool:
+        """Whether a replay sends this status; a recording cannot be driven or stopped."""
+        return self.hardware.get("kind") == RECORDING
 
     @property
     def no_drive_reason(self) -> str:

@@ -10,6 +10,8 @@ from enum import StrEnum
 from tsd_twin.errors import BusError
 
 _NAME = re.compile(r"[a-z0-9_-]{1,32}")
+_RECORDING = "recording-"
+"""Start of the instance name of a replay."""
 
 
 class QoS(StrEnum):
@@ -117,6 +119,16 @@ def instance_key(robot: str, instance: str) -> str:
     """Key of the liveliness token of one running node; `*` stands for all."""
     name = robot if robot == "*" else checked(robot)
     return f"twin/{name}/instance/{instance if instance == '*' else checked(instance)}"
+
+
+def recording_key(robot: str, instance: str) -> str:
+    """Key of the liveliness token of one running replay, which is not a robot."""
+    return instance_key(robot, f"{_RECORDING}{instance}")
+
+
+def is_recording_key(key: str) -> bool:
+    """Return whether the key of an instance belongs to a replay."""
+    return key.rsplit("/", 1)[-1].startswith(_RECORDING)
 
 
 def robot_of(key: str) -> str:

@@ -21,9 +21,9 @@ from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
 from tsd_twin.errors import BusError, MessageError, RecordingError, TwinError
 from tsd_twin.lie import SO3
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Description, LeaseReply, Reply
+from tsd_twin.messages.requests import Description, encode_refusal
 from tsd_twin.messages.ros import decode_joints, decode_odometry
-from tsd_twin.messages.status import decode_status, encode_stamp
+from tsd_twin.messages.status import RECORDING, decode_status, encode_stamp
 from tsd_twin.messages.topics import Service, Topic
 from tsd_twin.recording import mcap_file
 from tsd_twin.recording.channels import RAW, Entry, robot_of, topic_of
@@ -80,6 +80,7 @@ class RecordedRobot:
             return
         self._shown = found
         values: dict[str, Any] = {name: each[1] for name, each in found.items() if each}
+        values["source"] = "recording"
         start_ns = self._index.start_ns
         times_s = {name: 1e-9 * (each[0].log_ns - start_ns) for name, each in found.items() if each}
         if "odom" in times_s:
@@ -251,8 +252,6 @@ class Playback:
 _PREFIXES = ("state/", "event/", "sensor/")
 """What is replayed. Commands are not: no gate would judge them, and their leases are over."""
 _LOOK_S = 0.01
-HARDWARE = "recording"
-"""`hardware.kind` in each status, so that no page takes it for a robot."""
 
 
 class Replay:
@@ -280,7 +279,7 @@ class Replay:
             for service in Service
         }
         # As a node does, so that a robot that is started with this id later reports it.
-        instance = topics.instance_key(replay_id, secrets.token_hex(8))
+        instance = topics.recording_key(replay_id, secrets.token_hex(8))
         self._tokens = [bus.declare_token(instance), bus.declare_token(alive)]
 
     def run(self, stop: threading.Event, speed: float = 1.0) -> None:
@@ -326,10 +325,8 @@ class Replay:
     def _answer(self, service: Service, request: Request) -> None:
         if service is Service.DESC:
             request.reply(self._description)
-        elif service is Service.LEASE:
-            request.reply(msgspec.json.encode(LeaseReply(False, reason=self._refusal)))
         else:
-            request.reply(msgspec.json.encode(Reply(False, self._refusal)))
+            request.reply(encode_refusal(service, self._refusal))
 
     def _send(self, entry: Entry) -> None:
         topic = topic_of(entry.topic)
@@ -365,7 +362,7 @@ def _marked(status: bytes) -> bytes:
     """Return a status that says that it is of a recording."""
     try:
         value = msgspec.json.decode(status, type=dict[str, Any])
-        value["hardware"] = {**value.get("hardware", {}), "kind": HARDWARE}
+        value["hardware"] = {**value.get("hardware", {}), "kind": RECORDING}
     except (msgspec.DecodeError, TypeError, AttributeError):
         return status
     return msgspec.json.encode(value)

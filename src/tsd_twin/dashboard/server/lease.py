@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -84,6 +84,12 @@ class RpcExecutor:
         if link.id not in self._next_stops:
             self._next_stops[link.id] = asyncio.create_task(self._after(under_way, link, operator))
         return await asyncio.shield(self._next_stops[link.id])
+
+    async def stop_all(self, links: Sequence[RobotMonitor], operator: str) -> Reply:
+        """Repeat a stop that has been published to robots, until each acknowledges it."""
+        replies = await asyncio.gather(*(self.stop(link, operator) for link in links))
+        refused = [reply for reply in replies if not reply.ok]
+        return refused[0] if refused else Reply(bool(links), "" if links else "no robot is there")
 
     async def _after(self, before: asyncio.Task[Reply], link: RobotMonitor, operator: str) -> Reply:
         await before

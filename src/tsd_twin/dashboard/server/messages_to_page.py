@@ -7,6 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 import msgspec
 
+from tsd_twin.client.connection import Source
 from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.server.messages_from_page import Message, Triple
 from tsd_twin.messages.requests import Event
@@ -182,6 +183,8 @@ class RobotState(Message, frozen=True, tag="state"):
     robot_s: float
     """Time of the robot's monotonic clock when it sent the status."""
     age_ms: float
+    source: Source
+    """Only states of a `robot` show that it is stopped."""
     status: Status
     mode_age_s: float
     """For how long the robot has been in its mode, as far as the gateway knows."""

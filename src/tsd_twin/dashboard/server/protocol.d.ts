@@ -187,6 +187,8 @@ interface RobotState {
   seen: number;
   robot_s: number;
   age_ms: number;
+  /** Only states of a robot show that it is stopped. */
+  source: "robot" | "recording" | "several";
   status: Status;
   mode_age_s: number;
   you: boolean;

@@ -30,7 +30,6 @@ from tsd_twin.messages.requests import Event, Sample
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import decode_stamp, decode_status
 from tsd_twin.messages.topics import ODOM, STATUS, Topic
-from tsd_twin.recording.player import HARDWARE
 from tsd_twin.robots import kind_of
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
 
@@ -299,9 +298,15 @@ class RobotDirectory:
             return None
         return history.at(link.snapshot.received_s - ago_s)
 
-    def live_links(self) -> list[RobotMonitor]:
-        """Return the clients of all robots but replays of recordings, which cannot be stopped."""
-        return [link for link in list(self._discovery.links.values()) if not _is_replay(link)]
+    def links_to_stop(self, robot_id: str | None) -> list[RobotMonitor]:
+        """Return the clients that a stop goes to, from a page that shows a robot.
+
+        From a page that shows a recording, or none, it goes to all live robots. Replays cannot be
+        stopped.
+        """
+        links = list(self._discovery.links.values())
+        shown = [link for link in links if link.id == robot_id and not link.is_recording]
+        return shown or [link for link in links if not link.is_recording]
 
     async def measure_round_trips(self, is_watched: Callable[[], bool] = lambda: True) -> None:
         """Measure the round-trip times of robots; runs until cancelled.
@@ -315,7 +320,8 @@ class RobotDirectory:
             self._measuring = {task for task in self._measuring if not task.done()}
             busy = {task.get_name() for task in self._measuring}
             for link in list(self._discovery.links.values()):
-                if _state_age_s(link) < LIVE_TIMEOUT_S and link.id not in busy:
+                answers = not link.has_duplicate and _state_age_s(link) < LIVE_TIMEOUT_S
+                if answers and link.id not in busy:
                     self._measuring.add(asyncio.create_task(self._measure(link), name=link.id))
 
     def _mode_since_s(self, robot_id: str, mode: str) -> float:
@@ -331,11 +337,6 @@ class RobotDirectory:
             link.round_trips.clear()
         else:
             link.round_trips.add(took_s)
-
-
-def _is_replay(link: RobotMonitor) -> bool:
-    status = link.snapshot.status
-    return status is not None and status.hardware.get("kind") == HARDWARE
 
 
 def _state_age_s(link: RobotMonitor) -> float:

@@ -316,23 +316,20 @@ class Session(PageSession):
             self._teleop.release("the page is not in front")
 
     def _stop(self) -> None:
-        """Stop the robot that is shown: published first, then released, then acknowledged."""
-        view = self._directory.view(self.robot_id) if self.principal.may_stop else None
-        if view is not None:
-            view.link.send_stop(procedures.stop_payload(self._operator))
+        """Stop the robot that is shown: published first, then released, then acknowledged.
+
+        With a replay in view, that is every live robot.
+        """
         self._motion = None
         if not self.principal.may_stop:
             self._refuse_stop()
             return
+        links = self._directory.links_to_stop(self.robot_id)
+        for link in links:
+            link.send_stop(procedures.stop_payload(self._operator))
         self._teleop.release("software stop")
         self._teleop.navigation.clear()
-        self._acknowledge_stop(self._repeat_stop)
-
-    async def _repeat_stop(self) -> Reply:
-        view = self._directory.view(self.robot_id)
-        if view is None:
-            return Reply(False, "no robot is shown")
-        return await self._executor.stop(view.link, self._operator)
+        self._acknowledge_stop(lambda: self._executor.stop_all(links, self._operator))
 
     def _on_lease_action(self, message: LeaseAction) -> None:
         lease_client = self._lease_client

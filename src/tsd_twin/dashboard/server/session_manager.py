@@ -93,12 +93,10 @@ class SessionManager:
 
     async def stop_all(self, operator: str) -> Reply:
         """Stop all live robots: published to all first, then repeated until each acknowledges."""
-        links = self.directory.live_links()
+        links = self.directory.links_to_stop(None)
         for link in links:
             link.send_stop(procedures.stop_payload(operator))
-        replies = await asyncio.gather(*(self._executor.stop(link, operator) for link in links))
-        refused = [reply for reply in replies if not reply.ok]
-        return refused[0] if refused else Reply(bool(links), "" if links else "no robot is there")
+        return await self._executor.stop_all(links, operator)
 
     # State and events to the pages.
 

@@ -335,6 +335,7 @@ class RobotTelemetry:
             seen=snapshot.status_seq,
             robot_s=round(snapshot.status_robot_s, 6),
             age_ms=round(1000.0 * (now_s - snapshot.received_s), 1),
+            source=snapshot.source,
             status=status,
             mode_age_s=round(mode_age_s, 1),
             you=False,

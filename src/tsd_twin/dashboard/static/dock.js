@@ -4,7 +4,7 @@ import { tooltip } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { SpringControl } from "./held_controls.js";
-import { SHOWS_RECORDING } from "./permission.js";
+import { showsRecording } from "./permission.js";
 
 const STICK_MARGIN_PX = 22; // Half of the knob: it stays inside.
 const TURN_MARGIN_PX = 28;
@@ -233,7 +233,7 @@ export class StopButton {
     link.on(["state", "down"], () => {
       const mode = link.isStale() ? "" : link.state?.status.mode;
       const isCalm = mode === "stopped" || mode === "fault";
-      this.button.toggleAttribute("data-calm", isCalm && !SHOWS_RECORDING);
+      this.button.toggleAttribute("data-calm", isCalm && !showsRecording(link));
     });
   }
 }

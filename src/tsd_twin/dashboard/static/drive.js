@@ -9,7 +9,7 @@
 import { againNotice, sentence } from "./format.js";
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
-import { LATCHED, notDrive, notStop, SHOWS_RECORDING } from "./permission.js";
+import { LATCHED, notDrive, notStop } from "./permission.js";
 import { noteMotion } from "./reload_note.js";
 
 /** Whether the robot moves, or comes to rest. @param {RobotState} state */
@@ -215,8 +215,8 @@ export class Drive {
     if (reason !== null && isLatched)
       this.release(); // A card tells the rest.
     else if (reason !== null) this._refuse(reason);
-    // What was recorded confirms nothing now.
-    if (isLatched && !SHOWS_RECORDING && !this._isOld(state)) this._confirmStop();
+    // A recorded state confirms nothing now, and states of several robots may be of any.
+    if (isLatched && state.source === "robot" && !this._isOld(state)) this._confirmStop();
     this._notify();
   }
 

@@ -21,7 +21,7 @@ import { isNotable, Notices, StaleBanner, StopAlarm } from "./notices.js";
 import { typedName } from "./operator_name.js";
 import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
-import { LATCHED, notDrive, SHOWS_RECORDING } from "./permission.js";
+import { LATCHED, notDrive, SHOWS_RECORDING, showsRecording } from "./permission.js";
 import { PoseReadout } from "./pose_readout.js";
 import { takeMotionNote } from "./reload_note.js";
 import { SphereGoTo } from "./sphere.js";
@@ -82,6 +82,12 @@ const alone = el(
   el("span", "no hand is on a control: STOP, Zero or any control ends it"),
 );
 const axes = el("button.button.quiet.axes", { type: "button", onclick: () => turnAxes() });
+const replay = el(
+  "div.preview",
+  { hidden: true, role: "status" },
+  "RECORDING",
+  el("span", "a replay is in view, not a robot: STOP stops all live robots"),
+);
 
 const left = el("div.left", stick.element);
 const right = el("div.right", turn.element);
@@ -89,7 +95,7 @@ const dock = el("div.dock", stopButton.element, left, right); // Tab reaches STO
 const pose = new PoseReadout(link, map.button);
 const messages = el(
   "div.messages",
-  ...[stale.banner, alarm.element, alone, consistency.element, preview],
+  ...[stale.banner, alarm.element, alone, replay, consistency.element, preview],
   ...[handOver.element, notices.element, keySheet.element],
 );
 // The dock is at the bottom whatever is above it: what has no room there can be scrolled.
@@ -149,7 +155,7 @@ link.on("event", (event) => {
 });
 link.on("reply", ({ to, ok, reason }) => {
   if (!ok && to !== "stop") notices.say(sentence(reason || "the request was refused"));
-  if (ok && to === "stop" && SHOWS_RECORDING) notices.say("The live robots are stopped.");
+  if (ok && to === "stop" && showsRecording(link)) notices.say("The live robots are stopped.");
 });
 card.onReset = () => {
   // Not when the operator is elsewhere by now.
@@ -240,6 +246,7 @@ function draw() {
   setText(stick.help, refusal ?? help);
   preview.hidden = !sliders.preview;
   alone.hidden = !sliders.driveAlone;
+  replay.hidden = link.state?.source !== "recording" || SHOWS_RECORDING; // The timeline says so.
 }
 
 /** The colour that tells this robot from others; without others there is none. */

@@ -12,6 +12,12 @@ export const SHOWS_RECORDING = (globalThis.window?.tsd?.recording ?? null) !== n
 export const WATCHES = SHOWS_RECORDING
   ? "This is a recording: press L for the live robots. STOP stops those."
   : "You watch: a viewer does not drive.";
+const REPLAY = "This is a recording: choose a live robot. STOP stops all of those.";
+
+/** Whether a recording is in view: that of the page, or a replay on the bus. @param {Link} link */
+export function showsRecording(link) {
+  return SHOWS_RECORDING || link.state?.source === "recording";
+}
 
 /** @param {Link} link */
 export function watches(link) {
@@ -28,7 +34,8 @@ function notAllowed(link) {
   if (!link.connected) return `${notConnected(link)}.`;
   if (link.robot === null) return "No robot is on the bus.";
   if (link.isStale()) return "The robot has gone silent.";
-  return watches(link) ? WATCHES : null;
+  if (watches(link)) return WATCHES;
+  return showsRecording(link) ? REPLAY : null;
 }
 
 /** Null also for robots that send no reasons. @param {Link} link @param {keyof Refusals} request */

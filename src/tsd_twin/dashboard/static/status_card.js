@@ -3,7 +3,7 @@
 import { LongPressButton } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { clock, duration, stopReason } from "./format.js";
-import { notReset } from "./permission.js";
+import { notReset, showsRecording } from "./permission.js";
 
 /** @type {Record<string, string>} */
 const PHASES = {
@@ -66,8 +66,9 @@ export class StatusCard {
     if (this.element.dataset.mode !== mode) {
       this.element.dataset.mode = mode;
       this._shape.replaceChildren(icon(mode));
-      setText(this._title, TITLES[mode]);
     }
+    const recorded = showsRecording(this._link) ? "Recording: " : "";
+    setText(this._title, `${recorded}${TITLES[mode]}`);
     this._bar.hidden = mode !== "arming";
     this._action.hidden = mode === "arming";
     const sinceMs = Date.now() - 1000 * state.mode_age_s;
