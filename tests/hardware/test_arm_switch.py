@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tsd_twin.dynamixel.blocks import Telemetry
 from tsd_twin.dynamixel.control_table import BoardMode, Refusal, Trip
-from tsd_twin.hardware.controller_board import ANSWERS, REFUSALS, TRIPS, ArmSwitch
+from tsd_twin.hardware.controller_board import ANSWERS, REFUSALS, STOP, TRIPS, ArmSwitch
 
 OFF = Telemetry(mode=BoardMode.DISARMED)
 ON = Telemetry(mode=BoardMode.ARMED)
@@ -58,6 +58,15 @@ def test_a_refusal_is_said_once_there_was_time_for_an_answer() -> None:
     switch.update(refused)
     assert switch.lost == "the board does not arm: a servo does not answer or has an error"
     assert switch.turn(True) == 0
+
+
+def test_a_stop_is_written_as_such_and_is_no_loss() -> None:
+    switch = armed()
+    assert switch.turn(False, stop=True) == STOP
+    switch.update(Telemetry(trip=Trip.STOPPED))
+    assert switch.lost == ""
+    assert switch.turn(False) == 0, "the reset releases it"
+    assert switch.turn(True) == 1
 
 
 def test_a_board_that_is_lost_while_off_is_no_loss() -> None:

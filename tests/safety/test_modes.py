@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness, disarm, reset, stop
-from tsd_twin.safety import ARMED, LATCHED, TRANSITIONS, Mode
+from tsd_twin.safety import ARMED, TRANSITIONS, Mode
 
 
 def disarm_and_come_to_rest(stage: SupervisorHarness) -> None:
@@ -29,7 +29,7 @@ WAYS: dict[tuple[Mode, Mode], Callable[[SupervisorHarness], object]] = {
     (Mode.STOPPING, Mode.DISARMED): disarm_and_come_to_rest,
     (Mode.STOPPED, Mode.DISARMED): reset,
     (Mode.FAULT, Mode.DISARMED): reset,
-    **{(mode, Mode.STOPPED): stop for mode in set(Mode) - LATCHED},
+    **{(mode, Mode.STOPPED): stop for mode in set(Mode) - {Mode.STOPPED}},
     **{(mode, Mode.FAULT): lambda s: s.wait(0.01, fault="it broke") for mode in ARMED},
 }
 

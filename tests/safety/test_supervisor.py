@@ -87,6 +87,15 @@ def test_a_second_stop_does_not_hide_why_the_first_was_made(stage: SupervisorHar
     assert stage.supervisor.reason == "smoke"
 
 
+def test_a_stop_in_a_fault_is_a_stop_and_keeps_what_broke(stage: SupervisorHarness) -> None:
+    stage.bring_to(Mode.READY)
+    stage.wait(0.01, fault="it broke")
+    assert (stage.mode, stage.supervisor.heartbeat.stopped) == (Mode.FAULT, False)
+    stop(stage)
+    assert (stage.mode, stage.supervisor.heartbeat.stopped) == (Mode.STOPPED, True)
+    assert stage.supervisor.reason == "software stop by bob; before: it broke"
+
+
 def test_a_stop_says_who_made_it(stage: SupervisorHarness) -> None:
     stop(stage)
     assert stage.supervisor.reason == "software stop by bob"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from firmware.simulator.mx64 import Mx64
+from tests.support import source_rules
 from tests.support.firmware_host import (
     CRUISE,
     CYCLE_S,
@@ -805,4 +806,4 @@ LAWS: dict[str, Law] = {
     name: law
     for name, law in list(globals().items())
     if callable(law) and getattr(law, "__module__", "") == __name__
-}
+} | source_rules.LAWS

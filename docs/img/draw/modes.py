@@ -39,6 +39,7 @@ ROUTES: dict[tuple[Mode, Mode], tuple[list[Point], Point]] = {
     (Mode.STOPPING, Mode.DISARMED): ([(708, 350), (75, 350), (75, 212)], (340, 342)),
     (Mode.READY, Mode.DISARMED): ([(540, 168), (540, 118), (105, 118), (105, 168)], (330, 110)),
     (Mode.STOPPED, Mode.DISARMED): ([(1085, 168), (1085, 30), (75, 30), (75, 168)], (560, 22)),
+    (Mode.FAULT, Mode.STOPPED): ([(1085, 318), (1085, 212)], (1108, 270)),
     (Mode.FAULT, Mode.DISARMED): ([(1085, 362), (1085, 440), (55, 440), (55, 212)], (560, 432)),
 }
 """Where an arrow runs and where its words stand."""

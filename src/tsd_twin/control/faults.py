@@ -16,7 +16,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.requests import Event
 from tsd_twin.messages.status import ConsistencyStatus
 from tsd_twin.robots.description import Battery
-from tsd_twin.safety import ARMED, Mode, SafetySupervisor
+from tsd_twin.safety import ARMED, LATCHED, SafetySupervisor
 
 _SATURATION_REPORT_S = 0.5
 
@@ -197,7 +197,7 @@ class JointFaultMonitor:
     def _stuck(self, now_s: float, setpoint: Array, supervisor: SafetySupervisor) -> str:
         if supervisor.mode not in ARMED or not len(self._angles):
             self._following_error.forget()
-            if supervisor.mode is not Mode.FAULT:
+            if supervisor.mode not in LATCHED:
                 self.evidence = None
             return ""
         angles = self._angles

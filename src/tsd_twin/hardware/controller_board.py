@@ -141,6 +141,8 @@ TRIPS: dict[int, str] = {
     Trip.BATTERY: "the battery is empty",
     Trip.TORQUE: "a servo lost its torque",
     Trip.DRIVE: "the stop circuit opened: the speed controllers lost their power",
+    Trip.FOLLOWING: "a gimbal does not follow its goal: it is stuck, or its servo is",
+    Trip.STOPPED: "STOP",
 }
 REFUSALS: dict[int, str] = {
     Refusal.NONE: "it does not say why",
@@ -157,6 +159,10 @@ REFUSALS: dict[int, str] = {
     Refusal.SETTING: "a setting of a servo is not as it must be, or not read yet",
     Refusal.TORQUE: "a servo has no torque",
     Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
+    Refusal.STOP_NOT_PROVEN: "the stop was not seen to work since power came: press it once, and release it",
+    Refusal.RC_WITHOUT_SERVOS: "the radio control drives with all six servos at the board only",
+    Refusal.NEUTRAL: "a servo is too far from its neutral position to get torque",
+    Refusal.STOPPED: "the robot is stopped: reset first",
 }
 
 
@@ -208,6 +214,10 @@ def wiring_faults(telemetry: Telemetry, *, opened: bool, returned: bool) -> dict
     return found
 
 
+STOP = 2
+"""In the `arm` register: no source has the robot, the radio control neither, until it is 0."""
+
+
 class _State(Enum):
     OFF = auto()
     ASKED = auto()
@@ -227,8 +237,11 @@ class ArmSwitch:
         self.lost = ""
         """Reason why it is off although it should be on; else empty."""
 
-    def turn(self, wanted: bool) -> int:
-        """Value to write for a robot that is armed or disarmed."""
+    def turn(self, wanted: bool, *, stop: bool = False) -> int:
+        """Value to write for a robot that is armed, disarmed or stopped."""
+        if stop:
+            self._state, self.lost = _State.OFF, ""
+            return STOP
         if not wanted:
             self._state, self.lost = _State.OFF, ""
         elif self._state is _State.OFF:

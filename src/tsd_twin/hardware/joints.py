@@ -56,6 +56,7 @@ CENTRE = 2048
 _Pulse = Annotated[int, Meta(ge=RC_US[0], le=RC_US[1])]
 _Pulses = tuple[_Pulse, _Pulse, _Pulse, _Pulse]
 _Channel = Annotated[int, Meta(ge=1, le=RECEIVER_CHANNELS)]
+_STICKS = ("forward", "left", "turn", "speed")
 LOW_US, HIGH_US = (1000.0, 1200.0), (1500.0, 2200.0)
 """What the board takes for zero and for full throttle."""
 _Low = Annotated[float, Meta(ge=LOW_US[0], le=LOW_US[1])]
@@ -80,12 +81,23 @@ class Receiver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Check the map of channels.
 
         Raises:
-            ValueError: two functions have the same channel, or there is no such wire.
+            ValueError: two functions have the same channel, there is no such wire, or a stick does
+            not rest between its ends.
         """
         if len(set(self.channels)) < len(self.channels):
             raise ValueError("two functions of the radio control have the same channel")
         if self.kind == "pulses" and max(self.channels) > RC_CHANNELS:
             raise ValueError(f"a receiver with a wire for each channel has {RC_CHANNELS}")
+        ends = zip(_STICKS, self.low_us, self.centre_us, self.high_us, strict=True)
+        for stick, low_us, centre_us, high_us in ends:
+            if low_us >= high_us:
+                raise ValueError(f"{stick}: low_us {low_us} is not below high_us {high_us}")
+            # The stick of the speed rests at its low end.
+            if stick != "speed" and not low_us <= centre_us <= high_us:
+                raise ValueError(
+                    f"{stick}: centre_us {centre_us} is outside its ends, {low_us} to {high_us}: "
+                    "with the sticks at rest the robot would drive"
+                )
 
     @property
     def map(self) -> int:
@@ -167,6 +179,9 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 _PULSES_PER_US = 2.0
+THROTTLE_RISE_S = 0.25
+"""Time that the board takes from zero throttle to the limit, whatever it is told."""
+_RISE_PERIOD_S = 0.01
 
 
 class ThrottleLaw(Protocol):
@@ -224,6 +239,13 @@ class JointConverter:
         self._most = np.floor((most_rad - zero_rad) / self._step_rad)
         self.goal_limit = int(max(-self._least.min(), self._most.max()))
         """Steps from neutral that no goal exceeds."""
+        fastest = np.zeros(self.count)
+        fastest[self._wheels] = robot.wheel_speed_range.most_rad_per_s * drive.spin_ratio
+        self.throttle_limit = self.throttles(fastest)
+        """Throttle of each wheel at the fastest speed that an operator can select."""
+        rise = (max(self.throttle_limit) - ZERO_THROTTLE) * _RISE_PERIOD_S / THROTTLE_RISE_S
+        self.throttle_rise = max(1, math.ceil(rise))
+        """Most by which a throttle rises in 10 ms."""
 
     def checked(self, setpoint: Array) -> Array:
         """Validated copy of a set-point (n,).

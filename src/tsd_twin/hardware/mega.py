@@ -15,20 +15,16 @@ from tsd_twin.dynamixel.control_table import (
     BOARD_ID,
     ESCS,
     SERVOS,
-    SWITCH_US,
     ZERO_THROTTLE,
     BoardMode,
-    RcChannel,
     ReceiverKind,
-    Refusal,
 )
 from tsd_twin.dynamixel.packets import Status, protocol2
+from tsd_twin.hardware.board_faults import BoardFaults
 from tsd_twin.hardware.controller_board import (
     READ_DELAY,
-    REFUSALS,
     REST_COMMAND,
     SETTLE_S,
-    TRIPS,
     ArmSwitch,
     handshake,
     restart_reason,
@@ -36,7 +32,6 @@ from tsd_twin.hardware.controller_board import (
 )
 from tsd_twin.hardware.joints import (
     CENTRE,
-    NO_TORQUE,
     JointCommand,
     JointConverter,
     Receiver,
@@ -44,7 +39,6 @@ from tsd_twin.hardware.joints import (
     ThrottleLaw,
     padded,
     padded_ids,
-    wrong_setting,
 )
 from tsd_twin.hardware.serial_transport import (
     SILENT_S,
@@ -132,6 +126,8 @@ class ControllerBoard:
             receiver_map=sticks.map,
             pulse_low=_half_us(calibration.speed_controllers.low_us),
             pulse_high=_half_us(calibration.speed_controllers.high_us),
+            throttle_limit=padded(joints.throttle_limit, ESCS, ZERO_THROTTLE),
+            throttle_rise=joints.throttle_rise,
         )
         self.receiver_expected = calibration.receiver is not None
 
@@ -226,7 +222,7 @@ class ControllerBoard:
         if not wanted.in_force(now_s):
             self._switch.mark_lost("the robot node hangs")
             return REST_COMMAND
-        arm = self._switch.turn(wanted.heartbeat.armed)
+        arm = self._switch.turn(wanted.heartbeat.armed, stop=wanted.heartbeat.stopped)
         goals = self._joints.goals(wanted.setpoint) if self._servos else ()
         return Command(
             heartbeat=wanted.heartbeat.counter & 0xFFFF,
@@ -301,7 +297,12 @@ class MegaHardware:
         )
         self._speed_controllers = calibration.speed_controllers
         self._expected = self._joints.servos if servos else 0
-        self._arm_mv = round(1000.0 * robot.battery.arm_v)
+        self._faults = BoardFaults(
+            self._joints,
+            self._expected,
+            arm_mv=round(1000.0 * robot.battery.arm_v),
+            receiver_expected=self._board.receiver_expected,
+        )
         self._heartbeat = Heartbeat(False, 0)
         self._read_s = 0.0
         self._thread = DeviceThread(port, self._board)
@@ -333,7 +334,9 @@ class MegaHardware:
         """Fault of the board or its devices; empty without one."""
         report = self._board.report
         fault = connection_fault(self._board, report and report.heard_s, now_s)
-        return fault or ("" if report is None else self._board_fault(report.telemetry, report.lost))
+        if fault or report is None:
+            return fault
+        return self._faults.fault(report.telemetry, report.lost)
 
     def battery_v(self, now_s: float) -> float | None:
         """Return the newest voltage of the battery; None while there is none."""
@@ -359,55 +362,10 @@ class MegaHardware:
         """Disarm the board and close the line."""
         self._thread.close()
 
-    def _board_fault(self, board: Telemetry, lost: str) -> str:
-        if board.mode == BoardMode.RC:
-            return "the radio control has the robot"
-        if servos := self._servo_fault(board):
-            return servos
-        if lost:
-            return lost
-        if unread := self._expected & ~board.servo_checked:
-            return f"{self._joints.named(unread)}: the settings have not been read yet"
-        return self._arming_obstacle(board)
-
-    def _arming_obstacle(self, board: Telemetry) -> str:
-        """Reason why the board would not arm, apart from its servos; empty without one."""
-        if not board.drive_on:
-            return REFUSALS[Refusal.DRIVE]
-        if board.mode != BoardMode.ARMED and board.battery_mv < self._arm_mv:
-            return f"the battery is too low to arm: {board.battery_mv / 1000.0:.1f} V"
-        if board.mode != BoardMode.ARMED and not board.esc_ready:
-            return "the speed controllers have not had zero throttle for 2 s yet"
-        missing = [RcChannel(i).name.lower() for i, us in enumerate(board.rc) if not us]
-        if missing and (self._board.receiver_expected or len(missing) < len(board.rc)):
-            return f"{REFUSALS[Refusal.RECEIVER]}: no pulses of {', '.join(missing)}"
-        if 0 < board.rc[RcChannel.KILL] <= SWITCH_US:
-            return REFUSALS[Refusal.KILL]
-        manual = board.rc[RcChannel.MANUAL] > SWITCH_US
-        return "the radio control is switched to manual" if manual else ""
-
-    def _servo_fault(self, board: Telemetry) -> str:
-        """Fault of a servo that the board reports; empty without one."""
-        if dead := self._expected & ~board.servo_alive:
-            return f"{self._joints.named(dead)}: no answer"
-        if broken := self._expected & board.servo_fault:
-            return f"{self._joints.named(broken)}: hardware error"
-        if self._expected & 1 << board.wrong_servo >> 1:
-            return self._wrong_setting(board)
-        if limp := self._expected & board.servo_checked & ~board.servo_torque:
-            return f"{self._joints.named(limp)}: {NO_TORQUE}"
-        return ""
-
-    def _wrong_setting(self, board: Telemetry) -> str:
-        mask = 1 << board.wrong_servo - 1
-        protocol = 2 if board.servo_protocol & mask else 1
-        named = self._joints.named(mask)
-        return wrong_setting(named, protocol, board.wrong_register, board.wrong_value)
-
     def _status(self, board: Telemetry) -> dict[str, Any]:
         status: dict[str, Any] = {
             "board": MODES.get(board.mode, board.mode),
-            "last_trip": TRIPS.get(board.trip, board.trip) if board.trip else "none",
+            "last_trip": self._faults.last_trip(board),
             "battery_v": round(board.battery_mv / 1000.0, 2),
             "drive_v": round(board.drive_mv / 1000.0, 2),
             "supply_v": round(board.supply_mv / 1000.0, 2),

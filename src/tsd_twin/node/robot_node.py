@@ -16,6 +16,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -353,7 +354,7 @@ class RobotNode:
         now_s = time.monotonic()
         self._controller.stop(b'{"reason": "the node ended"}', now_s)
         try:
-            self._write(self._controller.step(now_s, None, ()), now_s)
+            self._write(self._controller.step(now_s, None, ()), now_s, ends=True)
             self._input_log.flush()
         finally:
             self._io.close()
@@ -380,9 +381,12 @@ class RobotNode:
             self._watchdog.fault(now_s) if self._watchdog else ""
         )
 
-    def _write(self, setpoint: Array, now_s: float) -> None:
+    def _write(self, setpoint: Array, now_s: float, *, ends: bool = False) -> None:
         if self._watchdog:
-            self._watchdog.set_heartbeat(self._controller.supervisor.heartbeat)
+            heartbeat = self._controller.supervisor.heartbeat
+            # The end of a program takes the robot from no radio control.
+            stopped = heartbeat.stopped and not ends
+            self._watchdog.set_heartbeat(replace(heartbeat, stopped=stopped))
         self._io.write(setpoint, now_s)
 
     def _serve(self, now_s: float) -> None:

@@ -39,6 +39,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "drive.wheel_radius_m": (0.0005, 5.0),
     "drive.max_tilt_deg": (1.0, 80.0),
     "drive.cruise_speed_rpm": (1.0, 300_000.0),
+    "drive.max_speed_rpm": (1.0, 300_000.0),
     "drive.spin_ratio": (0.01, 100.0),
     "drive.wheels.x_m": (-20.0, 20.0),
     "drive.wheels.y_m": (-20.0, 20.0),

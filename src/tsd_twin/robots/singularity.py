@@ -52,6 +52,8 @@ class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind
     max_tilt_deg: Annotated[float, Meta(gt=0.0, lt=80.0)]
     cruise_speed_rpm: Positive
     """Speed of the wheels when the robot is ready."""
+    max_speed_rpm: Positive | None = None
+    """Fastest speed that an operator can select; by default what all motors reach."""
     spin_ratio: list[Positive] = msgspec.field(default_factory=list[Positive])
     """Speed of each wheel relative to it; default 1."""
 
@@ -329,10 +331,13 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         # The motor set-point is the wheel speed divided by the scale of the wheel.
         per_told = self.actuator_offsets().scale[2::3] / drive.spin_ratio
         fastest_rpm = np.array([column[-1] for column in self.motor.speed_rpm])
+        most_rpm = float((fastest_rpm * per_told).min())
+        if self.drive.max_speed_rpm is not None:
+            most_rpm = min(most_rpm, self.drive.max_speed_rpm)
         return WheelSpeedRange(
             kinematics=drive,
             least_rad_per_s=self.motor.start_speed_rpm * float(per_told.max()) * RPM,
-            most_rad_per_s=float((fastest_rpm * per_told).min()) * RPM,
+            most_rad_per_s=most_rpm * RPM,
             servo_step_rad=2.0 * math.pi / self.servo.steps_per_turn,
         )
 
@@ -387,6 +392,12 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             )
         for i, column in enumerate(motor.speed_rpm):
             yield from self._curve_problems(i, column)
+        most_rpm, cruise_rpm = self.drive.max_speed_rpm, self.drive.cruise_speed_rpm
+        if most_rpm is not None and most_rpm < cruise_rpm:
+            yield (
+                f"drive.max_speed_rpm is {most_rpm:g}",
+                f"drive.cruise_speed_rpm, {cruise_rpm:g}, or more",
+            )
 
     def _curve_problems(self, i: int, column: list[float]) -> Iterator[Problem]:
         motor, rows = self.motor, len(self.motor.signal)

@@ -62,7 +62,7 @@ TRANSITIONS: dict[tuple[Mode, Mode], str] = {
     (Mode.STOPPING, Mode.DISARMED): "at rest, after disarm",
     (Mode.STOPPED, Mode.DISARMED): "reset",
     (Mode.FAULT, Mode.DISARMED): "reset",
-    **{(mode, Mode.STOPPED): "stop" for mode in Mode if mode not in LATCHED},
+    **{(mode, Mode.STOPPED): "stop" for mode in Mode if mode is not Mode.STOPPED},
     **{(mode, Mode.FAULT): "fault" for mode in ARMED},
 }
 """All allowed transitions between modes, each with its condition."""
@@ -83,6 +83,8 @@ class Heartbeat:
     """
     latched: bool = False
     """A stop or a fault is latched."""
+    stopped: bool = False
+    """A stop is latched: whatever else drives the robot must not either."""
 
 
 UNATTENDED_S = 10.0
@@ -195,9 +197,12 @@ class SafetySupervisor:
 
     def stop(self, request: StopRequest, now_s: float) -> Reply:
         """Latch a stop; allowed to every client at any time, without a lease."""
-        if self.mode not in LATCHED:
+        if self.mode is not Mode.STOPPED:
             by = request.operator or "an unnamed client"
-            self._transition(Mode.STOPPED, request.reason or f"software stop by {by}", now_s)
+            reason = request.reason or f"software stop by {by}"
+            if self.mode is Mode.FAULT:
+                reason += f"; before: {self.reason}"
+            self._transition(Mode.STOPPED, reason, now_s)
         return Reply(True)
 
     def reset(self, lease_hex: str, now_s: float) -> Reply:
@@ -332,7 +337,12 @@ class SafetySupervisor:
     @property
     def heartbeat(self) -> Heartbeat:
         """Heartbeat for the hardware watchdog."""
-        return Heartbeat(self.mode in ARMED, self._heartbeat_count, self.mode in LATCHED)
+        return Heartbeat(
+            self.mode in ARMED,
+            self._heartbeat_count,
+            latched=self.mode in LATCHED,
+            stopped=self.mode is Mode.STOPPED,
+        )
 
     def lease_in_force(self, now_s: float) -> Lease | None:
         """Lease in force, if any."""

@@ -1,0 +1,89 @@
+"""Faults that telemetry of the controller board shows, as sentences that name servo and channel."""
+
+from __future__ import annotations
+
+from tsd_twin.dynamixel.blocks import Telemetry
+from tsd_twin.dynamixel.control_table import SWITCH_US, BoardMode, RcChannel, Refusal, Trip
+from tsd_twin.hardware.controller_board import REFUSALS, TRIPS
+from tsd_twin.hardware.joints import NO_TORQUE, JointConverter, wrong_setting
+
+_FAR = (
+    "more than 9 degrees from its neutral position, so it gets no torque: turn its gimbal upright "
+    "by hand, or correct neutral_step in the calibration"
+)
+
+
+class BoardFaults:
+    """Sentences about what telemetry reports, for a robot with these joints."""
+
+    def __init__(
+        self, joints: JointConverter, expected: int, *, arm_mv: int, receiver_expected: bool
+    ) -> None:
+        """`expected` is the mask of servos that must be at the board."""
+        self._joints = joints
+        self._expected = expected
+        self._arm_mv = arm_mv
+        self._receiver_expected = receiver_expected
+
+    def fault(self, board: Telemetry, lost: str) -> str:
+        """Fault that the board reports; empty without one.
+
+        `lost` is the reason why it is not armed although it should be.
+        """
+        if board.mode == BoardMode.RC:
+            return "the radio control has the robot"
+        if servos := self._servo_fault(board):
+            return servos
+        if lost:
+            return f"{self._stuck(board)}{lost}"
+        if unread := self._expected & ~board.servo_checked:
+            return f"{self._joints.named(unread)}: the settings have not been read yet"
+        return self._arming_obstacle(board)
+
+    def _arming_obstacle(self, board: Telemetry) -> str:
+        """Reason why the board would not arm, apart from its servos; empty without one."""
+        if not board.drive_on:
+            return REFUSALS[Refusal.DRIVE]
+        if not board.stop_proven:
+            return REFUSALS[Refusal.STOP_NOT_PROVEN]
+        if board.mode != BoardMode.ARMED and board.battery_mv < self._arm_mv:
+            return f"the battery is too low to arm: {board.battery_mv / 1000.0:.1f} V"
+        if board.mode != BoardMode.ARMED and not board.esc_ready:
+            return "the speed controllers have not had zero throttle for 2 s yet"
+        missing = [RcChannel(i).name.lower() for i, us in enumerate(board.rc) if not us]
+        if missing and (self._receiver_expected or len(missing) < len(board.rc)):
+            return f"{REFUSALS[Refusal.RECEIVER]}: no pulses of {', '.join(missing)}"
+        if 0 < board.rc[RcChannel.KILL] <= SWITCH_US:
+            return REFUSALS[Refusal.KILL]
+        manual = board.rc[RcChannel.MANUAL] > SWITCH_US
+        return "the radio control is switched to manual" if manual else ""
+
+    def _servo_fault(self, board: Telemetry) -> str:
+        """Fault of a servo that the board reports; empty without one."""
+        if dead := self._expected & ~board.servo_alive:
+            return f"{self._joints.named(dead)}: no answer"
+        if broken := self._expected & board.servo_fault:
+            return f"{self._joints.named(broken)}: hardware error"
+        if self._expected & 1 << board.wrong_servo >> 1:
+            return self._wrong_setting(board)
+        if far := self._expected & board.servo_far:
+            return f"{self._joints.named(far)}: {_FAR}"
+        if limp := self._expected & board.servo_checked & ~board.servo_torque:
+            return f"{self._joints.named(limp)}: {NO_TORQUE}"
+        return ""
+
+    def last_trip(self, board: Telemetry) -> str:
+        """Reason of the last trip, with the servos it concerns."""
+        if not board.trip:
+            return "none"
+        return f"{self._stuck(board)}{TRIPS.get(board.trip, f'trip {board.trip}')}"
+
+    def _stuck(self, board: Telemetry) -> str:
+        stuck = board.servo_stuck if board.trip == Trip.FOLLOWING else 0
+        return f"{self._joints.named(stuck)}: " if stuck else ""
+
+    def _wrong_setting(self, board: Telemetry) -> str:
+        mask = 1 << board.wrong_servo - 1
+        protocol = 2 if board.servo_protocol & mask else 1
+        named = self._joints.named(mask)
+        return wrong_setting(named, protocol, board.wrong_register, board.wrong_value)
