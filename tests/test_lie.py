@@ -225,7 +225,9 @@ def test_a_batch_is_its_members(group: Group) -> None:
 @example(np.nextafter(3.0 * np.pi, 0.0))
 def test_wrapping_lands_in_range_and_turns_by_whole_turns(angle: float) -> None:
     wrapped = float(wrap(np.array(angle)))
-    assert -np.pi <= wrapped < np.pi
+    assert -np.pi < wrapped <= np.pi
+    if -np.pi < angle <= np.pi:
+        assert wrapped == angle
     turns = (angle - wrapped) / (2.0 * np.pi)
     assert turns == pytest.approx(round(turns), abs=1e-9)
 

@@ -38,10 +38,13 @@ def _arc(vx: float, vy: float, half: float, middle: float) -> tuple[float, float
 
 
 def wrap(angle: Array) -> Array:
-    """Return `angle`, in radians and of any shape, wrapped to [-pi, pi)."""
-    turned = (angle + np.pi) % (2.0 * np.pi) - np.pi
-    # Just below -pi, the remainder rounds up to the whole turn.
-    return np.where(turned < np.pi, turned, -np.pi)
+    """Return `angle`, in radians and of any shape, wrapped to (-pi, pi].
+
+    An angle in that range is returned bit by bit, NaN as NaN.
+    """
+    turned = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
+    # The product is rounded: near half a turn, the difference may be just out of range.
+    return np.where(turned <= -np.pi, np.pi, np.minimum(turned, np.pi))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

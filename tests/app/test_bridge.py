@@ -82,7 +82,7 @@ def test_in_ready_it_stays_armed_without_any_command(machine: Machine) -> None:
 def test_an_operator_who_falls_silent_is_a_controlled_stop_and_no_trip(machine: Machine) -> None:
     def falls_silent() -> None:
         wait_for_mode(machine, "ready")
-        assert machine.reason.startswith("no command for ")
+        assert machine.reason.startswith(("no command for ", "the robot's computer "))
         assert machine.hardware["board"] == "armed"
 
     machine.undisturbed(falls_silent)

@@ -32,7 +32,7 @@ BUILT = re.sub(r"zero_deg = \S+", "zero_deg = 0.3", PATIENT)
 
 TOO_BUSY = (
     "held up|off its path|left its area|no command|fault|has sent no status|no odometry|"
-    "no pose measurement|makes no progress|disagree|echo no status|does not answer"
+    "no pose measurement|makes no progress|disagree|was based on|too busy|does not answer"
 )
 
 

@@ -252,7 +252,7 @@ def test_a_page_that_is_loaded_again_in_motion_says_why_the_robot_stopped(stage:
     expect(messages).to_be_empty()
 
 
-SLOW = "From driving to stopping: no command for 180 ms."
+SLOW = "From driving to stopping: no command for 210 ms (limit 200 ms)."
 STALLED = "your page stalled for 0.2 s, so the robot stopped"
 
 

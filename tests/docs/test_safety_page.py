@@ -15,7 +15,7 @@ from tsd_twin.messages.requests import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.topics import Service, twist_key
 from tsd_twin.robots import load_robot
-from tsd_twin.safety import LATCHED, TRANSITIONS, Mode, lease, supervisor
+from tsd_twin.safety import LATCHED, TRANSITIONS, Mode, lease, loop_watch, supervisor
 from tsd_twin.simulation import SimRobot
 
 PAGE = page("safety.md")
@@ -44,6 +44,7 @@ def test_the_times_are_those_of_the_code_and_the_shipped_robot() -> None:
         "lease": lease,
         "supervisor": supervisor,
         "faults": control.faults,
+        "loop_watch": loop_watch,
     }
     for _, value, where in rows:
         place, name = quoted(where)[0].split(".")

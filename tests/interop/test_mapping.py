@@ -46,7 +46,13 @@ from tsd_twin.messages.ros import (
     encode_joints,
     encode_odometry,
 )
-from tsd_twin.messages.status import ConsistencyStatus, LeaseStatus, Status, encode_status
+from tsd_twin.messages.status import (
+    ConsistencyStatus,
+    LeaseStatus,
+    LoopStatus,
+    Status,
+    encode_status,
+)
 from tsd_twin.messages.topics import Topic
 from tsd_twin.models import shipped_model
 
@@ -237,6 +243,7 @@ def test_status_becomes_diagnostics_and_battery_once_a_second_and_when_the_mode_
             lease=LeaseStatus(holder="alice"),
             consistency=ConsistencyStatus(suspect="module2", level=1.5),
             hardware={"battery_v": 11.5},
+            loop=LoopStatus(99.2, 3, 12.5, 140.0 if mode == "fault" else 20.0),
         )
         for name, message in decoded(it.convert(topics.STATUS, encode_status(status))).items():
             counted[name] += 1
@@ -249,6 +256,8 @@ def test_status_becomes_diagnostics_and_battery_once_a_second_and_when_the_mode_
     assert by_name["left: mode"].level == 2
     assert by_name["left: mode"].message == "a gimbal is stuck"
     assert by_name["left: consistency"].level == 1
+    assert by_name["left: loop"].level == 1
+    assert by_name["left: loop"].message == "99 Hz, longest period 140 ms"
     assert {"holder": "alice"}.items() <= {
         value.key: value.value for value in by_name["left: mode"].values
     }.items()

@@ -35,12 +35,12 @@ test("a typed name becomes one that the bus permits", () => {
 });
 
 test("a robot that comes to rest says once why, and what to do", () => {
-  const event = { kind: "mode", text: "From driving to stopping: no command for 200 ms." };
-  assert.equal(noticeOf(event, false), "No command for 200 ms, so the robot stopped.");
-  const late = "From driving to stopping: commands echo no status of the last 210 ms.";
+  const event = { kind: "mode", text: "From driving to stopping: no command for 210 ms (limit 200 ms)." };
+  assert.equal(noticeOf(event, false), "No command for 210 ms (limit 200 ms), so the robot stopped.");
+  const old = "the last command was based on a state 230 ms old (limit 210 ms)";
   assert.equal(
-    noticeOf({ ...event, text: late }, true),
-    "The link was slower than 210 ms, so the robot stopped. Let go, then push again.",
+    noticeOf({ ...event, text: `From driving to stopping: ${old}.` }, true),
+    `T${old.slice(1)}, so the robot stopped. Let go, then push again.`,
   );
   const lease = { kind: "lease", text: "bob-8c30fedb has control." };
   assert.equal(noticeOf(lease, true), "bob has control.");

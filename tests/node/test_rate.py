@@ -32,6 +32,7 @@ def test_what_was_missed_is_an_overrun_and_no_burst() -> None:
     assert rate.status().overruns == before + 1
     assert [rate.wait(stop) for _ in range(3)][-1] - late_s >= 3 * PERIOD_S - 1e-3
     assert rate.status().jitter_p99_ms >= 1000 * 8 * PERIOD_S
+    assert rate.status().longest_ms >= 1000 * 9 * PERIOD_S
 
 
 def test_a_loop_that_shall_end_does_not_wait() -> None:

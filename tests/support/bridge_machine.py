@@ -19,7 +19,7 @@ from tsd_twin.robots import RobotDescription
 
 AHEAD = (0.5, 0.0, 0.0)
 ZERO_US = 1000.0
-BUSY = ("has not answered", "have not been measured", "hangs", "is gone", "garbage")
+BUSY = ("has not answered", "have not been measured", "too busy", "hangs", "is gone", "garbage")
 """Faults that a machine has which gives some program no time."""
 _TRIES = 5
 QUICK = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)

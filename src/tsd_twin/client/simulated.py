@@ -27,7 +27,7 @@ from tsd_twin.errors import ClientError, TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.requests import Event, LeaseReply, Sample
-from tsd_twin.messages.ros import BASE, Odometry
+from tsd_twin.messages.ros import BASE, Odometry, wrapped_heading
 from tsd_twin.messages.status import LoopStatus, Status
 from tsd_twin.messages.topics import Service, twist_key
 from tsd_twin.robots import RobotDescription
@@ -110,18 +110,18 @@ class SimulationLink:
         """Return the state of this moment."""
         controller, stamp_ns = self._controller, self.wall_ns()
         odometry, alternative = (
-            controller.odometry(stamp_ns),
+            controller.odometry(stamp_ns).wrapped(),
             controller.alternative_odometry(stamp_ns),
         )
         joints, setpoint = controller.joint_state(stamp_ns), controller.setpoint_state(stamp_ns)
         truth = self.simulated.truth(self.now_s())
-        exact = Odometry.of(truth.pose, truth.twist, _EXACT, _EXACT, stamp_ns)
+        exact = Odometry.of(truth.pose, truth.twist, _EXACT, _EXACT, stamp_ns).wrapped()
         return RobotState(
             self._status,
             self.now_s(),
             lambda: odometry,
             lambda: exact,
-            lambda: alternative,
+            lambda: None if alternative is None else alternative.wrapped(),
             lambda: joints,
             lambda: setpoint,
         )
@@ -193,7 +193,7 @@ class SimulationLink:
         if self._protocols:
             # Without covariances, which take most of the time of an odometry.
             pose, twist = self._controller.pose, self._controller.end_twist
-            xy_heading = pose.xy_heading if isinstance(pose, SE2) else _NOWHERE
+            xy_heading = wrapped_heading(pose.xy_heading) if isinstance(pose, SE2) else _NOWHERE
             for protocol in self._protocols:
                 protocol.receive_odometry(xy_heading, twist, self.now_s())
 

@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class PlanarPose(NamedTuple):
-    """A pose on the floor, in `odom`."""
+    """A pose on the floor, in `odom`; the heading is in (-pi, pi], counter-clockwise from X."""
 
     x_m: float
     y_m: float

@@ -191,7 +191,9 @@ class JointFaultMonitor:
         `setpoint` (n,) is the last one commanded to the joints.
         """
         if self.silent(now_s) and not fault:
-            fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms"
+            busy = supervisor.loop.explains(self._estimator.measured_s, SILENT_S, now_s)
+            why = f", since {busy}" if busy else f" for {SILENT_S * 1000:.0f} ms"
+            fault = f"the joints have not been measured{why}"
         return fault or self._stuck(now_s, setpoint, supervisor)
 
     def _stuck(self, now_s: float, setpoint: Array, supervisor: SafetySupervisor) -> str:

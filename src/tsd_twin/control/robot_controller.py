@@ -176,6 +176,7 @@ class RobotController:
         """
         dt_s = now_s - self._now_s if math.isfinite(self._now_s) else 0.01
         self._now_s = now_s
+        self._add_event(self.supervisor.loop.step(now_s))
         if dt_s > 0.0:
             self._estimator.advance(now_s, measured, self.setpoint, dt_s)
         self._update_pose_measurements(now_s)

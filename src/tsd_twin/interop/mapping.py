@@ -40,6 +40,7 @@ from tsd_twin.messages.ros import (
 from tsd_twin.messages.status import Status, decode_status
 from tsd_twin.messages.topics import Topic
 from tsd_twin.safety import LATCHED, Mode
+from tsd_twin.safety.loop_watch import LATE_S
 
 
 class RosQoS(StrEnum):
@@ -434,6 +435,7 @@ _LEVELS = {
     "refusal": _WARN,
     "consistency": _WARN,
     "id": _WARN,
+    "loop": _WARN,
     "clamp": _INFO,
 }
 """Levels of `rcl_interfaces/msg/Log` by the kind of the event."""
@@ -475,9 +477,9 @@ def diagnose(
         ),
         (
             "loop",
-            OK,
-            f"{loop.hz:.0f} Hz",
-            {"hz": loop.hz, "overruns": loop.overruns, "jitter_p99_ms": loop.jitter_p99_ms},
+            WARN if loop.longest_ms >= LATE_S * 1000.0 else OK,
+            f"{loop.hz:.0f} Hz, longest period {loop.longest_ms:.0f} ms",
+            dict(_fields(loop)),
         ),
     ]
     volts = _volts(status)
@@ -486,7 +488,7 @@ def diagnose(
     return found
 
 
-def _fields(counts: Any) -> Iterator[tuple[str, int]]:
+def _fields(counts: Any) -> Iterator[tuple[str, Any]]:
     for name in counts.__struct_fields__:
         yield name, getattr(counts, name)
 

@@ -137,7 +137,7 @@ def decode_pose(payload: bytes) -> PoseStamped:
 def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
     """Pose on the floor, and its stamp, in a sample of `twin/<robot>/sensor/pose`.
 
-    Heading in [-pi, pi]; height and a small lean are left out.
+    Heading in (-pi, pi]; height and a small lean are left out.
 
     Raises:
         MessageError: the reason is one of `key`, `shape`, `frame`, `nonfinite` and `quaternion`.
@@ -156,7 +156,8 @@ def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
     if 1.0 - 2.0 * (x * x + y * y) < _UPRIGHT:
         raise MessageError("quaternion", "a robot on a floor stands upright")
     heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return SE2(np.array([message.position_m[0], message.position_m[1], heading])), message.stamp_ns
+    x_m, y_m, _ = message.position_m
+    return SE2(ros.wrapped_heading(np.array([x_m, y_m, heading]))), message.stamp_ns
 
 
 LeaseId: TypeAlias = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from tsd_twin.errors import MessageError
-from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.lie import SE2, SO3, Array, wrap
 
 _LARGEST = 4096  # Bytes; messages of this project have fewer than 800.
 _COMMANDS_KEPT = 16
@@ -201,7 +201,7 @@ class Odometry:
     """
 
     xy_heading: Array
-    """(3,): metres and radians."""
+    """(3,): metres and radians; as decoded from the bus, the heading is in (-pi, pi]."""
     twist: Array
     """(3,): vx, vy, omega; of a sphere wx, wy, wz."""
     pose_covariance: Array
@@ -225,6 +225,10 @@ class Odometry:
             (pose.xy_heading, None) if isinstance(pose, SE2) else (np.zeros(3), pose.wxyz)
         )
         return Odometry(xy_heading, twist, pose_covariance, twist_covariance, stamp_ns, wxyz)
+
+    def wrapped(self) -> Odometry:
+        """Return this message with its heading in (-pi, pi], as it is decoded from the bus."""
+        return replace(self, xy_heading=wrapped_heading(self.xy_heading))
 
 
 def encode_twist(message: TwistStamped) -> bytes:
@@ -281,6 +285,11 @@ def decode_joints(payload: bytes) -> JointState:
     return JointState(tuple(raw.name), raw.position.copy(), raw.velocity.copy(), stamp_ns(raw))
 
 
+def wrapped_heading(xy_heading: Array) -> Array:
+    """Return (x, y, heading) with the heading in (-pi, pi], the range on every interface."""
+    return np.array([xy_heading[0], xy_heading[1], wrap(xy_heading[2])])
+
+
 def encode_odometry(message: Odometry) -> bytes:
     """CDR of a `nav_msgs/msg/Odometry`."""
     x, y, heading = (float(v) for v in message.xy_heading)
@@ -312,7 +321,7 @@ def encode_odometry(message: Odometry) -> bytes:
 
 
 def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
-    """Planar part of the odometry in a CDR payload; heading in [-2 pi, 2 pi].
+    """Planar part of the odometry in a CDR payload; heading in (-pi, pi].
 
     With `turning`, return the orientation and the angular velocity of a sphere.
 
@@ -325,7 +334,9 @@ def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
     rows = _TURNING_BLOCK if turning else _PLANAR_BLOCK
     twist = [angular.x, angular.y, angular.z] if turning else [linear.x, linear.y, angular.z]
     return Odometry(
-        xy_heading=np.array([position.x, position.y, 2.0 * math.atan2(turn.z, turn.w)]),
+        xy_heading=wrapped_heading(
+            np.array([position.x, position.y, 2.0 * math.atan2(turn.z, turn.w)])
+        ),
         twist=np.array(twist),
         pose_covariance=raw.pose.covariance.reshape(6, 6)[rows],
         twist_covariance=raw.twist.covariance.reshape(6, 6)[rows],

@@ -149,11 +149,12 @@ class LearnedError(msgspec.Struct, frozen=True):
 
 
 class LoopStatus(msgspec.Struct, frozen=True):
-    """Timing of the control loop: rate, overruns and jitter."""
+    """Timing of the control loop: rate, overruns, jitter and the longest period."""
 
     hz: float = 0.0
     overruns: int = 0
     jitter_p99_ms: float = 0.0
+    longest_ms: float = 0.0
 
 
 class ArmingStatus(msgspec.Struct, frozen=True):

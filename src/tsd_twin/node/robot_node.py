@@ -206,14 +206,15 @@ class RateKeeper:
         return now_s
 
     def status(self) -> LoopStatus:
-        """Return rate, overruns and jitter of the loop."""
+        """Return rate, overruns, jitter and longest period of the loop."""
         if not self._periods_s:
             return LoopStatus()
         periods_s = np.array(self._periods_s)
         place = min(len(periods_s) - 1, math.ceil(0.99 * len(periods_s)))
         p99_s = float(np.partition(np.abs(periods_s - self._period_s), place)[place])
         hz = 1.0 / float(periods_s.mean())
-        return LoopStatus(round(hz, 1), self._overruns, round(1000.0 * p99_s, 2))
+        longest_ms = round(1000.0 * float(periods_s.max()), 1)
+        return LoopStatus(round(hz, 1), self._overruns, round(1000.0 * p99_s, 2), longest_ms)
 
 
 class DuplicateIdMonitor:

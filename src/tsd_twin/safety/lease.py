@@ -335,6 +335,14 @@ _REMEMBERED = 256
 """Number of status messages whose sending time is kept: more than a second of them."""
 
 
+@dataclass(frozen=True, slots=True)
+class Overaged:
+    """Command that echoed a status older than the lease allows."""
+
+    echoed_s: float | None
+    """Sending time of that status; None if it is not known any more."""
+
+
 class CommandGate:
     """Filter of velocity commands by lease, order, age and finite numbers.
 
@@ -356,6 +364,8 @@ class CommandGate:
         """Sending time of the status whose number the newest counted command carries."""
         self.is_late = False
         """Whether the newest counted command is a zero that is too old for any other command."""
+        self.overaged: Overaged | None = None
+        """Newest command whose echo was too old, dropped or a zero; None after a fresh one."""
         self._sent_s: OrderedDict[int, float] = OrderedDict()
         self._seen: tuple[bytes, int] = (b"", -1)
         self._oldest_echo_s = -math.inf
@@ -394,10 +404,14 @@ class CommandGate:
         if lease_id == command.lease and command.seq <= newest:
             raise MessageError("order", f"command {command.seq} came after {newest}")
         sent_s = self._sent_s.get(command.status_seq)
+        if sent_s is None or now_s - sent_s > lease.max_age_s:
+            self.overaged = Overaged(sent_s)
         problem = self._age_problem(command.status_seq, sent_s, lease, now_s)
         if problem and command.twist.any():
             raise MessageError("stale", problem)
         self.is_late = bool(problem)
+        if not problem:
+            self.overaged = None
         if sent_s is not None:
             self.echo_s, self.echoed_s = now_s - sent_s, sent_s
 

@@ -23,6 +23,7 @@ from tsd_twin.messages.requests import (
 from tsd_twin.messages.status import ArmingStatus
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety.lease import CommandGate, HandOver, Lease, LeaseEvents, LeaseManager, held_by
+from tsd_twin.safety.loop_watch import LoopWatch
 
 
 class Mode(StrEnum):
@@ -130,6 +131,7 @@ class SafetySupervisor:
         self.reason = ""
         """Reason why the robot stopped, is stopping, or was disarmed."""
         self.gate = CommandGate()
+        self.loop = LoopWatch()
         self.command: Command | None = None
         """Newest counted command since the robot last came to rest."""
         self.command_s = -np.inf
@@ -141,8 +143,10 @@ class SafetySupervisor:
         self._drove: bytes = b""
         self._stands_until_s = -np.inf
         """Time at which the newest command expires, unless another counts before."""
-        self._stale_s = -np.inf
-        """When the newest command was dropped for its age."""
+        self._fresh_s = -np.inf
+        """Time of arrival of the newest command that was not too old."""
+        self._echo_ends_first = False
+        """Whether that command expires by the age of its echo, and not by silence."""
         self._hold_s = robot.arming_hold_s
         self._since_s = 0.0
         self._attended_s = -np.inf
@@ -273,8 +277,6 @@ class SafetySupervisor:
         lease = self._leases.current(now_s)
         outcome = self.gate.validate(sample, lease, now_s)
         if isinstance(outcome, MessageError):
-            if outcome.reason == "stale":
-                self._stale_s = now_s
             self._report_now_and_then(
                 "drop", f"A command was dropped: {outcome}.", outcome.reason, now_s
             )
@@ -285,6 +287,7 @@ class SafetySupervisor:
             self._heartbeat_count += 1
             oldest_s = self.gate.echoed_s + lease.max_age_s
             self._stands_until_s = min(now_s + lease.timeout_s, oldest_s)
+            self._fresh_s, self._echo_ends_first = now_s, oldest_s < now_s + lease.timeout_s
         self.command_s, self.command_seq = now_s, outcome.seq
         if outcome.twist.any():
             self._pushed_s = now_s
@@ -414,10 +417,23 @@ class SafetySupervisor:
         self._report("mode", text, TRANSITIONS[before, mode], now_s)
 
     def _why_no_command_stands(self, lease: Lease, now_s: float) -> str:
-        # A command that was nearly too old on arrival stands for a moment only.
-        if self._stale_s > self.command_s or now_s - self.command_s < 0.5 * lease.timeout_s:
-            return f"commands echo no status of the last {lease.max_age_s * 1000:.0f} ms"
-        return f"no command for {(now_s - self.command_s) * 1000:.0f} ms"
+        if self.gate.overaged is not None:
+            return self._based_on(self.gate.overaged.echoed_s, lease, now_s)
+        if self._echo_ends_first:
+            return self._based_on(self.gate.echoed_s, lease, now_s)
+        silence = f"{(now_s - self._fresh_s) * 1000:.0f} ms"
+        return self.loop.explains(self._fresh_s, lease.timeout_s, now_s) or (
+            f"no command for {silence} (limit {lease.timeout_s * 1000:.0f} ms)"
+        )
+
+    def _based_on(self, echoed_s: float | None, lease: Lease, now_s: float) -> str:
+        limit = f"{lease.max_age_s * 1000:.0f} ms"
+        if echoed_s is None:
+            return f"the last command was based on no state of the last {limit}"
+        age = f"{(now_s - echoed_s) * 1000:.0f} ms"
+        return self.loop.explains(echoed_s, lease.max_age_s, now_s) or (
+            f"the last command was based on a state {age} old (limit {limit})"
+        )
 
     def _report_now_and_then(self, kind: str, text: str, rule: str, now_s: float) -> None:
         if now_s - self._reported_s.get((kind, rule), -np.inf) >= _REPORT_S:

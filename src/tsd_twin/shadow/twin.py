@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tsd_twin.kinematics import JointKind
-from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.lie import SE2, SO3, Array, wrap
 from tsd_twin.messages.ros import JointState, Odometry
 from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import JOINTS, ODOM, SETPOINT
@@ -286,6 +286,10 @@ class ShadowTwin:
         pose: Any = SE2(odom.xy_heading) if self._planar else SO3(np.asarray(odom.wxyz))
         if self._newest is not None:
             before, twist = self._newest
+            if self._planar:  # Headings are wrapped on the bus, and counted on here.
+                was = before.xy_heading[2]
+                here = was + wrap(odom.xy_heading[2] - was)
+                pose = SE2(np.array([*odom.xy_heading[:2], here]))
             moved: Array = (before.inverse() @ pose).log()
             if np.abs(moved - dt_s * twist).max() > _JUMP:
                 self._poses.clear()  # It was set, or found again elsewhere.

@@ -68,9 +68,7 @@ export function againNotice(why) {
 export function noticeOf({ kind, text }, you) {
   const why = kind === "mode" ? /to stopping: (.+?)\.?$/.exec(text)?.[1] : undefined;
   if (why === undefined) return withNames(text);
-  const late = /^commands echo no status of the last (\d+ ms)$/.exec(why)?.[1];
-  const cause = late === undefined ? why : `the link was slower than ${late}`;
-  const said = sentence(`${cause}, so the robot stopped`);
+  const said = sentence(`${why}, so the robot stopped`);
   return you ? againNotice(said) : said;
 }
 
