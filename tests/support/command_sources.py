@@ -364,17 +364,16 @@ class RadioControl(CommandSource):
     """The transmitter of the radio control, in the hands of a person."""
 
     on_bus = False
+    _is_lost = False
 
     async def open(self) -> None:
         await asyncio.sleep(0.1)
 
     async def get_ready(self, *, reset: bool = True) -> str:
         del reset  # It has none.
-        firmware = self.robot.firmware
-        firmware.set_sticks(0.0, 0.0, 0.0, 0.0)
-        firmware.set_switches(manual=False)
+        self._send(0.0, speed=0.0, manual=False)
         await asyncio.sleep(2.5)  # Zero throttle is held meanwhile.
-        firmware.set_switches(manual=True)
+        self._send(0.0, speed=0.0, manual=True)
         await asyncio.sleep(0.1)
         seen = self.robot.telemetry
         if seen.mode == BoardMode.RC:
@@ -382,10 +381,16 @@ class RadioControl(CommandSource):
         return REFUSALS.get(seen.refusal, Refusal(seen.refusal).name)
 
     def push(self, vx_mps: float, age_s: float = 0.0) -> None:
-        if age_s:  # Its receiver sends pulses, which have no age: an old input is a lost one.
-            self.robot.firmware.lose_receiver()
-        else:
-            self.robot.firmware.set_sticks(0.5 * np.sign(vx_mps), 0.0, 0.0, 1.0)
+        # The receiver sends pulses, which have no age: an old input is a lost one.
+        self._is_lost = self._is_lost or age_s > 0.0
+        self._send(0.5 * float(np.sign(vx_mps)), speed=1.0, manual=True)
+
+    def _send(self, forward: float, *, speed: float, manual: bool) -> None:
+        firmware = self.robot.firmware
+        firmware.set_sticks(forward, 0.0, 0.0, speed)
+        firmware.set_switches(manual=manual)
+        if self._is_lost:
+            firmware.lose_receiver()
 
     async def close(self) -> None:
         self.robot.firmware.set_switches(manual=False)
