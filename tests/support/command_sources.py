@@ -226,7 +226,9 @@ class PageSource(CommandSource):
             await self._answer("reset", t="reset")
         if refusal := await self._answer("arm", t="arm"):
             return refusal
-        return await armed(self.robot)
+        refusal = await armed(self.robot)
+        await self.hold(0.1, 0.0)  # The page hears of it before a stick is moved.
+        return refusal
 
     def push(self, vx_mps: float, age_s: float = 0.0) -> None:
         seen = self.seen_at(age_s) if age_s else self._link.snapshot.status_seq

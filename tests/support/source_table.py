@@ -65,10 +65,13 @@ SOURCES = (
     Source(
         "client",
         sources.ScriptSource,
-        ("tsd_twin.client.base", "tsd_twin.client.motions", "tsd_twin.client.simulated"),
+        tuple(
+            f"tsd_twin.client.{name}"
+            for name in ("base", "motions", "procedures", "robot", "simulated")
+        ),
     ),
     Source("Foxglove", sources.FoxglovePanel, ("tsd_twin.foxglove.sources",)),
-    Source("ROS", sources.RosPublisher, ("tsd_twin.ros.adapter",)),
+    Source("ROS", sources.RosPublisher, ("tsd_twin.ros.operator",)),
     Source("replay", sources.ReplayedDrive, ("tsd_twin.recording.player",)),
     Source("radio", sources.RadioControl, ("BoardMode.RC",)),
     Source("U2D2", sources.ServosAtComputer, ("tsd_twin.hardware.u2d2",)),
@@ -218,3 +221,18 @@ def rules_of(source: Source, condition: Condition) -> tuple[Rule, Rule] | None:
 def tilt(robot: VirtualRobot) -> float:
     """Return the largest goal of a gimbal, steps."""
     return float(np.abs(robot.goals).max())
+
+
+NO_SOURCES: Mapping[str, str] = {
+    "tsd_twin.bus.session": "the bus itself, which knows no robots",
+    "tsd_twin.client.connection": "carries the commands of pages, scripts, Foxglove and ROS",
+    "tsd_twin.client.protocol": "numbers and stamps the commands of all sources on the bus",
+    "tsd_twin.hardware.mega": "the bridge, behind the rules of the node",
+    "tsd_twin.interop.driver": "behind Foxglove and ROS",
+    "tsd_twin.node.robot_node": "the robot: it publishes states",
+    "tsd_twin.recording.recorder": "publishes notes of a person",
+    "tsd_twin.ros.dds_port": "publishes in ROS: states, and what drives a robot of others",
+    "tsd_twin.ros.zenoh_port": "as the other port",
+    "tsd_mock": "publishes poses of a simulated camera",
+}
+"""Modules that can send commands and are no source of their own, with the reason."""
