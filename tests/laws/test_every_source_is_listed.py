@@ -1,0 +1,94 @@
+"""Whatever can send commands to a robot is in the table of sources, or is listed with the reason
+why it is none: found in the code, so that a new source cannot be forgotten.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.support.source_table import DEVIATIONS, NO_SOURCES, SOURCES
+from tsd_twin.dynamixel.control_table import BoardMode
+
+ROOT = Path(__file__).parents[2]
+LISTED = {module for source in SOURCES for module in source.modules}
+CALLS = {"set_velocity", "set_turn_rate", "publisher", "declare_publisher"}
+"""Methods that command a velocity, or publish on any key of the bus."""
+MADE = {"RobotDriver", "JointCommand", "TwistCommand"}
+"""What is made only to command a robot."""
+
+
+def commands(text: str) -> set[str]:
+    """Return by which names a program text can command a robot."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Call):
+            called = node.func
+            if isinstance(called, ast.Attribute):
+                is_protocol = "protocol" in ast.unparse(called.value)
+                if called.attr in CALLS or (called.attr == "command" and is_protocol):
+                    found.add(called.attr)
+            elif isinstance(called, ast.Name) and called.id in MADE:
+                found.add(called.id)
+    return found
+
+
+def modules() -> Iterator[tuple[str, str]]:
+    """Yield name and text of every module that is shipped."""
+    for folder in ("src", "app"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            parts = path.relative_to(ROOT / folder).with_suffix("").parts
+            yield ".".join(parts), path.read_text("utf-8")
+
+
+def unlisted(shipped: Iterator[tuple[str, str]]) -> dict[str, set[str]]:
+    """Return the modules that can command a robot and are in no list."""
+    can = {name: found for name, text in shipped if (found := commands(text))}
+    return {name: found for name, found in can.items() if name not in LISTED | set(NO_SOURCES)}
+
+
+def test_every_module_that_can_command_a_robot_is_listed() -> None:
+    assert unlisted(modules()) == {}
+
+
+def test_every_module_that_is_listed_can_command_a_robot() -> None:
+    can = {name for name, text in modules() if commands(text)}
+    listed = {name for name in LISTED | set(NO_SOURCES) if not name.startswith("BoardMode")}
+    assert listed <= can
+    assert not LISTED & set(NO_SOURCES)
+
+
+@pytest.mark.parametrize(
+    "planted",
+    [
+        "async def follow(control):\n    control.set_velocity(vx_mps=0.1)",
+        "def talk(bus):\n    bus.publisher('twin/tsd/cmd/x/twist', 1).put(b'')",
+        "def send(self):\n    self._link.send(self._protocol.command((1, 0, 0), 'odom', 0.0))",
+        "def move(board):\n    board.command = JointCommand(setpoint, beat, 0.0)",
+    ],
+)
+def test_a_new_source_that_is_not_in_the_table_is_found(planted: str) -> None:
+    assert list(unlisted(iter([("tsd_twin.gamepad", planted)]))) == ["tsd_twin.gamepad"]
+
+
+def test_every_mode_that_the_firmware_gives_to_a_source_is_listed() -> None:
+    given = {
+        mode
+        for path in (ROOT / "firmware").glob("*.c")
+        for mode in re.findall(r"give_to\(BOARD_(\w+)\)", path.read_text("utf-8"))
+    }
+    assert given == {mode.name for mode in BoardMode} - {"DISARMED"}
+    radio = {module.removeprefix("BoardMode.") for module in LISTED if "BoardMode" in module}
+    # All sources but the radio control reach the board as the PC.
+    assert radio | {"ARMED"} == given
+
+
+def test_a_deviation_names_a_pair_and_has_a_reason() -> None:
+    names = {source.name for source in SOURCES}
+    for (source, _), deviation in DEVIATIONS.items():
+        assert source in names
+        assert deviation.reason.endswith(".")

@@ -1,0 +1,244 @@
+"""The whole robot in virtual time: node and bridge as they are, and the compiled firmware."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firmware.simulator.mx64 import Mx64
+from firmware.simulator.simulation import FirmwareSimulation
+from tests.support.memory_bus import MemoryBus, Network
+from tests.support.robot_node import QUICK
+from tests.support.servo_chain import ServoChain
+from tests.support.virtual_time import VirtualClock
+from tsd_twin import robots
+from tsd_twin.dynamixel.blocks import Setup, Telemetry
+from tsd_twin.dynamixel.control_table import Refusal
+from tsd_twin.hardware import MegaHardware, ServoCalibration, U2D2Hardware, mega, u2d2
+from tsd_twin.hardware import serial_transport as serial
+from tsd_twin.hardware.joints import JointCommand, Receiver
+from tsd_twin.hardware.mega import ControllerBoard
+from tsd_twin.lie import Array
+from tsd_twin.messages.requests import Description
+from tsd_twin.models import robot_urdf
+from tsd_twin.node import RobotNode
+from tsd_twin.node.robot_node import RateKeeper
+from tsd_twin.robots import SingularityDescription, description_of_kind
+from tsd_twin.safety import Heartbeat, SafetySupervisor
+from tsd_twin.simulation import Motors
+
+PERIOD_S = 0.01
+ZERO_US = 1001.0
+"""A pulse up to this is zero throttle."""
+_BYTE_WAIT_S = 0.0005
+
+
+class VirtualPort:
+    """Serial port whose other end is a function that exchanges bytes; time passes in `read`."""
+
+    def __init__(
+        self, clock: VirtualClock, send: Callable[[bytes], None], receive: Callable[[], bytes]
+    ) -> None:
+        self._clock, self._send, self._receive = clock, send, receive
+        self._waiting = b""
+
+    @property
+    def in_waiting(self) -> int:
+        self._waiting += self._receive()
+        return len(self._waiting)
+
+    def read(self, size: int) -> bytes:
+        end_s = self._clock.now_s + serial._READ_S
+        while not self.in_waiting and self._clock.now_s < end_s:
+            self._clock.advance(_BYTE_WAIT_S)
+        data, self._waiting = self._waiting[:size], self._waiting[size:]
+        return data
+
+    def write(self, data: bytes) -> int:
+        self._send(data)
+        return len(data)
+
+    def reset_input_buffer(self) -> None:
+        self._receive()
+        self._waiting = b""
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class TurnTaking:
+    """What `DeviceThread` does, in turn with the node: a cycle when one is requested."""
+
+    def __init__(self, port: str, device: serial.Device) -> None:
+        self._device = device
+        self._transport = serial.SerialTransport(port, device.baud)
+        device.connect(self._transport)
+
+    def cycle(self) -> None:
+        self._device.cycle(self._transport)
+
+    def close(self) -> None:
+        self._device.rest(self._transport)
+
+
+class VirtualRobot:
+    """`tsd` on a bus in memory: its node, the bridge, the firmware, servos, motors and a radio.
+
+    With `u2d2`, the servos are at the computer, and those at the board are silent.
+    """
+
+    id = "tsd"
+    late_s = 0.021
+    """From the end of a command until the node acts on it: two periods."""
+
+    def __init__(
+        self,
+        clock: VirtualClock,
+        native: Path,
+        patch: pytest.MonkeyPatch,
+        *,
+        bus_servos: bool = False,
+    ) -> None:
+        self.clock = clock
+        self.network = Network(clock)
+        self.bus = MemoryBus(self.network)
+        self.firmware = FirmwareSimulation(elf=native, receiver=True)
+        self.chain = ServoChain() if bus_servos else None
+        self.robot = description_of_kind(
+            robots.parse_description(QUICK, self.id), SingularityDescription
+        )
+        self._chain_answer = b""
+        self._start_s = clock.now_s
+        self._ticks = itertools.count()
+        self._ticking = False
+        self._next_s = math.inf
+        self.widest_us = 0.0
+        """Widest pulse since `watch`."""
+        clock.machines.append(self._move)
+        clock.wait = self.wait
+        patch.setattr(serial, "open_port", self._open_port)
+        patch.setattr(mega, "DeviceThread", TurnTaking)
+        patch.setattr(u2d2, "DeviceThread", TurnTaking)
+        self._see_stop_circuit()
+        self.io = self._hardware()
+        description = Description(QUICK, robot_urdf(self.robot))
+        self.node = RobotNode(self.bus, self.id, self.robot, self.io, description)
+        self._rate = RateKeeper(PERIOD_S)
+        self._next_s = clock.now_s
+
+    def close(self) -> None:
+        """Free the firmware."""
+        self.firmware.close()
+
+    def _see_stop_circuit(self) -> None:
+        """Open the stop circuit once after power has come, as an owner does, and close it."""
+        self.firmware.set_contactor(closed=False)
+        self.clock.advance(0.2)
+        self.firmware.set_contactor(closed=True)
+
+    def _hardware(self) -> MegaHardware | U2D2Hardware:
+        calibration, motors = ServoCalibration(receiver=Receiver()), Motors.of(self.robot)
+        if self.chain is None:
+            return MegaHardware(self.robot, "board", motors, calibration)
+        for servo in self.firmware.servos:
+            servo.dead = True
+        return U2D2Hardware(self.robot, "board", "servos", motors, calibration)
+
+    def _open_port(self, name: str, _baud: int, _timeout_s: float) -> VirtualPort:
+        if name == "board":
+            board = self.firmware.board
+            return VirtualPort(self.clock, board.send, board.receive)
+        return VirtualPort(self.clock, self._ask_chain, self._hear_chain)
+
+    def _ask_chain(self, data: bytes) -> None:
+        assert self.chain is not None
+        self._chain_answer += self.chain.answer(data, self.clock.now_s)
+
+    def _hear_chain(self) -> bytes:
+        answer, self._chain_answer = self._chain_answer, b""
+        return answer
+
+    # Time.
+
+    def _move(self, now_s: float) -> None:
+        self.firmware.run(now_s - self._start_s - self.firmware.board.now_s)
+        self.widest_us = max(self.widest_us, *self.firmware.pulses_us())
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass, with a period of the node each 10 ms."""
+        end_s = self.clock.now_s + max(seconds, 1e-6)
+        while self.clock.now_s < end_s - 1e-9:
+            if not self._ticking and self.clock.now_s >= self._next_s - 1e-9:
+                self._tick()
+            else:
+                until_s = end_s if self._ticking else min(end_s, self._next_s)
+                self.clock.advance(max(until_s - self.clock.now_s, 1e-6))
+
+    def _tick(self) -> None:
+        self._ticking = True
+        self._next_s = max(self._next_s + PERIOD_S, self.clock.now_s)
+        try:
+            self.node._tick(self.clock.now_s, next(self._ticks), self._rate)
+        finally:
+            self._ticking = False
+
+    # What an observer sees.
+
+    @property
+    def supervisor(self) -> SafetySupervisor:
+        """Safety state machine of the node."""
+        return self.node._controller.supervisor
+
+    @property
+    def telemetry(self) -> Telemetry:
+        """Newest telemetry that the bridge has read."""
+        report = self._board.report
+        assert report is not None
+        return report.telemetry
+
+    @property
+    def setup(self) -> Setup:
+        """Set-up that the bridge has written to the board."""
+        return self._board._setup
+
+    @property
+    def _board(self) -> ControllerBoard:
+        wheels = self.io._wheels if isinstance(self.io, U2D2Hardware) else self.io
+        return wheels._board
+
+    def refusal_past_the_node(self) -> Refusal:
+        """Let a program that looks at nothing ask the board to arm; return its refusal."""
+        board, at_rest = self._board, np.zeros(9)
+        wheels = self.io._wheels if isinstance(self.io, U2D2Hardware) else self.io
+        transport = wheels._thread._transport
+        for i in range(6):
+            heartbeat = Heartbeat(i > 2, i)
+            board.command = JointCommand(at_rest, heartbeat, self.clock.now_s)
+            board.cycle(transport)
+            self.clock.advance(PERIOD_S)
+        return Refusal(self.telemetry.refusal)
+
+    def watch(self) -> None:
+        """Forget how wide the pulses were."""
+        self.widest_us = 0.0
+
+    @property
+    def wheels_off(self) -> bool:
+        """Whether every speed controller gets zero throttle."""
+        return max(self.firmware.pulses_us()) <= ZERO_US
+
+    @property
+    def goals(self) -> Array:
+        """(6,): goals of the servos, steps from neutral."""
+        goals = self.chain.goals() if self.chain else [s.goal for s in self.firmware.servos]
+        return np.array(goals) - 2048
+
+    @property
+    def servos(self) -> list[Mx64]:
+        """Simulated servos that turn the gimbals."""
+        return self.chain.servos if self.chain else self.firmware.servos

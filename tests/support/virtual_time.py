@@ -1,0 +1,99 @@
+"""Virtual time: a clock in place of that of the machine, and an event loop that lets it pass."""
+
+from __future__ import annotations
+
+import asyncio
+import selectors
+import threading
+import time
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Executor
+from typing import Any, TypeVar
+
+import pytest
+
+T = TypeVar("T")
+START_S = 1000.0
+_WALL_NS = 1_700_000_000_000_000_000
+_LONGEST_WAIT_S = 0.01
+_LONGEST_TEST_S = 60.0
+_LAST_TURNS = 50
+_TURN_S = 1e-7
+"""What one turn of the event loop takes, so that no timer is due in no time."""
+
+
+class VirtualClock:
+    """Clock of everything in a test; time passes in `advance` and in what sleeps."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.now_s = START_S
+        self.machines: list[Callable[[float], None]] = []
+        """Each is called with the time, whenever it has changed."""
+        self.wait: Callable[[float], None] = self.advance
+        """Lets seconds pass for all that lives in this time."""
+        patch.setattr(time, "monotonic", lambda: self.now_s)
+        patch.setattr(time, "time_ns", self.wall_ns)
+        patch.setattr(time, "sleep", lambda seconds: self.wait(seconds))
+        patch.setattr(threading.Condition, "wait", lambda _, *timeout: self._pause(*timeout))
+
+    def _pause(self, timeout: float | None = None) -> bool:
+        self.wait(_LONGEST_WAIT_S if timeout is None else min(timeout, _LONGEST_WAIT_S))
+        return False
+
+    def wall_ns(self) -> int:
+        """Return the wall clock."""
+        return _WALL_NS + round((self.now_s - START_S) * 1e9)
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass for the machines alone."""
+        self.now_s += seconds
+        for machine in self.machines:
+            machine(self.now_s)
+
+    def run(self, work: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine to its end in virtual time."""
+        loop = _Loop(self)
+        try:
+            return loop.run_until_complete(work)
+        finally:
+            for task in asyncio.all_tasks(loop):
+                task.cancel()
+            for _ in range(_LAST_TURNS):
+                loop.call_soon(loop.stop)
+                loop.run_forever()
+            loop.close()
+
+
+class _Selector(selectors.DefaultSelector):
+    """Selector that lets virtual time pass where others wait."""
+
+    def __init__(self, clock: VirtualClock) -> None:
+        super().__init__()
+        self._clock = clock
+
+    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+        self._clock.now_s += _TURN_S
+        ready = super().select(0)
+        if not ready and timeout != 0:
+            assert self._clock.now_s < START_S + _LONGEST_TEST_S, "it waits for ever"
+            wait_s = _LONGEST_WAIT_S if timeout is None else min(timeout, _LONGEST_WAIT_S)
+            self._clock.wait(max(wait_s, 1e-6))
+            ready = super().select(0)
+        return ready
+
+
+class _Loop(asyncio.SelectorEventLoop):
+    """Event loop in virtual time, which does at once what others give to a thread."""
+
+    def __init__(self, clock: VirtualClock) -> None:
+        super().__init__(_Selector(clock))
+
+    def run_in_executor(  # type: ignore[override]
+        self, _executor: Executor | None, func: Callable[..., T], *args: Any
+    ) -> asyncio.Future[T]:
+        future: asyncio.Future[T] = self.create_future()
+        try:
+            future.set_result(func(*args))
+        except Exception as error:
+            future.set_exception(error)
+        return future
