@@ -14,7 +14,10 @@ control_table_t table;
 void table_start(void) {
   uint8_t *bytes = (uint8_t *)&table;
 #define X(name, address, type, count, value, rise) \
-  for (uint8_t i = 0; i < count; i++) ((type *)(bytes + address))[i] = (type)(value + i * rise);
+  for (uint8_t i = 0; i < count; i++) {                                 \
+    type it = (type)(value + i * rise);                                 \
+    memcpy(bytes + address + i * sizeof it, &it, sizeof it);            \
+  }
   CT_ITEMS(X)
 #undef X
   table.fw = CT_FW_VERSION;
@@ -25,7 +28,9 @@ void table_start(void) {
 static bool within_limits(const uint8_t *bytes) {
 #define X(name, address, type, count, least, most)            \
   for (uint8_t i = 0; i < count; i++) {                       \
-    int32_t value = ((const type *)(bytes + address))[i];     \
+    type it;                                                  \
+    memcpy(&it, bytes + address + i * sizeof it, sizeof it);  \
+    int32_t value = it;                                       \
     if (value < (int32_t)least || value > (int32_t)most) return false; \
   }
   CT_WRITABLE(X)
