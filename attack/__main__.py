@@ -14,7 +14,16 @@ from collections.abc import Iterator
 from attack.table import Row, summary
 from tsd_twin.errors import TwinError
 
-PARTS: tuple[str, ...] = ("commands", "distances", "gateway", "discovery", "login", "ros_age")
+PARTS: tuple[str, ...] = (
+    "commands",
+    "distances",
+    "gateway",
+    "discovery",
+    "login",
+    "ros_age",
+    "instances",
+    "files",
+)
 
 
 def main() -> None:

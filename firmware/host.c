@@ -76,9 +76,9 @@ static void handle(const packet_t *packet) {
   }
 }
 
-static void handle_all(void) {
+static void look(void) {
   packet_t packet;
-  while (decoder_take(&decoder, &packet)) handle(&packet);
+  if (decoder_take(&decoder, &packet)) handle(&packet);
   if (decoder.crc_errors) since_error_ms = 0;
   table.crc_errors += decoder.crc_errors;
   decoder.crc_errors = 0;
@@ -91,12 +91,14 @@ static void add_error(void) {
 
 bool host_poll(void) {
   uint8_t byte = 0;
-  for (uint8_t i = 0; i < AT_A_TIME && host_line_receive(&byte); i++) {
+  bool pending = decoder_pending(&decoder);
+  for (uint8_t i = 0; i < AT_A_TIME && !pending && host_line_receive(&byte); i++) {
     silent_ms = 0;
-    if (decoder_push(&decoder, byte)) handle_all();
+    pending = decoder_push(&decoder, byte);
   }
+  if (pending) look();
   if (host_line_overrun()) add_error();
-  return host_line_waiting();
+  return host_line_waiting() || decoder_pending(&decoder);
 }
 
 bool host_disturbed(void) { return since_error_ms < DISTURBED_MS; }
@@ -107,8 +109,6 @@ void host_tick(void) {
     silent_ms++;
     return;
   }
-  while (decoder_give_up(&decoder)) {
-    add_error();
-    handle_all();
-  }
+  if (decoder_pending(&decoder)) return;
+  if (decoder_give_up(&decoder)) add_error();
 }

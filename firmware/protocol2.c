@@ -44,7 +44,11 @@ static uint8_t set_goals(uint8_t *out, uint8_t mask, const uint16_t *goals) {
 }
 
 static reply_t receive(uint8_t byte, uint8_t id) {
-  if (!decoder_push(&decoder, byte) || !decoder_take(&decoder, &reply)) return REPLY_NONE;
+  if (!decoder_push(&decoder, byte)) return REPLY_NONE;
+  // Noise before it may look like a header.
+  while (!decoder_take(&decoder, &reply)) {
+    if (!decoder_pending(&decoder)) return REPLY_NONE;
+  }
   if (reply.id != id || reply.instruction != PACKET_STATUS || !reply.count) return REPLY_BROKEN;
   uint8_t error = reply.parameters[0];
   if (error & ~PACKET_ALERT) return REPLY_BROKEN;

@@ -29,14 +29,15 @@ static const setting_t SETTINGS_311[] = {
     {12, 1, 0, 255, 255},  // secondary id
     {13, 1, 0, 2, 2},  // protocol type
     {20, 4, 4, 0, 0},  // homing offset
-    {31, 1, 9, 80, 80},  // temperature limit
+    {31, 1, 21, 80, 80},  // temperature limit
     {32, 2, 0, 160, 160},  // max voltage limit
     {34, 2, 0, 95, 95},  // min voltage limit
     {36, 2, 0, 885, 885},  // PWM limit
     {38, 2, 0, 1941, 1941},  // current limit
-    {44, 4, 12, 285, 1023},  // velocity limit
+    {40, 4, 0, 32767, 32767},  // acceleration limit
+    {44, 4, 0, 285, 1023},  // velocity limit
     {48, 4, 0, 4095, 4095},  // largest position
-    {52, 4, 0, 0, 0},  // smallest position
+    {52, 4, 4, 0, 0},  // smallest position
     {63, 1, 1, 52, 52},  // shutdown
     {68, 1, 1, 2, 2},  // status return level
     {76, 2, 10, 1920, 1920},  // velocity I gain
@@ -171,7 +172,7 @@ static const setting_t SETTINGS_1130[] = {
 // {number, current in mA / 256, settings, how many}
 static const servo_model_t MODELS[] = {
     {310, 1152, SETTINGS_310, 20},
-    {311, 860, SETTINGS_311, 27},
+    {311, 860, SETTINGS_311, 28},
     {1020, 689, SETTINGS_1020, 27},
     {1030, 689, SETTINGS_1030, 27},
     {1120, 689, SETTINGS_1120, 27},

@@ -125,7 +125,7 @@ static void choose_more(void) {
   if (told) {
     more = TELL;
     more_to = first(told);
-  } else if (!armed && others % 4) {
+  } else if (!armed && others % (unchecked ? 8 : 4)) {
     more = SETTING;
     more_to = setting_turn = after(setting_turn, unchecked ? unchecked : table.servo_found);
   } else {

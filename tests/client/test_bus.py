@@ -248,8 +248,9 @@ def test_no_robot_and_several_are_told_apart(node: RunningNode) -> None:
     thread = threading.Thread(target=second.run, args=(stop,))
     thread.start()
     try:
-        with pytest.raises(SeveralRobotsFound, match=r"left, tsd are at .*robot='left'"):
+        with pytest.raises(SeveralRobotsFound, match=r"left, tsd are at .*robot='left'") as several:
             tsd_twin.connect(node.endpoint)
+        assert several.value.robots == ("left", "tsd")
         with tsd_twin.connect(node.endpoint, robot="left") as robot:
             assert robot.id == "left"
     finally:

@@ -82,7 +82,7 @@ def test_a_reset_takes_control_from_nobody_and_changes_no_robot_that_is_not_latc
 
 
 def raised() -> Iterator[str]:
-    """Yield the sentence of each `raise` of a client error, with ... for what is filled in."""
+    """Yield the sentence of each `raise` of a client error; ... marks inserted text."""
     names = {each.__name__ for each in (ClientError, *subclasses(ClientError))}
     for file in FILES:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -92,7 +92,12 @@ def raised() -> Iterator[str]:
 
 
 def text_of(call: ast.Call) -> str:
-    before = {"ControlDenied": "... gives no control: ", "RequestRefused": "... refuses to ... "}
+    before = {
+        "ControlDenied": "... gives no control: ",
+        "RequestRefused": "... refuses to ... ",
+        "SeveralRobotsFound": "name one, connect(robot=",
+        "StopNotConfirmed": "no confirmed stop of ",
+    }
     parts: list[str] = [before.get(getattr(call.func, "id", ""), "")]
     for argument in call.args:
         for node in ast.walk(argument):

@@ -205,6 +205,8 @@ def test_receiver_and_pulse_ends_of_the_calibration_are_told_to_the_board(tmp_pa
     told = board.setups[0]
     assert (told.receiver_kind, told.receiver_map, told.stick_dead) == (1, 0x5F2301, 30)
     assert (told.pulse_low, told.pulse_high) == ((2000, 2120, 2400), (4000, 3881, 4400))
+    # The fastest speed that an operator can select is nearly what all motors reach.
+    assert (max(told.throttle_limit), told.throttle_rise) == (4000, 80)
 
 
 def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
@@ -314,6 +316,11 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
             {"servo_torque": 0b110111},
             "servo 4 (module2_beta): no torque: it restarted, or another program switched it off",
         ),
+        (
+            {"servo_torque": 0b111101, "servo_far": 0b000010},
+            "servo 2 (module1_beta): more than 9 degrees from its neutral position, so it gets no "
+            "torque: turn its gimbal upright by hand, or correct neutral_step in the calibration",
+        ),
     ],
 )
 def test_a_servo_that_is_not_set_or_does_not_hold_is_named(
@@ -321,6 +328,43 @@ def test_a_servo_that_is_not_set_or_does_not_hold_is_named(
 ) -> None:
     it.board.telemetry = replace(it.board.telemetry, **telemetry)
     it.until(lambda: it.fault == fault, "named")
+
+
+def test_a_gimbal_that_did_not_follow_is_named(it: Bench) -> None:
+    it.arm()
+    it.board.obeys_arm = False
+    it.board.telemetry = replace(
+        it.board.telemetry,
+        mode=BoardMode.DISARMED,
+        trip=Trip.FOLLOWING,
+        servo_stuck=0b000010,
+    )
+    told = "a gimbal does not follow its goal: it is stuck, or its servo is"
+    fault = f"servo 2 (module1_beta): the board disarmed itself: {told}"
+    it.until(lambda: it.fault == fault, "named", armed=True)
+    assert it.robot.hardware()["last_trip"] == f"servo 2 (module1_beta): {told}"
+
+
+def test_a_stop_that_was_never_seen_to_work_is_asked_for_once(it: Bench) -> None:
+    it.board.telemetry = replace(it.board.telemetry, stop_proven=0)
+    words = "the stop was not tested since power came: press and release it once"
+    it.until(lambda: it.fault == words, "asked for")
+    it.board.telemetry = replace(it.board.telemetry, stop_proven=1)
+    it.until(lambda: it.fault == "", "seen")
+
+
+def test_a_stop_reaches_the_board_also_when_the_radio_control_has_the_robot(it: Bench) -> None:
+    it.board.obeys_arm = False
+    it.board.telemetry = replace(it.board.telemetry, mode=BoardMode.RC)
+    it.until(lambda: it.fault == "the radio control has the robot", "taken")
+
+    def written(heartbeat: Heartbeat, arm: int) -> bool:
+        it.robot.set_heartbeat(heartbeat)
+        it.robot.write(REST, time.monotonic())
+        return it.told.arm == arm
+
+    wait_until(lambda: written(Heartbeat(False, 7, latched=True, stopped=True), 2), "stopped")
+    wait_until(lambda: written(Heartbeat(False, 8), 0), "released by the reset")
 
 
 def test_the_node_is_told_the_voltage_of_the_battery(it: Bench) -> None:

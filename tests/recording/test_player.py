@@ -258,6 +258,16 @@ def test_events_are_found_and_repeated_ones_are_counted(driven: Path) -> None:
     index.close()
 
 
+def test_an_event_that_never_occurred_has_no_messages_and_a_topic_of_nobody_is_an_error(
+    driven: Path,
+) -> None:
+    recording = tsd_twin.open_recording(driven)
+    assert list(recording.messages("event/fault", robot="tsd")) == []
+    for topic in ("event", "state/odometry"):
+        with pytest.raises(RecordingError, match=f"has no twin/tsd/{topic}, but"):
+            list(recording.messages(topic, robot="tsd"))
+
+
 def test_an_event_about_a_suspect_is_found_as_one_of_consistency() -> None:
     event = FaultReporter().step("module2", 5.0)
     assert event is not None

@@ -64,6 +64,7 @@ class PretendBoard:
         self.telemetry = Telemetry(
             millis=100_000,
             drive_on=1,
+            stop_proven=1,
             esc_ready=1,
             servo_found=63,
             servo_alive=63,

@@ -398,14 +398,12 @@ def arming_wants_torque(bench: Bench) -> None:
 
 
 def settings_of_servos_are_checked(bench: Bench) -> None:
-    for version, above in itertools.product((1, 2), (False, True)):
-        settings = MODEL[version].settings
+    for version, half, above in itertools.product((1, 2), (0, 1), (False, True)):
         pilot = bench.pilot(version)
         servos = pilot.simulation.servos
-        before: list[int] = []
         wrong: list[tuple[int, int, int]] = []
-        for i, s in enumerate(settings):  # Those of one read are at different servos.
-            before.append(s.value(servos[i % 6].read(s.address, s.size)))
+        # Those of one read are at different servos.
+        for i, s in enumerate(MODEL[version].settings[half::2]):
             value = (s.most + 1 if above else s.least - 1) % (1 << 8 * s.size)
             servos[i % 6].set_register(s.address, s.size, value)
             wrong.append((i % 6 + 1, s.address, value))
@@ -419,16 +417,21 @@ def settings_of_servos_are_checked(bench: Bench) -> None:
         assert named == set(wrong)
         seen = pilot.arm()
         assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
-        last = len(settings) - 1 - above
-        for i, s in enumerate(settings):
-            if i != last:
-                servos[i % 6].set_register(s.address, s.size, before[i])
-        pilot.simulation.run(2.0 * CHECK_S)
+
+
+def one_wrong_setting_is_enough(bench: Bench) -> None:
+    for version, which in itertools.product((1, 2), (0, 11, -1)):
+        pilot = bench.pilot(version)
+        setting, servo = MODEL[version].settings[which], pilot.simulation.servos[which % 6]
+        before = setting.value(servo.read(setting.address, setting.size))
+        servo.set_register(setting.address, setting.size, setting.most + 1)
+        pilot.get_ready()
         seen = pilot.arm()
         assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
-        assert seen.servo_checked == 0b111111 - (1 << last % 6)
-        assert (seen.wrong_servo, seen.wrong_register, seen.wrong_value) == wrong[last]
-        servos[last % 6].set_register(settings[last].address, settings[last].size, before[last])
+        assert seen.servo_checked == 0b111111 - (1 << which % 6)
+        named = (seen.wrong_servo, seen.wrong_register, seen.wrong_value)
+        assert named == (which % 6 + 1, setting.address, setting.most + 1)
+        servo.set_register(setting.address, setting.size, before)
         pilot.simulation.run(CHECK_S)
         seen = pilot.arm()
         assert (seen.mode, seen.servo_checked, seen.wrong_servo) == (BoardMode.ARMED, 0b111111, 0)
@@ -906,7 +909,7 @@ def ids_of_servos_are_checked(bench: Bench) -> None:
 def new_ids_make_the_servos_unknown(bench: Bench) -> None:
     for first, then in (((1, 2, 3, 4, 5, 6), (6, 5, 4, 3, 2, 1)), ((6, 2, 3, 4, 5, 1),) * 2):
         pilot = bench.pilot().get_ready(Setup(servo_id=first))
-        pilot.simulation.run(1.0)
+        pilot.simulation.run(CHECK_S)
         assert pilot.telemetry().servo_checked == 0b111111
         pilot.set_up(Setup(servo_id=then))
         seen = pilot.telemetry()

@@ -1,5 +1,5 @@
-"""Fault detection: saturation of commands, a low battery, hot servos, missing joint measurements, following
-errors, suspect actuators.
+"""Fault detection: saturation of commands, a low battery, hot servos, missing joint measurements,
+following errors, suspect actuators.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class HeatMonitor:
         self._warm = False
 
     def step(self, hottest_c: float | None, now_s: float, *, armed: bool) -> Event | None:
-        """Update with the hottest servo; return an event when it gets warm or hot, or has cooled."""
+        """Update with the hottest servo; return an event when that changes anything, or None."""
         if hottest_c is None or math.isnan(hottest_c):
             return None
         if hottest_c < WARM_C:

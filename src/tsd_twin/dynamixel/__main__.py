@@ -124,8 +124,8 @@ def models() -> str:
 
 def _rows(model: ServoModel) -> list[str]:
     return [
-        f"    {{{s.address}, {s.size}, {span(group) if s is group[0] else 0}, {s.least}, {s.most}}},"
-        f"  // {s.name}"
+        f"    {{{s.address}, {s.size}, {span(group) if s is group[0] else 0}, "
+        f"{s.least}, {s.most}}},  // {s.name}"
         for group in model.reads()
         for s in group
     ]

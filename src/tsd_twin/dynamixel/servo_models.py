@@ -14,8 +14,8 @@ from typing import Literal
 ProtocolVersion = Literal[1, 2]
 MODEL_NUMBER = 0
 """Register of the model number in both protocols; two bytes."""
-LONGEST_READ: dict[ProtocolVersion, int] = {1: 10, 2: 26}
-"""Bytes of settings in one response, by protocol."""
+LONGEST_READ: dict[ProtocolVersion, int] = {1: 10, 2: 21}
+"""Bytes of settings in one response, by protocol; as many as the board reads otherwise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ def _exactly(address: int, size: int, value: int, name: str) -> ServoSetting:
 
 
 _RETURN_DELAY = (25, 250)
-"""In 2 us: the board listens after 50 us, and more than the factory value does not fit its cycle."""
+"""In 2 us: the board listens after 50 us; more than the factory value does not fit its cycle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,13 +114,16 @@ _MX64_1 = ServoModel(
 )
 
 
-def _protocol2(current_limit: int, velocity_limit: int, p_gain: int) -> tuple[ServoSetting, ...]:
+def _protocol2(
+    current_limit: int, velocity_limit: int, p_gain: int, *more: ServoSetting
+) -> tuple[ServoSetting, ...]:
     """Settings that all models with Protocol 2.0 have.
 
     `velocity_limit` is the lowest with which versions of the firmware came: a higher one limits
     nothing.
     """
-    return (
+    settings = (
+        *more,
         ServoSetting(9, 1, *_RETURN_DELAY, "return delay time"),
         _exactly(10, 1, 0, "drive mode"),
         _exactly(11, 1, 3, "operating mode"),
@@ -149,6 +152,7 @@ def _protocol2(current_limit: int, velocity_limit: int, p_gain: int) -> tuple[Se
         _exactly(108, 4, 0, "profile acceleration"),
         _exactly(112, 4, 0, "profile velocity"),
     )
+    return tuple(sorted(settings, key=lambda setting: setting.address))
 
 
 _XM430_W350 = ServoModel(1020, "XM430-W350", 2, 2.69, _protocol2(1193, 200, 800))
@@ -156,7 +160,13 @@ MODELS: dict[int, ServoModel] = {
     model.number: model
     for model in (
         _MX64_1,
-        ServoModel(311, "MX-64(2.0)", 2, 3.36, _protocol2(1941, 285, 850)),
+        ServoModel(
+            311,
+            "MX-64(2.0)",
+            2,
+            3.36,
+            _protocol2(1941, 285, 850, _exactly(40, 4, 32767, "acceleration limit")),
+        ),
         _XM430_W350,
         replace(_XM430_W350, number=1030, name="XM430-W210", settings=_protocol2(1193, 330, 800)),
         replace(_XM430_W350, number=1120, name="XM540-W270", settings=_protocol2(2047, 128, 800)),
@@ -179,7 +189,7 @@ NOT_COMPARED: dict[ProtocolVersion, dict[int, str]] = {
         7: "id: the calibration names it",
         8: "baud rate: a servo with another does not answer",
         24: "moving threshold: of a flag that nobody reads",
-        40: "acceleration limit: of the profile, which must be off; not every firmware has it",
+        40: "acceleration limit of an XM: of the profile, which must be off; not all have it",
         56: "external port: of an XM540, moves nothing",
         57: "external port: of an XM540, moves nothing",
         58: "external port: of an XM540, moves nothing",

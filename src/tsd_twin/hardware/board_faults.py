@@ -62,11 +62,13 @@ class BoardFaults:
     def _servo_fault(self, board: Telemetry) -> str:
         """Fault of a servo that the board reports; empty without one."""
         if dead := self._expected & ~board.servo_alive:
-            return f"{self._joints.named(dead)}: no answer"
+            return self._joints.silent(dead)
         if broken := self._expected & board.servo_fault:
             return f"{self._joints.named(broken)}: hardware error"
         if self._expected & 1 << board.wrong_servo >> 1:
             return self._wrong_setting(board)
+        if hot := self._expected & hot_servos(dict(enumerate(board.temperature))):
+            return f"{self._joints.named(hot)}: {TOO_HOT}"
         if far := self._expected & board.servo_far:
             return f"{self._joints.named(far)}: {_FAR}"
         if hot := self._expected & hot_servos(dict(enumerate(board.temperature))):

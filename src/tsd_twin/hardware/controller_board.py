@@ -162,9 +162,7 @@ REFUSALS: dict[int, str] = {
     Refusal.TORQUE: "a servo has no torque",
     Refusal.HOT: "a servo is too hot: let it cool",
     Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
-    Refusal.STOP_NOT_PROVEN: (
-        "the stop was not seen to work since power came: press it once, and release it"
-    ),
+    Refusal.STOP_NOT_PROVEN: "the stop was not tested since power came: press and release it once",
     Refusal.RC_WITHOUT_SERVOS: "the radio control drives with all six servos at the board only",
     Refusal.NEUTRAL: "a servo is too far from its neutral position to get torque",
     Refusal.STOPPED: "the robot is stopped: reset first",

@@ -282,6 +282,14 @@ class JointConverter:
         here = [f"{i + 1} ({name})" for i, name in enumerate(self.names) if mask >> i & 1]
         return ("servo " if len(here) == 1 else "servos ") + ", ".join(here)
 
+    def silent(self, mask: int) -> str:
+        """Sentence about servos that do not answer."""
+        if mask == self.servos:
+            return "all servos: no answer: the bus, its supply or its fuse"
+        several = mask & mask - 1
+        where = ": the wire between them, or the bus, its supply or its fuse" if several else ""
+        return f"{self.named(mask)}: no answer{where}"
+
 
 def padded_ids(ids: Sequence[int]) -> tuple[int, ...]:
     """Return `ids` with other ones for servos that the robot does not have."""

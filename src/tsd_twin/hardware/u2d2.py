@@ -412,7 +412,7 @@ class U2D2Hardware:
         if fault or report is None:
             return fault
         if dead := self._joints.servos & ~report.alive(now_s):
-            return f"{self._joints.named(dead)}: no answer"
+            return self._joints.silent(dead)
         if report.faults:
             return f"{self._joints.named(report.faults)}: hardware error"
         if hot := hot_servos({i: it.temperature_c for i, it in report.present.items()}):
