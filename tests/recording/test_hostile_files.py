@@ -24,7 +24,7 @@ from tsd_twin.recording.remote import ReaderProcesses, RemoteFolderReader, Remot
 pytestmark = [pytest.mark.system, pytest.mark.timeout(240)]
 
 GROWTH_BYTES = 200 << 20
-"""Of a tool that reads a file in its own process."""
+"""Largest growth of a program that reads a file in its own process."""
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def test_a_chunk_is_refused_by_the_size_it_has_and_the_size_it_says(
 def test_a_planted_bomb_is_not_written_larger_when_a_recorder_starts(
     honest: Path, tmp_path: Path
 ) -> None:
-    """A name of ours, and no end: a file that the next recorder completes."""
+    """It is named as a recording and has no end, so the next recorder would complete it."""
     parts = Parts.read(honest)
     zeros = parts.with_bomb(5 << 20).chunks[-2:-1] * 30
     path = tmp_path / "tsd-planted.mcap"

@@ -74,7 +74,10 @@ def serve(connection: socket.socket) -> None:
         except Exception as error:  # A file that nobody has thought of must not end the list.
             problem = f"this recording cannot be read: {type(error).__name__}"
             answer = msgspec.msgpack.encode([problem, None])
-        send(connection, answer)
+        try:
+            send(connection, answer)
+        except OSError:  # The page was closed.
+            return
 
 
 def _allow_cpu() -> None:
