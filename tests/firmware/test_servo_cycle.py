@@ -527,8 +527,8 @@ def drive_moving(
 ) -> tuple[list[list[Request]], set[int]]:
     """Drive with servos that answer after such a delay, and that say that they move.
 
-    They are 100 steps from neutral, at 156,328 steps/s. Returns whole cycles and all positions
-    that the table had.
+    They are 100 steps from neutral, at 156,328 steps/s, on the way to 340. Returns whole cycles
+    and all positions that the table had.
     """
     # Bytes of the PC have the board look at the bus when a cycle is due.
     pilot.simulation.run(CYCLE_S - pilot.simulation.board.now_s % CYCLE_S)
@@ -544,7 +544,7 @@ def drive_moving(
         if cycle == 5:
             bus.heard.clear()
             seen.clear()
-        pilot.simulation.board.send(pilot.command(1, CRUISE))
+        pilot.simulation.board.send(pilot.command(1, CRUISE, (340,) * 6))
         for _ in range(10):
             pilot.simulation.run(0.001)
             seen |= {number(pilot, "position", 2, i) for i in range(6)}

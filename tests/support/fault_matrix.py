@@ -46,6 +46,8 @@ class Fault:
     wiring: Wiring = AS_DRAWN
     pc: bool = True
     """Whether the PC goes on sending."""
+    lets_go: bool = False
+    """Whether it sends the gimbals upright from the fault on."""
 
 
 def _nothing(simulation: FirmwareSimulation) -> None:
@@ -54,6 +56,11 @@ def _nothing(simulation: FirmwareSimulation) -> None:
 
 def _dead(simulation: FirmwareSimulation, *, dead: bool) -> None:
     simulation.servos[0].dead = dead
+
+
+def _jammed(simulation: FirmwareSimulation, *, jammed: bool) -> None:
+    for servo in simulation.servos:
+        servo.jammed = jammed
 
 
 def _switches(simulation: FirmwareSimulation, *, kill: bool) -> None:
@@ -78,7 +85,7 @@ FAULTS = (
         "USB plug pulled, or PC off",
         lambda it: it.set_usb(plugged=False),
         lambda it: it.set_usb(plugged=True),
-        "plug in, 2 s, reset, arm",
+        "plug in, press the stop once, 2 s, reset, arm",
         USB_ONLY,
         pc=False,
     ),
@@ -87,20 +94,20 @@ FAULTS = (
         "servo fuse blown",
         lambda it: it.set_servo_fuse(whole=False),
         lambda it: it.set_servo_fuse(whole=True),
-        "replace it, 2 s, reset, arm",
+        "replace it, press the stop once, 2 s, reset, arm",
     ),
     Fault(
         "servo fuse blown",
         lambda it: it.set_servo_fuse(whole=False),
         lambda it: it.set_servo_fuse(whole=True),
-        "replace it, 2 s, reset, arm",
+        "replace it, press the stop once, 2 s, reset, arm",
         COIL_AT_BATTERY,
     ),
     Fault(
         "battery off",
         lambda it: it.set_battery(0.0),
         lambda it: it.set_battery(12.0),
-        "connect it, 2 s, reset, arm",
+        "connect it, press the stop once, 2 s, reset, arm",
     ),
     Fault(
         "battery at 8.0 V",
@@ -149,6 +156,13 @@ FAULTS = (
         lambda it: it.servos[0].shut_down(),
         lambda it: it.servos[0].recover(),
         "switch the servos off and on, 2 s, reset, arm",
+    ),
+    Fault(
+        "all gimbals jam, the stick is let go",
+        lambda it: _jammed(it, jammed=True),
+        lambda it: _jammed(it, jammed=False),
+        "free them, 2 s, reset, arm",
+        lets_go=True,
     ),
     Fault(
         "kill switch",
@@ -215,7 +229,8 @@ def measure(fault: Fault, bench: Bench) -> Result:
 def _go_on(pilot: FirmwareHost, goal: list[int], fault: Fault) -> None:
     """Command motion as before; the bridge would disarm, a careless program would not."""
     if fault.pc:
-        pilot.simulation.board.send(pilot.command(1, CRUISE, goal or NO_GOALS))
+        goals = NO_GOALS if fault.lets_go else goal
+        pilot.simulation.board.send(pilot.command(1, CRUISE, goals))
     pilot.simulation.run(CYCLE_S)
 
 
