@@ -16,7 +16,7 @@ void table_start(void) {
 #define X(name, address, type, count, value, rise) \
   for (uint8_t i = 0; i < count; i++) {                                 \
     type it = (type)(value + i * rise);                                 \
-    memcpy(bytes + address + i * sizeof it, &it, sizeof it);            \
+    memcpy(bytes + address + i * sizeof it, (const uint8_t *)&it, sizeof it); \
   }
   CT_ITEMS(X)
 #undef X
@@ -29,7 +29,7 @@ static bool within_limits(const uint8_t *bytes) {
 #define X(name, address, type, count, least, most)            \
   for (uint8_t i = 0; i < count; i++) {                       \
     type it;                                                  \
-    memcpy(&it, bytes + address + i * sizeof it, sizeof it);  \
+    memcpy((uint8_t *)&it, bytes + address + i * sizeof it, sizeof it); \
     int32_t value = it;                                       \
     if (value < (int32_t)least || value > (int32_t)most) return false; \
   }
