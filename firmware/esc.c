@@ -14,21 +14,22 @@ static uint16_t stretched(uint16_t throttle, uint16_t low, uint16_t high) {
   return low + share * (high - low) / (CT_FULL_THROTTLE - CT_ZERO_THROTTLE);
 }
 
-void esc_put(const uint16_t *throttle) {
+void esc_put(void) {
   // The timer takes new widths over between pulses; written between pulses, they need not wait
   // in it for one that is under way.
   if (hal_esc_phase() <= LONGEST) return;
   for (uint8_t i = 0; i < CT_ESCS; i++) {
     // A division takes 40 us: once for each throttle. The ends change at zero throttle only.
     static uint16_t before[CT_ESCS], half_us[CT_ESCS];
-    if (throttle[i] == CT_ZERO_THROTTLE) {
+    uint16_t throttle = table.throttle_out[i];
+    if (throttle == CT_ZERO_THROTTLE) {
       half_us[i] = table.pulse_low[i];
-    } else if (throttle[i] != before[i]) {
-      half_us[i] = stretched(throttle[i], table.pulse_low[i], table.pulse_high[i]);
+    } else if (throttle != before[i]) {
+      half_us[i] = stretched(throttle, table.pulse_low[i], table.pulse_high[i]);
     } else {
       // As before.
     }
-    before[i] = throttle[i];
+    before[i] = throttle;
     hal_esc_put(i, half_us[i]);
   }
 }

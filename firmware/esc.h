@@ -3,7 +3,6 @@
 #define ESC_H
 
 #include <stdbool.h>
-#include <stdint.h>
 
 #include "hal.h"
 
@@ -11,7 +10,7 @@
 // start of its calibration. No caller is needed, the start of the program runs it.
 HAL_AT_RESET void esc_start(void);
 
-// Throttles from the next pulse on, stretched to the ends of each controller's pulses.
-void esc_put(const uint16_t *throttle);
+// Puts table.throttle_out out from the next pulse on, stretched to the ends of each controller's pulses.
+void esc_put(void);
 
 #endif

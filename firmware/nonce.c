@@ -50,6 +50,6 @@ void nonce_start(void) {
 
 void nonce_draw(void) { table.nonce[1] = ++draws; }
 
-bool nonce_is(const uint16_t *nonce) {
-  return nonce[0] == table.nonce[0] && nonce[1] == table.nonce[1];
+bool nonce_is(const control_table_t *wanted) {
+  return wanted->session[0] == table.nonce[0] && wanted->session[1] == table.nonce[1];
 }

@@ -4,14 +4,16 @@
 #define NONCE_H
 
 #include <stdbool.h>
-#include <stdint.h>
 
-// Counts this start in EEPROM, and draws the first.
+#include "control_table.h"
+
+// Counts a power-up in EEPROM, and draws the first.
 void nonce_start(void);
 
 // Draws another into table.nonce; no earlier one comes again.
 void nonce_draw(void);
 
-bool nonce_is(const uint16_t *nonce);
+// Whether the command is of this session.
+bool nonce_is(const control_table_t *wanted);
 
 #endif

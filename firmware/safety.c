@@ -180,7 +180,7 @@ static void stop(void) {
 bool safety_command(const control_table_t *wanted) {
   bool armed = table.mode == BOARD_ARMED;
   int16_t ahead = wanted->heartbeat - table.heartbeat;
-  bool ours = nonce_is(wanted->session) && !(armed && ahead < 0);
+  bool ours = nonce_is(wanted) && !(armed && ahead < 0);
   table.beat = wanted->heartbeat;
   if (wanted->arm == STOP) stop();
   if (!wanted->arm && armed) disarm();
@@ -249,11 +249,9 @@ static void limit_throttles(void) {
 // Passes permitted commands on: without a source, zero throttle and gimbals to neutral.
 static void put_out(void) {
   bool pc = table.mode == BOARD_ARMED, rc = table.mode == BOARD_RC;
-  const uint16_t *throttle = rc ? manual_throttle : table.throttle;
-  const int16_t *goal = rc ? manual_goal : table.goal;
   int16_t limit = table.goal_limit;
   for (uint8_t i = 0; i < CT_ESCS; i++) {
-    uint16_t wanted = pc || rc ? throttle[i] : CT_ZERO_THROTTLE;
+    uint16_t wanted = pc ? table.throttle[i] : rc ? manual_throttle[i] : CT_ZERO_THROTTLE;
     table.throttle_out[i] = wanted < most_throttle[i] ? wanted : most_throttle[i];
     if (table.throttle_out[i] != CT_ZERO_THROTTLE) {
       rest_ms = 0;
@@ -263,13 +261,13 @@ static void put_out(void) {
   if (rest_ms == CT_DEFAULT(esc_hold_ms)) watchdog_memory.wheels_may_spin = false;
   int16_t goals[CT_SERVOS];
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
-    int16_t wanted = pc || rc ? goal[i] : 0;
+    int16_t wanted = pc ? table.goal[i] : rc ? manual_goal[i] : 0;
     goals[i] = wanted > limit ? limit : wanted < -limit ? -limit : wanted;
   }
   approach_tick(goals, !pc && !rc && !watchdog_memory.wheels_may_spin);
   bool holds = setup_known() && (table.torque || pc || rc);
   servo_command.torque = holds ? ALL_SERVOS & ~table.servo_far : 0;
-  esc_put(table.throttle_out);
+  esc_put();
   hal_light(pc || rc);
 }
 

@@ -312,10 +312,15 @@ static uint8_t expected_size(void) {
   return next_settings(servo).size;
 }
 
+static void miss(void) {
+  table.servo_errors++;
+  table.servo_missed[servo]++;
+}
+
 static void take_reply(reply_t reply) {
   if (renumbered) return;
   if (reply == REPLY_NONE || reply == REPLY_BROKEN) {
-    if (question != PING) table.servo_errors++;
+    if (question != PING) miss();
     return;
   }
   if (reply == REPLY_FAULT) {
@@ -332,7 +337,7 @@ static void take_reply(reply_t reply) {
     if (data) {
       take_answer(data);
     } else {
-      table.servo_errors++;
+      miss();
     }
   }
 }

@@ -481,6 +481,8 @@ def test_answers_that_do_not_fit_are_errors_and_nothing_else(native_bench: Bench
             asked = [it for it in bus.heard if it.servo == 3 and it.kind not in (PING, TELL)]
             pilot.simulation.run(0.005)
             assert number(pilot, "servo_errors", 2) - before == len(asked)
+            missed = [number(pilot, "servo_missed", 1, i) for i in range(6)]
+            assert missed == [0, 0, number(pilot, "servo_errors", 2) % 256, 0, 0, 0]
             run_until(pilot, "servo_alive", 0b111111)
 
 

@@ -147,7 +147,6 @@ def test_what_the_robot_does_not_have_is_filled_up() -> None:
     assert padded((1, 2), 4, 7) == (1, 2, 7, 7)
 
 
-@pytest.mark.parametrize("neutral_us", [1100.0, 1500.0])
 def test_silent_servos_are_named_and_all_of_them_are_the_bus() -> None:
     joints = JointConverter(ROBOT, Motors.of(ROBOT))
     assert joints.silent(8) == "servo 4 (module2_beta): no answer"
@@ -158,6 +157,7 @@ def test_silent_servos_are_named_and_all_of_them_are_the_bus() -> None:
     )
 
 
+@pytest.mark.parametrize("neutral_us", [1100.0, 1500.0])
 def test_speed_controllers_that_run_both_ways_are_refused(neutral_us: float) -> None:
     motors = replace(Motors.of(ROBOT), pulses_us=(neutral_us, 2000.0))
     with pytest.raises(HardwareError, match=f"tsd has zero throttle at {neutral_us:g} us"):

@@ -153,7 +153,7 @@ def test_the_heartbeat_is_the_count_of_words_and_nothing_else(it: Bench) -> None
     ("identity", "words"),
     [
         (Identity(table_version=99), "control table 99: this program needs model 2014 with table"),
-        (Identity(model=311), "is model 311"),
+        (Identity(model=312), "is model 312"),
     ],
 )
 def test_another_board_or_table_is_refused_in_a_sentence(
@@ -389,6 +389,25 @@ def test_the_node_is_told_the_hottest_servo_and_75_degrees_are_a_fault(it: Bench
     )
     it.peer.unplug()
     it.until(lambda: it.robot.servo_c(time.monotonic()) is None, "not any more")
+
+
+def test_a_servo_with_the_id_of_the_board_is_not_told_to_flash_firmware(tmp_path: Path) -> None:
+    board = PretendBoard()
+    board.identity = Identity(model=311)
+    with (
+        plugged(tmp_path, board) as peer,
+        pytest.raises(HardwareError, match=r"is a servo, MX-64\(2.0\), with the id 200") as caught,
+    ):
+        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+    assert "flash" not in str(caught.value)
+
+
+def test_missed_answers_are_counted_for_each_servo(it: Bench) -> None:
+    it.until(lambda: it.robot.hardware().get("servos"), "connected")
+    it.board.telemetry = replace(it.board.telemetry, servo_missed=(0, 0, 250, 0, 0, 0))
+    it.until(lambda: it.robot.hardware()["servos"]["missed"] == [0, 0, 250, 0, 0, 0], "counted")
+    it.board.telemetry = replace(it.board.telemetry, servo_missed=(1, 0, 4, 0, 0, 0))
+    it.until(lambda: it.robot.hardware()["servos"]["missed"] == [1, 0, 260, 0, 0, 0], "wrapped")
 
 
 def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:

@@ -18,6 +18,7 @@ from tsd_twin.dynamixel.control_table import (
     Trip,
 )
 from tsd_twin.dynamixel.packets import ALERT, Fault, Status, protocol2
+from tsd_twin.dynamixel.servo_models import MODELS
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 
 REST_COMMAND = Command()
@@ -66,6 +67,11 @@ def find_board(transport: SerialTransport, baud: int) -> None:
     size = Identity.LAYOUT.size
     read = protocol2.read(BOARD_ID, Identity.ADDRESS, size)
     identity = Identity.unpack(request_data(transport, read, size))
+    if identity.model in MODELS:
+        raise HardwareError(
+            f"the device at {transport.name} is a servo, {MODELS[identity.model].name}, with the "
+            f"id {BOARD_ID} of the controller board: give it another, and choose the board's port"
+        )
     if identity.model != MODEL or identity.table_version != TABLE_VERSION:
         raise HardwareError(
             f"the device at {transport.name} is model {identity.model} with control table "

@@ -92,6 +92,8 @@ class ControllerBoard:
     ) -> None:
         """Configure for a board that drives the servos too, or the speed controllers only."""
         self._battery = battery
+        self.missed = [0] * SERVOS
+        """Missing or wrong answers of each servo, since the bridge began."""
         self.battery_warning = ""
         """Text while the battery is low; else empty."""
         self.baud = baud
@@ -173,6 +175,11 @@ class ControllerBoard:
             self._switch.mark_lost(reason)
             self.connect(transport)
         elif before is not None:
+            pairs = zip(before.telemetry.servo_missed, telemetry.servo_missed, strict=True)
+            self.missed = [
+                count + (after - was) % 256
+                for count, (was, after) in zip(self.missed, pairs, strict=True)
+            ]
             corrupt = corrupt or _has_receive_errors(before.telemetry, telemetry)
         self._add_cycle(corrupt, now_s)
         self._switch.update(telemetry)
@@ -385,6 +392,7 @@ class MegaHardware:
             count = len(self._joints.names)
             status["servos"] = {
                 "alive": [bool(board.servo_alive >> i & 1) for i in range(count)],
+                "missed": self._board.missed[:count],
                 "voltage_v": [v / 10.0 for v in board.voltage[:count]],
                 "temperature_c": list(board.temperature[:count]),
                 "current_a": [round(i / 1000.0, 2) for i in board.current[:count]],
