@@ -81,7 +81,7 @@ SOURCES = (
 async def stick_gimbal(robot: VirtualRobot, source: CommandSource, dice: random.Random) -> None:
     """Jam one of the tilted gimbals, and centre the stick."""
     tilted = [i for i, goal in enumerate(robot.goals) if abs(goal) > 14]
-    robot.servos[dice.choice(tilted)].jammed = True
+    robot.servos[dice.choice(tilted or range(6))].jammed = True
     await source.hold(1.4, 0.0)
 
 
