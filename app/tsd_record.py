@@ -33,6 +33,7 @@ from tsd_twin.recording import (
 )
 from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
 from tsd_twin.recording.index import RecordingIndex
+from tsd_twin.recording.reader import FolderReader
 
 GB = 1_000_000_000
 
@@ -164,7 +165,7 @@ def list_recordings(args: argparse.Namespace) -> None:
     """
     if not args.dir.is_dir():
         raise TwinError(f"{args.dir} is no folder")
-    catalogue = Catalogue(args.dir)
+    catalogue = Catalogue(args.dir, FolderReader())
     for each in reversed(catalogue.recordings()):
         start = datetime.fromtimestamp(1e-9 * each.start_ns, UTC)
         marks = f", {each.marks} mark{'s' * (each.marks > 1)}" if each.marks else ""

@@ -22,6 +22,7 @@ PARTS: tuple[str, ...] = (
     "login",
     "ros_age",
     "instances",
+    "files",
 )
 
 

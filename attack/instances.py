@@ -15,7 +15,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from attack.distances import HASTE, quick_description
+from attack.distances import ATTEMPTS, HASTE, quick_description
 from attack.live import program
 from attack.scenes import ANY_PORT
 from attack.table import Row
@@ -110,10 +110,7 @@ def stop_with_replay_in_view(stage: Stage) -> float:
         viewer.until(lambda: viewer.state["source"] == "recording")
         driver.send(t="robot", id=name)
         driver.until(lambda: driver.last("robot")["id"] == name)
-        driver.make_ready()
-        limit_mps = driver.state["status"]["limits"]["speed_mps"]
-        driver.drive(HASTE * limit_mps / stage.robot.kinematics().twist_scale_m)
-        stage.live.track.until_fast(limit_mps)
+        _get_fast(stage)
         pressed_s = time.monotonic()
         answer = viewer.answer("stop", t="stop")
         assert answer["ok"], answer["reason"]
@@ -122,6 +119,27 @@ def stop_with_replay_in_view(stage: Stage) -> float:
         driver.let_go()
         stage.live.track.until_rest_after(pressed_s + 0.5)
         return stage.live.track.distance_since(pressed_s)
+
+
+def _get_fast(stage: Stage) -> None:
+    """Drive at the speed limit; a robot that a busy machine has stopped is driven again.
+
+    Raises:
+        TimeoutError: If it is stopped each time.
+    """
+    driver = stage.driver
+    for _ in range(ATTEMPTS):
+        driver.make_ready()
+        limit_mps = driver.state["status"]["limits"]["speed_mps"]
+        driver.drive(HASTE * limit_mps / stage.robot.kinematics().twist_scale_m)
+        try:
+            stage.live.track.until_fast(limit_mps)
+        except TimeoutError:
+            driver.let_go()
+            stage.until(lambda: stage.live.status.mode not in ("driving", "stopping"), "at rest")
+        else:
+            return
+    raise TimeoutError(f"never at full speed, {ATTEMPTS} times in a row")
 
 
 def arm_with_shared_id(stage: Stage) -> float:
@@ -179,7 +197,7 @@ def rows(names: Sequence[str] = (), runs: int = 1) -> Iterator[Row]:
 
 
 def main() -> None:
-    """Print the table as it comes; exit with 1 when a promise was broken."""
+    """Print each row once it is measured; exit with 1 if a promise was broken."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=10, help="of each; default 10")
     parser.add_argument("--robots", default=",".join(robots.robot_names()), help="default: all")

@@ -25,7 +25,6 @@ from tsd_twin.messages.ros import JointState, Odometry, encode_joints, encode_od
 from tsd_twin.messages.status import LimitStatus, Status, encode_status
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording.channels import CDR, JSON, Entry
-from tsd_twin.recording.events import read_events
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.recording.player import Player
 
@@ -51,7 +50,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
         start_s = time.perf_counter()
         player = Player(path)
         opened_s = time.perf_counter() - start_s
-        events = read_events(player.index)
+        events = player.reader.events()
         random, process = np.random.default_rng(1), psutil.Process()
         times_s = random.uniform(0.0, player.duration_s, size=2 * seeks)
         for t_s in times_s[:seeks]:

@@ -7,10 +7,12 @@
 #include "table.h"
 
 #define BETWEEN_BYTES_MS 10
+#define DISTURBED_MS 50  // As long as a servo may be silent.
 #define AT_A_TIME 32  // Bytes; a line that never pauses must not keep the safety rules waiting.
 
 static decoder_t decoder;
 static uint8_t silent_ms;
+static uint8_t since_error_ms = DISTURBED_MS;
 
 void host_start(void) {
   decoder_clear(&decoder);
@@ -74,30 +76,39 @@ static void handle(const packet_t *packet) {
   }
 }
 
-static void handle_all(void) {
+static void look(void) {
   packet_t packet;
-  while (decoder_take(&decoder, &packet)) handle(&packet);
+  if (decoder_take(&decoder, &packet)) handle(&packet);
+  if (decoder.crc_errors) since_error_ms = 0;
   table.crc_errors += decoder.crc_errors;
   decoder.crc_errors = 0;
 }
 
-bool host_poll(void) {
-  uint8_t byte = 0;
-  for (uint8_t i = 0; i < AT_A_TIME && host_line_receive(&byte); i++) {
-    silent_ms = 0;
-    if (decoder_push(&decoder, byte)) handle_all();
-  }
-  if (host_line_overrun()) table.rx_errors++;
-  return host_line_waiting();
+static void add_error(void) {
+  table.rx_errors++;
+  since_error_ms = 0;
 }
 
+bool host_poll(void) {
+  uint8_t byte = 0;
+  bool pending = decoder_pending(&decoder);
+  for (uint8_t i = 0; i < AT_A_TIME && !pending && host_line_receive(&byte); i++) {
+    silent_ms = 0;
+    pending = decoder_push(&decoder, byte);
+  }
+  if (pending) look();
+  if (host_line_overrun()) add_error();
+  return host_line_waiting() || decoder_pending(&decoder);
+}
+
+bool host_disturbed(void) { return since_error_ms < DISTURBED_MS; }
+
 void host_tick(void) {
+  if (since_error_ms < DISTURBED_MS) since_error_ms++;
   if (silent_ms < BETWEEN_BYTES_MS) {
     silent_ms++;
     return;
   }
-  while (decoder_give_up(&decoder)) {
-    table.rx_errors++;
-    handle_all();
-  }
+  if (decoder_pending(&decoder)) return;
+  if (decoder_give_up(&decoder)) add_error();
 }

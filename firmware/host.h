@@ -12,4 +12,7 @@ void host_tick(void);
 
 void host_start(void);
 
+// Bytes from the PC were lost or wrong within the last 50 ms.
+bool host_disturbed(void);
+
 #endif

@@ -62,34 +62,27 @@ static uint8_t stuffed(uint8_t *data, uint8_t length) {
 }
 
 bool decoder_take(decoder_t *decoder, packet_t *packet) {
-  if (decoder->done) {
-    drop(decoder, decoder->done);
-    decoder->done = 0;
+  drop(decoder, decoder->done);
+  decoder->done = 0;
+  drop(decoder, before_start(decoder));
+  if (decoder->length < HEADER) return false;
+  uint8_t size = whole(decoder);
+  if (decoder->length < size) {
+    decoder->needed = size;
+    return false;
   }
-  while (decoder->length >= decoder->needed) {
-    uint8_t garbage = before_start(decoder);
-    if (garbage) {
-      drop(decoder, garbage);
-      continue;
+  if (size) {
+    uint8_t *bytes = decoder->bytes;
+    uint16_t sum = bytes[size - 2] | (uint16_t)bytes[size - 1] << 8;
+    if (crc16(0, bytes, size - 2) == sum) {
+      uint8_t count = unstuffed(bytes + HEADER, size - HEADER - 2) - 1;
+      *packet = (packet_t){bytes[4], bytes[HEADER], bytes + HEADER + 1, count};
+      decoder->done = size;
+      return true;
     }
-    uint8_t size = whole(decoder);
-    if (size && decoder->length < size) {
-      decoder->needed = size;
-      return false;
-    }
-    if (size) {
-      uint8_t *bytes = decoder->bytes;
-      uint16_t sum = bytes[size - 2] | (uint16_t)bytes[size - 1] << 8;
-      if (crc16(0, bytes, size - 2) == sum) {
-        uint8_t count = unstuffed(bytes + HEADER, size - HEADER - 2) - 1;
-        *packet = (packet_t){bytes[4], bytes[HEADER], bytes + HEADER + 1, count};
-        decoder->done = size;
-        return true;
-      }
-      decoder->crc_errors++;
-    }
-    drop(decoder, 1);
+    decoder->crc_errors++;
   }
+  drop(decoder, 1);
   return false;
 }
 

@@ -51,8 +51,14 @@ static inline bool decoder_push(decoder_t *decoder, uint8_t byte) {
   return decoder->length >= decoder->needed;
 }
 
-// Takes the next packet; call it until it says no. The packet stays as it is until the next call.
-// Behind a header that led nowhere the bytes are searched for another one.
+// There is something to look at.
+static inline bool decoder_pending(const decoder_t *decoder) {
+  return decoder->length >= decoder->needed;
+}
+
+// Looks at the first header: takes its packet, or gives it up, so that a call never checks more than
+// one sum. Call it while something is pending, and at other times in between: bytes may be headers
+// in headers. The packet stays as it is until the next call.
 bool decoder_take(decoder_t *decoder, packet_t *packet);
 
 // Gives up on the packet that has begun, if any, so that the bytes behind its header are searched.

@@ -88,22 +88,11 @@ static void report_moving(const uint8_t *data, servo_report_t *report) {
   report->temperature = data[9];
 }
 
-static void report_state(const uint8_t *data, servo_report_t *report) {
-  report->current = ((int32_t)u16(data) - 2048) * 9 / 2;  // 4.5 mA
+static void report_state(const uint8_t *data, uint16_t current_unit, servo_report_t *report) {
+  report->current = (((int32_t)u16(data) - 2048) * current_unit) >> 8;
 }
 
 static void listen(void) { length = 0; }
-
-static const setting_t SETTINGS[] = {
-    {6, 2, 0},      // Clockwise angle limit; as the next, of the joint mode.
-    {8, 2, 4095},   // Counter-clockwise angle limit.
-    {20, 2, 0},     // Multi-turn offset.
-    {22, 1, 1},     // Resolution divider.
-    {32, 2, 0},     // Moving speed: as fast as it can.
-    {34, 2, 1023},  // Torque limit.
-    {70, 1, 0},     // Torque control mode.
-    {73, 1, 0},     // Goal acceleration: as much as it can.
-};
 
 const protocol_t PROTOCOL_1 = {
     .ping = ping,
@@ -118,6 +107,4 @@ const protocol_t PROTOCOL_1 = {
     .moving = {TORQUE_LIMIT, MOVING},
     .state = {CURRENT, 2},
     .torque = {TORQUE_ENABLE, 1},
-    .settings = SETTINGS,
-    .setting_count = sizeof SETTINGS / sizeof SETTINGS[0],
 };

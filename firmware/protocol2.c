@@ -44,7 +44,11 @@ static uint8_t set_goals(uint8_t *out, uint8_t mask, const uint16_t *goals) {
 }
 
 static reply_t receive(uint8_t byte, uint8_t id) {
-  if (!decoder_push(&decoder, byte) || !decoder_take(&decoder, &reply)) return REPLY_NONE;
+  if (!decoder_push(&decoder, byte)) return REPLY_NONE;
+  // Noise before it may look like a header.
+  while (!decoder_take(&decoder, &reply)) {
+    if (!decoder_pending(&decoder)) return REPLY_NONE;
+  }
   if (reply.id != id || reply.instruction != PACKET_STATUS || !reply.count) return REPLY_BROKEN;
   uint8_t error = reply.parameters[0];
   if (error & ~PACKET_ALERT) return REPLY_BROKEN;
@@ -71,23 +75,13 @@ static void report_moving(const uint8_t *data, servo_report_t *report) {
   report->position = within(i32(data + 4), MOST_STEPS);
 }
 
-static void report_state(const uint8_t *data, servo_report_t *report) {
-  report->current = ((int32_t)i16(data) * 860) >> 8;  // 3.36 mA
+static void report_state(const uint8_t *data, uint16_t current_unit, servo_report_t *report) {
+  report->current = ((int32_t)i16(data) * current_unit) >> 8;
   report->voltage = data[18];
   report->temperature = data[20];
 }
 
 static void listen(void) { decoder_clear(&decoder); }
-
-static const setting_t SETTINGS[] = {
-    {10, 1, 0},     // Drive mode: not reversed, profiles by velocity.
-    {11, 1, 3},     // Operating mode: position.
-    {20, 4, 0},     // Homing offset.
-    {48, 4, 4095},  // Largest position.
-    {52, 4, 0},     // Smallest position.
-    {108, 4, 0},    // Profile acceleration: as much as it can.
-    {112, 4, 0},    // Profile velocity: as fast as it can.
-};
 
 const protocol_t PROTOCOL_2 = {
     .ping = ping,
@@ -102,6 +96,4 @@ const protocol_t PROTOCOL_2 = {
     .moving = {VELOCITY, 8},
     .state = {CURRENT, STATE},
     .torque = {TORQUE_ENABLE, 1},
-    .settings = SETTINGS,
-    .setting_count = sizeof SETTINGS / sizeof SETTINGS[0],
 };

@@ -6,6 +6,7 @@
 #include "esc.h"
 #include "following.h"
 #include "hal.h"
+#include "host.h"
 #include "manual.h"
 #include "nonce.h"
 #include "power.h"
@@ -73,6 +74,14 @@ static bool servos_set(void) {
   return (table.servo_checked & expected) == expected;
 }
 
+static bool servos_hot(void) {
+  for (uint8_t i = 0; i < CT_SERVOS; i++) {
+    bool expected = table.servos_expected & 1 << i;
+    if (expected && table.temperature[i] >= CT_DEFAULT(servo_hot_c)) return true;
+  }
+  return false;
+}
+
 static bool neutral(void) {
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
     int16_t off = table.position[i], band = CT_DEFAULT(neutral_band);
@@ -110,6 +119,7 @@ static refusal_code_t refusal_to_anybody(void) {
   if (receiver_kills()) return REFUSAL_KILL;
   if (!servos_well()) return REFUSAL_SERVO;
   if (!servos_set()) return REFUSAL_SETTING;
+  if (servos_hot()) return REFUSAL_HOT;
   if (table.servos_expected & table.servo_far) return REFUSAL_NEUTRAL;
   if (!servos_hold()) return REFUSAL_TORQUE;
   if (!neutral()) return REFUSAL_NOT_NEUTRAL;
@@ -194,8 +204,10 @@ static trip_code_t reason_to_trip(void) {
   if (receiver_kills()) return TRIP_KILL;
   if (!power_drive()) return TRIP_DRIVE;
   if (power_empty()) return TRIP_BATTERY;
-  if (!servos_well()) return TRIP_SERVO;
-  if (!servos_hold()) return TRIP_TORQUE;
+  // A line that keeps the board busy keeps it from its servos: they are not to blame.
+  if (!servos_well()) return host_disturbed() ? TRIP_LINE : TRIP_SERVO;
+  if (!servos_hold()) return host_disturbed() ? TRIP_LINE : TRIP_TORQUE;
+  if (servos_hot()) return TRIP_HOT;
   if (following_stuck()) return TRIP_FOLLOWING;
   if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;
   if (pc && beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)) return TRIP_HEARTBEAT;

@@ -14,12 +14,22 @@ typedef struct {
   bool shut_down;    // It has taken its torque away.
 } servo_report_t;
 
-// A register that must have a value: with another the servo does not go where its goal is, as soon
-// as it can. hardware/joints.py has the same list, with names.
+// A register with the values that it may have: with another the servo does not go where its goal
+// is, as soon as it can. Neighbours are read together, with the first of them.
 typedef struct {
-  uint8_t address, size;
-  int32_t wanted;
+  uint8_t address, size, read;
+  int16_t least, most;
 } setting_t;
+
+typedef struct {
+  uint16_t number;
+  uint16_t current_unit;  // [mA / 256]
+  const setting_t *settings;
+  uint8_t count;
+} servo_model_t;
+
+// NULL when there is none of this number.
+const servo_model_t *servo_model(uint16_t number);
 
 typedef enum { REPLY_NONE, REPLY_OK, REPLY_FAULT, REPLY_BROKEN } reply_t;
 
@@ -41,13 +51,11 @@ typedef struct {
   const uint8_t *(*data)(uint8_t size);
   // Fill in what the registers `moving` and `state` say.
   void (*report_moving)(const uint8_t *data, servo_report_t *report);
-  void (*report_state)(const uint8_t *data, servo_report_t *report);
+  void (*report_state)(const uint8_t *data, uint16_t current_unit, servo_report_t *report);
   void (*listen)(void);  // Forgets what came before.
   registers_t moving;    // Read in each cycle.
   registers_t state;     // Read now and then.
   registers_t torque;
-  const setting_t *settings;
-  uint8_t setting_count;
 } protocol_t;
 
 extern const protocol_t PROTOCOL_1, PROTOCOL_2;

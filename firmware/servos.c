@@ -1,5 +1,7 @@
 #include "servos.h"
 
+#include <stddef.h>
+
 #include "clock.h"
 #include "control_table.h"
 #include "gimbals.h"
@@ -19,6 +21,8 @@
 _Static_assert(SERVO_BAUD >= 250000, "six servos do not fit into a cycle below this");
 
 #define ALL ((1 << CT_SERVOS) - 1)
+
+static const registers_t MODEL_NUMBER = {0, 2};
 
 enum { PING, MOVING, STATE, TORQUE, SETTING, TELL };
 enum { GOALS_2, GOALS_1, ASK, EXTRA = ASK + CT_SERVOS, REST };
@@ -46,6 +50,7 @@ static uint8_t told_torque;
 static uint8_t more, more_to, torque_turn, state_turn, setting_turn, since_other, others;
 static bool more_due;
 static uint8_t short_cycles;  // Cycles to come that have no time of their own for it.
+static const servo_model_t *model[CT_SERVOS];  // NULL: not read.
 static uint8_t setting[CT_SERVOS];  // Next one to be read.
 static uint8_t probe;  // Next servo to look for, and in which protocol.
 static uint8_t right[CT_SERVOS];    // Settings in a row that had the required value.
@@ -120,7 +125,7 @@ static void choose_more(void) {
   if (told) {
     more = TELL;
     more_to = first(told);
-  } else if (!armed && others % 4) {
+  } else if (!armed && others % (unchecked ? 8 : 4)) {
     more = SETTING;
     more_to = setting_turn = after(setting_turn, unchecked ? unchecked : table.servo_found);
   } else {
@@ -129,13 +134,19 @@ static void choose_more(void) {
   }
 }
 
+// What a servo is asked for to check its settings: first which model it is.
+static registers_t next_settings(uint8_t i) {
+  if (!model[i]) return MODEL_NUMBER;
+  const setting_t *of = &model[i]->settings[setting[i]];
+  return (registers_t){of->address, of->read};
+}
+
 static bool ask_more(void) {
   const protocol_t *to = spoken_by(more_to);
-  const setting_t *of = &to->settings[setting[more_to]];
   more_due = false;
   if (more == TORQUE) return put(TORQUE, more_to, to->torque);
   if (more == STATE) return put(STATE, more_to, to->state);
-  if (more == SETTING) return put(SETTING, more_to, (registers_t){of->address, of->size});
+  if (more == SETTING) return put(SETTING, more_to, next_settings(more_to));
   turn_to(more_to, TELL, to);
   bool torque = servo_command.torque & bit(more_to);
   return send(to->set_torque(servo_line_request(), id, torque));
@@ -217,6 +228,7 @@ static void found(uint8_t i) {
     table.servo_protocol &= ~bit(i);
   }
   to_tell |= bit(i);
+  model[i] = NULL;
   setting[i] = right[i] = 0;
   age_ms[i] = 0;  // Without a position it is looked for again, in both protocols.
 }
@@ -237,36 +249,59 @@ static void take_torque(uint8_t i, bool on) {
     table.servo_torque &= ~bit(i);
   }
   bool told = told_torque & bit(i);
-  if (on != told) to_tell |= bit(i);
+  if (on != told) {
+    to_tell |= bit(i);
+  } else {
+    to_tell &= ~bit(i);  // Also of one that does not answer what it is told.
+  }
 }
 
-static void take_setting(uint8_t i, const uint8_t *data) {
-  const setting_t *of = &protocol->settings[setting[i]];
+static void name_wrong(uint8_t i, uint8_t address, int32_t value) {
+  right[i] = 0;
+  table.servo_checked &= ~bit(i);
+  table.wrong_servo = i + 1;
+  table.wrong_register = address;
+  table.wrong_value = (uint32_t)value;
+}
+
+static void take_model(uint8_t i, const uint8_t *data) {
+  uint16_t number = data[0] | (uint16_t)data[1] << 8;
+  model[i] = servo_model(number);
+  table.servo_model[i] = number;
+  if (!model[i]) name_wrong(i, MODEL_NUMBER.address, number);
+}
+
+static void take_setting(uint8_t i, const setting_t *of, const uint8_t *data) {
   bool named = table.wrong_servo == i + 1 && table.wrong_register == of->address;
   int32_t value = number(data, of->size);
-  setting[i] = (setting[i] + 1) % protocol->setting_count;
-  if (value != of->wanted) {
-    right[i] = 0;
-    table.servo_checked &= ~bit(i);
-    table.wrong_servo = i + 1;
-    table.wrong_register = of->address;
-    table.wrong_value = (uint32_t)value;
+  if (value < of->least || value > of->most) {
+    name_wrong(i, of->address, value);
     return;
   }
   if (named) table.wrong_servo = 0;
-  if (right[i] < protocol->setting_count) right[i]++;
-  if (right[i] == protocol->setting_count) table.servo_checked |= bit(i);
+  if (right[i] < model[i]->count) right[i]++;
+  if (right[i] == model[i]->count) table.servo_checked |= bit(i);
+}
+
+// Those of one read.
+static void take_settings(uint8_t i, const uint8_t *data) {
+  const setting_t *first = &model[i]->settings[setting[i]], *of = first;
+  uint8_t at = 0;
+  for (; at < first->read; at += of++->size) take_setting(i, of, data + at);
+  setting[i] = (setting[i] + (of - first)) % model[i]->count;
 }
 
 static void take_answer(const uint8_t *data) {
   if (question == MOVING) {
     take_moving(servo, data);
   } else if (question == STATE) {
-    protocol->report_state(data, &reports[servo]);
+    protocol->report_state(data, model[servo] ? model[servo]->current_unit : 0, &reports[servo]);
   } else if (question == TORQUE) {
     take_torque(servo, data[0] != 0);
+  } else if (!model[servo]) {
+    take_model(servo, data);
   } else {
-    take_setting(servo, data);
+    take_settings(servo, data);
   }
 }
 
@@ -274,7 +309,7 @@ static uint8_t expected_size(void) {
   if (question == MOVING) return protocol->moving.size;
   if (question == STATE) return protocol->state.size;
   if (question == TORQUE) return protocol->torque.size;
-  return protocol->settings[setting[servo]].size;
+  return next_settings(servo).size;
 }
 
 static void take_reply(reply_t reply) {

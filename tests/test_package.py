@@ -30,6 +30,7 @@ NEEDED = (
     "tsd_replay.py",
     "tsd_foxglove.py",
     "tsd_ros.py",
+    "tsd_twin/py.typed",
     "tsd_twin/robots/tsd.toml",
     "tsd_twin/dashboard/static/overlay.js",
     "tsd_twin/dashboard/static/vendor/uPlot.iife.min.js",
@@ -131,6 +132,39 @@ def _run(command: list[str], folder: Path) -> str:
 
 def _environment() -> dict[str, str]:
     return {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
+
+
+WRONG = """
+import tsd_twin
+
+with tsd_twin.connect() as robot, robot.control("script") as base:
+    base.drive(vx_mps="0.5", duration_s=1.0)
+    print(robot.state.odom.pose.x_mm)
+"""
+
+
+@pytest.mark.system
+def test_a_type_checker_reads_the_types_of_the_wheel(installed: Path, tmp_path: Path) -> None:
+    """Examples have no errors, and two mistakes are found, with the package as it is installed."""
+    for name in ("01_drive.py", "02_go_to.py", "08_ask_for_control.py"):
+        shutil.copy(ROOT / "examples" / name, tmp_path)
+    (tmp_path / "wrong.py").write_text(WRONG, encoding="utf-8")
+    strict = {"typeCheckingMode": "strict", "reportMissingTypeStubs": False}
+    (tmp_path / "pyrightconfig.json").write_text(json.dumps(strict), encoding="utf-8")
+    pyright = Path(sys.executable).with_name("pyright")
+    flags = ["--outputjson", "--pythonpath", str(installed / "python")]
+    done = subprocess.run(
+        [*AS_OTHERS, str(pyright), *flags],
+        cwd=tmp_path,
+        env=_environment(),
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    found = json.loads(done.stdout)["generalDiagnostics"]
+    assert {Path(each["file"]).name for each in found} == {"wrong.py"}, found
+    rules = {each["rule"] for each in found}
+    assert {"reportArgumentType", "reportAttributeAccessIssue"} <= rules, found
 
 
 @pytest.mark.system

@@ -31,15 +31,21 @@ static uint8_t draw_byte(void) {
   return draw(3) ? LIKELY[draw(sizeof LIKELY)] : (uint8_t)draw(256);
 }
 
+#define MX64 311
+
 // What is in the registers of a servo of Protocol 2.0: its settings as they must be, torque, position
 // 2048, and zeros.
 static void fill(uint8_t *data, uint8_t address, uint8_t size) {
-  int32_t value = address == PROTOCOL_2.torque.address;
-  for (uint8_t i = 0; i < PROTOCOL_2.setting_count; i++) {
-    if (PROTOCOL_2.settings[i].address == address) value = PROTOCOL_2.settings[i].wanted;
-  }
+  const servo_model_t *model = servo_model(MX64);
   memset(data, 0, size);
-  memcpy(data, &value, size < sizeof value ? size : sizeof value);
+  for (uint8_t i = 0; i < model->count; i++) {
+    const setting_t *of = &model->settings[i];
+    int32_t value = of->least;
+    if (of->address < address || of->address + of->size > address + size) continue;
+    memcpy(data + of->address - address, &value, of->size);
+  }
+  if (address == 0 && size == 2) memcpy(data, &(uint16_t){MX64}, size);
+  if (address == PROTOCOL_2.torque.address) data[0] = 1;
   if (address == PROTOCOL_2.moving.address) data[5] = 8;
 }
 

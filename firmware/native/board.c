@@ -73,7 +73,8 @@ static struct {
   queue_t to_radio;
   uint64_t rc_frame, rc_rise[CT_RC_CHANNELS], rc_fall[CT_RC_CHANNELS];
   // The converter and the EEPROM.
-  uint32_t input_mv[2], supply_mv;
+  uint32_t input_mv[2], supply_mv, sampled_mv;
+  hal_adc_t sampled_input;
   uint16_t converted;
   uint64_t conversion_ends, storing_ends;
   uint8_t eeprom[EEPROM_SIZE];
@@ -329,11 +330,26 @@ static void begin_pulses(uint64_t after) {
 }
 
 // The converter, the EEPROM, the watchdog, the light.
+#define BANDGAP_MV 1100
+#define NO_WIRE UINT32_MAX
+
 void hal_adc_start(void) {}
 
 void hal_adc_convert(hal_adc_t input) {
-  uint32_t mv = input == ADC_BANDGAP ? 1100 : input == ADC_GROUND ? 0 : board.input_mv[input];
-  uint32_t value = board.supply_mv ? mv * 1024 / board.supply_mv : 0;
+  // An input without its wire leaves the sampling capacitor as it is; the bandgap has too high an
+  // impedance to charge it in one conversion.
+  if (input == ADC_BANDGAP) {
+    board.sampled_mv = (board.sampled_mv + BANDGAP_MV + (board.sampled_mv < BANDGAP_MV)) / 2;
+    if (board.sampled_input == ADC_BANDGAP) board.sampled_mv = BANDGAP_MV;
+  } else if (input == ADC_GROUND) {
+    board.sampled_mv = 0;
+  } else if (board.input_mv[input] != NO_WIRE) {
+    board.sampled_mv = board.input_mv[input];
+  } else {
+    // As before.
+  }
+  board.sampled_input = input;
+  uint32_t value = board.supply_mv ? board.sampled_mv * 1024 / board.supply_mv : 0;
   board.converted = (uint16_t)(value > 1023 ? 1023 : value);
   board.conversion_ends = board.now + CONVERSION;
 }
@@ -588,6 +604,8 @@ void board_set_supply(void *it, uint32_t millivolts) { (void)it, board.supply_mv
 uint8_t board_peek(void *it, uint16_t address) {
   return (void)it, ((const uint8_t *)&table)[address];
 }
+
+uint8_t board_peek_eeprom(void *it, uint16_t address) { return (void)it, board.eeprom[address]; }
 
 void board_poke_eeprom(void *it, uint16_t address, uint8_t value) {
   (void)it, board.eeprom[address] = value;

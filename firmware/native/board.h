@@ -67,6 +67,7 @@ void board_set_supply(void *board, uint32_t millivolts);
 
 // Memory: a byte of the control table; one that outlives power.
 uint8_t board_peek(void *board, uint16_t address);
+uint8_t board_peek_eeprom(void *board, uint16_t address);
 void board_poke_eeprom(void *board, uint16_t address, uint8_t value);
 
 #endif

@@ -221,6 +221,10 @@ class Board:
         """Set the voltage at an analogue input."""
         self._lib.board_set_adc(self._board, channel, round(1000.0 * volts))
 
+    def cut_adc(self, channel: int) -> None:
+        """Take the wire of an analogue input off; not at the simulated chip."""
+        self._lib.board_set_adc(self._board, channel, 0xFFFFFFFF)
+
     def set_supply(self, volts: float) -> None:
         """Set the supply of the board, which is the reference of its analogue inputs."""
         self._lib.board_set_supply(self._board, round(1000.0 * volts))
@@ -232,6 +236,10 @@ class Board:
     def stop_tick(self) -> None:
         """Stop the timer of the millisecond, and nothing else, until the next reset."""
         self._lib.board_stop_tick(self._board)
+
+    def peek_eeprom(self, address: int) -> int:
+        """Return a byte of the EEPROM; not of the simulated chip."""
+        return int(self._lib.board_peek_eeprom(self._board, address))
 
     def poke_eeprom(self, address: int, value: int) -> None:
         """Change a byte of the memory that outlives power."""
@@ -323,6 +331,8 @@ def _library(program: Path) -> ctypes.CDLL:
     if program.suffix == ".so":
         lib.board_overrun.argtypes = [pointer]
         lib.board_busy.argtypes = [pointer, u32]
+        lib.board_peek_eeprom.argtypes = [pointer, ctypes.c_uint16]
+        lib.board_peek_eeprom.restype = ctypes.c_uint8
         lib.board_light.argtypes = [pointer]
         lib.board_light.restype = ctypes.c_bool
     else:

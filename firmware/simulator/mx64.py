@@ -29,6 +29,8 @@ class Registers:
     """Error of a status when the hardware is in trouble."""
     alarm_v: float
     """Lowest voltage without one, as it comes from the factory."""
+    status_return_level: int
+    """Address; below 2 there a write is not answered."""
     defaults: Mapping[tuple[int, int], int]
     """Registers that are not 0 as it comes, by address and size; those of the RAM again after
     each restart."""
@@ -50,7 +52,12 @@ REGISTERS = {
         protocol1, 310, torque=24, goal=(30, 2), position=(36, 2), velocity=(38, 2),
         voltage=(42, 1), temperature=43, current=(68, 2),
         steps_per_s=0.114 * 4096 / 60, fault=0x20, alarm_v=6.0, limit=(34, 2, 1023), ram=24,
-        defaults={(8, 2): 4095, (14, 2): 1023, (22, 1): 1, (34, 2): 1023},
+        status_return_level=16,
+        defaults={
+            (0, 2): 310, (5, 1): 250, (8, 2): 4095, (11, 1): 80, (12, 1): 60, (13, 1): 160,
+            (14, 2): 1023, (16, 1): 2, (17, 1): 36, (18, 1): 36, (22, 1): 1, (28, 1): 32,
+            (34, 2): 1023,
+        },
         documented=_addresses(
             (0, 9), (11, 18), (20, 22), (24, 28), (30, 44), (46, 49), (68, 73)
         ),
@@ -59,7 +66,13 @@ REGISTERS = {
         protocol2, 311, torque=64, goal=(116, 4), position=(132, 4), velocity=(128, 4),
         voltage=(144, 2), temperature=146, current=(126, 2),
         steps_per_s=0.229 * 4096 / 60, fault=0x80, alarm_v=9.5, limit=(36, 2, 885), ram=64,
-        defaults={(11, 1): 3, (36, 2): 885, (48, 4): 4095},
+        status_return_level=68,
+        defaults={
+            (0, 2): 311, (9, 1): 250, (11, 1): 3, (12, 1): 255, (13, 1): 2, (24, 4): 10,
+            (31, 1): 80, (32, 2): 160, (34, 2): 95, (36, 2): 885, (38, 2): 1941, (40, 4): 32767,
+            (44, 4): 285, (48, 4): 4095, (63, 1): 52, (68, 1): 2, (76, 2): 1920, (78, 2): 100,
+            (84, 2): 850, (100, 2): 885, (102, 2): 1941, (104, 4): 285,
+        },
         documented=_addresses(
             (0, 13), (20, 27), (31, 55), (63, 65), (68, 70), (76, 85), (88, 91), (98, 98),
             (100, 146),
@@ -169,6 +182,20 @@ class Mx64:
             self._put(registers.velocity, units)
         self._put(registers.voltage, round(10.0 * self.volts))
         return bytes(self._memory[address : address + length])
+
+    @property
+    def temperature_c(self) -> int:
+        """Inside."""
+        return self._memory[self.registers.temperature]
+
+    @temperature_c.setter
+    def temperature_c(self, value: int) -> None:
+        self._memory[self.registers.temperature] = value
+
+    @property
+    def answers_writes(self) -> bool:
+        """Whether its status return level is as it comes."""
+        return self._memory[self.registers.status_return_level] == 2
 
     def status(self, data: bytes = b"") -> bytes:
         """Answer of this servo."""

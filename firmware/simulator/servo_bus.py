@@ -36,9 +36,10 @@ class ServoBusSimulation:
         servo = self.servos.get(number)
         if servo is None or not servo.answers or servo.registers.protocol is not protocol:
             return None
-        return self._reply(servo, instruction, parameters), servo.return_delay_us
+        reply = self._reply(servo, instruction, parameters)
+        return None if reply is None else (reply, servo.return_delay_us)
 
-    def _reply(self, servo: Mx64, instruction: int, parameters: bytes) -> bytes:
+    def _reply(self, servo: Mx64, instruction: int, parameters: bytes) -> bytes | None:
         protocol = servo.registers.protocol
         if instruction == protocol.PING:
             return servo.answer_to_ping()
@@ -49,7 +50,7 @@ class ServoBusSimulation:
                 self.reserved.add((address, length))
             return servo.status(servo.read(address, length))
         servo.write(address, rest)
-        return servo.status()
+        return servo.status() if servo.answers_writes else None
 
     def _sync_write(self, protocol: ModuleType, parameters: bytes) -> None:
         address, rest = protocol.fields(parameters)

@@ -56,6 +56,9 @@ class FirmwareSimulation:
             description_of_kind(load_robot("tsd"), SingularityDescription), neutral, reverse
         )
         self.power = PowerSimulation(wiring)
+        self.inputs_v: dict[int, float | None] = {}
+        """Analogue inputs with another voltage than that of the power; None: the wire is off, not
+        at the simulated chip."""
         self._starts_s: float | None = None
         """When the board starts that is off: after its boot loader, or a brown-out."""
         self._start_cause = ResetCause.POWER_ON
@@ -203,5 +206,9 @@ class FirmwareSimulation:
         self._put_voltages()
 
     def _put_voltages(self) -> None:
-        self.board.set_adc(0, self.power.battery_v / _DIVIDER)
-        self.board.set_adc(1, self.power.drive_v / _DIVIDER)
+        for channel, volts in enumerate((self.power.battery_v, self.power.drive_v)):
+            input_v = self.inputs_v.get(channel, volts / _DIVIDER)
+            if input_v is None:
+                self.board.cut_adc(channel)
+            else:
+                self.board.set_adc(channel, input_v)

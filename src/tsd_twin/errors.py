@@ -112,8 +112,89 @@ def install_command(extra: str) -> str:
 # The names are those of events, as a script reads them: `except ControlLost`.
 
 
+REMEDIES: dict[str, str] = {
+    # No robot, or which one.
+    "no robot": "tsd-demo or tsd-mock starts one; connect('tcp/HOST:PORT') names its endpoint",
+    "name one, connect(robot=": "connect(robot='NAME')",
+    # The lease; a more specific sentence comes first.
+    "control is kept for": "robot.request_control(), or try again after 3 s",
+    "control was kept": "robot.request_control() after the time that is named",
+    "asks already": "robot.request_control() once the other request is answered",
+    "gives no control": "robot.request_control(), or robot.control(take_over=True, reason='...')",
+    "no operator has requested control": "base.asked_by names who asks, or None",
+    "it is ... who asks": "base.hand_over(base.asked_by)",
+    "no control of": "base.acquire(), or enter robot.control() again",
+    "take control first": "base.acquire(), or enter robot.control() again",
+    "has control": "robot.request_control(), or robot.control(take_over=True, reason='...')",
+    # Modes.
+    "reset it first": "robot.reset()",
+    "reset first": "robot.reset()",
+    "is stopped": "robot.reset()",
+    "is fault": "robot.reset()",
+    "not stopped": "base.arm(): only a stop or a fault is reset",
+    "let go of the stick first": "base.rest(), then base.reset()",
+    "is disarmed": "base.arm()",
+    "is arming": "base.arm() waits until the robot is ready",
+    "is ready already": "none: drive",
+    "the robot is ... already": "base.rest()",
+    "stopped by itself": "base.rest(), then the motion again, once the named cause is gone",
+    "is not ready": "base.rest(), or base.arm()",
+    "refuses to arm": "base.arm() once robot.state.status.refusals.arm is None",
+    # Motions and settings.
+    "is in another motion": "base.rest(), or wait in the thread of that motion",
+    "is in no motion": "base.drive(...), or base.set_velocity(...)",
+    "can be set at rest only": "base.rest()",
+    "have no speed to choose": "none: only robots with wheels that always spin have one",
+    "the wheels turn at": "base.set_wheel_speed(rpm) in the range that is named",
+    "not a request": "the same call with finite numbers in the range of its unit",
+    "a twist is three finite numbers": "base.drive(vx_mps=..., duration_s=...) with finite numbers",
+    "frame must be": "frame='base_link' or frame='odom'",
+    "must be finite": "the same call with finite numbers",
+    "must be at least 0": "the same call with 0 or a positive number",
+    "must be greater than 0": "the same call with a positive number",
+    "must be a number": "the same call with a number",
+    "must be a string": "the same call with a string",
+    "rest has ended this motion": "the motion again",
+    "has no such pose": "SimulatedRobot(...) without pose",
+    "it goes nowhere": "base.turn(...)",
+    "use turn, set_turn_rate": "base.turn(...), or base.set_turn_rate(...)",
+    "use drive, set_velocity": "base.drive(...), or base.set_velocity(...)",
+    "stopped on its way": "base.go_to(...) again, from where the robot is now",
+    "does not come to rest": "robot.stop()",
+    # Silence.
+    "did not acknowledge the stop": "robot.stop() again, and the stop switch of the robot",
+    "belongs to the parent of this process": "tsd_twin.connect() in the child",
+    "no confirmed stop of": "tsd_twin.stop_all() again, and the emergency stop",
+    "nor stopped": "robot.stop() again, and the stop switch of the robot",
+    "does not answer": "tsd_twin.connect() again, once the robot and the network run",
+    "does not show": "tsd_twin.connect() again, once the robot and the network run",
+    "sends no state": "tsd_twin.connect() again, once the robot and the network run",
+    "has sent no": "tsd_twin.connect() again, once the robot and the network run",
+}
+"""Calls that resolve what a client raises, by a part of the sentence; ... is any text."""
+
+
+def remedy_of(sentence: str) -> str:
+    """Return the call that resolves what a sentence of a client reports; "" without one."""
+    return next(
+        (
+            call
+            for part, call in REMEDIES.items()
+            if re.search(".*".join(map(re.escape, part.split("..."))), sentence)
+        ),
+        "",
+    )
+
+
 class ClientError(TwinError):
-    """Base class of the errors of the client library."""
+    """Base class of the errors of the client library; a traceback shows the remedy, too."""
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(sentence)
+        self.remedy = remedy_of(sentence)
+        """Call that resolves it; "" if none is known."""
+        if self.remedy:
+            self.add_note(f"Remedy: {self.remedy}")
 
 
 class NoRobotFound(ClientError):  # noqa: N818  Reads as what happened.

@@ -13,6 +13,7 @@ import zenoh
 
 from tests.support.robot_node import Mailbox, matched
 from tsd_twin.bus import Bus, client_config
+from tsd_twin.bus.config import MOST_MESSAGE_BYTES
 from tsd_twin.errors import BusError
 from tsd_twin.messages.requests import Sample
 from tsd_twin.messages.topics import QoS
@@ -183,3 +184,19 @@ def test_events_of_a_kind_that_is_new_reach_those_who_wait(
         kept.append(robot.publisher(f"twin/r1/event/{kind}", QoS.EVENT))
         kept[-1].put(kind.encode())
         assert box.next().payload == kind.encode()
+
+
+def test_a_message_that_is_too_long_is_dropped_and_the_session_goes_on(
+    robot: Bus, connect: Callable[[], Bus]
+) -> None:
+    box = Mailbox()
+    robot.subscribe("twin/*/state/*", box)
+    publisher = matched(connect().publisher(KEY, QoS.DATA))
+    for payload in (b"before", bytes(MOST_MESSAGE_BYTES + 1), bytes(20_000_000)):
+        publisher.put(payload)
+    assert box.next().payload == b"before"
+    # What is sent while the long one is still on the line is dropped, as states are.
+    for _ in range(100):
+        publisher.put(b"after")
+        time.sleep(0.05)
+    assert box.next().payload == b"after"

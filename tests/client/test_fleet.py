@@ -21,7 +21,7 @@ NOWHERE = "tcp/127.0.0.1:1"
 
 @pytest.fixture
 def replay(node: RunningNode, tmp_path: Path) -> Generator[None]:
-    """A replay beside the robot `tsd`."""
+    """A replay on the bus of the robot `tsd`."""
     recorded = stopped_drive(tmp_path / "drive.mcap")
     with Bus(client_config([node.endpoint])) as bus:
         assert bus.wait_for_peer(PATIENCE_S)

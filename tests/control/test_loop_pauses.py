@@ -21,7 +21,7 @@ def test_joints_that_a_paused_loop_has_not_measured_are_a_fault_with_its_cause(
     pilot = rig.get_ready()
     rig.drive(pilot, AHEAD, 0.2)
     rig.controller.take_events()
-    rig.measures = False  # The board has stopped the robot meanwhile.
+    rig.measures = False  # The watchdog of the board has tripped.
     rig.tick(0.34)
     assert rig.mode is Mode.FAULT
     reason = "the joints have not been measured, since the robot's computer was too busy for 340 ms"

@@ -54,6 +54,12 @@ def edges(item: Item) -> Iterator[tuple[int, bytes, int]]:
                 continue
 
 
+def sticks_rest_between_ends(setup: Setup) -> bool:
+    sticks = list(zip(setup.stick_low, setup.stick_centre, setup.stick_high, strict=True))
+    ordered = all(low < high for low, _, high in sticks)
+    return ordered and all(low <= centre <= high for low, centre, high in sticks[:3])
+
+
 def test_each_value_is_taken_up_to_its_limits_and_refused_beyond(native_bench: Bench) -> None:
     pilot = native_bench.pilot().get_ready()
     pilot.simulation.set_contactor(closed=False)  # With power there, the pulses must not change.
@@ -61,7 +67,7 @@ def test_each_value_is_taken_up_to_its_limits_and_refused_beyond(native_bench: B
     for block, size in ((Setup, SETUP.size), (Command, COMMAND.size)):
         items = SETUP.items if block is Setup else COMMAND.items
         for address, value, error in (edge for item in items for edge in edges(item)):
-            if address == ADDRESS["arm"] and value == b"\1":
+            if address == ADDRESS["arm"] and value in (b"\1", b"\2"):
                 continue
             if not error and ADDRESS["pulse_low"] <= address < ADDRESS["pulse_high"]:
                 continue  # All else takes 1000 us for the pulse of a board at rest.
@@ -72,6 +78,8 @@ def test_each_value_is_taken_up_to_its_limits_and_refused_beyond(native_bench: B
             if address < ADDRESS["session"]:
                 at = address - block.ADDRESS
                 whole[at : at + len(value)] = value
+            if block is Setup and not sticks_rest_between_ends(Setup.unpack(bytes(whole))):
+                error = 4
             before = pilot.ask(read(block.ADDRESS, size))[1]
             assert pilot.ask(write(block.ADDRESS, bytes(whole))) == (error, b""), (address, value)
             after = pilot.ask(read(block.ADDRESS, size))[1]

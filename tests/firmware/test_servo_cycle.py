@@ -5,7 +5,7 @@ Here without the chip: the program takes no time, so a moment is that of the las
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -17,6 +17,7 @@ from firmware.simulator.servo_bus import ServoBusSimulation
 from tests.support.firmware_host import (
     CRUISE,
     CYCLE_S,
+    MODEL,
     Bench,
     FirmwareHost,
     number,
@@ -24,7 +25,7 @@ from tests.support.firmware_host import (
     write,
 )
 from tsd_twin.dynamixel.blocks import Setup
-from tsd_twin.hardware.joints import SETTINGS
+from tsd_twin.dynamixel.servo_models import span
 
 BYTE_S = 1e-5
 MIXED = (1, 2, 1, 2, 2, 1)
@@ -51,6 +52,11 @@ class Request:
     value: object = None
     """Address and size of a setting; torque; goals by servo."""
     answered: bool = False
+
+
+def reads(version: int) -> list[tuple[int, int]]:
+    """Address and size of each read of settings, in their order."""
+    return [(group[0].address, span(group)) for group in MODEL[version].reads()]
 
 
 Change = Callable[[str, int, bytes], bytes | None]
@@ -161,7 +167,7 @@ def successors(values: Sequence[int]) -> set[int]:
 def check_settings(asked: Sequence[Request], versions: Sequence[int]) -> None:
     """All settings of each servo, again and again, in their order."""
     for servo in range(1, 7):
-        listed = [(s.address, s.size) for s in SETTINGS[versions[servo - 1]]]
+        listed = reads(versions[servo - 1])
         read = [it.value for it in asked if it.servo == servo]
         start = listed.index(read[0])  # type: ignore[arg-type]
         assert read == [listed[(start + i) % len(listed)] for i in range(len(read))]
@@ -319,7 +325,7 @@ def test_a_servo_that_came_back_is_checked_anew_from_its_first_setting(native_be
         pilot.simulation.run(1.5)
         assert number(pilot, "servo_checked") == 0b111111
         bus = Listener(pilot)
-        listed = [(s.address, s.size) for s in SETTINGS[before]]
+        listed = reads(before)
         run_until_read(pilot, bus, 3, listed[-2])
         bus.servos[3].dead = True
         run_until(pilot, "servo_found", 0, mask=4)
@@ -328,7 +334,7 @@ def test_a_servo_that_came_back_is_checked_anew_from_its_first_setting(native_be
         run_until(pilot, "servo_checked", 4, mask=4)
         assert number(pilot, "servo_checked") == 0b111111
         read = [it.value for it in bus.kinds(SETTING) if it.servo == 3]
-        assert read == [(s.address, s.size) for s in SETTINGS[after]]
+        assert read == [(0, 2), *reads(after)]
         assert number(pilot, "servo_protocol") >> 2 & 1 == after - 1
         tells = [(it.servo, it.value) for it in bus.kinds(TELL)]
         assert tells == [(3, 1)]
@@ -359,9 +365,10 @@ def test_a_wrong_setting_is_named_until_it_is_right(native_bench: Bench) -> None
             assert number(pilot, "wrong_servo") == 4
             assert not number(pilot, "servo_checked") & 8
         assert {it.servo for it in bus.kinds(SETTING)[2:]} == {4}
-        count = len(SETTINGS[version])
-        run_until_read(pilot, bus, 4, (at, size))
-        servo.set_register(at, size, {s.address: s.wanted for s in SETTINGS[version]}[at])
+        count = len(reads(version))
+        (read,) = ((start, size) for start, size in reads(version) if start <= at < start + size)
+        run_until_read(pilot, bus, 4, read)
+        servo.set_register(at, size, {s.address: s.least for s in MODEL[version].settings}[at])
         bus.heard.clear()
         run_until(pilot, "servo_checked", 8, mask=8)
         assert len([it for it in bus.kinds(SETTING) if it.servo == 4]) == count
@@ -377,6 +384,8 @@ def test_servos_are_told_until_they_say_yes(native_bench: Bench) -> None:
     for version in (1, 2, MIXED):
         pilot = native_bench.pilot(version)
         bus = Listener(pilot)
+        for servo in bus.servos.values():
+            servo.write(servo.registers.torque, b"\1")
         pilot.simulation.run(2.0)
         assert {it.value for it in bus.kinds(TELL)} == {0}
         assert sorted(it.servo for it in bus.kinds(TELL)) == [1, 2, 3, 4, 5, 6]
@@ -385,10 +394,20 @@ def test_servos_are_told_until_they_say_yes(native_bench: Bench) -> None:
         pilot.simulation.run(0.3)
         assert [(it.servo, it.value) for it in bus.kinds(TELL)] == [(5, 0)]
         bus.heard.clear()
-        unanswered = iter((None, None))
-        bus.change = lambda kind, servo, answer, unanswered=unanswered: (
-            next(unanswered, answer) if (kind, servo) == (TELL, 2) else answer
-        )
+        deaf = bus.servos[2]
+        for servo in bus.servos.values():
+            servo.goal_enables_torque = False
+        lost = iter((True, True))
+
+        def lose(
+            kind: str, servo: int, answer: bytes, deaf: Mx64 = deaf, lost: Iterator[bool] = lost
+        ) -> bytes | None:
+            if (kind, servo) == (TELL, 2) and next(lost, False):
+                deaf.switch_off()
+                return None
+            return answer
+
+        bus.change = lose
         assert pilot.set_up() == 0
         pilot.simulation.run(0.5)
         told = [(it.servo, it.value) for it in bus.kinds(TELL)]
@@ -396,6 +415,21 @@ def test_servos_are_told_until_they_say_yes(native_bench: Bench) -> None:
         more = [cycle[-1].kind for cycle in cycles(bus.heard)[2:16]]
         assert set(more[::2]) | set(more[1::2]) == {TELL, TORQUE}
         assert {TELL} in (set(more[::2]), set(more[1::2]))
+
+
+def test_a_servo_that_holds_without_saying_yes_is_told_until_that_is_read(
+    native_bench: Bench,
+) -> None:
+    """With another status return level it answers no write: its settings are read all the same."""
+    for version, register in ((1, 16), (2, 68)):
+        pilot = native_bench.pilot(version)
+        pilot.simulation.servos[1].set_register(register, 1, 1)
+        bus = Listener(pilot)
+        pilot.get_ready()
+        told = [it.value for it in bus.kinds(TELL) if it.servo == 2]
+        assert told.count(1) <= 14, "two rounds of questions for torque"
+        assert number(pilot, "servo_checked") == 0b111101
+        assert (number(pilot, "wrong_servo"), number(pilot, "wrong_register")) == (2, register)
 
 
 def test_a_fault_is_said_as_long_as_it_lasts(native_bench: Bench) -> None:
@@ -429,7 +463,7 @@ def test_answers_that_do_not_fit_are_errors_and_nothing_else(native_bench: Bench
         pilot = native_bench.pilot(version).get_ready()
         pilot.simulation.run(1.5)
         wrongs: list[Callable[[bytes], bytes | None]] = [
-            lambda _answer, protocol=protocol: protocol.status(3, b"\1\2\3\4\5"),
+            lambda _answer, protocol=protocol: protocol.status(3, b"\1\2\3\4\5\6\7"),
             lambda answer: answer[:-1] + bytes([answer[-1] ^ 1]),
             lambda _answer: None,
         ]
@@ -493,8 +527,8 @@ def drive_moving(
 ) -> tuple[list[list[Request]], set[int]]:
     """Drive with servos that answer after such a delay, and that say that they move.
 
-    They are 100 steps from neutral, at 156,328 steps/s. Returns whole cycles and all positions
-    that the table had.
+    They are 100 steps from neutral, at 156,328 steps/s, on the way to 340. Returns whole cycles
+    and all positions that the table had.
     """
     # Bytes of the PC have the board look at the bus when a cycle is due.
     pilot.simulation.run(CYCLE_S - pilot.simulation.board.now_s % CYCLE_S)
@@ -510,7 +544,7 @@ def drive_moving(
         if cycle == 5:
             bus.heard.clear()
             seen.clear()
-        pilot.simulation.board.send(pilot.command(1, CRUISE))
+        pilot.simulation.board.send(pilot.command(1, CRUISE, (340,) * 6))
         for _ in range(10):
             pilot.simulation.run(0.001)
             seen |= {number(pilot, "position", 2, i) for i in range(6)}

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
 from firmware.simulator import protocol1, protocol2
-from firmware.simulator.board import FIRMWARE
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.servo_bus import ServoBusSimulation
 from tests.support.firmware_host import CRUISE, CYCLE_S, Bench, FirmwareHost
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Trip
-from tsd_twin.hardware.joints import SETTINGS
 
 GOAL = (100, -60, 0, 40, -100, 20)
 MOST_S = 0.1
@@ -67,15 +63,6 @@ def test_it_trips_within_a_tenth_of_a_second_in_every_phase(
 
 def test_the_chip_is_as_fast(bench: Bench) -> None:
     assert times_to_trip_s(bench, 2, 500, seed=4, count=4).max() <= MOST_S
-
-
-@pytest.mark.parametrize("protocol", [1, 2])
-def test_the_settings_of_firmware_and_bridge_are_the_same(protocol: int) -> None:
-    source = (FIRMWARE / f"protocol{protocol}.c").read_text(encoding="utf-8")
-    rows = re.search(r"SETTINGS\[\] = \{(.*?)\n\};", source, re.DOTALL)
-    assert rows is not None
-    found = [tuple(map(int, row)) for row in re.findall(r"\{(\d+), (\d+), (-?\d+)\}", rows[1])]
-    assert found == [(s.address, s.size, s.wanted) for s in SETTINGS[protocol]]
 
 
 @pytest.mark.parametrize("version", [1, 2, (1, 2, 1, 2, 2, 1)], ids=str)

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin import robots
+from tsd_twin.errors import RobotFileError
 from tsd_twin.hardware import HardwareError
 from tsd_twin.hardware.joints import JointConverter, padded
 from tsd_twin.lie import Array
@@ -147,7 +148,35 @@ def test_what_the_robot_does_not_have_is_filled_up() -> None:
 
 
 @pytest.mark.parametrize("neutral_us", [1100.0, 1500.0])
+def test_silent_servos_are_named_and_all_of_them_are_the_bus() -> None:
+    joints = JointConverter(ROBOT, Motors.of(ROBOT))
+    assert joints.silent(8) == "servo 4 (module2_beta): no answer"
+    assert joints.silent(63) == "all servos: no answer: the bus, its supply or its fuse"
+    assert joints.silent(0b110000) == (
+        "servos 5 (module3_alpha), 6 (module3_beta): no answer: the wire between them, or the bus, "
+        "its supply or its fuse"
+    )
+
+
 def test_speed_controllers_that_run_both_ways_are_refused(neutral_us: float) -> None:
     motors = replace(Motors.of(ROBOT), pulses_us=(neutral_us, 2000.0))
     with pytest.raises(HardwareError, match=f"tsd has zero throttle at {neutral_us:g} us"):
         JointConverter(ROBOT, motors)
+
+
+def test_the_throttle_limit_is_that_of_the_fastest_speed_that_can_be_selected() -> None:
+    text = robots.read_description("tsd").replace(
+        "cruise_speed_rpm = 2500.0", "cruise_speed_rpm = 2500.0\nmax_speed_rpm = 5000.0"
+    )
+    slow = robots.description_of_kind(
+        robots.parse_description(text, "slow"), robots.SingularityDescription
+    )
+    joints = JointConverter(slow, Motors.of(slow))
+    speeds = np.zeros(9)
+    speeds[2::3] = 5000.0 * robots.RPM
+    assert joints.throttle_limit == joints.throttles(speeds)
+    assert 2700 < max(joints.throttle_limit) < 2900
+    assert joints.throttle_rise == pytest.approx((max(joints.throttle_limit) - 2000) / 25, abs=1.0)
+    refused = text.replace("max_speed_rpm = 5000.0", "max_speed_rpm = 2000.0")
+    with pytest.raises(RobotFileError, match=r"drive\.max_speed_rpm is 2000"):
+        robots.parse_description(refused, "slow")

@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from tsd_twin.dynamixel.packets import protocol2
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
 from tsd_twin.hardware.joints import Receiver, SpeedControllers
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
-from tsd_twin.node import HasBattery, HasWatchdog, RobotIO
+from tsd_twin.node import HasBattery, HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
@@ -151,7 +152,7 @@ def test_the_heartbeat_is_the_count_of_words_and_nothing_else(it: Bench) -> None
 @pytest.mark.parametrize(
     ("identity", "words"),
     [
-        (Identity(table_version=9), "control table 9: this program needs model 2014 with table 4"),
+        (Identity(table_version=99), "control table 99: this program needs model 2014 with table"),
         (Identity(model=311), "is model 311"),
     ],
 )
@@ -204,6 +205,8 @@ def test_receiver_and_pulse_ends_of_the_calibration_are_told_to_the_board(tmp_pa
     told = board.setups[0]
     assert (told.receiver_kind, told.receiver_map, told.stick_dead) == (1, 0x5F2301, 30)
     assert (told.pulse_low, told.pulse_high) == ((2000, 2120, 2400), (4000, 3881, 4400))
+    # The fastest speed that an operator can select is nearly what all motors reach.
+    assert (max(told.throttle_limit), told.throttle_rise) == (4000, 80)
 
 
 def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
@@ -291,6 +294,7 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
         (
             {
                 "servo_protocol": 0,
+                "servo_model": (310,) * 6,
                 "servo_checked": 62,
                 "wrong_servo": 1,
                 "wrong_register": 20,
@@ -300,6 +304,11 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
             "with Dynamixel Wizard",
         ),
         (
+            {"servo_checked": 62, "wrong_servo": 1, "wrong_register": 0, "wrong_value": 12},
+            "servo 1 (module1_alpha): model 12 is not one of MX-64 (310), MX-64(2.0) (311), "
+            "XM430-W350 (1020), XM430-W210 (1030), XM540-W270 (1120), XM540-W150 (1130)",
+        ),
+        (
             {"servo_checked": 0b111011},
             "servo 3 (module2_alpha): the settings have not been read yet",
         ),
@@ -307,13 +316,55 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
             {"servo_torque": 0b110111},
             "servo 4 (module2_beta): no torque: it restarted, or another program switched it off",
         ),
+        (
+            {"servo_torque": 0b111101, "servo_far": 0b000010},
+            "servo 2 (module1_beta): more than 9 degrees from its neutral position, so it gets no "
+            "torque: turn its gimbal upright by hand, or correct neutral_step in the calibration",
+        ),
     ],
 )
 def test_a_servo_that_is_not_set_or_does_not_hold_is_named(
-    it: Bench, telemetry: dict[str, int], fault: str
+    it: Bench, telemetry: dict[str, Any], fault: str
 ) -> None:
     it.board.telemetry = replace(it.board.telemetry, **telemetry)
     it.until(lambda: it.fault == fault, "named")
+
+
+def test_a_gimbal_that_did_not_follow_is_named(it: Bench) -> None:
+    it.arm()
+    it.board.obeys_arm = False
+    it.board.telemetry = replace(
+        it.board.telemetry,
+        mode=BoardMode.DISARMED,
+        trip=Trip.FOLLOWING,
+        servo_stuck=0b000010,
+    )
+    told = "a gimbal does not follow its goal: it is stuck, or its servo is"
+    fault = f"servo 2 (module1_beta): the board disarmed itself: {told}"
+    it.until(lambda: it.fault == fault, "named", armed=True)
+    assert it.robot.hardware()["last_trip"] == f"servo 2 (module1_beta): {told}"
+
+
+def test_a_stop_that_was_never_seen_to_work_is_asked_for_once(it: Bench) -> None:
+    it.board.telemetry = replace(it.board.telemetry, stop_proven=0)
+    words = "the stop was not tested since power came: press and release it once"
+    it.until(lambda: it.fault == words, "asked for")
+    it.board.telemetry = replace(it.board.telemetry, stop_proven=1)
+    it.until(lambda: it.fault == "", "seen")
+
+
+def test_a_stop_reaches_the_board_also_when_the_radio_control_has_the_robot(it: Bench) -> None:
+    it.board.obeys_arm = False
+    it.board.telemetry = replace(it.board.telemetry, mode=BoardMode.RC)
+    it.until(lambda: it.fault == "the radio control has the robot", "taken")
+
+    def written(heartbeat: Heartbeat, arm: int) -> bool:
+        it.robot.set_heartbeat(heartbeat)
+        it.robot.write(REST, time.monotonic())
+        return it.told.arm == arm
+
+    wait_until(lambda: written(Heartbeat(False, 7, latched=True, stopped=True), 2), "stopped")
+    wait_until(lambda: written(Heartbeat(False, 8), 0), "released by the reset")
 
 
 def test_the_node_is_told_the_voltage_of_the_battery(it: Bench) -> None:
@@ -322,6 +373,22 @@ def test_the_node_is_told_the_voltage_of_the_battery(it: Bench) -> None:
     it.until(lambda: it.robot.battery_v(time.monotonic()) == 11.15, "measured")
     it.peer.unplug()
     it.until(lambda: it.robot.battery_v(time.monotonic()) is None, "not any more")
+
+
+def test_the_node_is_told_the_hottest_servo_and_75_degrees_are_a_fault(it: Bench) -> None:
+    assert isinstance(it.robot, HasServoTemperature)
+    it.board.telemetry = replace(it.board.telemetry, temperature=(40, 50, 74, 45, 40, 40))
+    it.until(lambda: it.robot.servo_c(time.monotonic()) == 74.0, "measured")
+    it.until(lambda: not it.fault, "no fault")
+    it.board.telemetry = replace(it.board.telemetry, temperature=(40, 50, 75, 45, 40, 76))
+    it.until(
+        lambda: (
+            it.fault == "servos 3 (module2_alpha), 6 (module3_beta): at least 75 °C: let it cool"
+        ),
+        "named",
+    )
+    it.peer.unplug()
+    it.until(lambda: it.robot.servo_c(time.monotonic()) is None, "not any more")
 
 
 def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:

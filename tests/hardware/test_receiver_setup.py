@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from tsd_twin.hardware import HardwareError, ServoCalibration
 from tsd_twin.hardware.joints import Receiver, SpeedControllers
 from tsd_twin.hardware.receiver_setup import (
     ReceiverWatcher,
+    ask_line,
     learn_pulse_ends,
     learn_receiver,
     write_section,
@@ -178,3 +180,11 @@ def test_channels_are_read_from_a_board_whose_drive_is_off(tmp_path: Path) -> No
             watcher.watch(0.1)
         transport.close()
     assert not any(command.arm for command in board.commands)
+
+
+def test_a_set_up_without_a_person_at_the_keyboard_ends_in_one_sentence(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    with pytest.raises(HardwareError, match="no input: the set-up needs a person"):
+        learn_pulse_ends(ask_line)

@@ -37,6 +37,11 @@ def test_a_file_names_joints(tmp_path: Path) -> None:
         ("[servo_id]\nmodule1_alpha = 253", "252"),
         ("[servo_id]\nmodule1_alpha = 0", "1"),
         ("nautral_step = {}", "nautral_step"),
+        (
+            "[receiver]\ncentre_us = [1500, 1000, 1500, 1500]",
+            "left: centre_us 1000 is outside its ends, 1100 to 1900: with the sticks at rest",
+        ),
+        ("[receiver]\nhigh_us = [1900, 1900, 1900, 1100]", "speed: low_us 1100 is not below"),
         ("[", "cannot be used"),
     ],
 )

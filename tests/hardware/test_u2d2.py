@@ -15,9 +15,10 @@ from firmware.simulator.mx64 import Mx64
 from tests.hardware.test_mega import AHEAD, PATIENCE_S, REST, ROBOT, wait_until
 from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
+from tsd_twin.dynamixel.servo_models import MODELS, ServoSetting
 from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware, u2d2
-from tsd_twin.hardware.joints import NO_TORQUE, SETTINGS, ServoSetting
-from tsd_twin.node import HasWatchdog, RobotIO
+from tsd_twin.hardware.joints import NO_TORQUE
+from tsd_twin.node import HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
@@ -203,6 +204,21 @@ def test_a_servo_with_a_hardware_error_is_named(tmp_path: Path) -> None:
         it.until(lambda: not it.fault)
 
 
+def test_a_hot_servo_is_told_to_the_node_and_stops_the_wheels(tmp_path: Path) -> None:
+    with bench(tmp_path) as it:
+        it.connect()
+        it.until(lambda: it.board.commands[-1].arm == 1)
+        assert isinstance(it.io, HasServoTemperature)
+        it.chain.servos[3].temperature_c = 74
+        it.until(lambda: it.io.servo_c(time.monotonic()) == 74.0)
+        assert not it.fault
+        it.chain.servos[3].temperature_c = 75
+        it.until(lambda: it.fault == "servo 4 (module2_beta): at least 75 °C: let it cool")
+        it.until(lambda: it.board.commands[-1].arm == 0)
+        it.chain.servos[3].temperature_c = 60
+        it.until(lambda: not it.fault)
+
+
 def test_an_adapter_that_is_unplugged_shuts_off_the_wheels_and_comes_back(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         it.connect()
@@ -235,7 +251,7 @@ def test_a_servo_that_cannot_be_used_is_named_at_the_start(
         it.connect()
 
 
-@pytest.mark.parametrize("setting", SETTINGS[2], ids=lambda setting: setting.name)
+@pytest.mark.parametrize("setting", MODELS[311].settings, ids=lambda setting: setting.name)
 def test_a_servo_with_another_setting_is_refused_and_left_as_it_is(
     tmp_path: Path, setting: ServoSetting
 ) -> None:
@@ -247,10 +263,22 @@ def test_a_servo_with_another_setting_is_refused_and_left_as_it_is(
         f"and must be {setting.wanted}; set it with Dynamixel Wizard"
     )
     with bench(tmp_path, chain) as it:
+        if setting.address in (u2d2.RETURN_DELAY, u2d2.BUS_WATCHDOG):
+            it.connect()
+            return
         with pytest.raises(HardwareError, match=re.escape(sentence)):
             it.connect()
         assert setting.value(chain.servos[4].read(setting.address, setting.size)) == wrong
         assert chain.register(4, u2d2.TORQUE_ENABLE) == 0
+
+
+def test_a_servo_of_another_model_is_refused(tmp_path: Path) -> None:
+    chain = ServoChain()
+    chain.servos[1].set_register(0, 2, 1060)
+    with bench(tmp_path, chain) as it:
+        with pytest.raises(HardwareError, match=r"servo 2 \(module1_beta\): model 1060 is not one"):
+            it.connect()
+        assert chain.register(1, u2d2.TORQUE_ENABLE) == 0
 
 
 def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: float) -> float | None:

@@ -35,8 +35,14 @@ test("a typed name becomes one that the bus permits", () => {
 });
 
 test("a robot that comes to rest says once why, and what to do", () => {
-  const event = { kind: "mode", text: "From driving to stopping: no command for 210 ms (limit 200 ms)." };
-  assert.equal(noticeOf(event, false), "No command for 210 ms (limit 200 ms), so the robot stopped.");
+  const event = {
+    kind: "mode",
+    text: "From driving to stopping: no command for 210 ms (limit 200 ms).",
+  };
+  assert.equal(
+    noticeOf(event, false),
+    "No command for 210 ms (limit 200 ms), so the robot stopped.",
+  );
   const old = "the last command was based on a state 230 ms old (limit 210 ms)";
   assert.equal(
     noticeOf({ ...event, text: `From driving to stopping: ${old}.` }, true),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Generator
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from tests.support.bus_operator import BusOperator
 from tests.support.robot_node import ANY_PORT, PATIENCE_S, RunningNode, matched, running
 from tsd_twin.bus import Bus, node_config
+from tsd_twin.errors import SeveralAnswersError
 from tsd_twin.messages import topics
 from tsd_twin.messages.topics import QoS, Service
 
@@ -42,8 +44,12 @@ def test_two_robots_with_one_id_that_meet_both_stop_and_say_why(
                 pilot.wait_for("fault")
                 pilot.wait_until(lambda pilot=pilot: MET in pilot.texts)
                 assert pilot.status.stop_reason == WORDS
-            # From here on both hear what is asked, and either may be the first to answer.
-            assert alice.ask(Service.ARM, lease=alice.lease)["ok"] is False
+            # From here on both receive each request; a client takes the answer of neither.
+            key, request = Service.ARM.key("tsd"), json.dumps({"lease": alice.lease}).encode()
+            answers = alice.bus.query_all(key, request, PATIENCE_S)
+            assert [json.loads(answer)["ok"] for answer in answers] == [False, False]
+            with pytest.raises(SeveralAnswersError):
+                alice.bus.query(key, request, PATIENCE_S)
         for pilot in (alice, bob):
             pilot.wait_until(lambda pilot=pilot: PARTED in pilot.texts)
             assert pilot.status.mode == "fault"  # Latched, until its operator says otherwise.

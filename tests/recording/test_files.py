@@ -22,7 +22,8 @@ from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.messages.ros import Odometry, encode_odometry
 from tsd_twin.recording import RecordingFolder
 from tsd_twin.recording.channels import CDR, JSON, Entry
-from tsd_twin.recording.mcap_file import RecordingFile, entries, is_whole
+from tsd_twin.recording.mcap_file import RecordingFile, entries
+from tsd_twin.recording.records import is_whole
 
 ODOM = "twin/tsd/state/odom"
 STEP_NS = 20_000_000

@@ -35,6 +35,7 @@ from tsd_twin.recording.folder import Catalogue
 from tsd_twin.recording.index import RecordingIndex
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.recording.player import Player
+from tsd_twin.recording.reader import FolderReader
 
 STREAMS: dict[str, tuple[topics.Topic, Callable[[bytes], Any]]] = {
     "joints": (topics.JOINTS, decode_joints),
@@ -172,13 +173,13 @@ def test_a_file_that_grows_or_was_cut_shows_the_same(driven: Path, tmp_path: Pat
     with path.open("wb") as file:
         file.write(data[: cuts[0]])
         file.flush()
-        growing = Player(path, "tsd")
+        growing, begun, index = Player(path, "tsd"), RecordingIndex(path), RecordingIndex(driven)
         for begin, end in zip(cuts, [*cuts[1:], len(data)], strict=True):
             growing.refresh()
-            assert list(growing.index.entries(growing.index.topics)) == [
-                entry for entry in whole.index.entries(whole.index.topics)
-                if entry.log_ns <= growing.index.end_ns
-            ][: sum(1 for _ in growing.index.entries(growing.index.topics))]  # fmt: skip
+            begun.refresh()
+            found = list(begun.entries(begun.topics))
+            before = [e for e in index.entries(index.topics) if e.log_ns <= begun.end_ns]
+            assert found == before[: len(found)]
             for t_s in random.uniform(0.0, growing.duration_s, size=5):
                 growing.seek(t_s)
                 whole.seek(t_s)
@@ -188,8 +189,8 @@ def test_a_file_that_grows_or_was_cut_shows_the_same(driven: Path, tmp_path: Pat
             file.flush()
     growing.refresh()
     assert growing.duration_s == whole.duration_s
-    for player in (growing, whole):
-        player.close()
+    for opened in (growing, whole, begun, index):
+        opened.close()
 
 
 def test_messages_that_were_written_out_of_order_are_found_by_their_time(tmp_path: Path) -> None:
@@ -257,6 +258,16 @@ def test_events_are_found_and_repeated_ones_are_counted(driven: Path) -> None:
     index.close()
 
 
+def test_an_event_that_never_occurred_has_no_messages_and_a_topic_of_nobody_is_an_error(
+    driven: Path,
+) -> None:
+    recording = tsd_twin.open_recording(driven)
+    assert list(recording.messages("event/fault", robot="tsd")) == []
+    for topic in ("event", "state/odometry"):
+        with pytest.raises(RecordingError, match=f"has no twin/tsd/{topic}, but"):
+            list(recording.messages(topic, robot="tsd"))
+
+
 def test_an_event_about_a_suspect_is_found_as_one_of_consistency() -> None:
     event = FaultReporter().step("module2", 5.0)
     assert event is not None
@@ -293,7 +304,7 @@ def test_a_list_has_time_duration_robots_and_marks_of_each_recording(
     (tmp_path / "notes.txt").write_text("notes")
     add_mark(whole, Mark(START_NS, "here"))
     recording, player = tsd_twin.open_recording(driven), Player(driven)
-    catalogue = Catalogue(tmp_path)
+    catalogue = Catalogue(tmp_path, FolderReader())
     by_path = {each.path: each for each in catalogue.recordings()}
     assert set(by_path) == {whole, growing}
     assert by_path[whole].start_ns == recording.start_ns
@@ -334,5 +345,5 @@ def test_an_exported_part_has_the_marks_of_its_time(driven: Path, tmp_path: Path
     to_mcap(Part(path, 3.0, 8.0), part)
     assert read_marks(part) == [marks[1]]
     player = Player(part)
-    assert player.index.start_ns == START_NS + 3_000_000_000
+    assert player.start_ns == START_NS + 3_000_000_000
     player.close()

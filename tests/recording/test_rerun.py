@@ -362,3 +362,14 @@ def test_a_low_battery_slows_the_repetition_as_it_did_the_robot() -> None:
     harness.take()
     assert harness.twist[0] == pytest.approx(0.5)
     assert rerun(harness.run).difference is None
+
+
+def test_a_hot_servo_slows_the_repetition_as_it_did_the_robot() -> None:
+    harness = LoggedHarness(TEXTS["tsd"], seed=5)
+    harness.wait(0.3)
+    pilot = harness.get_ready()
+    harness.servo_c = 72.0
+    harness.drive(pilot, (0.8, 0.0, 0.0), 2.0)
+    harness.take()
+    assert harness.twist[0] == pytest.approx(0.5)
+    assert rerun(harness.run).difference is None

@@ -53,6 +53,7 @@ class ControllerHarness:
         self.inbox: list[Sample] = []
         self.measures = True
         self.battery_v: float | None = None
+        self.servo_c: float | None = None
         joints = self.controller.kinematics.joints
         self.wheels = np.array([joint.kind is JointKind.VELOCITY for joint in joints])
         self._ticks = itertools.count()
@@ -88,7 +89,7 @@ class ControllerHarness:
         self.now_s += dt_s
         inbox, self.inbox = self.inbox, []
         self.setpoint = self.controller.step(
-            self.now_s, self._measure(), inbox, battery_v=self.battery_v
+            self.now_s, self._measure(), inbox, battery_v=self.battery_v, servo_c=self.servo_c
         )
         if self.simulated is not None:
             self.simulated.write(self.setpoint, self.now_s)

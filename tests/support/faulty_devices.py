@@ -64,12 +64,14 @@ class PretendBoard:
         self.telemetry = Telemetry(
             millis=100_000,
             drive_on=1,
+            stop_proven=1,
             esc_ready=1,
             servo_found=63,
             servo_alive=63,
             servo_torque=63,
             servo_checked=63,
             servo_protocol=63,
+            servo_model=(311,) * 6,
             battery_mv=12000,
             drive_mv=12000,
         )

@@ -18,8 +18,13 @@ from tsd_twin.dynamixel.control_table import (
     BoardMode,
     ReceiverKind,
 )
+from tsd_twin.dynamixel.servo_models import MODELS
 
 CYCLE_S = 0.01
+MODEL = {1: MODELS[310], 2: MODELS[311]}
+"""Of the simulated servos, by protocol."""
+CHECK_S = 2.5
+"""After this all settings of all servos have been read once more."""
 _SET_UP_S = 0.4
 """After this all servos hold, and the set-up is in EEPROM."""
 HOLD_S = 2.15

@@ -32,7 +32,9 @@ from firmware.simulator.board import BUILD, FIRMWARE, build_native
 from tests.firmware import (
     test_driving,
     test_edges,
+    test_eeprom,
     test_line,
+    test_power,
     test_receiver_lines,
     test_servo_cycle,
 )
@@ -41,7 +43,8 @@ from tests.support.firmware_rules import LAWS, Law
 
 FILES = (
     "watchdog.c", "table.c", "manual.c", "host_line.c", "receiver.c", "pulses.c", "sbus.c",
-    "servos.c", "safety.c",
+    "servos.c", "safety.c", "power.c", "packet.c", "nonce.c", "esc.c", "setup.c", "protocol1.c",
+    "protocol2.c", "gimbals.c",
 )  # fmt: skip
 LISTED = FIRMWARE / "equivalent_mutants.txt"
 _JUDGED = BUILD / "mutants.jsonl"
@@ -191,7 +194,7 @@ _TESTS: tuple[Law, ...] = (
     test_line.test_what_looks_like_a_header_inside_a_packet_is_stuffed_both_ways,
     *(
         test
-        for module in (test_edges, test_receiver_lines, test_servo_cycle)
+        for module in (test_edges, test_eeprom, test_power, test_receiver_lines, test_servo_cycle)
         for name, test in vars(module).items()
         if name.startswith("test_")
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -10,9 +11,11 @@ import pytest
 from firmware.simulator.mx64 import Mx64
 from tests.support import source_rules
 from tests.support.firmware_host import (
+    CHECK_S,
     CRUISE,
     CYCLE_S,
     HOLD_S,
+    MODEL,
     PING,
     ZERO,
     Bench,
@@ -22,7 +25,7 @@ from tests.support.firmware_host import (
 )
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
-from tsd_twin.hardware.joints import SETTINGS
+from tsd_twin.dynamixel.servo_models import MODELS
 
 TILTED = (100, -60, 0, 40, -100, 20)
 NEUTRAL_GOALS = [2048] * 6
@@ -395,27 +398,150 @@ def arming_wants_torque(bench: Bench) -> None:
 
 
 def settings_of_servos_are_checked(bench: Bench) -> None:
-    for version, settings in SETTINGS.items():
+    for version, half, above in itertools.product((1, 2), (0, 1), (False, True)):
         pilot = bench.pilot(version)
         servos = pilot.simulation.servos
-        wrong = [setting.wanted + 1 for setting in settings]
-        for i, setting in enumerate(settings):
-            servos[i % 6].set_register(setting.address, setting.size, wrong[i])
+        wrong: list[tuple[int, int, int]] = []
+        # Those of one read are at different servos.
+        for i, s in enumerate(MODEL[version].settings[half::2]):
+            value = (s.most + 1 if above else s.least - 1) % (1 << 8 * s.size)
+            servos[i % 6].set_register(s.address, s.size, value)
+            wrong.append((i % 6 + 1, s.address, value))
         pilot.get_ready()
-        for i, setting in enumerate(settings):
-            pilot.simulation.run(1.4)
-            seen = pilot.arm()
-            assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
-            named = (seen.wrong_servo, seen.wrong_register, seen.wrong_value)
-            assert named in {
-                (j % 6 + 1, settings[j].address, wrong[j]) for j in range(i, len(settings))
-            }
-            assert not seen.servo_checked >> seen.wrong_servo - 1 & 1
-            servos[i % 6].set_register(setting.address, setting.size, setting.wanted)
-        pilot.simulation.run(1.4)
+        named: set[tuple[int, int, int]] = set()
+        for _ in range(round(CHECK_S / CYCLE_S)):
+            seen = pilot.cycle(0)
+            assert seen is not None
+            assert not seen.servo_checked
+            named.add((seen.wrong_servo, seen.wrong_register, seen.wrong_value))
+        assert named == set(wrong)
         seen = pilot.arm()
-        assert (seen.mode, seen.servo_checked) == (BoardMode.ARMED, 0b111111)
-        assert seen.wrong_servo == 0
+        assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+
+
+def one_wrong_setting_is_enough(bench: Bench) -> None:
+    for version, which in itertools.product((1, 2), (0, 11, -1)):
+        pilot = bench.pilot(version)
+        setting, servo = MODEL[version].settings[which], pilot.simulation.servos[which % 6]
+        before = setting.value(servo.read(setting.address, setting.size))
+        servo.set_register(setting.address, setting.size, setting.most + 1)
+        pilot.get_ready()
+        seen = pilot.arm()
+        assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+        assert seen.servo_checked == 0b111111 - (1 << which % 6)
+        named = (seen.wrong_servo, seen.wrong_register, seen.wrong_value)
+        assert named == (which % 6 + 1, setting.address, setting.most + 1)
+        servo.set_register(setting.address, setting.size, before)
+        pilot.simulation.run(CHECK_S)
+        seen = pilot.arm()
+        assert (seen.mode, seen.servo_checked, seen.wrong_servo) == (BoardMode.ARMED, 0b111111, 0)
+
+
+HEATED_S = 0.6
+"""After this the temperature of every servo has been read once more."""
+
+
+def a_hot_servo_stops(bench: Bench) -> None:
+    for version, hot in ((1, 0), (2, 5)):
+        pilot = bench.pilot(version).get_driving()
+        servo = pilot.simulation.servos[hot]
+        servo.temperature_c = 74
+        assert pilot.drive(HEATED_S).mode == BoardMode.ARMED
+        servo.temperature_c = 75
+        seen = pilot.drive(HEATED_S)
+        assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HOT)
+        pilot.drive(0.3, arm=0, throttle=ZERO)
+        assert pilot.arm().refusal == Refusal.HOT
+        servo.temperature_c = 74
+        pilot.simulation.run(HEATED_S)
+        assert pilot.arm().mode == BoardMode.ARMED
+        pilot.drive(0.1, arm=0, throttle=ZERO)
+        pilot.simulation.run(HOLD_S)
+        assert pilot.set_up(Setup(servos_expected=63 - (1 << hot))) == 0
+        servo.temperature_c = 90
+        pilot.simulation.run(HEATED_S)
+        assert pilot.arm().mode == BoardMode.ARMED, "a servo that is not expected"
+
+
+def a_hot_servo_stops_the_radio_control(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_ready()
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.1)
+    assert pilot.mode() == BoardMode.RC
+    pilot.simulation.servos[2].temperature_c = 75
+    pilot.simulation.run(HEATED_S)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HOT)
+    pilot.simulation.run(HOLD_S)
+    for manual in (False, True):
+        pilot.simulation.set_switches(manual=manual)
+        pilot.simulation.run(0.1)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.HOT)
+
+
+def servos_are_not_blamed_for_a_disturbed_line(bench: Bench) -> None:
+    disturbances = (
+        b"\xff\xff\xfd\x00\xc8\x05\x00\x02\0\0\0\0",  # With a wrong sum.
+        b"\xff\xff\xfd\x00",  # Given up.
+    )
+    for disturbance in disturbances:
+        for dead, before_s, trip in (
+            (True, 0.02, Trip.LINE),
+            (False, 0.02, Trip.LINE),
+            (True, -1.0, Trip.SERVO),
+        ):
+            pilot = bench.pilot().get_driving()
+            servo = pilot.simulation.servos[1]
+            if dead:
+                servo.dead = True
+            else:
+                servo.switch_off()
+            ended = 0
+            while pilot.simulation.board.now_s and not ended:
+                if before_s > 0.0:
+                    pilot.simulation.board.send(disturbance)
+                    pilot.simulation.run(before_s)
+                    pilot.simulation.board.receive()
+                seen = pilot.cycle(1, CRUISE)
+                ended = seen.trip if seen else 0
+            assert ended == trip
+
+
+def a_disturbance_of_the_line_is_over_after_50_ms(bench: Bench) -> None:
+    for pause_s, trip in ((0.02, Trip.SERVO), (0.0, Trip.LINE)):
+        pilot = bench.pilot().get_driving()
+        pilot.simulation.board.send(b"\xff\xff\xfd\x00\xc8\x05\x00\x02\0\0\0\0")
+        pilot.simulation.run(0.002)
+        pilot.simulation.run(pause_s)
+        pilot.simulation.servos[4].dead = True
+        assert pilot.drive(0.1).trip == trip
+
+
+def servos_of_other_models_are_refused(bench: Bench) -> None:
+    pilot = bench.pilot()
+    pilot.simulation.servos[3].set_register(0, 2, 1060)
+    pilot.get_ready()
+    seen = pilot.arm()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+    assert seen.servo_checked == 0b110111
+    assert (seen.wrong_servo, seen.wrong_register, seen.wrong_value) == (4, 0, 1060)
+    assert seen.servo_model == (311, 311, 311, 1060, 311, 311)
+
+
+def each_model_has_its_own_settings(bench: Bench) -> None:
+    for model in MODELS.values():
+        pilot = bench.pilot(model.protocol)
+        for servo in pilot.simulation.servos:
+            servo.set_register(0, 2, model.number)
+            for s in model.settings:
+                if not s.allows(s.value(servo.read(s.address, s.size))):
+                    servo.set_register(s.address, s.size, s.least)
+        pilot.get_ready()
+        pilot.simulation.run(0.3)
+        seen = pilot.arm()
+        assert (seen.mode, seen.wrong_servo) == (BoardMode.ARMED, 0)
+        assert seen.servo_model == (model.number,) * 6
 
 
 def who_is_disarmed_moves_nothing(bench: Bench) -> None:
@@ -783,7 +909,7 @@ def ids_of_servos_are_checked(bench: Bench) -> None:
 def new_ids_make_the_servos_unknown(bench: Bench) -> None:
     for first, then in (((1, 2, 3, 4, 5, 6), (6, 5, 4, 3, 2, 1)), ((6, 2, 3, 4, 5, 1),) * 2):
         pilot = bench.pilot().get_ready(Setup(servo_id=first))
-        pilot.simulation.run(1.0)
+        pilot.simulation.run(CHECK_S)
         assert pilot.telemetry().servo_checked == 0b111111
         pilot.set_up(Setup(servo_id=then))
         seen = pilot.telemetry()

@@ -31,6 +31,11 @@ A connection that took more than 4 s is opened anew, see `half_open`.
 """
 _ACCEPT_MS = 10_000
 """Far longer than the other side waits: Zenoh must not give up while a handshake can succeed."""
+MOST_MESSAGE_BYTES = 4 << 20
+"""Longest message that a session receives; longer ones are dropped before they are put together.
+
+A hundred times the longest one of this project, and what recordings have room for.
+"""
 _MIXED = "?rel=1;mixed_rel=1"
 _TLS = "transport/link/tls"
 _FILES = (
@@ -73,6 +78,7 @@ class Config:
             settings.insert_json5(key, json.dumps(str(file)))
         for key, value in self.others.items():
             settings.insert_json5(key, value)
+        settings.insert_json5("transport/link/rx/max_message_size", str(MOST_MESSAGE_BYTES))
         return settings
 
 

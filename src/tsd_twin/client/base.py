@@ -36,7 +36,17 @@ _SHORTEST_SLEEP_S = 0.001
 DoneT = TypeVar("DoneT")
 """What a method returns that waits for the robot: None, or an awaitable."""
 LinkT = TypeVar("LinkT", bound=Link)
-ControlT = TypeVar("ControlT")
+ControlT = TypeVar("ControlT", bound="BaseControl[Any, Any]")
+
+
+def _usable(link: LinkT, process: int) -> LinkT:
+    """Return a link in the process that opened it; its threads do not exist in a forked child."""
+    if os.getpid() != process and not link.virtual:
+        raise ClientError(
+            f"this connection to {link.id} belongs to the parent of this process: connect again in "
+            "the child, or start it with the method 'spawn'"
+        )
+    return link
 
 
 def _usable(link: LinkT, process: int) -> LinkT:
@@ -99,6 +109,24 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         """
         check_text(reason=reason)
         return self._perform(lambda: procedures.stop(self.id, self._operator, reason))
+
+    def reset(self) -> DoneT:
+        """Unlatch a stopped or faulty robot without arming it; the lease is held meanwhile only.
+
+        Raises:
+            RequestRefused: it is not latched, or still gets commands.
+            ControlDenied: another operator has control.
+        """
+        held = [control for control in self._controls if control.is_held]
+        return held[0].reset() if held else self._perform(self._reset)
+
+    def _reset(self) -> Procedure[None]:
+        protocol = ControlProtocol(self.id, self.description, self._operator)
+        self.link.attach(protocol)
+        try:
+            yield from procedures.reset_without_control(protocol, self.time_s)
+        finally:
+            self.link.detach(protocol)
 
     def publish_pose(
         self, x_m: float, y_m: float, heading_rad: float, *, stamp_s: float | None = None

@@ -17,7 +17,7 @@ _MAX_INSTANCES = 4096
 
 
 class Instances:
-    """Instances of one robot id, or of all, from their liveliness tokens; thread-safe."""
+    """Instances by robot id, from their liveliness tokens; thread-safe."""
 
     def __init__(self, bus: Bus, robot_id: str = "*") -> None:
         self._keys: dict[str, frozenset[str]] = {}

@@ -68,10 +68,11 @@ def disarm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     yield from _until_mode(protocol, now_s, Mode.DISARMED, *LATCHED)
 
 
-def reset(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
+def reset(protocol: ControlProtocol, now_s: float, *, renews: bool = False) -> Procedure[None]:
     """Unlatch a stopped or faulty robot; wait until the status shows that it is disarmed.
 
     A robot refuses that for half a second after the last push, which a script can only wait for.
+    With `renews`, the lease is renewed meanwhile; a control does that on a thread of its own.
 
     Raises:
         RequestRefused: the robot refuses for longer, with its own sentence.
@@ -80,8 +81,27 @@ def reset(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     end_s = now_s + _SETTLE_S
     while now_s < end_s and _refuses_reset(protocol.status):
         now_s = (yield NextStatus(end_s)).now_s
+        if renews:
+            yield from renew(protocol, now_s)
     yield from request(protocol, Service.RESET, HolderRequest(protocol.lease_hex), "reset")
     yield from _until_mode(protocol, now_s, Mode.DISARMED)
+
+
+def reset_without_control(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
+    """Acquire the lease, reset, and release the lease; the robot is disarmed then.
+
+    Raises:
+        ControlDenied: another operator has the lease.
+        RequestRefused, RobotSilent: as `reset`.
+    """
+    yield from acquire(protocol)
+    try:
+        yield from reset(protocol, now_s, renews=True)
+    except BaseException as error:
+        if not isinstance(error, GeneratorExit):
+            yield from release_lease(protocol)
+        raise
+    yield from release_lease(protocol)
 
 
 def _refuses_reset(status: Status | None) -> bool:

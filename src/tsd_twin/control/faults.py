@@ -1,5 +1,5 @@
-"""Fault detection: saturation of commands, a low battery, missing joint measurements, following
-errors, suspect actuators.
+"""Fault detection: saturation of commands, a low battery, hot servos, missing joint measurements,
+following errors, suspect actuators.
 """
 
 from __future__ import annotations
@@ -94,6 +94,52 @@ class BatteryMonitor:
     @staticmethod
     def _event(text: str, now_s: float) -> Event:
         return Event("battery", text, rule="limits with a low battery", robot_s=now_s)
+
+
+WARM_C, HOT_C = 65.0, 70.0
+"""Temperatures of a servo at which the robot warns, and at which it slows down. At 75 the board
+stops it, at 80 a servo switches itself off."""
+
+
+class HeatMonitor:
+    """Share of the speed limits that the temperature of the servos allows.
+
+    It rises again only while the robot is disarmed and the servos have cooled below `WARM_C`. A
+    temperature that is not measured, None or NaN, changes nothing.
+    """
+
+    def __init__(self, share_when_hot: float) -> None:
+        self.share = 1.0
+        """Share of the limits of speed and turn rate."""
+        self.reason = ""
+        """Reason why it is less than 1; else empty."""
+        self._share_when_hot = share_when_hot
+        self._warm = False
+
+    def step(self, hottest_c: float | None, now_s: float, *, armed: bool) -> Event | None:
+        """Update with the hottest servo; return an event when that changes anything, or None."""
+        if hottest_c is None or math.isnan(hottest_c):
+            return None
+        if hottest_c < WARM_C:
+            if armed or not self._warm:
+                return None
+            self.share, self.reason, self._warm = 1.0, "", False
+            return self._event("The servos have cooled: the robot drives as usual.", now_s)
+        if hottest_c >= HOT_C and not self.reason:
+            self.share, self._warm = self._share_when_hot, True
+            self.reason = f"a servo is hot: above {HOT_C:g} °C"
+            percent = f"{100.0 * self.share:.0f} %"
+            text = f"A{self.reason[1:]}. The speed limit is {percent} of the usual."
+            return self._event(text, now_s)
+        if self._warm:
+            return None
+        self._warm = True
+        text = f"A servo has {hottest_c:.0f} °C: at {HOT_C:g} °C the robot slows down."
+        return self._event(text, now_s)
+
+    @staticmethod
+    def _event(text: str, now_s: float) -> Event:
+        return Event("heat", text, rule="limits with hot servos", robot_s=now_s)
 
 
 def _largest(twist: Array) -> float:

@@ -78,6 +78,7 @@ class StepCall(msgspec.Struct, frozen=True, array_like=True, tag="step"):
     others: int = 0
     """CRC-32 of the covariances of pose and twist, and of the second estimate if there is one."""
     battery_v: float | None = None
+    servo_c: float | None = None
 
 
 class StatusCall(msgspec.Struct, frozen=True, array_like=True, tag="status"):
@@ -262,9 +263,10 @@ class LoggedController(RobotController):
         samples: Sequence[Sample],
         fault: str = "",
         battery_v: float | None = None,
+        servo_c: float | None = None,
     ) -> Array:
         """Run one period, as `RobotController.step`."""
-        setpoint = super().step(now_s, measured, samples, fault, battery_v)
+        setpoint = super().step(now_s, measured, samples, fault, battery_v, servo_c)
         if self.logs:
             estimate, others = estimate_numbers(self)
             raw = None if measured is None else np.asarray(measured, dtype="<f8").tobytes()
@@ -278,6 +280,7 @@ class LoggedController(RobotController):
                     estimate,
                     others,
                     battery_v,
+                    servo_c,
                 )
             )
         return setpoint

@@ -16,6 +16,7 @@ import numpy as np
 from tsd_twin.control.faults import (
     BatteryMonitor,
     FaultReporter,
+    HeatMonitor,
     JointFaultMonitor,
     SaturationMonitor,
 )
@@ -92,20 +93,23 @@ def command_status(supervisor: SafetySupervisor, now_s: float) -> CommandStatus:
 
 
 def limit_status(
-    robot: RobotDescription, lease: Lease | None, applied: float, battery: BatteryMonitor
+    robot: RobotDescription,
+    lease: Lease | None,
+    applied: float,
+    *slowed: BatteryMonitor | HeatMonitor,
 ) -> LimitStatus:
     """Limits under a `lease`, or under that of a default request; `applied` is a share."""
     limits = robot.limits
     max_age_s = lease.max_age_s if lease else limits.max_command_age_s
     cap_mps = lease.speed_cap_mps if lease else speed_cap_mps(robot, max_age_s)
-    cap_mps = min(cap_mps, battery.share * limits.speed_mps)
+    cap_mps = min(cap_mps, *(by.share * limits.speed_mps for by in slowed))
     return LimitStatus(
         speed_mps=cap_mps,
         turn_rate_rad_per_s=limits.turn_rate_rad_per_s * cap_mps / limits.speed_mps,
         max_command_age_s=max_age_s,
         stop_allowance_m=limits.stop_allowance_m,
         applied=round(applied, 3),
-        reason=battery.reason,
+        reason="; ".join(by.reason for by in slowed if by.reason),
     )
 
 
@@ -143,6 +147,7 @@ class RobotController:
         self._now_s = -math.inf
         self._saturation = SaturationMonitor()
         self._battery = BatteryMonitor(robot.battery)
+        self._heat = HeatMonitor(robot.battery.low_speed_share)
         self._faults = JointFaultMonitor(self._estimator)
         self._fault_reporter = FaultReporter()
         self._events: list[Event] = []
@@ -165,14 +170,16 @@ class RobotController:
         samples: Sequence[Sample],
         fault: str = "",
         battery_v: float | None = None,
+        servo_c: float | None = None,
     ) -> Array:
         """Set-point (n,) for the period that begins at `now_s`.
 
         `measured` (n + s,) are the joints and then the sensors of the robot, NaN where a number is
         not measured; None when there is no measurement. `samples` are all that arrived on the
         command key since the last step.
-        `fault` is the fault that the controller board reports, "" if there is none, and `battery_v`
-        the voltage of the battery, None if it is not measured.
+        `fault` is the fault that the controller board reports, "" if there is none, `battery_v`
+        the voltage of the battery and `servo_c` the temperature of the hottest servo, None if they
+        are not measured.
         """
         dt_s = now_s - self._now_s if math.isfinite(self._now_s) else 0.01
         self._now_s = now_s
@@ -185,6 +192,7 @@ class RobotController:
         self.supervisor.step(self._supervisor_inputs(now_s, fault), now_s)
         armed = self.supervisor.mode in ARMED
         self._add_event(self._battery.step(battery_v, now_s, armed=armed))
+        self._add_event(self._heat.step(servo_c, now_s, armed=armed))
         self._update_wheel_speed(now_s, max(dt_s, 0.0))
         self._command(now_s, max(dt_s, 0.0))
         return self.setpoint
@@ -235,7 +243,7 @@ class RobotController:
             if supervisor.command is not None and lease is not None:
                 request = self._request()
                 share = lease.speed_cap_mps / self.robot.limits.speed_mps
-                goal = self._cap(request, min(share, self._battery.share))
+                goal = self._cap(request, min(share, self._battery.share, self._heat.share))
             if dt_s > 0.0:
                 # After a delayed period the speed must not rise in one step; it may fall in one,
                 # since the robot has kept driving meanwhile.
@@ -341,7 +349,9 @@ class RobotController:
             lease=lease_status(supervisor, lease, now_s),
             refusals=self._services.refusals(now_s),
             command=command_status(supervisor, now_s),
-            limits=limit_status(self.robot, lease, self._saturation.share, self._battery),
+            limits=limit_status(
+                self.robot, lease, self._saturation.share, self._battery, self._heat
+            ),
             consistency=consistency,
             wheel_speed=self._wheel_speed.status(float(self.joints[self._wheels].mean())),
             pose_sensor=self._estimator.pose_sensor.status(now_s),

@@ -20,6 +20,7 @@ from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.player import Playback, Player
+from tsd_twin.recording.remote import RemoteReader
 
 RATE_HZ = 30.0
 STALE_S = 0.3
@@ -34,10 +35,11 @@ class RecordedView:
     def __init__(
         self,
         path: Path,
+        reader: RemoteReader,
         on_robot: Callable[[str, str], None],
         on_view: Callable[[str, ViewSettings], None],
     ) -> None:
-        """Open a recording, and start to show its start; takes a second.
+        """Start to show the start of a recording; takes a second. `reader` is closed with it.
 
         `on_robot` is called with page and robot when one is chosen in the panel, `on_view` with
         page and settings when the view is changed there, both on threads of viser.
@@ -45,7 +47,7 @@ class RecordedView:
         Raises:
             RecordingError: it is none.
         """
-        self.player = Player(path)
+        self.player = Player(path, reader=reader)
         self.robot_id = next(iter(self.player.robots))
         """Robot that is selected."""
         self.roster = RobotRoster()
@@ -130,6 +132,7 @@ class RecordedView:
         self._jumped = True
 
     def _run(self) -> None:
+        problem = ""
         while not self._stop.is_set():
             try:
                 with contextlib.suppress(queue.Empty):  # What is asked for is shown at once.
@@ -137,7 +140,9 @@ class RecordedView:
                 self._frame(time.monotonic())
             except RecordingError as error:  # Damaged at this place: others can be shown.
                 self.playback.pause(time.monotonic())
-                _LOG.warning("%s", error)
+                if str(error) != problem:
+                    problem = str(error)
+                    _LOG.warning("%s", problem)
             except Exception:  # A frame that fails must not end the view.
                 _LOG.exception("a frame was lost")
 

@@ -1,5 +1,5 @@
-"""`python -m tsd_twin.dynamixel`: write the C header, the Python structs and the page of the docs
-from the control table.
+"""`python -m tsd_twin.dynamixel`: write the C headers, the Python structs and the page of the docs
+from the control table and the servo models.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from tsd_twin.dynamixel.control_table import (
     Trip,
     Type,
 )
+from tsd_twin.dynamixel.servo_models import MODELS, ServoModel, span
 
 _BY = "python -m tsd_twin.dynamixel"
 _C_TYPES: dict[Type, str] = {
@@ -55,6 +56,7 @@ def files() -> dict[str, str]:
     """Return what is made, by its path from the root of the project."""
     return {
         "firmware/control_table.h": header(),
+        "firmware/servo_models.h": models(),
         "src/tsd_twin/dynamixel/blocks.py": structs(),
         "docs/control_table.md": page(),
     }
@@ -101,6 +103,32 @@ def header() -> str:
     lines += ["", "// X(name, address, type, count, least, most): every item that can be written."]
     lines += _macro("CT_WRITABLE", [(b, i) for b in BLOCKS for i in b.items if i.limits], True)
     return "\n".join([*lines, "", "#endif", ""])
+
+
+def models() -> str:
+    """C header: the settings of each servo model, in the order in which they are read."""
+    lines = [
+        f"// Made by `{_BY}` from src/tsd_twin/dynamixel/servo_models.py; do not edit.",
+        "// {address, size, bytes of the read that begins with it, least, most}",
+    ]
+    for model in MODELS.values():
+        lines += [f"static const setting_t SETTINGS_{model.number}[] = {{", *_rows(model), "};"]
+    lines += ["", "// {number, current in mA / 256, settings, how many}"]
+    lines += ["static const servo_model_t MODELS[] = {"]
+    for model in MODELS.values():
+        current = round(256.0 * model.current_ma)
+        name = f"SETTINGS_{model.number}"
+        lines += [f"    {{{model.number}, {current}, {name}, {len(model.settings)}}},"]
+    return "\n".join([*lines, "};", ""])
+
+
+def _rows(model: ServoModel) -> list[str]:
+    return [
+        f"    {{{s.address}, {s.size}, {span(group) if s is group[0] else 0}, "
+        f"{s.least}, {s.most}}},  // {s.name}"
+        for group in model.reads()
+        for s in group
+    ]
 
 
 def structs() -> str:

@@ -14,7 +14,7 @@ class Identity(Packed):
     """Identity of the board, and fixed parameters."""
 
     ADDRESS: ClassVar[int] = 0
-    LAYOUT: ClassVar[Struct] = Struct("<HBBBIIHHHH")
+    LAYOUT: ClassVar[Struct] = Struct("<HBBBIIHHHHB")
 
     model: int = 2014
     """Kind of board."""
@@ -36,13 +36,15 @@ class Identity(Packed):
     """Zero throttle before arming [ms]."""
     neutral_band: int = 11
     """Neutral is within this [step]."""
+    servo_hot_c: int = 75
+    """A servo this hot does not arm, and trips [deg C]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setup(Packed):
     """Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle."""
 
-    ADDRESS: ClassVar[int] = 21
+    ADDRESS: ClassVar[int] = 22
     LAYOUT: ClassVar[Struct] = Struct("<6B6HBHBHHHB4H4H4HBBI3H3H3HH")
 
     servo_id: tuple[int, ...] = (1, 2, 3, 4, 5, 6)
@@ -91,7 +93,7 @@ class Setup(Packed):
 class Command(Packed):
     """Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5."""
 
-    ADDRESS: ClassVar[int] = 100
+    ADDRESS: ClassVar[int] = 101
     LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h2H")
 
     heartbeat: int = 0
@@ -118,8 +120,8 @@ class Command(Packed):
 class Telemetry(Packed):
     """Measurements and states: one READ in each cycle."""
 
-    ADDRESS: ClassVar[int] = 126
-    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBBBBBBI3H6h6h6h6B6B6HHHHHHHHHHBBB")
+    ADDRESS: ClassVar[int] = 127
+    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBBBBBBI3H6h6h6h6B6B6HHHHHHHHHHBBB6H6B")
 
     millis: int = 0
     """Since the reset [ms]."""
@@ -160,7 +162,7 @@ class Telemetry(Packed):
     wrong_servo: int = 0
     """Number, from 1, of a servo with a wrong setting, which the next two name; 0: none."""
     wrong_register: int = 0
-    """Its address in the table of the servo."""
+    """Its address in the table of the servo; 0: its model."""
     wrong_value: int = 0
     """What it is there."""
     throttle_out: tuple[int, ...] = (2000,) * 3
@@ -203,13 +205,17 @@ class Telemetry(Packed):
     """
     servo_stuck: int = 0
     """Bit i: servo i did not follow its goal, at the last trip."""
+    servo_model: tuple[int, ...] = (0,) * 6
+    """Model numbers of the servos; 0: not read."""
+    servo_missed: tuple[int, ...] = (0,) * 6
+    """Missing or wrong answers of each servo; from 255 on to 0."""
 
 
 @dataclass(frozen=True, slots=True)
 class Radio(Packed):
     """All that receivers of either kind send: for their set-up."""
 
-    ADDRESS: ClassVar[int] = 242
+    ADDRESS: ClassVar[int] = 261
     LAYOUT: ClassVar[Struct] = Struct("<22H")
 
     channel: tuple[int, ...] = (0,) * 22

@@ -24,6 +24,8 @@ RECEIVER_CHANNELS = 16
 """Of a receiver with SBUS."""
 STICKS = 4
 """The first four channels: forward, left, turn, speed."""
+SERVO_HOT_C = 75
+"""A servo this hot stops the robot, before it switches itself off at 80."""
 RC_US = (800, 2200)
 """Pulses of a receiver, at the least and at the most."""
 ZERO_THROTTLE = 2000
@@ -88,6 +90,13 @@ IDENTITY = Block(
         Item("watchdog_ms", "u16", "A hung firmware is reset after this.", 250, unit="ms"),
         Item("esc_hold_ms", "u16", "Zero throttle before arming.", 2000, unit="ms"),
         Item("neutral_band", "u16", "Neutral is within this.", 11, unit="step"),
+        Item(
+            "servo_hot_c",
+            "u8",
+            "A servo this hot does not arm, and trips.",
+            SERVO_HOT_C,
+            unit="deg C",
+        ),
     ),
 )
 
@@ -271,7 +280,7 @@ TELEMETRY = Block(
             "u8",
             "Number, from 1, of a servo with a wrong setting, which the next two name; 0: none.",
         ),
-        Item("wrong_register", "u8", "Its address in the table of the servo."),
+        Item("wrong_register", "u8", "Its address in the table of the servo; 0: its model."),
         Item("wrong_value", "u32", "What it is there."),
         Item("throttle_out", "u16", "Throttle that is put out.", ZERO_THROTTLE, None, "", ESCS),
         Item("position", "i16", "Gimbals from neutral.", 0, None, "step", SERVOS),
@@ -305,6 +314,13 @@ TELEMETRY = Block(
             "`neutral` changed: it gets no torque.",
         ),
         Item("servo_stuck", "u8", "Bit i: servo i did not follow its goal, at the last trip."),
+        Item("servo_model", "u16", "Model numbers of the servos; 0: not read.", count=SERVOS),
+        Item(
+            "servo_missed",
+            "u8",
+            "Missing or wrong answers of each servo; from 255 on to 0.",
+            count=SERVOS,
+        ),
     ),
 )
 
@@ -379,6 +395,11 @@ class Trip(IntEnum):
     """A servo of `servos_expected` does not hold: its torque was switched off, or it restarted."""
     FOLLOWING = 10
     """A servo of `servos_expected` does not follow its goal."""
+    HOT = 12
+    """A servo of `servos_expected` has `servo_hot_c`."""
+    LINE = 13
+    """Servos were not heard or did not say that they hold, and in the same 50 ms bytes from the PC
+    were lost or wrong: its line kept the board too busy."""
     STOPPED = 14
     """The PC wrote 2 to `arm`: STOP."""
 
@@ -420,6 +441,8 @@ class Refusal(IntEnum):
     """The radio control drives with all six servos at the board: `servos_expected` must be 63."""
     NEUTRAL = 17
     """A servo of `servos_expected` is far from its `neutral`, and gets no torque."""
+    HOT = 18
+    """A servo of `servos_expected` has `servo_hot_c`."""
     STOPPED = 19
     """STOP, as of 2 in `arm`, is not released."""
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from tsd_twin.dynamixel.blocks import Telemetry
 from tsd_twin.dynamixel.control_table import SWITCH_US, BoardMode, RcChannel, Refusal, Trip
+from tsd_twin.dynamixel.servo_models import wrong_setting
 from tsd_twin.hardware.controller_board import REFUSALS, TRIPS
-from tsd_twin.hardware.joints import NO_TORQUE, JointConverter, wrong_setting
+from tsd_twin.hardware.joints import NO_TORQUE, TOO_HOT, JointConverter, hot_servos
 
 _FAR = (
     "more than 9 degrees from its neutral position, so it gets no torque: turn its gimbal upright "
@@ -61,13 +62,17 @@ class BoardFaults:
     def _servo_fault(self, board: Telemetry) -> str:
         """Fault of a servo that the board reports; empty without one."""
         if dead := self._expected & ~board.servo_alive:
-            return f"{self._joints.named(dead)}: no answer"
+            return self._joints.silent(dead)
         if broken := self._expected & board.servo_fault:
             return f"{self._joints.named(broken)}: hardware error"
         if self._expected & 1 << board.wrong_servo >> 1:
             return self._wrong_setting(board)
+        if hot := self._expected & hot_servos(dict(enumerate(board.temperature))):
+            return f"{self._joints.named(hot)}: {TOO_HOT}"
         if far := self._expected & board.servo_far:
             return f"{self._joints.named(far)}: {_FAR}"
+        if hot := self._expected & hot_servos(dict(enumerate(board.temperature))):
+            return f"{self._joints.named(hot)}: {TOO_HOT}"
         if limp := self._expected & board.servo_checked & ~board.servo_torque:
             return f"{self._joints.named(limp)}: {NO_TORQUE}"
         return ""
@@ -83,7 +88,6 @@ class BoardFaults:
         return f"{self._joints.named(stuck)}: " if stuck else ""
 
     def _wrong_setting(self, board: Telemetry) -> str:
-        mask = 1 << board.wrong_servo - 1
-        protocol = 2 if board.servo_protocol & mask else 1
-        named = self._joints.named(mask)
-        return wrong_setting(named, protocol, board.wrong_register, board.wrong_value)
+        servo = board.wrong_servo - 1
+        named, model = self._joints.named(1 << servo), board.servo_model[servo]
+        return wrong_setting(named, model, board.wrong_register, board.wrong_value)

@@ -345,6 +345,13 @@ class MegaHardware:
             return None
         return report.telemetry.battery_mv / 1000.0
 
+    def servo_c(self, now_s: float) -> float | None:
+        """Return the newest temperature of the hottest servo; None while there is none."""
+        report = self._board.report
+        if report is None or now_s - report.heard_s > SILENT_S or not self._expected:
+            return None
+        return float(max(report.telemetry.temperature[: len(self._joints.names)]))
+
     def hardware(self) -> dict[str, Any]:
         """Hardware section of the status, JSON-serializable."""
         board, report = self._board, self._board.report

@@ -259,7 +259,19 @@ def write_section(name: str, values: msgspec.Struct, file: Path) -> None:
     file.write_text(f"{kept}[{name}]\n{rows}{tail}", encoding="utf-8")
 
 
-def set_up_receiver(port: str, baud: int, file: Path, ask: Ask = input) -> None:
+def ask_line(question: str) -> str:
+    """Show a step, and return the line that is typed.
+
+    Raises:
+        HardwareError: the input has ended.
+    """
+    try:
+        return input(question)
+    except EOFError:
+        raise HardwareError("no input: the set-up needs a person at the keyboard") from None
+
+
+def set_up_receiver(port: str, baud: int, file: Path, ask: Ask = ask_line) -> None:
     """Learn the radio control at the board of a port and the pulses of the speed controllers, and
     write them into a calibration file.
 

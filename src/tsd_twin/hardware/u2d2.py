@@ -16,14 +16,15 @@ from typing import Any
 import numpy as np
 
 from tsd_twin.dynamixel.packets import ALERT, Status, protocol1, protocol2
+from tsd_twin.dynamixel.servo_models import MODEL_NUMBER, MODELS, ServoModel, span, wrong_setting
 from tsd_twin.hardware.joints import (
     NO_TORQUE,
-    SETTINGS,
+    TOO_HOT,
     JointCommand,
     JointConverter,
     ServoCalibration,
     ThrottleLaw,
-    wrong_setting,
+    hot_servos,
 )
 from tsd_twin.hardware.mega import BAUD, MegaHardware
 from tsd_twin.hardware.serial_transport import (
@@ -51,7 +52,6 @@ GOAL = Struct("<i")
 PRESENT = 126
 _LAYOUT = Struct("<hiiiiHB")
 PRESENT_SIZE = _LAYOUT.size
-_CURRENT_A = 3.36e-3
 _VELOCITY_STEP_PER_S = 0.229 / 60.0 * 4096.0
 
 
@@ -62,7 +62,8 @@ class Present:
     position: int
     """Steps."""
     velocity_step_per_s: float
-    current_a: float
+    current_units: int
+    """Of `ServoModel.current_ma`."""
     voltage_v: float
     temperature_c: int
 
@@ -73,12 +74,14 @@ class Present:
         return Present(
             position,
             velocity * _VELOCITY_STEP_PER_S,
-            current * _CURRENT_A,
+            current,
             voltage / 10.0,
             temperature,
         )
 
 
+_WRITTEN = (RETURN_DELAY, BUS_WATCHDOG)
+"""Settings that this program writes itself."""
 SERVO_BAUD = 1_000_000
 ALIVE_S = 0.05
 """A servo that answered within this counts as alive, as it does for the board."""
@@ -132,6 +135,8 @@ class ServoBus:
         self._neutral = calibration.neutral(joints.names)
         self._signs = calibration.signs(joints.names)
         self._rest = np.zeros(joints.count)
+        self._models: dict[int, ServoModel] = {}
+        """By index."""
         self._fed_s = 0.0
         self._cycles = 0
 
@@ -193,6 +198,10 @@ class ServoBus:
             sign * (report.present[i].position - neutral) if i in report.present else 0
             for i, (sign, neutral) in enumerate(zip(self._signs, self._neutral, strict=True))
         ]
+
+    def current_a(self, i: int, present: Present) -> float:
+        """Return the measured current of servo `i`, by its model."""
+        return 1e-3 * self._models[i].current_ma * present.current_units
 
     def _add_responses(self, answers: list[Status], now_s: float) -> None:
         before = self.report or ServoReport({}, {}, 0, now_s)
@@ -264,16 +273,21 @@ class ServoBus:
         Raises:
             HardwareError: a setting is not as it must be.
         """
-        for setting in SETTINGS[2]:
-            request = protocol2.read(device, setting.address, setting.size)
-            data = self._request(transport, device, request, setting.size).data
-            if (found := setting.value(data)) != setting.wanted:
-                servo = self._named(device)
-                raise HardwareError(wrong_setting(servo, 2, setting.address, found))
+        servo = self._named(device)
+        number = int.from_bytes(self._read(transport, device, MODEL_NUMBER, 2), "little")
+        if number not in MODELS:
+            raise HardwareError(wrong_setting(servo, number, MODEL_NUMBER, number))
+        model = self._models[self._ids.index(device)] = MODELS[number]
+        for group in model.reads():
+            data = self._read(transport, device, group[0].address, span(group))
+            for setting in group:
+                found = setting.value(data)
+                data = data[setting.size :]
+                if setting.address not in _WRITTEN and not setting.allows(found):
+                    raise HardwareError(wrong_setting(servo, number, setting.address, found))
 
     def _set_up(self, transport: SerialTransport, device: int) -> None:
-        read = protocol2.read(device, RETURN_DELAY, 1)
-        if (delay := self._request(transport, device, read, 1).data[0]) != 0:
+        if (delay := self._read(transport, device, RETURN_DELAY, 1)[0]) != 0:
             # Only then: a servo without torque does not hold its gimbal.
             servo = self._named(device)
             _LOG.warning("%s: return delay time is %s, set to 0", servo, delay)
@@ -281,6 +295,9 @@ class ServoBus:
             self._write(transport, device, RETURN_DELAY, 0)
         self._write(transport, device, BUS_WATCHDOG, 0)
         self._write(transport, device, TORQUE_ENABLE, 1)
+
+    def _read(self, transport: SerialTransport, device: int, address: int, size: int) -> bytes:
+        return self._request(transport, device, protocol2.read(device, address, size), size).data
 
     def _write(self, transport: SerialTransport, device: int, address: int, value: int) -> None:
         self._request(transport, device, protocol2.write(device, address, bytes([value])))
@@ -369,6 +386,13 @@ class U2D2Hardware:
         """Return the newest voltage of the battery; None while there is none."""
         return self._wheels.battery_v(now_s)
 
+    def servo_c(self, now_s: float) -> float | None:
+        """Return the newest temperature of the hottest servo; None while there is none."""
+        report = self._bus.report
+        if report is None or now_s - report.newest_s > SILENT_S:
+            return None
+        return float(max(servo.temperature_c for servo in report.present.values()))
+
     def hardware(self) -> dict[str, Any]:
         """Hardware section of the status, JSON-serializable."""
         status = self._wheels.hardware() | {"kind": "u2d2"}
@@ -388,19 +412,22 @@ class U2D2Hardware:
         if fault or report is None:
             return fault
         if dead := self._joints.servos & ~report.alive(now_s):
-            return f"{self._joints.named(dead)}: no answer"
+            return self._joints.silent(dead)
         if report.faults:
             return f"{self._joints.named(report.faults)}: hardware error"
+        if hot := hot_servos({i: it.temperature_c for i, it in report.present.items()}):
+            return f"{self._joints.named(hot)}: {TOO_HOT}"
         if report.limp:
             return f"{self._joints.named(report.limp)}: {NO_TORQUE}"
         return ""
 
     def _status(self, report: ServoReport) -> dict[str, Any]:
         alive = report.alive(time.monotonic())
-        present = [report.present[i] for i in sorted(report.present)]
+        there = sorted(report.present)
+        present = [report.present[i] for i in there]
         return {
             "alive": [bool(alive >> i & 1) for i in range(len(self._joints.names))],
             "voltage_v": [round(p.voltage_v, 1) for p in present],
             "temperature_c": [p.temperature_c for p in present],
-            "current_a": [round(p.current_a, 2) for p in present],
+            "current_a": [round(self._bus.current_a(i, report.present[i]), 2) for i in there],
         }

@@ -104,6 +104,16 @@ def read_urdf(text: str) -> tuple[ImportedGeometry, tuple[str, ...]]:
         raise MessageError("shape", f"not a URDF: {str(error)[:200]}") from error
 
 
+_UNREADABLE = (
+    ET.ParseError,
+    expat.ExpatError,
+    ValueError,
+    KeyError,
+    RecursionError,
+    OverflowError,
+)
+
+
 def _refuse_doctype(text: bytes) -> None:
     """Parse up to a document type, which may declare entities, and refuse it."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from tsd_twin.node.robot_node import (
     PERIOD_S,
     HasBattery,
+    HasServoTemperature,
     HasTruth,
     HasWatchdog,
     RobotIO,
@@ -15,6 +16,7 @@ from tsd_twin.node.robot_node import (
 __all__ = [
     "PERIOD_S",
     "HasBattery",
+    "HasServoTemperature",
     "HasTruth",
     "HasWatchdog",
     "RobotIO",

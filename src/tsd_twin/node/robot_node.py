@@ -82,6 +82,15 @@ class HasBattery(Protocol):
         ...
 
 
+@runtime_checkable
+class HasServoTemperature(Protocol):
+    """Hardware that measures the temperature of its servos."""
+
+    def servo_c(self, now_s: float) -> float | None:
+        """Return the newest temperature of the hottest servo; None while there is none."""
+        ...
+
+
 class Truth(Protocol):
     """True state of a simulated robot."""
 
@@ -314,6 +323,7 @@ class RobotNode:
         # Looked at once: a look at a protocol takes as long as a message.
         self._watchdog = io if isinstance(io, HasWatchdog) else None
         self._battery = io if isinstance(io, HasBattery) else None
+        self._servos = io if isinstance(io, HasServoTemperature) else None
         self._truth_io = io if isinstance(io, HasTruth) else None
         self._controller = LoggedController(
             robot, lambda: secrets.token_bytes(16), pose=pose, build=build()
@@ -371,7 +381,10 @@ class RobotNode:
         if poses := self._poses.take_samples():
             self._controller.add_pose_measurements(poses, now_s, time.time_ns())
         battery_v = self._battery.battery_v(now_s) if self._battery else None
-        setpoint = self._controller.step(now_s, measured, commands, self._fault(now_s), battery_v)
+        servo_c = self._servos.servo_c(now_s) if self._servos else None
+        setpoint = self._controller.step(
+            now_s, measured, commands, self._fault(now_s), battery_v, servo_c
+        )
         self._write(setpoint, now_s)
         self._publish(now_s, tick, bool(commands), rate)
         self._input_log.step()

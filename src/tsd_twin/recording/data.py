@@ -19,7 +19,7 @@ from tsd_twin.messages.requests import Description
 from tsd_twin.messages.ros import decode_cdr
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import mcap_file
-from tsd_twin.recording.channels import CDR, JSON, MSGPACK, RAW, Entry, robot_of
+from tsd_twin.recording.channels import CDR, JSON, MSGPACK, RAW, Entry, robot_of, topic_of
 
 Column: TypeAlias = NDArray[Any]
 _STATE = "/state/"
@@ -157,6 +157,8 @@ class Recording:
     ) -> Iterator[RecordedMessage]:
         """Yield the messages of some topics in the order of time; of all topics without any.
 
+        A topic of the bus without messages, such as an event that never occurred, yields nothing.
+
         Raises:
             RecordingError: there is no such topic, or the file is damaged.
         """
@@ -191,7 +193,7 @@ class Recording:
             )
         named = robot or (self.robots[0] if self.robots else "")
         key = f"twin/{named}/{topic}"
-        if key not in self.topics:
+        if key not in self.topics and (topic_of(key) is None or named not in self.robots):
             known = ", ".join(sorted(self.topics)) or "nothing"
             raise RecordingError(f"{self.path} has no {key}, but {known}")
         return key
@@ -225,7 +227,7 @@ def _decoded(entry: Entry) -> Any:
             return msgspec.json.decode(entry.data)
         if entry.encoding == MSGPACK:
             return msgspec.msgpack.decode(entry.data)
-    except (MessageError, msgspec.DecodeError, KeyError) as error:
+    except (MessageError, msgspec.DecodeError, KeyError, UnicodeError, RecursionError) as error:
         raise RecordingError(f"{entry.topic}: {error}") from error
     return entry.data
 

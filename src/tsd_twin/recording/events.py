@@ -77,7 +77,7 @@ def _merged(entries: Iterable[Entry], start_ns: int) -> list[RecordedEvent]:
     for entry in entries:
         try:
             event = msgspec.json.decode(entry.data, type=Event)
-        except msgspec.DecodeError:
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue
         t_s, robot = 1e-9 * (entry.log_ns - start_ns), robot_of(entry.topic)
         key = (robot, event.kind, event.rule)
@@ -106,6 +106,8 @@ def _log_ns(entry: Entry) -> int:
 
 
 _ENDING = ".marks.jsonl"
+_MOST_MARKS_BYTES = 1 << 20
+"""Marks that are read of a file: 4,000 or more."""
 NOTE_LENGTH = 200
 """Longest note, in characters."""
 
@@ -133,7 +135,8 @@ def read_marks(recording: Path) -> list[Mark]:
     """
     found: list[Mark] = []
     try:
-        lines = marks_file(recording).read_bytes().splitlines()
+        with marks_file(recording).open("rb") as file:
+            lines = file.read(_MOST_MARKS_BYTES).splitlines()
     except FileNotFoundError:
         return []
     except OSError as error:
@@ -143,7 +146,7 @@ def read_marks(recording: Path) -> list[Mark]:
     for line in lines:
         try:
             found.append(msgspec.json.decode(line, type=Mark))
-        except (msgspec.DecodeError, UnicodeDecodeError):
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue  # The last line of a crash.
     return sorted(found, key=lambda mark: mark.log_ns)
 

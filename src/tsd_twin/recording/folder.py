@@ -6,33 +6,31 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
-import io
 import logging
 import os
-import struct
+import stat
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO
-
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.reader import FOOTER_SIZE
-from mcap.records import Channel, Footer, Statistics, SummaryOffset
-from mcap.stream_reader import MAGIC_SIZE
 
 from tsd_twin.errors import RecordingError, TwinError
-from tsd_twin.recording.channels import robot_of
-from tsd_twin.recording.events import marks_file, read_marks
-from tsd_twin.recording.index import RecordingIndex
-from tsd_twin.recording.mcap_file import McapWriter, RecordingFile, entries, is_whole
+from tsd_twin.recording.channels import Entry
+from tsd_twin.recording.events import marks_file
+from tsd_twin.recording.mcap_file import McapWriter, RecordingFile, entries
+from tsd_twin.recording.reader import FolderReader
+from tsd_twin.recording.records import is_whole
+from tsd_twin.recording.remote import RemoteFolderReader
 
 _PATTERN = "tsd-*.mcap"
 """Only files with such a name are completed or removed: a folder may have others."""
 _UNFINISHED = ".part"
 _NEW_S = 10.0
+_MOST_RATIO = 256
+"""Decompressed size of a cut file to that on the disk; recorders reach a tenth of it."""
+_FREE_BYTES = 64 << 20
+"""Decompressed size that any file may have."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -96,8 +94,8 @@ class RecordingFolder:
             try:
                 if _complete(path):
                     completed.append(path)
-            except OSError as error:
-                _LOG.warning("%s stays cut: %s", path, error.strerror)
+            except (OSError, RecordingError) as error:
+                _LOG.warning("%s stays cut: %s", path, getattr(error, "strerror", error))
         return completed
 
     def remove_oldest(self) -> list[Path]:
@@ -118,7 +116,7 @@ class RecordingFolder:
 
     def _unused(self) -> Iterator[Path]:
         """Yield the files that no recorder writes to, in the order of their names."""
-        for path in sorted(self.path.glob(_PATTERN)):
+        for path in sorted(filter(Path.is_file, self.path.glob(_PATTERN))):
             with contextlib.suppress(OSError), path.open("rb") as file:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 about = path.stat()
@@ -132,16 +130,20 @@ def _complete(path: Path) -> bool:
 
     Raises:
         OSError: it does not fit on the disk.
+        RecordingError: it is much larger than on the disk, as no recorder writes it.
     """
+    most = _FREE_BYTES + _MOST_RATIO * path.stat().st_size
     unfinished = path.with_name(path.name + _UNFINISHED)
     count = 0
     try:
         with unfinished.open("wb") as file:
             writer = McapWriter(file)
-            with contextlib.suppress(RecordingError):  # Not even its beginning is there.
-                for entry in entries(path):
-                    writer.add(entry)
-                    count += 1
+            for entry in _until_cut(path):
+                writer.add(entry)
+                count += 1
+                most -= len(entry.data)
+                if most < 0:
+                    raise RecordingError("its messages are far larger than the file")
             writer.finish()
             file.flush()
             os.fsync(file.fileno())
@@ -156,9 +158,9 @@ def _complete(path: Path) -> bool:
     return count > 0
 
 
-_HEADER = struct.Struct("<BQ")
-"""Kind and length of a record."""
-_FOOTER_BYTES = FOOTER_SIZE + MAGIC_SIZE
+def _until_cut(path: Path) -> Iterator[Entry]:
+    with contextlib.suppress(RecordingError):  # Not even its beginning is there.
+        yield from entries(path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,95 +181,53 @@ class RecordingSummary:
 
 
 class Catalogue:
-    """Catalogue of one folder; a file is read again only when it has changed."""
+    """Catalogue of one folder; a file is read again only when it or its marks have changed."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, reader: FolderReader | RemoteFolderReader) -> None:
         self.folder = folder
-        self._known: dict[Path, tuple[tuple[int, int], RecordingSummary]] = {}
-        self._growing: dict[Path, RecordingIndex] = {}
+        self._reader = reader
+        self._known: dict[Path, tuple[tuple[int, ...], RecordingSummary | None]] = {}
 
     def recordings(self) -> list[RecordingSummary]:
         """Return all recordings, the newest first; files that cannot be read are left out."""
-        found: dict[Path, tuple[tuple[int, int], RecordingSummary]] = {}
+        found: dict[Path, tuple[tuple[int, ...], RecordingSummary | None]] = {}
         for path in self.folder.glob("*.mcap"):
-            try:
+            with contextlib.suppress(OSError):  # It was removed meanwhile.
                 about = path.stat()
-                stamp = about.st_mtime_ns, about.st_size
+                stamp = about.st_mtime_ns, about.st_size, *_stamp(marks_file(path))
                 known = self._known.get(path)
-                summary = known[1] if known and known[0] == stamp else self._summary(path)
-                found[path] = stamp, replace(summary, marks=len(read_marks(path)))
-            except (RecordingError, OSError):
-                continue  # No recording, or one that was removed meanwhile.
+                if known is None or known[0] != stamp:
+                    known = stamp, self._summary(path, about)
+                found[path] = known
         self._known = found
-        for path in self._growing.keys() - found.keys():
-            self._growing.pop(path).close()
-        every = [summary for _, summary in found.values()]
+        every = [summary for _, summary in found.values() if summary is not None]
         return sorted(every, key=lambda each: (each.start_ns, each.path.name), reverse=True)
 
     def close(self) -> None:
         """Close the files that are being written."""
-        for index in self._growing.values():
-            index.close()
-        self._growing.clear()
+        self._reader.close()
 
-    def _summary(self, path: Path) -> RecordingSummary:
-        whole = is_whole(path)
-        if whole:
-            start_ns, end_ns, topics = _statistics(path)
-            if path in self._growing:
-                self._growing.pop(path).close()
-        else:
-            index = self._growing.get(path)
-            if index is None:
-                index = self._growing[path] = RecordingIndex(path)
-            index.refresh()
-            start_ns, end_ns, topics = index.start_ns, index.end_ns, set(index.topics)
+    def _summary(self, path: Path, about: os.stat_result) -> RecordingSummary | None:
+        if not stat.S_ISREG(about.st_mode):
+            return None
+        try:
+            found = self._reader.listing(path)
+        except RecordingError:
+            return None
         return RecordingSummary(
             path,
-            start_ns,
-            1e-9 * (end_ns - start_ns),
-            tuple(sorted({robot_of(topic) for topic in topics} - {"", "*"})),
-            path.stat().st_size,
-            whole,
+            found.start_ns,
+            1e-9 * (found.end_ns - found.start_ns),
+            found.robots,
+            about.st_size,
+            found.is_whole,
+            found.marks,
         )
 
 
-def _statistics(path: Path) -> tuple[int, int, set[str]]:
-    """Return start, end and topics of a whole file.
-
-    Only these parts of its summary are read: the index of an hour has ten thousand chunks.
-
-    Raises:
-        RecordingError: the file is damaged.
-    """
+def _stamp(path: Path) -> tuple[int, ...]:
     try:
-        with path.open("rb") as file:
-            end = file.seek(-_FOOTER_BYTES, os.SEEK_END)
-            ((_, body),) = _records(file, end, FOOTER_SIZE)
-            footer = Footer.read(_stream(body))
-            offsets = _records(file, footer.summary_offset_start, end - footer.summary_offset_start)
-            groups = {
-                each.group_opcode: (each.group_start, each.group_length)
-                for each in (SummaryOffset.read(_stream(body)) for _, body in offsets)
-            }
-            ((_, body),) = _records(file, *groups[Opcode.STATISTICS])
-            statistics = Statistics.read(_stream(body))
-            channels = _records(file, *groups.get(Opcode.CHANNEL, (0, 0)))
-            topics = {Channel.read(_stream(body)).topic for _, body in channels}
-    except Exception as error:  # A damaged file raises anything, errors of struct too.
-        raise RecordingError(f"{path} is damaged: {error}") from error
-    return statistics.message_start_time, statistics.message_end_time, topics
-
-
-def _records(file: IO[bytes], start: int, length: int) -> Iterator[tuple[int, bytes]]:
-    """Yield kind and content of the records in a part of a file."""
-    file.seek(start)
-    data, at = file.read(length), 0
-    while at < length:
-        kind, size = _HEADER.unpack_from(data, at)
-        at += _HEADER.size + size
-        yield kind, data[at - size : at]
-
-
-def _stream(body: bytes) -> ReadDataStream:
-    return ReadDataStream(io.BytesIO(body))
+        about = path.stat()
+    except OSError:
+        return ()
+    return about.st_mtime_ns, about.st_size

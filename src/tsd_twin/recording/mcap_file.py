@@ -7,18 +7,25 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import IO, Any, cast
 
-from mcap.reader import make_reader
-from mcap.records import Channel, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from tsd_twin.errors import RecordingError
 from tsd_twin.messages.ros import definition
 from tsd_twin.recording.channels import Entry
+from tsd_twin.recording.index import RecordingIndex
+from tsd_twin.recording.records import (
+    MAGIC,
+    MOST_CHANNELS,
+    MOST_MESSAGE_BYTES,
+    MOST_TOPIC_BYTES,
+    Channels,
+    RecordFile,
+)
 
 PROFILE = "ros2"
 LIBRARY = "tsd-twin"
@@ -45,6 +52,8 @@ class RecordingFile:
         """Bytes on the disk."""
         self.lost = 0
         """Entries that were not recorded since the disk was full for too long."""
+        self.refused = 0
+        """Entries that no reader would take: too long, or of too many topics."""
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         fcntl.flock(self._fd, fcntl.LOCK_EX)
         self._waiting = _Sink()
@@ -56,8 +65,10 @@ class RecordingFile:
         return self._waiting.size
 
     def add(self, entry: Entry) -> None:
-        """Add an entry, unless the disk has been full for too long."""
-        if self._waiting.size > _WAITING_BYTES:
+        """Add an entry, unless it is too long or the disk has been full for too long."""
+        if not self._writer.fits(entry):
+            self.refused += 1
+        elif self._waiting.size > _WAITING_BYTES:
             self.lost += 1
         else:
             self._writer.add(entry)
@@ -114,6 +125,17 @@ class McapWriter:
         self._channels: dict[tuple[str, str, str], int] = {}
         self._schemas: dict[str, int] = {}
 
+    def fits(self, entry: Entry) -> bool:
+        """Return whether readers take an entry, which has a budget for each file."""
+        known = (entry.topic, entry.encoding, entry.type) in self._channels
+        return len(entry.data) <= MOST_MESSAGE_BYTES and (
+            known
+            or (
+                len(self._channels) < MOST_CHANNELS
+                and len(entry.topic.encode()) <= MOST_TOPIC_BYTES
+            )
+        )
+
     def add(self, entry: Entry) -> None:
         """Add an entry."""
         key = (entry.topic, entry.encoding, entry.type)
@@ -166,22 +188,6 @@ class _Sink:
         self.parts, self.size = [], 0
 
 
-MAGIC = b"\x89MCAP0\r\n"
-"""Beginning and end of a whole file."""
-_LONGEST_RECORD = 1 << 28
-"""A longer one is no record but a damaged length."""
-
-
-def is_whole(path: Path) -> bool:
-    """Return whether a file ends as a whole MCAP file does."""
-    with path.open("rb") as file:
-        file.seek(0, 2)
-        if file.tell() < 2 * len(MAGIC):
-            return False
-        file.seek(-len(MAGIC), 2)
-        return file.read() == MAGIC
-
-
 def entries(
     path: Path,
     topics: Collection[str] | None = None,
@@ -192,17 +198,40 @@ def entries(
     """Yield the entries of a file in the order of their time, up to where it is cut if it is.
 
     Raises:
-        RecordingError: it is no recording.
+        RecordingError: it is no recording, or is damaged.
     """
+    file = RecordFile(path)
+    first_ns, end_ns = from_ns or 0, until_ns or 1 << 64
     try:
-        with path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                raise RecordingError(f"{path} is no recording: it does not begin as an MCAP file")
-            file.seek(0)
-            read = _indexed if is_whole(path) else _streamed
-            yield from read(file, topics, from_ns, until_ns)
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
+        if file.is_whole:
+            yield from _indexed(path, topics, first_ns, end_ns)
+            return
+        for entry in _until_damaged(file, topics):
+            if first_ns <= entry.log_ns < end_ns:
+                yield entry
+    finally:
+        file.close()
+
+
+def _indexed(
+    path: Path, topics: Collection[str] | None, first_ns: int, end_ns: int
+) -> Iterator[Entry]:
+    index = RecordingIndex(path)
+    try:
+        yield from index.ordered(topics, first_ns, end_ns)
+    finally:
+        index.close()
+
+
+def _until_damaged(file: RecordFile, topics: Collection[str] | None) -> Iterator[Entry]:
+    """Yield the entries of a cut file, up to its end or the first damaged record."""
+    channels = Channels()
+    try:
+        for kind, at, length in file.walk(len(MAGIC), file.size):
+            if kind == Opcode.CHUNK:
+                yield from file.entries(file.place(at, length), channels, topics)
+    except (RecordingError, OSError, ValueError):
+        return
 
 
 def topic_list(path: Path) -> list[tuple[str, str, str, int]]:
@@ -211,23 +240,17 @@ def topic_list(path: Path) -> list[tuple[str, str, str, int]]:
     Raises:
         RecordingError: it is no recording.
     """
+    file = RecordFile(path)
     try:
-        if path.is_file() and is_whole(path):
-            with path.open("rb") as file:
-                summary = make_reader(file).get_summary()
-            if summary is not None and summary.statistics is not None:
-                counts = summary.statistics.channel_message_counts
+        if file.is_whole:
+            channels, statistics, _ = file.summary()
+            if statistics is not None:
                 return sorted(
-                    (
-                        channel.topic,
-                        channel.message_encoding,
-                        _type(summary.schemas.get(channel.schema_id)),
-                        counts.get(channel.id, 0),
-                    )
-                    for channel in summary.channels.values()
+                    (*about, statistics.counts.get(number, 0))
+                    for number, about in channels.wanted(None).items()
                 )
-    except Exception as error:  # A damaged file raises anything.
-        raise RecordingError(f"{path} cannot be read: {error}") from error
+    finally:
+        file.close()
     counted: dict[tuple[str, str, str], int] = {}
     for entry in entries(path):
         key = (entry.topic, entry.encoding, entry.type)
@@ -236,75 +259,18 @@ def topic_list(path: Path) -> list[tuple[str, str, str, int]]:
 
 
 def time_span_ns(path: Path) -> tuple[int, int]:
-    """Return the times of the first and the last entry; (0, 0) when there is none."""
-    if path.is_file() and is_whole(path):
-        with path.open("rb") as file:
-            summary = make_reader(file).get_summary()
-        if summary is not None and summary.statistics is not None:
-            return summary.statistics.message_start_time, summary.statistics.message_end_time
-    times = [entry.log_ns for entry in entries(path)]
-    return (min(times), max(times)) if times else (0, 0)
+    """Return the times of the first and the last entry; (0, 0) when there is none.
 
-
-def _indexed(
-    file: IO[bytes], topics: Collection[str] | None, from_ns: int | None, until_ns: int | None
-) -> Iterator[Entry]:
-    found = make_reader(file).iter_messages(
-        None if topics is None else list(topics), starting_at=from_ns, ending_before=until_ns
-    )
+    Raises:
+        RecordingError: it is no recording.
+    """
+    file = RecordFile(path)
     try:
-        for schema, channel, message in found:
-            yield _entry(schema, channel, message)
-    except Exception as error:  # A damaged file raises anything.
-        raise RecordingError(f"{file.name} is damaged: {error}") from error
-
-
-def _streamed(
-    file: IO[bytes], topics: Collection[str] | None, from_ns: int | None, until_ns: int | None
-) -> Iterator[Entry]:
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
-    wanted = _wanted(topics, from_ns, until_ns)
-    records = StreamReader(file, validate_crcs=True, record_size_limit=_LONGEST_RECORD).records
-    while True:
-        try:
-            record: Any = next(records)
-        except (
-            Exception
-        ):  # The end of a cut file; damage raises anything, a decompressor's errors too.
-            return
-        if isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-        elif isinstance(record, Message) and (channel := channels.get(record.channel_id)):
-            entry = _entry(schemas.get(channel.schema_id), channel, record)
-            if wanted(entry):
-                yield entry
-
-
-def _wanted(
-    topics: Collection[str] | None, from_ns: int | None, until_ns: int | None
-) -> Callable[[Entry], bool]:
-    first_ns, end_ns = from_ns or 0, until_ns or 1 << 64
-
-    def wanted(entry: Entry) -> bool:
-        return (topics is None or entry.topic in topics) and first_ns <= entry.log_ns < end_ns
-
-    return wanted
-
-
-def _entry(schema: Schema | None, channel: Channel, message: Message) -> Entry:
-    return Entry(
-        channel.topic,
-        channel.message_encoding,
-        _type(schema),
-        message.log_time,
-        message.publish_time,
-        message.sequence,
-        message.data,
-    )
-
-
-def _type(schema: Schema | None) -> str:
-    return schema.name if schema is not None else ""
+        if file.is_whole and (statistics := file.summary(chunks=False).statistics) is not None:
+            return statistics.start_ns, statistics.end_ns
+    finally:
+        file.close()
+    first_ns, last_ns = 1 << 64, 0
+    for entry in entries(path):
+        first_ns, last_ns = min(first_ns, entry.log_ns), max(last_ns, entry.log_ns)
+    return (first_ns, last_ns) if last_ns else (0, 0)

@@ -8,32 +8,33 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
 
-from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, Request
 from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
-from tsd_twin.errors import BusError, MessageError, RecordingError, TwinError
-from tsd_twin.lie import SO3
+from tsd_twin.errors import BusError, RecordingError
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Description, encode_refusal
-from tsd_twin.messages.ros import decode_joints, decode_odometry
-from tsd_twin.messages.status import RECORDING, decode_status, encode_stamp
-from tsd_twin.messages.topics import Service, Topic
+from tsd_twin.messages.requests import encode_refusal
+from tsd_twin.messages.status import RECORDING, encode_stamp
+from tsd_twin.messages.topics import Service
 from tsd_twin.recording import mcap_file
-from tsd_twin.recording.channels import RAW, Entry, robot_of, topic_of
+from tsd_twin.recording.channels import RAW, Entry, topic_of
 from tsd_twin.recording.data import Recording
-from tsd_twin.recording.index import RecordingIndex
+from tsd_twin.recording.reader import (
+    FoundState,
+    RecordingReader,
+    RobotStates,
+    decoders,
+    parse_recorded,
+)
+from tsd_twin.recording.remote import RemoteReader
 from tsd_twin.robots import RobotDescription
 
-_LATEST_NS = (1 << 63) - 1
-_TRIED = 8
-"""Messages of a stream that are tried until one can be decoded."""
+Reader: TypeAlias = RecordingReader | RemoteReader
 
 
 class RecordedRobot:
@@ -42,7 +43,7 @@ class RecordedRobot:
     sent_commands: Sequence[SentCommand] = ()
     """Commands of the dashboard: none."""
 
-    def __init__(self, index: RecordingIndex, robot_id: str, robot: RobotDescription) -> None:
+    def __init__(self, robot_id: str, robot: RobotDescription) -> None:
         self.id = robot_id
         self.robot = robot
         self.kinematics = robot.kinematics()
@@ -53,67 +54,34 @@ class RecordedRobot:
         """
         self.alive = False
         """Whether the node was on the bus."""
-        self._index = index
-        odometry = partial(decode_odometry, turning=self.kinematics.pose_type is SO3)
-        self._streams: dict[str, tuple[Topic, Callable[[bytes], Any]]] = {
-            "joints": (topics.JOINTS, decode_joints),
-            "setpoint": (topics.SETPOINT, decode_joints),
-            "odom": (topics.ODOM, odometry),
-            "alternative": (topics.ODOM_ALTERNATIVE, odometry),
-            "truth": (topics.TRUTH, odometry),
-            "status": (topics.STATUS, decode_status),
-        }
-        self._shown: dict[str, tuple[Entry, Any] | None] = dict.fromkeys(self._streams)
+        self._decoders = decoders(robot)
+        self._shown: dict[str, tuple[FoundState, Any]] = {}
 
-    def show(self, at_ns: int) -> None:
-        """Set the state to that of a time, by the wall clock of the recorder.
-
-        Raises:
-            RecordingError: the file is damaged there.
-        """
-        found = {
-            name: self._newest(name, topic.key(self.id), decode, at_ns)
-            for name, (topic, decode) in self._streams.items()
-        }
-        self.alive = self._is_alive(at_ns, default=found["status"] is not None)
-        if all(found[name] is shown for name, shown in self._shown.items()):
+    def show(self, states: RobotStates, start_ns: int) -> None:
+        """Set the state; `start_ns` is the start of the recording."""
+        self.alive = states.alive
+        if states.found == {name: each for name, (each, _) in self._shown.items()}:
             return
-        self._shown = found
-        values: dict[str, Any] = {name: each[1] for name, each in found.items() if each}
+        self._shown = {name: self._decoded(name, each) for name, each in states.found.items()}
+        values: dict[str, Any] = {name: value for name, (_, value) in self._shown.items()}
         values["source"] = "recording"
-        start_ns = self._index.start_ns
-        times_s = {name: 1e-9 * (each[0].log_ns - start_ns) for name, each in found.items() if each}
+        times_s = {
+            name: 1e-9 * (found.log_ns - start_ns) for name, (found, _) in self._shown.items()
+        }
         if "odom" in times_s:
             values["odom_received_s"] = times_s["odom"]
-        if (status := found["status"]) is not None:
-            values["status_seq"] = status[0].sequence
-            values["status_robot_s"] = 1e-9 * status[0].publish_ns
+        if (status := states.found.get("status")) is not None:
+            values["status_seq"] = status.sequence
+            values["status_robot_s"] = 1e-9 * status.publish_ns
         if times_s:
             values["received_s"] = max(times_s.values())
         self.snapshot = Snapshot(**values)
 
-    def _newest(
-        self, name: str, key: str, decode: Callable[[bytes], Any], at_ns: int
-    ) -> tuple[Entry, Any] | None:
-        """Newest message of a stream that can be decoded; as live, others are passed over."""
-        shown = self._shown[name]
-        for count, entry in enumerate(self._index.newest_first(key, at_ns)):
-            if shown is not None and shown[0] == entry:
-                return shown
-            try:
-                return entry, decode(entry.data)
-            except MessageError:
-                if count == _TRIED:
-                    break
-        return None
-
-    def _is_alive(self, at_ns: int, *, default: bool) -> bool:
-        for entry in self._index.newest_first(topics.alive_key(self.id), at_ns):
-            try:
-                return msgspec.json.decode(entry.data) == {"alive": True}
-            except msgspec.DecodeError:
-                return False
-        return default
+    def _decoded(self, name: str, found: FoundState) -> tuple[FoundState, Any]:
+        shown = self._shown.get(name)
+        if shown is not None and shown[0] == found:
+            return shown
+        return found, self._decoders[name](found.data)
 
 
 class Player:
@@ -122,40 +90,50 @@ class Player:
     It belongs to one thread.
     """
 
-    def __init__(self, path: Path, robot_id: str | None = None) -> None:
-        """Open a recording, for one of its robots or for all.
+    def __init__(
+        self, path: Path, robot_id: str | None = None, reader: Reader | None = None
+    ) -> None:
+        """Show a recording, one of its robots or all, by a reader in this process or another.
 
         Raises:
             RecordingError: it is none, or has no such robot.
         """
-        self.index = RecordingIndex(path)
+        self.path = path
+        self.reader: Reader = RecordingReader(path) if reader is None else reader
+        """Reader of the file; it is closed with the player."""
         self.t_s = 0.0
         """Time that is shown, in seconds since the start."""
-        self.unknown: dict[str, str] = {}
-        """Robots that cannot be shown, each with the reason."""
-        shown: dict[str, RecordedRobot] = {}
-        for each in sorted({robot_of(topic) for topic in self.index.topics} - {"", "*"}):
-            if robot_id in (None, each):
-                try:
-                    shown[each] = RecordedRobot(self.index, each, _description(self.index, each))
-                except TwinError as error:
-                    self.unknown[each] = str(error)
-        self.robots: Mapping[str, RecordedRobot] = shown
-        """Robots that can be shown, by id."""
-        if not shown:
-            self.index.close()
-            reasons = "; ".join(self.unknown.values()) or f"no robot '{robot_id or ''}' is in it"
-            raise RecordingError(f"{path} cannot be shown: {reasons}")
-        self.seek(0.0)
+        try:
+            contents = self.reader.contents()
+            self.start_ns, self._end_ns = contents.start_ns, contents.end_ns
+            """Wall clock of the recorder at the first message."""
+            self.unknown = contents.unknown
+            """Robots that cannot be shown, each with the reason."""
+            self.robots: Mapping[str, RecordedRobot] = {
+                each: RecordedRobot(each, parse_recorded(text, each))
+                for each, text in contents.robots.items()
+                if robot_id in (None, each)
+            }
+            """Robots that can be shown, by id."""
+            if not self.robots:
+                unknown = [
+                    reason for each, reason in self.unknown.items() if robot_id in (None, each)
+                ]
+                reasons = "; ".join(unknown) or f"no robot '{robot_id or ''}' is in it"
+                raise RecordingError(f"{path} cannot be shown: {reasons}")
+            self.seek(0.0)
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         """Close the file."""
-        self.index.close()
+        self.reader.close()
 
     @property
     def duration_s(self) -> float:
         """Duration up to now: a file that is being written gets longer."""
-        return 1e-9 * (self.index.end_ns - self.index.start_ns)
+        return 1e-9 * (self._end_ns - self.start_ns)
 
     def seek(self, t_s: float) -> None:
         """Show a time, in seconds since the start; the states are those of playing through.
@@ -164,9 +142,9 @@ class Player:
             RecordingError: the file is damaged there.
         """
         self.t_s = min(max(t_s, 0.0), self.duration_s)
-        at_ns = self.index.start_ns + round(1e9 * self.t_s)
-        for robot in self.robots.values():
-            robot.show(at_ns)
+        found = self.reader.states(list(self.robots), self._now_ns())
+        for robot_id, robot in self.robots.items():
+            robot.show(found[robot_id], self.start_ns)
 
     def step(self, robot_id: str, *, back: bool = False) -> None:
         """Show the time of the next status of a robot, or of the one before.
@@ -174,36 +152,20 @@ class Player:
         Raises:
             RecordingError: the file is damaged there.
         """
-        key, at_ns = topics.STATUS.key(robot_id), self.index.start_ns + round(1e9 * self.t_s)
-        if back:
-            found = next(self.index.newest_first(key, at_ns - 1), None)
-        else:
-            found = self.index.first_after(key, at_ns)
-        if found is not None:
-            self.seek(1e-9 * (found.log_ns - self.index.start_ns))
+        log_ns = self.reader.next_status_ns(robot_id, self._now_ns(), back=back)
+        if log_ns is not None:
+            self.seek(1e-9 * (log_ns - self.start_ns))
 
     def refresh(self) -> None:
-        """Take in what was written since, to a file that is being written."""
-        self.index.refresh()
+        """Take in what was written since, to a file that is being written.
 
+        Raises:
+            RecordingError: the file is damaged.
+        """
+        self._end_ns = self.reader.contents().end_ns
 
-def _description(index: RecordingIndex, robot_id: str) -> RobotDescription:
-    """Return the newest description of a robot that is one, without meshes.
-
-    Raises:
-        RecordingError: there is none.
-        RobotFileError: it cannot be used.
-    """
-    for entry in index.newest_first(Service.DESC.key(robot_id), _LATEST_NS):
-        try:
-            text = msgspec.json.decode(entry.data, type=Description).robot
-        except msgspec.DecodeError:
-            continue  # Not of a robot of ours.
-        robot = robots.parse_description(text, f"description of {robot_id}")
-        # A folder on the robot's computer; on this one the path names other files.
-        body = msgspec.structs.replace(robot.body, meshes=None)
-        return msgspec.structs.replace(robot, body=body)
-    raise RecordingError(f"there is no description of '{robot_id}'")
+    def _now_ns(self) -> int:
+        return self.start_ns + round(1e9 * self.t_s)
 
 
 LEAST_SPEED, MOST_SPEED = 0.1, 16.0
@@ -363,6 +325,6 @@ def _marked(status: bytes) -> bytes:
     try:
         value = msgspec.json.decode(status, type=dict[str, Any])
         value["hardware"] = {**value.get("hardware", {}), "kind": RECORDING}
-    except (msgspec.DecodeError, TypeError, AttributeError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, TypeError, AttributeError):
         return status
     return msgspec.json.encode(value)

@@ -70,6 +70,7 @@ class Recorder:
         self._events: dict[str, Publisher] = {}
         self._new_file = threading.Event()
         self._full = ""
+        self._refused = False
         self.file = folder.new_file()
         """File that is being written."""
         self._opened_s = time.monotonic()
@@ -167,6 +168,12 @@ class Recorder:
             self._report_full(error)
         else:
             self._report_space()
+        if self.file.refused and not self._refused:
+            self._refused = True
+            self._say(
+                f"Messages that are too long to record, or of too many topics, are left out: "
+                f"{self.file.refused} so far in {self.file.path.name}."
+            )
 
     def _report_full(self, error: OSError) -> None:
         if not self._full:

@@ -204,7 +204,9 @@ class Rerun:
         controller, result = self.controller, self._result
         self._start_s = call.now_s if self._start_s is None else self._start_s
         measured = None if call.measured is None else np.frombuffer(call.measured, "<f8").copy()
-        setpoint = controller.step(call.now_s, measured, call.samples, call.fault, call.battery_v)
+        setpoint = controller.step(
+            call.now_s, measured, call.samples, call.fault, call.battery_v, call.servo_c
+        )
         controller.take_events()
         estimate, others = estimate_numbers(controller)
         recorded = np.frombuffer(call.setpoint, "<f8")

@@ -7,6 +7,7 @@ import contextlib
 import logging
 import secrets
 import struct
+import sys
 import threading
 import time
 from collections.abc import Callable, Collection
@@ -26,6 +27,17 @@ from tsd_twin.ros.port import OpenPort, RosPort
 from tsd_twin.ros.shared_names import NameWatch
 
 _TIMEOUT_S = 5.0
+
+
+class QuietServer(ThreadingHTTPServer):
+    """HTTP server that ignores clients that go away in the middle of an answer."""
+
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Print the error of a request, unless the connection failed."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)
 
 
 class MeshServer:
@@ -57,10 +69,9 @@ class MeshServer:
                 """Write no line for each request."""
 
         try:
-            self._server = ThreadingHTTPServer((host, port), Handler)
+            self._server = QuietServer((host, port), Handler)
         except OSError as error:
             raise TwinError(f"port {port} of {host} cannot be used for meshes") from error
-        self._server.daemon_threads = True
         self._host = host
         threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
 

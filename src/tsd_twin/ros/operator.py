@@ -35,7 +35,7 @@ MOST_POSES = 8
 """Poses of one topic that wait for the event loop; the oldest are dropped."""
 MOST_CALLS = 16
 """Calls of services other than `stop` that are under way at once."""
-MOST_STOPS = 64
+MOST_STOPS = 1000
 """Calls of `stop` that wait for an answer: one stop answers all that came before it began."""
 MOST_SENTENCES = 10
 """Sentences in `SAY_AGAIN_S`."""
@@ -68,12 +68,35 @@ class OperatedSource(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class _Received:
+class Received:
+    """Message of a topic as it arrived."""
+
     row: RosTopic
     type_name: str
     payload: bytes
     origin: Origin
     arrived_s: float
+
+
+class Inbox:
+    """Bounded queue for each topic, so that poses neither replace nor delay twists."""
+
+    def __init__(self) -> None:
+        self._waiting = {
+            row.name: deque[Received](maxlen=MOST_WAITING if row is CMD_VEL else MOST_POSES)
+            for row in READ
+        }
+
+    def put(self, received: Received) -> None:
+        """Add a message; the oldest of its topic is dropped when the queue is full."""
+        self._waiting[received.row.name].append(received)
+
+    def take(self) -> list[Received]:
+        """Remove and return all messages, twists first."""
+        taken = [received for each in self._waiting.values() for received in each]
+        for each in self._waiting.values():
+            each.clear()
+        return taken
 
 
 Answer = Callable[[bool, str], None]
@@ -86,13 +109,8 @@ class RosOperator:
         """`machine` is that of the robot, also of the time before it was out of reach."""
         self._source = source
         self._driver = RobotDriver(source.client, machine, self._tell)
-        self._driver.connected()
         self._loop = asyncio.get_running_loop()
-        # Poses must not take the place of twists, nor delay them.
-        self._waiting = {
-            row.name: deque[_Received](maxlen=MOST_WAITING if row is CMD_VEL else MOST_POSES)
-            for row in READ
-        }
+        self._inbox = Inbox()
         self._woken = False
         self._arrivals: dict[str, Arrivals] = {}
         self._turn = OnePublisher()
@@ -103,6 +121,7 @@ class RosOperator:
         self._said: dict[str, float] = {}
         self._told: deque[float] = deque([-math.inf] * MOST_SENTENCES, MOST_SENTENCES)
         self._lock = threading.Lock()
+        self._driver.connected()  # It may tell that control was lost.
 
     async def close(self) -> None:
         """Bring the robot to rest and release it, if it is held."""
@@ -124,9 +143,9 @@ class RosOperator:
 
     def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:
         """Queue a message for the event loop, which one wake-up at most waits for."""
-        received = _Received(row, type_name, payload, origin, time.monotonic())
+        received = Received(row, type_name, payload, origin, time.monotonic())
         with self._lock:
-            self._waiting[row.name].append(received)
+            self._inbox.put(received)
             woken, self._woken = self._woken, True
         if not woken:
             self._call(self._take)
@@ -162,9 +181,7 @@ class RosOperator:
 
     def _take(self) -> None:
         with self._lock:
-            waiting = [received for each in self._waiting.values() for received in each]
-            for each in self._waiting.values():
-                each.clear()
+            waiting = self._inbox.take()
             self._woken = False
         for received in waiting:
             try:
@@ -174,7 +191,7 @@ class RosOperator:
                     self._driver.machine.on_unread(time.monotonic())
                 self.on_unreadable(received.row.name, str(error)[:200])
 
-    def _receive(self, received: _Received) -> None:
+    def _receive(self, received: Received) -> None:
         row, names = received.row, self._source.names
         arrivals = self._arrivals.setdefault(f"{row.name} {received.type_name}", Arrivals())
         arrival = arrivals.note(received.origin, received.arrived_s)
@@ -198,7 +215,7 @@ class RosOperator:
                 self._calls += 1
             self._start(self._answer(self._driver.set_pose(pose), self._tell_refusal))
 
-    def _drive(self, received: _Received, names: RosNames, arrival: Arrival) -> None:
+    def _drive(self, received: Received, names: RosNames, arrival: Arrival) -> None:
         message = decode_cmd_vel("cdr", received.type_name, received.payload)
         frames, now_s = frames_of(names), time.monotonic()
         if message.frame in frames:
@@ -287,7 +304,7 @@ class RosOperator:
         self._source.tell(text)
 
 
-def _echoed(received: _Received, echoes: Echoes, now_s: float) -> Arrival:
+def _echoed(received: Received, echoes: Echoes, now_s: float) -> Arrival:
     """Return the send time that the stamp of a twist proves."""
     if received.type_name != TWIST_STAMPED:
         return Arrival(now_s, NO_ECHO)

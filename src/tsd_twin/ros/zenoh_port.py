@@ -219,7 +219,7 @@ class ZenohPort:
         session, node = node_of(token)
         if not lives:
             found.pop(token, None)
-        elif session != self._bus.id and len(found) < _MOST_ENDPOINTS:
+        elif session != self._node.session and len(found) < _MOST_ENDPOINTS:
             found[token] = node
 
     def close(self) -> None:

@@ -27,7 +27,6 @@ from tsd_twin.dashboard.dashboard import STALE_S
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.errors import MissingExtraError, TwinError
-from tsd_twin.recording.events import EventKind, read_events, read_marks
 from tsd_twin.recording.export import Part
 from tsd_twin.recording.player import Player, RecordedRobot
 
@@ -112,7 +111,7 @@ class _Builder:
         return document[:head_end] + "".join(parts) + document[head_end:]
 
     def _scene(self) -> str:
-        server = viser_compat.start_server(self._player.index.path.name)
+        server = viser_compat.start_server(self._player.path.name)
         try:
             scene = Scene(server, self._roster)
             self._player.seek(self._start_s)
@@ -137,9 +136,9 @@ class _Builder:
         scene.draw()
 
     def _about(self) -> dict[str, Any]:
-        start_ns = self._player.index.start_ns
+        start_ns = self._player.start_ns
         return {
-            "name": self._player.index.path.name,
+            "name": self._player.path.name,
             "start_ms": round(1e-6 * start_ns + 1000.0 * self._start_s),
             "duration_s": self._end_s - self._start_s,
             "robots": [
@@ -159,15 +158,13 @@ class _Builder:
     def _events(self) -> list[dict[str, Any]]:
         return [
             self._event(event.t_s, event.robot, event.kind, event.text, event.count)
-            for event in read_events(self._player.index)
-            if event.kind is not EventKind.OTHER
-            and event.robot in self._player.robots
-            and self._start_s <= event.t_s <= self._end_s
+            for event in self._player.reader.events()
+            if event.robot in self._player.robots and self._start_s <= event.t_s <= self._end_s
         ]
 
     def _marks(self) -> list[dict[str, Any]]:
-        index = self._player.index
-        times_s = [(1e-9 * (mark.log_ns - index.start_ns), mark) for mark in read_marks(index.path)]
+        start_ns = self._player.start_ns
+        times_s = [(1e-9 * (mark.log_ns - start_ns), mark) for mark in self._player.reader.marks()]
         return [
             self._event(t_s, mark.by, "mark", mark.note, 1)
             for t_s, mark in times_s

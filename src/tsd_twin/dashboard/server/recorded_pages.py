@@ -21,7 +21,7 @@ from tsd_twin.dashboard.server.recorded_session import RecordedSession
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.requests import Reply
 from tsd_twin.recording.folder import Catalogue
-from tsd_twin.recording.player import Player
+from tsd_twin.recording.remote import ReaderProcesses, RemoteFolderReader, RemoteReader
 
 MOST_VIEWS = 5
 """Pages that show recordings at the same time; each has a scene in memory."""
@@ -40,7 +40,9 @@ class RecordedPages:
     def __init__(self, folder: Path, stop_all: Callable[[str], Awaitable[Reply]]) -> None:
         self._folder = folder
         self._stop_all = stop_all
-        self._catalogue = Catalogue(folder)
+        self._processes = ReaderProcesses()
+        self._reader = RemoteFolderReader(self._processes)
+        self._catalogue = Catalogue(folder, self._reader)
         self._listing = asyncio.Lock()
         self._paths: dict[tuple[str, int], bytes] = {}
         self._views: dict[str, asyncio.Task[RecordedView]] = {}
@@ -61,6 +63,7 @@ class RecordedPages:
         await asyncio.gather(*(self._close(page) for page in list(self._views)))
         await asyncio.gather(*self._closing, return_exceptions=True)
         self._catalogue.close()
+        await asyncio.to_thread(self._processes.close)
 
     async def serve_list(self, _request: web.Request) -> web.StreamResponse:
         """Answer `GET recordings` with a list as JSON."""
@@ -91,7 +94,7 @@ class RecordedPages:
             async with self._listing:
                 key = path.name, path.stat().st_size // _PATH_BYTES
                 if key not in self._paths:
-                    self._paths[key] = await asyncio.to_thread(_paths_of, path)
+                    self._paths[key] = await asyncio.to_thread(self._path, path)
                     for oldest in list(self._paths)[:-_PATHS_KEPT]:
                         del self._paths[oldest]
                 body = self._paths[key]
@@ -100,6 +103,25 @@ class RecordedPages:
         return web.Response(
             body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
         )
+
+    def _path(self, path: Path) -> bytes:
+        """Return the paths of all robots of a recording as JSON.
+
+        Raises:
+            RecordingError: it is none.
+        """
+        roster = RobotRoster()
+        tracks = self._reader.track(path, _PATH_POINTS + 1)
+        return msgspec.json.encode(
+            [
+                RecordedPath(each, "#{:02x}{:02x}{:02x}".format(*roster.colour(each)), points)
+                for each, points in tracks.items()
+            ]
+        )
+
+    def _open(self, path: Path) -> RecordedView:
+        reader = RemoteReader(path, self._processes)
+        return RecordedView(path, reader, self._on_robot, self._on_view)
 
     def _file(self, name: str) -> Path:
         if not _NAME.fullmatch(name) or not (self._folder / name).is_file():
@@ -127,9 +149,7 @@ class RecordedPages:
                 raise web.HTTPServiceUnavailable(text="Too many pages show recordings.")
             self._loop = asyncio.get_running_loop()
             self._owners[page] = principal
-            self._views[page] = asyncio.create_task(
-                asyncio.to_thread(RecordedView, path, self._on_robot, self._on_view)
-            )
+            self._views[page] = asyncio.create_task(asyncio.to_thread(self._open, path))
         self._uses[page] = self._uses.get(page, 0) + 1
         try:
             try:
@@ -204,29 +224,3 @@ class RecordedPages:
             with contextlib.suppress(Exception):  # It could not be opened.
                 view = await task
                 await asyncio.to_thread(view.close)
-
-
-def _paths_of(path: Path) -> bytes:
-    """Return the paths of all robots of a recording as JSON.
-
-    Raises:
-        RecordingError: it is none.
-    """
-    player, roster = Player(path), RobotRoster()
-    try:
-        points: dict[str, list[tuple[float, float]]] = {each: [] for each in player.robots}
-        for i in range(_PATH_POINTS + 1):
-            player.seek(player.duration_s * i / _PATH_POINTS)
-            for robot_id, robot in player.robots.items():
-                odom = robot.snapshot.odom
-                if odom is not None and odom.wxyz is None:
-                    x, y, _ = (round(float(number), 3) for number in odom.xy_heading)
-                    points[robot_id].append((x, y))
-    finally:
-        player.close()
-    return msgspec.json.encode(
-        [
-            RecordedPath(each, "#{:02x}{:02x}{:02x}".format(*roster.colour(each)), places)
-            for each, places in points.items()
-        ]
-    )

@@ -50,14 +50,7 @@ from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.errors import MessageError, RecordingError
 from tsd_twin.lie import Array
 from tsd_twin.messages.requests import Reply
-from tsd_twin.recording.events import (
-    EventKind,
-    Mark,
-    RecordedEvent,
-    add_mark,
-    read_events,
-    read_marks,
-)
+from tsd_twin.recording.events import Mark, RecordedEvent, add_mark
 from tsd_twin.recording.player import Player, RecordedRobot
 from tsd_twin.security import Role
 
@@ -158,8 +151,6 @@ class RecordedSession(PageSession):
             self._settling.cancel()
         for task in self._tasks:
             task.cancel()
-        if self._past_player is not None:
-            self._past_player.close()
 
     # From the page.
 
@@ -250,10 +241,10 @@ class RecordedSession(PageSession):
         self._start(self._add_mark(note))
 
     async def _add_mark(self, note: str) -> None:
-        index = self._view.player.index
-        log_ns = index.start_ns + round(1e9 * self._view.player.t_s)
+        player = self._view.player
+        log_ns = player.start_ns + round(1e9 * player.t_s)
         try:
-            await asyncio.to_thread(add_mark, index.path, Mark(log_ns, note, self._operator))
+            await asyncio.to_thread(add_mark, player.path, Mark(log_ns, note, self._operator))
         except RecordingError as error:
             self._send(ActionReply(to="mark", ok=False, reason=str(error)))
             return
@@ -271,18 +262,18 @@ class RecordedSession(PageSession):
     # To the page.
 
     async def _send_timeline(self) -> None:
-        index = self._view.player.index
-        self._told_s = self._view.player.duration_s
-        events = await asyncio.to_thread(read_events, index)
-        marks = await asyncio.to_thread(read_marks, index.path)
+        player = self._view.player
+        self._told_s = player.duration_s
+        events = await asyncio.to_thread(player.reader.events)
+        marks = await asyncio.to_thread(player.reader.marks)
         self._send(
             Timeline(
-                name=index.path.name,
-                start_ms=index.start_ns // 1_000_000,
-                duration_s=self._view.player.duration_s,
-                events=[*map(_event, filter(_is_notable, events))]
+                name=player.path.name,
+                start_ms=player.start_ns // 1_000_000,
+                duration_s=player.duration_s,
+                events=[*map(_event, events)]
                 + [
-                    TimelineEvent(1e-9 * (mark.log_ns - index.start_ns), "", "mark", mark.note, 1)
+                    TimelineEvent(1e-9 * (mark.log_ns - player.start_ns), "", "mark", mark.note, 1)
                     for mark in marks
                 ],
             )
@@ -314,11 +305,8 @@ class RecordedSession(PageSession):
     def _past(self) -> list[RobotState]:
         """States of the selected robot, from a player of their own: the view goes on meanwhile."""
         view, robot_id = self._view, self._view.robot_id
-        if self._past_player is None:
-            self._past_player = Player(view.player.index.path, robot_id)
-        if robot_id not in self._past_player.robots:
-            self._past_player.close()
-            self._past_player = Player(view.player.index.path, robot_id)
+        if self._past_player is None or robot_id not in self._past_player.robots:
+            self._past_player = Player(view.player.path, robot_id, view.player.reader)
         robot = self._past_player.robots[robot_id]
         telemetry = RobotTelemetry(cast("RobotMonitor", robot))
         states: list[RobotState] = []
@@ -365,10 +353,6 @@ class RecordedSession(PageSession):
             shown = self._map_data.state(robot_id) if self._shows_map else None
             state = msgspec.structs.replace(state, seen=number, map=shown)
             self.send_queue.put_state(number, encode_message(state))
-
-
-def _is_notable(event: RecordedEvent) -> bool:
-    return event.kind is not EventKind.OTHER
 
 
 def _event(event: RecordedEvent) -> TimelineEvent:

@@ -1,0 +1,220 @@
+"""Servo models that a gimbal can have: their settings, and the values with which a servo goes where
+its goal is, as soon as it can. `firmware/servo_models.h` is generated from this.
+
+Compared is all of the control table that can be written and is not in `NOT_COMPARED`, with the
+values with which a servo leaves the factory. Source: https://emanual.robotis.com/docs/en/dxl/.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+ProtocolVersion = Literal[1, 2]
+MODEL_NUMBER = 0
+"""Register of the model number in both protocols; two bytes."""
+LONGEST_READ: dict[ProtocolVersion, int] = {1: 10, 2: 21}
+"""Bytes of settings in one response, by protocol; as many as the board reads otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoSetting:
+    """One register, and the values that it may have."""
+
+    address: int
+    size: int
+    """Bytes."""
+    least: int
+    most: int
+    name: str
+
+    def value(self, data: bytes) -> int:
+        """Return the value in the bytes of the register; of four, it is signed."""
+        return int.from_bytes(data[: self.size], "little", signed=self.size == 4)
+
+    def allows(self, value: int) -> bool:
+        """Return whether the register may have this value."""
+        return self.least <= value <= self.most
+
+    @property
+    def wanted(self) -> str:
+        """Text of the value that it must have, or of the range."""
+        return str(self.least) if self.least == self.most else f"{self.least} to {self.most}"
+
+
+def _exactly(address: int, size: int, value: int, name: str) -> ServoSetting:
+    return ServoSetting(address, size, value, value, name)
+
+
+_RETURN_DELAY = (25, 250)
+"""In 2 us: the board listens after 50 us; more than the factory value does not fit its cycle."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoModel:
+    """Model of a servo with one firmware."""
+
+    number: int
+    name: str
+    protocol: ProtocolVersion
+    current_ma: float
+    """One unit of its measured current."""
+    settings: tuple[ServoSetting, ...]
+    """By address."""
+
+    def reads(self) -> list[tuple[ServoSetting, ...]]:
+        """Return the settings in groups of neighbours, each of which one read returns."""
+        groups: list[list[ServoSetting]] = []
+        for setting in self.settings:
+            group = groups[-1] if groups else []
+            if (
+                group
+                and group[-1].address + group[-1].size == setting.address
+                and span(group) + setting.size <= LONGEST_READ[self.protocol]
+            ):
+                group.append(setting)
+            else:
+                groups.append([setting])
+        return [tuple(group) for group in groups]
+
+
+def span(group: Sequence[ServoSetting]) -> int:
+    """Bytes of neighbouring settings."""
+    return sum(setting.size for setting in group)
+
+
+_MX64_1 = ServoModel(
+    310,
+    "MX-64",
+    1,
+    4.5,
+    (
+        ServoSetting(5, 1, *_RETURN_DELAY, "return delay time"),
+        _exactly(6, 2, 0, "clockwise angle limit"),
+        _exactly(8, 2, 4095, "counter-clockwise angle limit"),
+        _exactly(11, 1, 80, "temperature limit"),
+        _exactly(12, 1, 60, "lowest voltage limit"),
+        ServoSetting(13, 1, 160, 240, "highest voltage limit"),
+        _exactly(14, 2, 1023, "max torque"),
+        _exactly(16, 1, 2, "status return level"),
+        _exactly(18, 1, 36, "shutdown"),
+        _exactly(20, 2, 0, "multi-turn offset"),
+        _exactly(22, 1, 1, "resolution divider"),
+        _exactly(26, 1, 0, "D gain"),
+        _exactly(27, 1, 0, "I gain"),
+        _exactly(28, 1, 32, "P gain"),
+        _exactly(32, 2, 0, "moving speed"),
+        _exactly(34, 2, 1023, "torque limit"),
+        _exactly(48, 2, 0, "punch"),
+        _exactly(70, 1, 0, "torque control mode"),
+        _exactly(71, 2, 0, "goal torque"),
+        _exactly(73, 1, 0, "goal acceleration"),
+    ),
+)
+
+
+def _protocol2(
+    current_limit: int, velocity_limit: int, p_gain: int, *more: ServoSetting
+) -> tuple[ServoSetting, ...]:
+    """Settings that all models with Protocol 2.0 have.
+
+    `velocity_limit` is the lowest with which versions of the firmware came: a higher one limits
+    nothing.
+    """
+    settings = (
+        *more,
+        ServoSetting(9, 1, *_RETURN_DELAY, "return delay time"),
+        _exactly(10, 1, 0, "drive mode"),
+        _exactly(11, 1, 3, "operating mode"),
+        _exactly(12, 1, 255, "secondary id"),
+        _exactly(13, 1, 2, "protocol type"),
+        _exactly(20, 4, 0, "homing offset"),
+        _exactly(31, 1, 80, "temperature limit"),
+        _exactly(32, 2, 160, "max voltage limit"),
+        _exactly(34, 2, 95, "min voltage limit"),
+        _exactly(36, 2, 885, "PWM limit"),
+        _exactly(38, 2, current_limit, "current limit"),
+        ServoSetting(44, 4, velocity_limit, 1023, "velocity limit"),
+        _exactly(48, 4, 4095, "largest position"),
+        _exactly(52, 4, 0, "smallest position"),
+        _exactly(63, 1, 52, "shutdown"),
+        _exactly(68, 1, 2, "status return level"),
+        _exactly(76, 2, 1920, "velocity I gain"),
+        _exactly(78, 2, 100, "velocity P gain"),
+        _exactly(80, 2, 0, "position D gain"),
+        _exactly(82, 2, 0, "position I gain"),
+        _exactly(84, 2, p_gain, "position P gain"),
+        _exactly(88, 2, 0, "feedforward 2nd gain"),
+        _exactly(90, 2, 0, "feedforward 1st gain"),
+        _exactly(98, 1, 0, "bus watchdog"),
+        _exactly(100, 2, 885, "goal PWM"),
+        _exactly(108, 4, 0, "profile acceleration"),
+        _exactly(112, 4, 0, "profile velocity"),
+    )
+    return tuple(sorted(settings, key=lambda setting: setting.address))
+
+
+_XM430_W350 = ServoModel(1020, "XM430-W350", 2, 2.69, _protocol2(1193, 200, 800))
+MODELS: dict[int, ServoModel] = {
+    model.number: model
+    for model in (
+        _MX64_1,
+        ServoModel(
+            311,
+            "MX-64(2.0)",
+            2,
+            3.36,
+            _protocol2(1941, 285, 850, _exactly(40, 4, 32767, "acceleration limit")),
+        ),
+        _XM430_W350,
+        replace(_XM430_W350, number=1030, name="XM430-W210", settings=_protocol2(1193, 330, 800)),
+        replace(_XM430_W350, number=1120, name="XM540-W270", settings=_protocol2(2047, 128, 800)),
+        replace(_XM430_W350, number=1130, name="XM540-W150", settings=_protocol2(2047, 230, 800)),
+    )
+}
+"""By model number."""
+
+NOT_COMPARED: dict[ProtocolVersion, dict[int, str]] = {
+    1: {
+        3: "id: the calibration names it",
+        4: "baud rate: a servo with another does not answer",
+        17: "alarm LED: a light",
+        24: "torque: switched and watched while the robot works",
+        25: "LED: a light",
+        30: "goal position: written in each cycle",
+        47: "lock: protects the settings",
+    },
+    2: {
+        7: "id: the calibration names it",
+        8: "baud rate: a servo with another does not answer",
+        24: "moving threshold: of a flag that nobody reads",
+        40: "acceleration limit of an XM: of the profile, which must be off; not all have it",
+        56: "external port: of an XM540, moves nothing",
+        57: "external port: of an XM540, moves nothing",
+        58: "external port: of an XM540, moves nothing",
+        60: "startup configuration: what it restores is compared; not every firmware has it",
+        64: "torque: switched and watched while the robot works",
+        65: "LED: a light",
+        102: "goal current: of other operating modes",
+        104: "goal velocity: of other operating modes",
+        116: "goal position: written in each cycle",
+    },
+}
+"""Registers that can be written and are not compared, by protocol and address, with the reason."""
+
+
+def wrong_setting(servo: str, model: int, address: int, found: int) -> str:
+    """Sentence about a register of `servo` that has the value `found`, as it was read."""
+    if address == MODEL_NUMBER:
+        known = ", ".join(f"{known.name} ({known.number})" for known in MODELS.values())
+        return f"{servo}: model {found} is not one of {known}"
+    settings = MODELS[model].settings if model in MODELS else ()
+    setting = next((s for s in settings if s.address == address), None)
+    if setting is None:
+        return f"{servo}: register {address} is {found}, which must not be"
+    value = setting.value(found.to_bytes(4, "little", signed=found < 0))
+    return (
+        f"{servo}: {setting.name} (register {address}) is {value}, and must be {setting.wanted}; "
+        "set it with Dynamixel Wizard"
+    )

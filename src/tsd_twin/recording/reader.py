@@ -1,0 +1,332 @@
+"""Reader of recordings for pages: what is listed, drawn and shown of a file.
+
+A dashboard calls it in another process, see `reader_process`. All answers are small, whatever is in
+the file: longer texts are cut, longer states passed over.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from tsd_twin import robots
+from tsd_twin.errors import MessageError, RecordingError, TwinError
+from tsd_twin.lie import SO3
+from tsd_twin.messages import topics
+from tsd_twin.messages.requests import Description
+from tsd_twin.messages.ros import decode_joints, decode_odometry
+from tsd_twin.messages.status import decode_status
+from tsd_twin.messages.topics import Service, Topic
+from tsd_twin.recording.channels import Entry, robot_of
+from tsd_twin.recording.events import EventKind, Mark, RecordedEvent, read_events, read_marks
+from tsd_twin.recording.index import RecordingIndex
+from tsd_twin.recording.records import RecordFile, readable
+from tsd_twin.robots import RobotDescription
+
+MOST_ROBOTS = 16
+"""Robots of one recording that are listed and shown."""
+_LATEST_NS = (1 << 63) - 1
+_TRIED = 8
+"""Messages of a stream that are tried until one can be decoded."""
+_STATE_BYTES = 16_384
+"""Longest state: ten times as long as those of a robot."""
+_TEXT_LENGTH = 200
+_MOST_EVENTS = 2000
+_GROWING = 16
+"""Files that are being written of which the index is kept."""
+
+STREAMS: dict[str, Topic] = {
+    "joints": topics.JOINTS,
+    "setpoint": topics.SETPOINT,
+    "odom": topics.ODOM,
+    "alternative": topics.ODOM_ALTERNATIVE,
+    "truth": topics.TRUTH,
+    "status": topics.STATUS,
+}
+"""States that are shown, by their name in a snapshot."""
+
+
+def decoders(robot: RobotDescription) -> dict[str, Callable[[bytes], Any]]:
+    """Return the decoder of each stream."""
+    odometry = partial(decode_odometry, turning=robot.kinematics().pose_type is SO3)
+    poses = dict.fromkeys(("odom", "alternative", "truth"), odometry)
+    return {"joints": decode_joints, "setpoint": decode_joints, **poses, "status": decode_status}
+
+
+class FoundState(msgspec.Struct, frozen=True, array_like=True):
+    """Newest message of a stream at a time, which can be decoded."""
+
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
+
+
+class RobotStates(msgspec.Struct, frozen=True, array_like=True):
+    """States of one robot at a time."""
+
+    alive: bool
+    """Whether the node was on the bus."""
+    found: dict[str, FoundState]
+    """By stream."""
+
+
+class Contents(msgspec.Struct, frozen=True):
+    """Contents of an opened recording."""
+
+    start_ns: int
+    """Wall clock of the recorder at the first message."""
+    end_ns: int
+    robots: dict[str, str]
+    """Descriptions of the robots that can be shown, by id."""
+    unknown: dict[str, str]
+    """Robots that cannot be shown, each with the reason."""
+
+
+class Listing(msgspec.Struct, frozen=True):
+    """A recording in a list."""
+
+    start_ns: int
+    """Wall clock of the recorder at the start; 0 without any message."""
+    end_ns: int
+    robots: tuple[str, ...]
+    is_whole: bool
+    """Whether it is closed; otherwise it is being written, or was cut."""
+    marks: int
+    """Number of marks."""
+
+
+class RecordingReader:
+    """Reader of one recording."""
+
+    def __init__(self, path: Path) -> None:
+        """Open it.
+
+        Raises:
+            RecordingError: If it is not a recording.
+        """
+        self.index = RecordingIndex(path)
+        self._texts: dict[str, str] = {}
+        self._unknown: dict[str, str] = {}
+        self._robots: dict[str, _RobotReader] = {}
+        try:
+            for number, each in enumerate(sorted(_robots(self.index.topics))):
+                if number < MOST_ROBOTS:
+                    self._add(each)
+                else:
+                    self._unknown["others"] = f"only {MOST_ROBOTS} robots are shown"
+        except BaseException:
+            self.index.close()
+            raise
+
+    def _add(self, robot_id: str) -> None:
+        try:
+            text, robot = _description(self.index, robot_id)
+            self._robots[robot_id] = _RobotReader(self.index, robot_id, robot)
+        except TwinError as error:
+            self._unknown[robot_id] = str(error)[: 4 * _TEXT_LENGTH]
+        else:
+            self._texts[robot_id] = text
+
+    def close(self) -> None:
+        """Close the file."""
+        self.index.close()
+
+    def contents(self) -> Contents:
+        """Return what is in the file now: one that is being written gets longer."""
+        self.index.refresh()
+        return Contents(self.index.start_ns, self.index.end_ns, self._texts, self._unknown)
+
+    def states(self, robot_ids: Sequence[str], at_ns: int) -> dict[str, RobotStates]:
+        """Return the states of robots at a time, by the wall clock of the recorder.
+
+        Raises:
+            RecordingError: If the file is damaged there.
+        """
+        with readable(self.index.path):
+            return {each: self._robots[each].at(at_ns) for each in robot_ids}
+
+    def next_status_ns(self, robot_id: str, at_ns: int, *, back: bool) -> int | None:
+        """Time of the first status of a robot after a time, or of the last before it.
+
+        Raises:
+            RecordingError: If the file is damaged there.
+        """
+        key = topics.STATUS.key(robot_id)
+        with readable(self.index.path):
+            if back:
+                found = next(self.index.newest_first(key, at_ns - 1), None)
+            else:
+                found = self.index.first_after(key, at_ns)
+        return None if found is None else found.log_ns
+
+    def events(self) -> list[RecordedEvent]:
+        """Return the events to show, the first of them if there are very many.
+
+        Raises:
+            RecordingError: If the file is damaged.
+        """
+        with readable(self.index.path):
+            found = [e for e in read_events(self.index) if e.kind is not EventKind.OTHER]
+        return [replace(event, text=event.text[:_TEXT_LENGTH]) for event in found[:_MOST_EVENTS]]
+
+    def marks(self) -> list[Mark]:
+        """Return the marks.
+
+        Raises:
+            RecordingError: If they cannot be read.
+        """
+        return read_marks(self.index.path)
+
+    def track(self, count: int) -> dict[str, list[tuple[float, float]]]:
+        """Return positions of each robot on a floor at `count` even times, in m.
+
+        Raises:
+            RecordingError: If the file is damaged.
+        """
+        start_ns, span_ns = self.index.start_ns, self.index.end_ns - self.index.start_ns
+        tracks: dict[str, list[tuple[float, float]]] = {each: [] for each in self._robots}
+        with readable(self.index.path):
+            for i in range(count):
+                for robot_id, robot in self._robots.items():
+                    xy = robot.position(start_ns + span_ns * i // (count - 1))
+                    if xy is not None:
+                        tracks[robot_id].append(xy)
+        return tracks
+
+
+class _RobotReader:
+    """Finds the states of one robot; the newest that can be decoded, as a live page shows them."""
+
+    def __init__(self, index: RecordingIndex, robot_id: str, robot: RobotDescription) -> None:
+        self._index, self._id, self._decoders = index, robot_id, decoders(robot)
+        self._known: dict[str, tuple[Entry, Any]] = {}
+
+    def at(self, at_ns: int) -> RobotStates:
+        found = {name: each for name in STREAMS if (each := self._newest(name, at_ns))}
+        return RobotStates(
+            self._is_alive(at_ns, default="status" in found),
+            {
+                name: FoundState(entry.log_ns, entry.publish_ns, entry.sequence, entry.data)
+                for name, (entry, _) in found.items()
+            },
+        )
+
+    def position(self, at_ns: int) -> tuple[float, float] | None:
+        odom = self._newest("odom", at_ns)
+        if odom is None or odom[1].wxyz is not None:
+            return None
+        x, y, _ = (round(float(number), 3) for number in odom[1].xy_heading)
+        return x, y
+
+    def _newest(self, name: str, at_ns: int) -> tuple[Entry, Any] | None:
+        known = self._known.get(name)
+        key = STREAMS[name].key(self._id)
+        for count, entry in enumerate(self._index.newest_first(key, at_ns)):
+            if known is not None and known[0] == entry:
+                return known
+            if count > _TRIED:
+                break
+            if len(entry.data) <= _STATE_BYTES:
+                try:
+                    self._known[name] = entry, self._decoders[name](entry.data)
+                except MessageError:
+                    continue
+                return self._known[name]
+        return None
+
+    def _is_alive(self, at_ns: int, *, default: bool) -> bool:
+        for entry in self._index.newest_first(topics.alive_key(self._id), at_ns):
+            try:
+                return msgspec.json.decode(entry.data) == {"alive": True}
+            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+                return False
+        return default
+
+
+class FolderReader:
+    """Reader of the recordings of a folder, for a list."""
+
+    def __init__(self) -> None:
+        self._growing: OrderedDict[Path, RecordingIndex] = OrderedDict()
+
+    def close(self) -> None:
+        """Close the files that are being written."""
+        for index in self._growing.values():
+            index.close()
+        self._growing.clear()
+
+    def listing(self, path: Path) -> Listing:
+        """Return what a list shows of a recording.
+
+        Raises:
+            RecordingError: If it is not a recording.
+        """
+        file = RecordFile(path)
+        try:
+            if file.is_whole:
+                self._forget(path)
+                channels, statistics, _ = file.summary(chunks=False)
+                if statistics is None:
+                    raise RecordingError(f"{path} has no index")
+                found = {about[0] for about in channels.wanted(None).values()}
+                start_ns, end_ns = statistics.start_ns, statistics.end_ns
+            else:
+                index = self._index(path)
+                start_ns, end_ns, found = index.start_ns, index.end_ns, set(index.topics)
+        finally:
+            file.close()
+        shown = tuple(sorted(_robots(found))[:MOST_ROBOTS])
+        return Listing(start_ns, end_ns, shown, file.is_whole, len(read_marks(path)))
+
+    def _index(self, path: Path) -> RecordingIndex:
+        """Index of a file that is being written, of which only what is new is read."""
+        index = self._growing.get(path)
+        if index is None:
+            index = self._growing[path] = RecordingIndex(path)
+            if len(self._growing) > _GROWING:
+                self._forget(next(iter(self._growing)))
+        index.refresh()
+        return index
+
+    def _forget(self, path: Path) -> None:
+        if (index := self._growing.pop(path, None)) is not None:
+            index.close()
+
+
+def _robots(found: Collection[str]) -> set[str]:
+    return {robot_of(topic) for topic in found} - {"", "*"}
+
+
+def _description(index: RecordingIndex, robot_id: str) -> tuple[str, RobotDescription]:
+    """Return the newest description of a robot that is one, as text and parsed.
+
+    Raises:
+        RecordingError: If there is none.
+        RobotFileError: If it cannot be used.
+    """
+    for entry in index.newest_first(Service.DESC.key(robot_id), _LATEST_NS):
+        try:
+            text = msgspec.json.decode(entry.data, type=Description).robot
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            continue  # Not of a robot of ours.
+        return text, parse_recorded(text, robot_id)
+    raise RecordingError(f"there is no description of '{robot_id}'")
+
+
+def parse_recorded(text: str, robot_id: str) -> RobotDescription:
+    """Parse the description of a recorded robot, without meshes.
+
+    Raises:
+        RobotFileError: If it cannot be used.
+    """
+    robot = robots.parse_description(text, f"description of {robot_id}")
+    # A folder on the robot's computer; on this one the path names other files.
+    body = msgspec.structs.replace(robot.body, meshes=None)
+    return msgspec.structs.replace(robot, body=body)

@@ -1,0 +1,375 @@
+"""Records of an MCAP file from anywhere: budgets apply before anything is decompressed.
+
+Work and memory are linear in the size of the file. A chunk is read with at most
+`MOST_CHUNK_BYTES`, whatever its header promises. All errors are a `RecordingError` of one sentence.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import struct
+import zlib
+from collections.abc import Collection, Generator, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.opcode import Opcode
+
+from tsd_twin.errors import RecordingError
+from tsd_twin.recording.channels import Entry
+
+MAGIC = b"\x89MCAP0\r\n"
+"""Beginning and end of a whole file."""
+MOST_MESSAGE_BYTES = 6 << 20
+"""Payload of the largest message: 4 MiB of the bus in Base64 fit in it."""
+MOST_CHUNK_BYTES = 8 << 20
+"""Largest chunk, decompressed: a recorder begins a new one after 256 KiB and one message."""
+MOST_CHUNK_MESSAGES = 1 << 16
+MOST_CHUNKS = 200_000
+"""Chunks of a file: those of 22 hours."""
+MOST_INDEXED = 4_000_000
+"""Entries of an index, one for each chunk and topic in it."""
+MOST_CHANNELS = 4096
+MOST_TOPIC_BYTES = 1024
+_MOST_SCHEMA_BYTES = 1 << 20
+_MOST_SUMMARY_BYTES = 256 << 20
+_MOST_CHARACTERS = 200
+_LATEST_NS = (1 << 63) - 1
+"""Wall clocks of recorders are signed."""
+_PACKED_BYTES = MOST_CHUNK_BYTES + (1 << 16)
+"""Data that cannot be compressed becomes a little longer."""
+
+_HEADER = struct.Struct("<BQ")
+"""Kind and length of a record."""
+_FOOTER = struct.Struct("<QQI")
+_CHUNK = struct.Struct("<QQQI")
+"""First and last time, decompressed size and checksum of a chunk."""
+_CHUNK_INDEX = struct.Struct("<QQQQI")
+_OFFSET = struct.Struct("<HQ")
+_GROUP = struct.Struct("<BQQ")
+_STATISTICS = struct.Struct("<QHIIIIQQI")
+_MESSAGE = struct.Struct("<HIQQ")
+"""Channel, sequence, and both times, before the payload of a message."""
+_U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
+
+
+@contextlib.contextmanager
+def readable(path: Path) -> Generator[None]:
+    """Turn all errors within into a `RecordingError` about a file."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except OSError as error:
+        raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from error
+    except MemoryError as error:
+        raise RecordingError(f"{path} cannot be read: it needs too much memory") from error
+    except Exception as error:  # Damaged data raises anything; decompressors have their own errors.
+        text = " ".join(str(error).split())[:_MOST_CHARACTERS] or type(error).__name__
+        raise RecordingError(f"{path} is damaged: {text}") from error
+
+
+class Place(NamedTuple):
+    """A chunk in the file."""
+
+    start_ns: int
+    end_ns: int
+    offset: int
+    length: int
+
+
+class Channels:
+    """Channels of a file with their schemas; the number of each is limited."""
+
+    def __init__(self) -> None:
+        self._channels: dict[int, tuple[str, str, int]] = {}
+        self._types: dict[int, str] = {}
+
+    def __contains__(self, number: object) -> bool:
+        return number in self._channels
+
+    def of(self, number: int) -> tuple[str, str, str] | None:
+        """Topic, encoding and ROS 2 type of a channel; None if it is unknown."""
+        if (channel := self._channels.get(number)) is None:
+            return None
+        return *channel[:2], self._types.get(channel[2], "")
+
+    def wanted(self, topics: Collection[str] | None) -> dict[int, tuple[str, str, str]]:
+        """Channels of some topics, or of all."""
+        return {
+            number: (topic, encoding, self._types.get(schema, ""))
+            for number, (topic, encoding, schema) in self._channels.items()
+            if topics is None or topic in topics
+        }
+
+    def learn(self, kind: int, body: bytes) -> None:
+        """Add the content of a channel or schema record."""
+        if kind == Opcode.CHANNEL:
+            number, schema = struct.unpack_from("<HH", body)
+            topic, at = _text(body, 4, MOST_TOPIC_BYTES)
+            encoding, _ = _text(body, at, MOST_TOPIC_BYTES)
+            self._channels[number] = topic, encoding, schema
+        elif kind == Opcode.SCHEMA:
+            if len(body) > _MOST_SCHEMA_BYTES:
+                raise ValueError("a schema is too long")
+            (number,) = _U16.unpack_from(body)
+            self._types[number], _ = _text(body, 2, MOST_TOPIC_BYTES)
+        if max(len(self._channels), len(self._types)) > MOST_CHANNELS:
+            raise ValueError(f"it has more than {MOST_CHANNELS} topics")
+
+
+class Statistics(NamedTuple):
+    """Times and counts of a whole file."""
+
+    start_ns: int
+    end_ns: int
+    counts: dict[int, int]
+    """Messages by channel."""
+
+
+class Summary(NamedTuple):
+    """Index at the end of a whole file."""
+
+    channels: Channels
+    statistics: Statistics | None
+    chunks: list[tuple[Place, list[int]]]
+    """Chunks with the channels in them."""
+
+
+class RecordFile:
+    """MCAP file of which records are read."""
+
+    def __init__(self, path: Path) -> None:
+        """Open the file.
+
+        Raises:
+            RecordingError: If it is not an MCAP file, or cannot be read.
+        """
+        self.path = path
+        with readable(path):
+            self._file = path.open("rb")
+        try:
+            with readable(path):
+                if os.pread(self._file.fileno(), len(MAGIC), 0) != MAGIC:
+                    raise RecordingError(
+                        f"{path} is no recording: it does not begin as an MCAP file"
+                    )
+                end = self.size - len(MAGIC)
+                self.is_whole = end >= len(MAGIC) and self._pread(len(MAGIC), end) == MAGIC
+                """Whether the file is closed; otherwise it may be growing."""
+        except BaseException:
+            self._file.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @property
+    def size(self) -> int:
+        """Present size in bytes."""
+        return os.fstat(self._file.fileno()).st_size
+
+    def summary(self, *, chunks: bool = True) -> Summary:
+        """Read the index; without `chunks` only topics, times and counts, which is faster.
+
+        Raises:
+            RecordingError: If the file is damaged, or has no index.
+        """
+        with readable(self.path):
+            end = self.size - len(MAGIC) - _HEADER.size - _FOOTER.size
+            kind, length = _HEADER.unpack(self._pread(_HEADER.size, max(end, 0)))
+            if kind != Opcode.FOOTER or length != _FOOTER.size:
+                raise ValueError("its end is damaged")
+            start, offsets, _ = _FOOTER.unpack(self._pread(_FOOTER.size, end + _HEADER.size))
+            if start == 0:
+                raise RecordingError(f"{self.path} has no index")
+            parts = [(start, (offsets or end) - start)]
+            if not chunks and offsets:
+                groups = (
+                    _GROUP.unpack_from(body)
+                    for kind, body in self._part(offsets, end - offsets, end)
+                    if kind == Opcode.SUMMARY_OFFSET
+                )
+                needed = (Opcode.STATISTICS, Opcode.CHANNEL)
+                parts = [(first, size) for kind, first, size in groups if kind in needed]
+            return self._summary(parts, end)
+
+    def _summary(self, parts: list[tuple[int, int]], end: int) -> Summary:
+        found, statistics, indexed = Summary(Channels(), None, []), None, 0
+        for start, length in parts[:2]:
+            for kind, body in self._part(start, length, end):
+                if kind in (Opcode.CHANNEL, Opcode.SCHEMA):
+                    found.channels.learn(kind, body)
+                elif kind == Opcode.STATISTICS:
+                    statistics = _statistics(body)
+                elif kind == Opcode.CHUNK_INDEX:
+                    place, channels = _chunk_index(body)
+                    indexed += len(channels)
+                    if len(found.chunks) >= MOST_CHUNKS or indexed > MOST_INDEXED:
+                        raise ValueError("its index is too long")
+                    found.chunks.append((place, channels))
+        _check_places([place for place, _ in found.chunks], end)
+        return found._replace(statistics=statistics)
+
+    def walk(self, at: int, size: int) -> Iterator[tuple[int, int, int]]:
+        """Yield kind, offset of the content and its length of all complete records from `at`."""
+        while at + _HEADER.size <= size:
+            kind, length = _HEADER.unpack(self._pread(_HEADER.size, at))
+            at += _HEADER.size + length
+            if at > size:
+                return
+            yield kind, at - length, length
+            if kind in (Opcode.DATA_END, Opcode.FOOTER):
+                return
+
+    def place(self, at: int, length: int) -> Place:
+        """Chunk whose content is at an offset."""
+        start_ns, end_ns, _, _ = _CHUNK.unpack(self._pread(_CHUNK.size, at))
+        return _checked(Place(start_ns, end_ns, at - _HEADER.size, length + _HEADER.size))
+
+    def channel_of_index(self, at: int) -> int:
+        """Channel of a message index whose content is at an offset."""
+        return _U16.unpack(self._pread(_U16.size, at))[0]
+
+    def entries(
+        self, place: Place, channels: Channels, topics: Collection[str] | None = None
+    ) -> Iterator[Entry]:
+        """Yield the messages of a chunk, of some topics or of all, and add its channels.
+
+        Raises:
+            RecordingError: If the chunk is damaged, or larger than a recorder writes.
+        """
+        with readable(self.path):
+            if place.length - _HEADER.size > _PACKED_BYTES:
+                raise ValueError("a chunk is too large")
+            body = self._pread(place.length - _HEADER.size, place.offset + _HEADER.size)
+            data = memoryview(_unpacked(body))
+            wanted = channels.wanted(topics)
+            count = 0
+            for kind, content in _records(data):
+                if kind == Opcode.MESSAGE:
+                    count += 1
+                    if count > MOST_CHUNK_MESSAGES:
+                        raise ValueError("a chunk has too many messages")
+                    number, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(content)
+                    if (about := wanted.get(number)) is not None:
+                        if len(content) > MOST_MESSAGE_BYTES + _MESSAGE.size:
+                            raise ValueError("a message is too long")
+                        payload = bytes(content[_MESSAGE.size :])
+                        yield Entry(*about, log_ns, publish_ns, sequence, payload)
+                elif kind in (Opcode.CHANNEL, Opcode.SCHEMA):
+                    channels.learn(kind, bytes(content))
+                    wanted = channels.wanted(topics)
+
+    def _part(self, start: int, length: int, end: int) -> Iterator[tuple[int, bytes]]:
+        """Yield kind and content of the records in a part of the summary."""
+        if not len(MAGIC) <= start <= start + length <= end:
+            raise ValueError("its index is not where its end says")
+        if length > _MOST_SUMMARY_BYTES:
+            raise ValueError("its index is too long")
+        for kind, content in _records(memoryview(self._pread(length, start))):
+            yield kind, bytes(content)
+
+    def _pread(self, length: int, at: int) -> bytes:
+        data = os.pread(self._file.fileno(), length, at)
+        if len(data) < length:
+            raise OSError("it ends too early")
+        return data
+
+
+def is_whole(path: Path) -> bool:
+    """Return whether a file ends as a whole MCAP file does."""
+    with path.open("rb") as file:
+        file.seek(0, 2)
+        if file.tell() < 2 * len(MAGIC):
+            return False
+        file.seek(-len(MAGIC), 2)
+        return file.read() == MAGIC
+
+
+def _records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
+    at, size = 0, len(data)
+    while at < size:
+        kind, length = _HEADER.unpack_from(data, at)
+        at += _HEADER.size + length
+        if at > size:
+            raise ValueError("a record is longer than what it is in")
+        yield kind, data[at - length : at]
+
+
+def _unpacked(body: bytes) -> bytes:
+    """Decompress the content of a chunk, into no more than its budget."""
+    _, _, size, crc = _CHUNK.unpack_from(body)
+    compression, at = _text(body, _CHUNK.size, 16)
+    (length,) = _U64.unpack_from(body, at)
+    packed = memoryview(body)[at + _U64.size :]
+    if size > MOST_CHUNK_BYTES:
+        raise ValueError(f"a chunk of {size} bytes is larger than {MOST_CHUNK_BYTES}")
+    if length != len(packed):
+        raise ValueError("a chunk is not as long as it says")
+    match compression:
+        case "":
+            data = bytes(packed)
+        case "zstd":
+            # A frame has its own idea of the size, which the decompressor would believe.
+            promised = zstandard.get_frame_parameters(packed).content_size
+            if promised not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+                raise ValueError("a chunk does not have the size that it says")
+            data = zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+        case "lz4":
+            unpacking: Any = lz4.frame.LZ4FrameDecompressor()
+            data = unpacking.decompress(packed, max_length=size + 1)
+        case _:
+            raise ValueError(f"a chunk is compressed by '{compression}'")
+    if len(data) != size:
+        raise ValueError("a chunk does not have the size that it says")
+    if crc and zlib.crc32(data) != crc:
+        raise ValueError("the checksum of a chunk is wrong")
+    return data
+
+
+def _text(body: bytes, at: int, most: int) -> tuple[str, int]:
+    """Text with its length before it, and the offset behind it."""
+    (length,) = _U32.unpack_from(body, at)
+    end = at + _U32.size + length
+    if length > most or end > len(body):
+        raise ValueError("a name is too long")
+    return str(body[at + _U32.size : end], "utf-8"), end
+
+
+def _chunk_index(body: bytes) -> tuple[Place, list[int]]:
+    start_ns, end_ns, offset, length, size = _CHUNK_INDEX.unpack_from(body)
+    offsets = body[_CHUNK_INDEX.size : _CHUNK_INDEX.size + size]
+    if len(offsets) != size:
+        raise ValueError("an entry of the index is cut")
+    channels = [number for number, _ in _OFFSET.iter_unpack(offsets)]
+    return _checked(Place(start_ns, end_ns, offset, length)), channels
+
+
+def _checked(place: Place) -> Place:
+    if not place.start_ns <= place.end_ns <= _LATEST_NS:
+        raise ValueError("the times of a chunk are impossible")
+    return place
+
+
+def _check_places(places: list[Place], end: int) -> None:
+    """Refuse an index in which chunks overlap, so that no byte of the file is read twice."""
+    at = len(MAGIC)
+    for place in sorted(places, key=lambda place: place.offset):
+        if not at <= place.offset <= place.offset + place.length <= end:
+            raise ValueError("its index names one chunk twice, or one outside the file")
+        if place.length <= _HEADER.size:
+            raise ValueError("its index names an empty chunk")
+        at = place.offset + place.length
+
+
+def _statistics(body: bytes) -> Statistics:
+    *_, start_ns, end_ns, size = _STATISTICS.unpack_from(body)
+    counts = body[_STATISTICS.size : _STATISTICS.size + size]
+    if not start_ns <= end_ns <= _LATEST_NS or len(counts) != size:
+        raise ValueError("its statistics are impossible")
+    return Statistics(start_ns, end_ns, dict(_OFFSET.iter_unpack(counts)))

@@ -1,0 +1,81 @@
+"""Settings of servos: all that can be written is compared, or not with a reason."""
+
+from __future__ import annotations
+
+import pytest
+
+from firmware.simulator.mx64 import REGISTERS, Mx64
+from tsd_twin.dynamixel.servo_models import (
+    LONGEST_READ,
+    MODELS,
+    NOT_COMPARED,
+    ServoModel,
+    ServoSetting,
+    span,
+    wrong_setting,
+)
+
+READ_ONLY = {
+    1: {0: 3, 36: 9, 46: 1, 68: 2},
+    2: {0: 7, 69: 2, 120: 27},
+}
+"""Model, version and telemetry: where they begin, and how many bytes they have."""
+WIDE = {1: {30: 2}, 2: {24: 4, 40: 4, 102: 2, 104: 4, 116: 4}}
+"""Sizes of settings that are not compared and have more than a byte."""
+ALL = pytest.mark.parametrize("model", MODELS.values(), ids=lambda model: model.name)
+
+
+@pytest.mark.parametrize("number", [310, 311])
+def test_each_register_of_the_manual_is_compared_or_listed_with_a_reason(number: int) -> None:
+    model = MODELS[number]
+    found: list[int] = []
+    for s in model.settings:
+        found += range(s.address, s.address + s.size)
+    for at, size in READ_ONLY[model.protocol].items():
+        found += range(at, at + size)
+    documented = REGISTERS[model.protocol].documented
+    for at in NOT_COMPARED[model.protocol]:
+        if at in documented and at not in found:
+            found += range(at, at + WIDE[model.protocol].get(at, 1))
+    assert len(found) == len(set(found)), "none of them twice"
+    assert documented - set(found) == set()
+
+
+@pytest.mark.parametrize("number", [310, 311])
+def test_a_servo_as_it_comes_from_the_factory_is_right(number: int) -> None:
+    model = MODELS[number]
+    servo = Mx64(1, model.protocol)
+    assert int.from_bytes(servo.read(0, 2), "little") == number
+    for s in model.settings:
+        assert s.allows(s.value(servo.read(s.address, s.size))), s.name
+
+
+@ALL
+def test_reads_have_all_settings_in_their_order_and_nothing_else(model: ServoModel) -> None:
+    groups = model.reads()
+    assert [s for group in groups for s in group] == list(model.settings)
+    for group in groups:
+        assert span(group) == group[-1].address + group[-1].size - group[0].address
+        assert span(group) <= LONGEST_READ[model.protocol]
+
+
+@ALL
+def test_limits_fit_into_the_row_of_the_firmware(model: ServoModel) -> None:
+    addresses = [s.address for s in model.settings]
+    assert addresses == sorted(set(addresses))
+    for s in model.settings:
+        assert -(1 << 15) <= s.least <= s.most < 1 << 15
+        assert s.address + s.size <= 256
+
+
+def test_what_is_wrong_is_said_in_one_sentence() -> None:
+    setting = ServoSetting(9, 1, 25, 250, "return delay time")
+    assert setting in MODELS[311].settings
+    assert wrong_setting("servo 5", 311, 9, 0) == (
+        "servo 5: return delay time (register 9) is 0, and must be 25 to 250; set it with "
+        "Dynamixel Wizard"
+    )
+    assert wrong_setting("servo 5", 311, 20, 2**32 - 5).startswith(
+        "servo 5: homing offset (register 20) is -5"
+    )
+    assert wrong_setting("servo 5", 0, 20, 3) == "servo 5: register 20 is 3, which must not be"
