@@ -29,7 +29,7 @@ from tsd_twin.models import robot_urdf
 from tsd_twin.node import RobotNode
 from tsd_twin.node.robot_node import RateKeeper
 from tsd_twin.robots import SingularityDescription, description_of_kind
-from tsd_twin.safety import Heartbeat, SafetySupervisor
+from tsd_twin.safety import Heartbeat, Mode, SafetySupervisor
 from tsd_twin.simulation import Motors
 
 PERIOD_S = 0.01
@@ -226,6 +226,13 @@ class VirtualRobot:
     def watch(self) -> None:
         """Forget how wide the pulses were."""
         self.widest_us = 0.0
+
+    @property
+    def obeys(self) -> bool:
+        """Whether the node obeys a command of motion."""
+        supervisor = self.supervisor
+        command = supervisor.command if supervisor.mode == Mode.DRIVING else None
+        return command is not None and bool(command.twist.any())
 
     @property
     def wheels_off(self) -> bool:

@@ -49,16 +49,6 @@ def _usable(link: LinkT, process: int) -> LinkT:
     return link
 
 
-def _usable(link: LinkT, process: int) -> LinkT:
-    """Return a link in the process that opened it; its threads do not exist in a forked child."""
-    if os.getpid() != process and not link.virtual:
-        raise ClientError(
-            f"this connection to {link.id} belongs to the parent of this process: connect again in "
-            "the child, or start it with the method 'spawn'"
-        )
-    return link
-
-
 class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
     """One robot: its newest state, and what needs no control of it."""
 
