@@ -235,3 +235,29 @@ NO_SOURCES: Mapping[str, str] = {
     "tsd_mock": "publishes poses of a simulated camera",
 }
 """Modules that can send commands and are no source of their own, with the reason."""
+
+
+def documented() -> str:
+    """Return the table as the page on safety has it."""
+    head = "| Condition | " + " | ".join(source.name for source in SOURCES) + " |"
+    lines = [head, "| --- " * (1 + len(SOURCES)) + "|"]
+    for condition in CONDITIONS:
+        cells = [_cell(rules_of(source, condition)) for source in SOURCES]
+        lines.append(f"| {condition.name} | " + " | ".join(cells) + " |")
+    reasons: dict[str, list[str]] = {}
+    for (source, name), deviation in DEVIATIONS.items():
+        reasons.setdefault(f"{source}|{deviation.reason}", []).append(name)
+    notes = [
+        f"- **{key.split('|')[0]}, {', '.join(names)}**: {key.split('|')[1]}"
+        if len(names) < len(CONDITIONS)
+        else f"- **{key.split('|')[0]}**: {key.split('|')[1]}"
+        for key, names in reasons.items()
+    ]
+    return "\n".join([*lines, "", *notes])
+
+
+def _cell(rules: tuple[Rule, Rule] | None) -> str:
+    if rules is None:
+        return "not concerned"
+    codes = dict.fromkeys(rule.code for rule in rules)
+    return ", ".join(f"`{code}`" if code.isupper() else code for code in codes)
