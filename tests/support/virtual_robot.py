@@ -1,4 +1,4 @@
-"""The whole robot in virtual time: node and bridge as they are, and the compiled firmware."""
+"""A robot in virtual time: the real node, bridge and firmware."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from tsd_twin.simulation import Motors
 PERIOD_S = 0.01
 ZERO_US = 1001.0
 """A pulse up to this is zero throttle."""
-_BYTE_WAIT_S = 0.0005
+_BYTE_WAIT_S = 0.001
 
 
 class VirtualPort:
@@ -187,7 +187,7 @@ class VirtualRobot:
         finally:
             self._ticking = False
 
-    # What an observer sees.
+    # State for tests.
 
     @property
     def supervisor(self) -> SafetySupervisor:
