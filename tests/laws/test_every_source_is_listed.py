@@ -19,7 +19,7 @@ LISTED = {module for source in SOURCES for module in source.modules}
 CALLS = {"set_velocity", "set_turn_rate", "publisher", "declare_publisher"}
 """Methods that command a velocity, or publish on any key of the bus."""
 MADE = {"RobotDriver", "JointCommand", "TwistCommand"}
-"""What is made only to command a robot."""
+"""Classes used only to command a robot."""
 
 
 def commands(text: str) -> set[str]:

@@ -113,7 +113,7 @@ async def _try_again(
     if rule is STALE:
         await _push_old_inputs(robot, made)
         return
-    await asyncio.sleep(2.2)  # The stick is let go, and zero throttle is held.
+    await asyncio.sleep(2.2)  # Sticks are centred, and zero throttle is required.
     refusal = await made.get_ready(reset=condition.may_reset)
     assert refusal
     await made.hold(0.5, 0.5)
@@ -137,12 +137,12 @@ async def _push_old_inputs(robot: VirtualRobot, made: CommandSource) -> None:
 async def _replayed(
     robot: VirtualRobot, made: ReplayedDrive, condition: Condition, dice: random.Random
 ) -> None:
-    """A replay beside a robot that is well, and then beside one that is not."""
+    """Play a recording beside a healthy robot, then beside a faulty one."""
     await made.open()
     robot.watch()
     assert "this is a recording" in await made.get_ready()
     await condition.strike(robot, made, dice)
-    await made.hold(4.0, 0.0)
+    await made.hold(2.5, 0.0)
     assert robot.telemetry.mode == BoardMode.DISARMED
     assert robot.widest_us <= ZERO_US
     assert DEVIATIONS["replay", condition.name].fact(robot, made)

@@ -58,7 +58,7 @@ class CommandSource(ABC):
     def __init__(self, robot: VirtualRobot) -> None:
         self.robot = robot
         self.said: list[str] = []
-        """Sentences that it was told."""
+        """Sentences that it received."""
 
     @abstractmethod
     async def open(self) -> None:
@@ -122,7 +122,7 @@ class ScriptSource(CommandSource):
 
     def push(self, vx_mps: float, age_s: float = 0.0) -> None:
         try:
-            if age_s:  # A script has no old input: its command has waited on the way.
+            if age_s:  # A script has no old input, but its command may be delayed.
                 command = self._control._protocol.command(
                     (vx_mps, 0.0, 0.0), BASE, self.robot.clock.now_s, self.seen_at(age_s)
                 )
@@ -374,7 +374,7 @@ class RadioControl(CommandSource):
     async def get_ready(self, *, reset: bool = True) -> str:
         del reset  # It has none.
         self._send(0.0, speed=0.0, manual=False)
-        await asyncio.sleep(2.5)  # Zero throttle is held meanwhile.
+        await asyncio.sleep(2.5)  # The board requires 2 s of zero throttle.
         self._send(0.0, speed=0.0, manual=True)
         await asyncio.sleep(0.1)
         seen = self.robot.telemetry

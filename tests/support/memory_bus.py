@@ -25,7 +25,7 @@ def _match(one: str, other: str) -> bool:
 
 @dataclass
 class Network:
-    """What the sessions of one bus have declared, and samples that a link holds back."""
+    """Declarations of all sessions, and samples that a link holds back."""
 
     clock: VirtualClock
     takers: list[tuple[str, Callable[[Sample], None]]] = field(default_factory=list)

@@ -78,7 +78,9 @@ class ServoChain:
                 servo.write(u2d2.BUS_WATCHDOG, bytes([TRIPPED]))
         goals = (np.array(self.goals()) - 2048) * _LAWS.step_rad
         elapsed_s = max(0.0, until_s - self._moved_s) if units != TRIPPED else 0.0
-        self._angles = _LAWS.after(self._angles, goals, np.float64(min(elapsed_s, 1.0)))
+        moved = _LAWS.after(self._angles, goals, np.float64(min(elapsed_s, 1.0)))
+        jammed = [servo.jammed for servo in self.servos]
+        self._angles = np.where(jammed, self._angles, moved)
         self._moved_s = now_s
         for servo, angle in zip(self.servos, self._angles, strict=True):
             servo.position = 2048 + round(angle / _LAWS.step_rad)

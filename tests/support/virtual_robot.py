@@ -1,4 +1,4 @@
-"""The whole robot in virtual time: node and bridge as they are, and the compiled firmware."""
+"""A robot in virtual time: the real node, bridge and firmware."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from tsd_twin.models import robot_urdf
 from tsd_twin.node import RobotNode
 from tsd_twin.node.robot_node import RateKeeper
 from tsd_twin.robots import SingularityDescription, description_of_kind
-from tsd_twin.safety import Heartbeat, SafetySupervisor
+from tsd_twin.safety import Heartbeat, Mode, SafetySupervisor
 from tsd_twin.simulation import Motors
 
 PERIOD_S = 0.01
 ZERO_US = 1001.0
 """A pulse up to this is zero throttle."""
-_BYTE_WAIT_S = 0.0005
+_BYTE_WAIT_S = 0.001
 
 
 class VirtualPort:
@@ -187,7 +187,7 @@ class VirtualRobot:
         finally:
             self._ticking = False
 
-    # What an observer sees.
+    # State for tests.
 
     @property
     def supervisor(self) -> SafetySupervisor:
@@ -226,6 +226,13 @@ class VirtualRobot:
     def watch(self) -> None:
         """Forget how wide the pulses were."""
         self.widest_us = 0.0
+
+    @property
+    def obeys(self) -> bool:
+        """Whether the node obeys a command of motion."""
+        supervisor = self.supervisor
+        command = supervisor.command if supervisor.mode == Mode.DRIVING else None
+        return command is not None and bool(command.twist.any())
 
     @property
     def wheels_off(self) -> bool:

@@ -19,7 +19,7 @@ _LONGEST_WAIT_S = 0.01
 _LONGEST_TEST_S = 60.0
 _LAST_TURNS = 50
 _TURN_S = 1e-7
-"""What one turn of the event loop takes, so that no timer is due in no time."""
+"""Duration of one turn of the event loop, so that each timer takes time."""
 
 
 class VirtualClock:
