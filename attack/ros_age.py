@@ -129,6 +129,7 @@ class Stage:
         while not (answer := node.call("/arm"))[0]:
             if time.monotonic() > end_s:
                 raise TimeoutError(answer[1])
+            node.call("/reset")  # A busy machine may have latched it.
             time.sleep(0.1)
         time.sleep(PAUSED_S)
         try:

@@ -14,6 +14,15 @@ int16_t manual_goal[CT_SERVOS];
 
 static twist_t twist;
 static uint8_t phase;
+static bool slow;  // Since a servo was hot; no robot gets faster under the hand of its operator.
+
+static uint8_t hottest(void) {
+  uint8_t most = 0;
+  for (uint8_t i = 0; i < CT_SERVOS; i++) {
+    if (table.temperature[i] > most) most = table.temperature[i];
+  }
+  return most;
+}
 
 // Part of `span` beyond the dead bands at both of its ends, from 0 to 1.
 static float part(int16_t off, int16_t span) {
@@ -39,9 +48,10 @@ bool manual_speed_is_zero(void) { return speed() <= 0.0f; }
 static twist_t wanted(void) {
   twist_t goal = {stick(RC_FORWARD), stick(RC_LEFT), stick(RC_TURN)};
   float over = fmax(1.0f, hypot(goal.vx, goal.vy));
-  goal.vx *= ROBOT_SPEED_MPS / over;
-  goal.vy *= ROBOT_SPEED_MPS / over;
-  goal.omega *= ROBOT_TURN_RATE;
+  float share = slow ? ROBOT_SLOW_SHARE : 1.0f;
+  goal.vx *= share * ROBOT_SPEED_MPS / over;
+  goal.vy *= share * ROBOT_SPEED_MPS / over;
+  goal.omega *= share * ROBOT_TURN_RATE;
   return kinematics_limit(goal);
 }
 
@@ -57,12 +67,14 @@ void manual_begin(void) {
   twist = (twist_t){0.0f, 0.0f, 0.0f};
   memset(manual_goal, 0, sizeof manual_goal);
   phase = 0;
+  if (hottest() < ROBOT_WARM_C) slow = false;
 }
 
 void manual_tick(void) {
   // One module each millisecond: arc sines take a while, and the lines do not wait.
   static int16_t goals[CT_SERVOS];
   if (phase == 0) {
+    if (hottest() >= ROBOT_HOT_C) slow = true;
     approach(wanted());
   } else if (phase <= ROBOT_MODULES) {
     kinematics_module(twist, phase - 1, goals + 2 * (phase - 1));

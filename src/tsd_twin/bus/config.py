@@ -36,6 +36,7 @@ MOST_MESSAGE_BYTES = 4 << 20
 
 A hundred times the longest one of this project, and what recordings have room for.
 """
+_MOST_RECEIVED = "transport/link/rx/max_message_size"
 _MIXED = "?rel=1;mixed_rel=1"
 _TLS = "transport/link/tls"
 _FILES = (
@@ -78,7 +79,9 @@ class Config:
             settings.insert_json5(key, json.dumps(str(file)))
         for key, value in self.others.items():
             settings.insert_json5(key, value)
-        settings.insert_json5("transport/link/rx/max_message_size", str(MOST_MESSAGE_BYTES))
+        # A file may have a stricter limit, as that of a robot with certificates.
+        most = min(MOST_MESSAGE_BYTES, json.loads(settings.get_json(_MOST_RECEIVED)))
+        settings.insert_json5(_MOST_RECEIVED, str(most))
         return settings
 
 

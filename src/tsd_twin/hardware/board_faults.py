@@ -6,12 +6,7 @@ from tsd_twin.dynamixel.blocks import Telemetry
 from tsd_twin.dynamixel.control_table import SWITCH_US, BoardMode, RcChannel, Refusal, Trip
 from tsd_twin.dynamixel.servo_models import wrong_setting
 from tsd_twin.hardware.controller_board import REFUSALS, TRIPS
-from tsd_twin.hardware.joints import NO_TORQUE, TOO_HOT, JointConverter, hot_servos
-
-_FAR = (
-    "more than 9 degrees from its neutral position, so it gets no torque: turn its gimbal upright "
-    "by hand, or correct neutral_step in the calibration"
-)
+from tsd_twin.hardware.joints import FAR, NO_TORQUE, TOO_HOT, JointConverter, hot_servos
 
 
 class BoardFaults:
@@ -70,9 +65,7 @@ class BoardFaults:
         if hot := self._expected & hot_servos(dict(enumerate(board.temperature))):
             return f"{self._joints.named(hot)}: {TOO_HOT}"
         if far := self._expected & board.servo_far:
-            return f"{self._joints.named(far)}: {_FAR}"
-        if hot := self._expected & hot_servos(dict(enumerate(board.temperature))):
-            return f"{self._joints.named(hot)}: {TOO_HOT}"
+            return f"{self._joints.named(far)}: {FAR}"
         if limp := self._expected & board.servo_checked & ~board.servo_torque:
             return f"{self._joints.named(limp)}: {NO_TORQUE}"
         return ""

@@ -307,6 +307,10 @@ def _ints(values: Array) -> tuple[int, ...]:
 
 
 NO_TORQUE = "no torque: it restarted, or another program switched it off"
+FAR = (
+    "more than 9 degrees from its neutral position, so it gets no torque: turn its gimbal upright "
+    "by hand, or correct neutral_step in the calibration"
+)
 TOO_HOT = f"at least {SERVO_HOT_C} °C: let it cool"
 
 

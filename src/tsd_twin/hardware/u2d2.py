@@ -17,7 +17,9 @@ import numpy as np
 
 from tsd_twin.dynamixel.packets import ALERT, Status, protocol1, protocol2
 from tsd_twin.dynamixel.servo_models import MODEL_NUMBER, MODELS, ServoModel, span, wrong_setting
+from tsd_twin.hardware.approach import Approach
 from tsd_twin.hardware.joints import (
+    FAR,
     NO_TORQUE,
     TOO_HOT,
     JointCommand,
@@ -49,6 +51,7 @@ BUS_WATCHDOG = 98
 BUS_WATCHDOG_S = 0.02
 GOAL_POSITION = 116
 GOAL = Struct("<i")
+POSITION = 132
 PRESENT = 126
 _LAYOUT = Struct("<hiiiiHB")
 PRESENT_SIZE = _LAYOUT.size
@@ -137,8 +140,14 @@ class ServoBus:
         self._rest = np.zeros(joints.count)
         self._models: dict[int, ServoModel] = {}
         """By index."""
+        self._approach = Approach(len(joints.names))
         self._fed_s = 0.0
         self._cycles = 0
+
+    @property
+    def far(self) -> int:
+        """Mask of servos without torque, which were not near their neutral position yet."""
+        return self._approach.far
 
     def connect(self, transport: SerialTransport) -> None:
         """Find all servos, check their settings, and configure those that need it.
@@ -167,7 +176,8 @@ class ServoBus:
             self._fed_s = began_s
             request += self._all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
             request += self._all(BUS_WATCHDOG, [bytes([_WATCHDOG])] * len(self._ids))
-        request += self._goals(command.setpoint if command.in_force(began_s) else self._rest)
+        setpoint = command.setpoint if command.in_force(began_s) else self._rest
+        request += self._goals(setpoint, began_s, armed=command.heartbeat.armed)
         request += protocol2.sync_read(self._ids, PRESENT, PRESENT_SIZE)
         answers = transport.request(request, len(self._ids), _ANSWER_S)
         now_s = time.monotonic()
@@ -190,13 +200,14 @@ class ServoBus:
     def rest(self, transport: SerialTransport) -> None:
         """Send the gimbals to neutral; the servos hold it."""
         off = self._all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
-        transport.request(off + self._goals(self._rest), 0, 0.0)
+        goals = self._goals(self._rest, time.monotonic(), armed=self.command.heartbeat.armed)
+        transport.request(off + goals, 0, 0.0)
 
     def measured(self, report: ServoReport) -> list[int]:
         """Return steps from neutral, as the joints are drawn; 0 where nothing was measured."""
         return [
-            sign * (report.present[i].position - neutral) if i in report.present else 0
-            for i, (sign, neutral) in enumerate(zip(self._signs, self._neutral, strict=True))
+            self._steps(i, report.present[i].position) if i in report.present else 0
+            for i in range(len(self._ids))
         ]
 
     def current_a(self, i: int, present: Present) -> float:
@@ -204,7 +215,7 @@ class ServoBus:
         return 1e-3 * self._models[i].current_ma * present.current_units
 
     def _add_responses(self, answers: list[Status], now_s: float) -> None:
-        before = self.report or ServoReport({}, {}, 0, now_s)
+        before = self.report or ServoReport({}, {}, 0, now_s, self.far)
         whole = [a for a in answers if a.id in self._ids and len(a.data) == PRESENT_SIZE]
         if whole:
             faults = before.faults
@@ -220,6 +231,9 @@ class ServoBus:
                 now_s,
                 before.limp,
             )
+            for i, servo in present.items():
+                steps = self._steps(i, servo.position)
+                self._approach.see(i, steps, holds=not before.limp >> i & 1)
 
     def _look_at_torque(self, transport: SerialTransport, *, armed: bool) -> None:
         """Ask whether the servos hold; while disarmed, switch those on that do not."""
@@ -231,17 +245,21 @@ class ServoBus:
                 limp = limp & ~bit if answer.data[0] else limp | bit
         if self.report is not None:
             self.report = replace(self.report, limp=limp)
-        if limp and not armed:
-            on = {device: b"\x01" for device in self._ids if limp & self._bit(device)}
+        held = limp & ~self.far
+        if held and not armed:
+            on = {device: b"\x01" for device in self._ids if held & self._bit(device)}
             transport.request(protocol2.sync_write(TORQUE_ENABLE, on), 0, 0.0)
 
-    def _goals(self, setpoint: np.ndarray) -> bytes:
-        goals = self._joints.goals(setpoint)
-        steps = [
-            GOAL.pack(neutral + sign * goal)
-            for neutral, sign, goal in zip(self._neutral, self._signs, goals, strict=True)
-        ]
-        return self._all(GOAL_POSITION, steps)
+    def _goals(self, setpoint: np.ndarray, now_s: float, *, armed: bool) -> bytes:
+        goals = self._approach.step(self._joints.goals(setpoint), now_s, armed=armed)
+        return self._all(GOAL_POSITION, [self._goal(i, steps) for i, steps in enumerate(goals)])
+
+    def _goal(self, i: int, steps: int) -> bytes:
+        return GOAL.pack(self._neutral[i] + self._signs[i] * steps)
+
+    def _steps(self, i: int, position: int) -> int:
+        """Steps from neutral, as the joints are drawn."""
+        return self._signs[i] * (position - self._neutral[i])
 
     def _all(self, address: int, data: list[bytes]) -> bytes:
         return protocol2.sync_write(address, dict(zip(self._ids, data, strict=True)))
@@ -294,6 +312,19 @@ class ServoBus:
             self._write(transport, device, TORQUE_ENABLE, 0)
             self._write(transport, device, RETURN_DELAY, 0)
         self._write(transport, device, BUS_WATCHDOG, 0)
+        self._hold(transport, device)
+
+    def _hold(self, transport: SerialTransport, device: int) -> None:
+        """Let a servo near its neutral position hold where it is; others get no torque."""
+        (position,) = GOAL.unpack(self._read(transport, device, POSITION, GOAL.size))
+        i = self._ids.index(device)
+        steps = self._steps(i, position)
+        self._approach.see(i, steps, holds=False)
+        if self.far >> i & 1:
+            self._write(transport, device, TORQUE_ENABLE, 0)
+            return
+        there = protocol2.write(device, GOAL_POSITION, self._goal(i, steps))
+        self._request(transport, device, there)
         self._write(transport, device, TORQUE_ENABLE, 1)
 
     def _read(self, transport: SerialTransport, device: int, address: int, size: int) -> bytes:
@@ -417,6 +448,8 @@ class U2D2Hardware:
             return f"{self._joints.named(report.faults)}: hardware error"
         if hot := hot_servos({i: it.temperature_c for i, it in report.present.items()}):
             return f"{self._joints.named(hot)}: {TOO_HOT}"
+        if far := self._bus.far:
+            return f"{self._joints.named(far)}: {FAR}"
         if report.limp:
             return f"{self._joints.named(report.limp)}: {NO_TORQUE}"
         return ""
