@@ -101,10 +101,10 @@ def _write_description(
     args: argparse.Namespace, drives: CalibrationData, changes: dict[str, dict[str, Any]]
 ) -> str:
     """Write the fitted calibration; return a line that names the file."""
-    usual, last = (spin_ratio_of(drives.recordings[i]) for i in (0, -1))
-    if args.drive and (usual != last).any():
+    first, last = (spin_ratio_of(drives.recordings[i]) for i in (0, -1))
+    if args.drive and (first != last).any():
         # Only the last run used the wheel speeds of this description.
-        changes["drive"]["spin_ratio"] = usual.tolist()
+        changes["drive"]["spin_ratio"] = first.tolist()
     write_description(args.write_to, drives.text, changes)
     return f"written into {args.write_to}"
 

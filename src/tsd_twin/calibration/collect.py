@@ -453,9 +453,13 @@ def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
 def _from_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
     """Drive the robot on the bus, and add the earlier recordings."""
     out.refuse_overwrite(f"{LOG_TABLE}.csv", args.log)
-    came = drive_on_bus(args, out)
+    drive_data = drive_on_bus(args, out)
     return CalibrationData(
-        came.id, came.description_text, came.robot, came.recordings, learned=came.learned
+        drive_data.id,
+        drive_data.description_text,
+        drive_data.robot,
+        drive_data.recordings,
+        learned=drive_data.learned,
     )
 
 

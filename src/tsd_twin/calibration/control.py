@@ -155,12 +155,12 @@ class CalibratedRobot:
             yield control
         finally:
             # A second interrupt must not leave the wheels spinning.
-            impatient = signal.signal(signal.SIGINT, signal.SIG_IGN)
+            previous_sigint = signal.signal(signal.SIGINT, signal.SIG_IGN)
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
             try:
                 control.release()
             finally:
-                signal.signal(signal.SIGINT, impatient)
+                signal.signal(signal.SIGINT, previous_sigint)
                 signal.signal(signal.SIGTERM, before)
 
 

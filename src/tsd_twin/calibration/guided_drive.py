@@ -50,15 +50,15 @@ class OdometryConsistency:
 
     def add_pose(self, pose: SE2, seen_s: float) -> str:
         """Add a camera pose; return a description of the inconsistency, or ""."""
-        reckoned = self._at(seen_s)
-        if reckoned is None:
+        odometry_pose = self._at(seen_s)
+        if odometry_pose is None:
             return ""
-        self._camera.append((seen_s, pose, reckoned))
+        self._camera.append((seen_s, pose, odometry_pose))
         while len(self._camera) > 1 and self._camera[1][0] <= seen_s - WINDOW_S:
             self._camera.popleft()
-        _, pose_then, reckoned_then = self._camera[0]
+        _, pose_then, odometry_then = self._camera[0]
         by_camera = (pose_then.inverse() @ pose).xy_heading
-        by_wheels = (reckoned_then.inverse() @ reckoned).xy_heading
+        by_wheels = (odometry_then.inverse() @ odometry_pose).xy_heading
         apart_m = math.dist(by_camera[:2], by_wheels[:2])
         apart_rad = abs(float(wrap(by_camera[2] - by_wheels[2])))
         if apart_m <= MAX_DIFFERENCE_M and apart_rad <= MAX_DIFFERENCE_RAD:

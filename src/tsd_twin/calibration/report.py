@@ -38,10 +38,10 @@ def write_description(file: str, used: str, tables: TomlTables) -> None:
     if path.suffix != ".toml":
         raise RobotFileError(file, "is no place for a description", "a name that ends in .toml")
     text = edit_description(robots.read_description(file) if path.exists() else used, file, tables)
-    beside = path.with_name(f".{path.name}.new")
+    temporary = path.with_name(f".{path.name}.new")
     try:
-        beside.write_text(text, encoding="utf-8")
-        beside.replace(path)
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(path)
     except OSError as error:
         raise RobotFileError(file, f"cannot be written: {error.strerror}") from error
 

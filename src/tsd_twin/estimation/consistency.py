@@ -225,8 +225,8 @@ class ConsistencyResult:
 
 _EDGE_SHARE = math.sqrt(3.0 / chi_square_bound(3, FALSE_ALARM))
 """Standard deviation assigned to a dead band, as a fraction of its width. Dead bands are bounded,
-not Gaussian: with this fraction, three modules with all joints at the edge just reach the
-threshold, averaged over the edges' directions."""
+not Gaussian: with this fraction, three modules with all joints at an edge just reach the threshold,
+averaged over the choice of edges."""
 _DEFLECTION_SIGMA = 0.3
 """Standard deviation of a joint's deflection, relative to the model: loads are unequal, and joints
 move within their backlash."""

@@ -43,7 +43,7 @@ class JointNoise:
 
 
 def acceleration(before: Array, twist: Array, elapsed_s: float) -> Array:
-    """Return the ground-frame acceleration (3,) between two twists, in body axes."""
+    """Return the acceleration (3,) over the ground between two twists, in body axes."""
     vx, vy, omega = twist.tolist()
     return (twist - before) / elapsed_s + np.array([-omega * vy, omega * vx, 0.0])
 

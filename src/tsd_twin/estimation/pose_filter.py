@@ -200,9 +200,10 @@ class PoseFilter:
     ) -> Array:
         """Return the squared Mahalanobis distance (...) of measured poses from the prediction.
 
-        It is the smaller of two distances, by the filter's covariance and by the covariance of its
-        gains, so its distribution is at most chi-square with three degrees of freedom. The filter
-        is not changed. `measured_s` must be within the memory; `by_constants` as in `fuse_pose`.
+        It is the smaller of two distances, by the filter's covariance and by the covariance assumed
+        for the gains, so its distribution is at most chi-square with three degrees of freedom. The
+        filter is not changed. `measured_s` must be within the memory; `by_constants` as in
+        `fuse_pose`.
         """
         index = self._index(min(measured_s, self.now_s))
         step = self._steps[index]
@@ -367,7 +368,7 @@ class DriftFilter:
     """Kalman filter for the pose at the time of the latest twist, and for twist biases.
 
     The integrated pose deviates by a random walk and, linearly, by the integrated twist errors.
-    Neither has an expected drift, so the filter state is kept at the time of the latest measured
+    Neither changes in expectation, so the filter state is kept at the time of the latest measured
     pose, however late it arrives, and no step is recomputed.
     """
 

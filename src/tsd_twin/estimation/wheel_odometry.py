@@ -55,8 +55,8 @@ class SpinModel:
         up, down = math.exp(-dt_s / law.up_s), math.exp(-dt_s / law.down_s)
 
         # Plain floats, because numpy would take four times as long for a few wheels.
-        start, told = law.start_speed_rad_per_s, setpoint_rad_per_s.tolist()
-        goals = [speed if abs(speed) >= start else 0.0 for speed in told]
+        start, commanded = law.start_speed_rad_per_s, setpoint_rad_per_s.tolist()
+        goals = [speed if abs(speed) >= start else 0.0 for speed in commanded]
         pairs = zip(goals, self.spin_rad_per_s.tolist(), strict=True)
         speeds = np.array(
             [goal + (spin - goal) * (up if abs(goal) > abs(spin) else down) for goal, spin in pairs]
@@ -156,12 +156,12 @@ class JointOdometry(Generic[PoseT]):
         """Advance by a step of `dt_s` in which the joints were not measured."""
         if step.share == 0.0 and self._before_outage is not None and not self.motion.twist.any():
             return  # Already at rest.
-        usual = self._before_outage = self._before_outage or self.errors
+        nominal = self._before_outage = self._before_outage or self.errors
         by_constants, white_per_s = (
-            step.share * usual.by_constants,
-            step.share**2 * usual.white_per_s,
+            step.share * nominal.by_constants,
+            step.share**2 * nominal.white_per_s,
         )
-        covariance = step.share**2 * usual.covariance + step.twist_covariance
+        covariance = step.share**2 * nominal.covariance + step.twist_covariance
         own = TwistErrors(by_constants, white_per_s, covariance)
         self.errors = replace(own, white_per_s=white_per_s + step.white_per_s)
         before, self.motion = self.pose, TwistSolution(step.twist, np.zeros(0))

@@ -114,7 +114,7 @@ def drive_open_loop(
     nodes[..., ~is_angle] = setpoints[0, ~is_angle] * (1.0 + errors.spin_share)
     play = np.zeros_like(errors.zero_rad)
     angles, pose = errors.zero_rad.copy(), SE2(np.tile(trajectory.at(0.0).pose, (runs, 1)))
-    squared, worst, error_m, beside = (np.zeros(runs) for _ in range(4))
+    squared, worst, error_m, off_line = (np.zeros(runs) for _ in range(4))
     route = trajectory.route
     corners = route.at(np.array([0.0, *route.breaks_m, route.length_m])).pose[:, :2]
     halves = np.array([0.5, 1.0])[:, None, None] * STEP_S
@@ -133,12 +133,12 @@ def drive_open_loop(
             before = slip.twist
             tangent = 0.5 * STEP_S * (before + slip.advance(tangent / STEP_S, STEP_S, 2))
         pose = pose @ SE2.exp(tangent)
-        beside = np.maximum(beside, _distance_from_lines(pose.xy_heading[:, :2], corners))
+        off_line = np.maximum(off_line, _distance_from_lines(pose.xy_heading[:, :2], corners))
         error = pose.xy_heading[:, :2] - reference_xy
         error_m = np.hypot(error[:, 0], error[:, 1])
         squared += error_m * error_m
         worst = np.maximum(worst, error_m)
-    return OpenLoopErrors(np.sqrt(squared / steps), worst, error_m, beside)
+    return OpenLoopErrors(np.sqrt(squared / steps), worst, error_m, off_line)
 
 
 def _distance_from_lines(xy: Array, corners: Array) -> Array:
@@ -304,7 +304,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     for name, at in out.progress(jobs, "driving squares", len(jobs)):
         part = errors[name].part(slice(at, at + BATCH))
         found[name].append(drive_open_loop(variants.get(name, robot), trajectory, part))
-    worst, beside = (
+    worst, off_line = (
         {
             name: 100.0 * np.concatenate([getattr(outcome, key) for outcome in outcomes])
             for name, outcomes in found.items()
@@ -313,7 +313,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     )
     middle, high, line_middle, line_high = (
         {name: float(np.quantile(values, share)) for name, values in of.items()}
-        for of in (worst, beside)
+        for of in (worst, off_line)
         for share in (0.5, 0.95)
     )
     out.table(
@@ -329,7 +329,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         },
     )
     of_thesis = args.robot == THESIS_ROBOT
-    _draw_budget(beside, line_middle, line_high, out, of_thesis=of_thesis)
+    _draw_budget(off_line, line_middle, line_high, out, of_thesis=of_thesis)
     lines = [
         "largest error of position on the open-loop square, % of the side (median, 95 of 100):",
         f"  {'':20} {'in time':>11} {'from the line':>15}",
@@ -367,7 +367,7 @@ def _draw_errors(
 
 
 def _draw_budget(
-    beside: dict[str, Array],
+    off_line: dict[str, Array],
     middle: dict[str, float],
     high: dict[str, float],
     out: Output,
@@ -376,7 +376,7 @@ def _draw_budget(
 ) -> None:
     figure: Any = experiment.new_figure(10.0, 4.4, "What each error costs on the open-loop square")
     left, right = figure.subplots(1, 2, width_ratios=[1.3, 1.0])
-    names = list(beside)[::-1]
+    names = list(off_line)[::-1]
     rows = np.arange(len(names))
     left.barh(rows, [high[n] for n in names], 0.7, color="#f0c8b4", label="95 of 100 runs")
     left.barh(
@@ -391,7 +391,7 @@ def _draw_budget(
         left, "largest distance from the line (% of the side)", "", "one at a time, and together"
     )
     experiment.add_legend(left, loc="upper right")
-    right.hist(beside[_ALL_SOURCES], 60, color=experiment.TRUTH_COLOUR)
+    right.hist(off_line[_ALL_SOURCES], 60, color=experiment.TRUTH_COLOUR)
     if of_thesis:
         line: dict[str, Any] = {"color": experiment.REFERENCE_COLOUR, "linestyle": "--"}
         left.axvline(100 * THESIS_SHARE, linewidth=1.0, **line)

@@ -93,11 +93,11 @@ class Slip:
         trapezoidal rule with the friction of the previous slip, which is stable for any step.
         """
         step_s = dt_s / pieces
-        told = np.einsum("kij,...j->...ki", self._rows, rolling)
+        demanded = np.einsum("kij,...j->...ki", self._rows, rolling)
         for _ in range(pieces):
             share = self.spin_share
             over = np.einsum("kij,...j->...ki", self._rows, self.twist)
-            slip = share[..., None] * told - over
+            slip = share[..., None] * demanded - over
             slip2 = np.square(slip).sum(axis=-1)
             rim2 = np.square(share * self._rim_mps)
             pull = self._most_n / np.sqrt(slip2 + _SPIN_IN_SLIP**2 * rim2)
@@ -107,7 +107,7 @@ class Slip:
             gained = np.asarray(
                 np.linalg.solve(self._mass + 0.5 * drag, pulled[..., None]), dtype=float
             )
-            self.spin_share = share + step_s * self._spin_up(share, told, force, slip2, rim2)
+            self.spin_share = share + step_s * self._spin_up(share, demanded, force, slip2, rim2)
             self.twist = self.twist + gained[..., 0]
             # Coriolis term, because the axes of the body rotate.
             turned = step_s * self.twist[..., 2:]
@@ -137,10 +137,12 @@ class Slip:
         self.spin_share = self.spin_share + dt_s * rise_per_s
         return rolled, force
 
-    def _spin_up(self, share: Array, told: Array, force: Array, slip2: Array, rim2: Array) -> Array:
+    def _spin_up(
+        self, share: Array, demanded: Array, force: Array, slip2: Array, rim2: Array
+    ) -> Array:
         """Return the wheel acceleration: motor torque minus the loads of push and spin friction."""
         time_constant_s = np.where(share < 1.0, self._up_s, self._down_s)
-        pushing = (force * told).sum(axis=-1) / self._spin_rad_per_s
+        pushing = (force * demanded).sum(axis=-1) / self._spin_rad_per_s
         drilling = self._most_n * self._lever_m * np.sqrt(rim2 / (rim2 + _SLIP_IN_SPIN**2 * slip2))
         return (1.0 - share) / time_constant_s - self._share_per_nms * (pushing + drilling)
 

@@ -97,12 +97,12 @@ def driven_setpoints(robot_name: str, manoeuvre_name: str, seconds: float) -> tu
     recorder = _Recorder(robot)
     virtual = VirtualRobot(robot, recorder)
     start = len(recorder.setpoints)
-    usual_rpm = getattr(robot.drive, "cruise_speed_rpm", 0.0)  # pyright: ignore
+    default_rpm = getattr(robot.drive, "cruise_speed_rpm", 0.0)  # pyright: ignore
     for i in range(round(seconds / PERIOD_S)):
         t_s = i * PERIOD_S
         if manoeuvre.drive_speeds and t_s % _SPEED_S < 0.5 * PERIOD_S:
             speeds = manoeuvre.drive_speeds
-            virtual.choose_drive_speed(usual_rpm * speeds[round(t_s / _SPEED_S) % len(speeds)])
+            virtual.choose_drive_speed(default_rpm * speeds[round(t_s / _SPEED_S) % len(speeds)])
         virtual.drive(np.array(manoeuvre.twist(t_s)))
     return np.array(recorder.setpoints), start
 

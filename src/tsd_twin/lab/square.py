@@ -297,8 +297,8 @@ def _draw_errors(percent: Array, title: str, out: Output) -> None:
     axes = figure.subplots()
     for row, (of, colour) in enumerate(zip(percent.T, experiment.SERIES_COLOURS, strict=False)):
         # Side by side in the order of the seeds, so that dots do not overlap.
-        beside = row + np.linspace(-0.3, 0.3, len(of)) if len(of) > 1 else np.array([row])
-        axes.plot(beside, of, ".", color=colour, markersize=7)
+        offsets = row + np.linspace(-0.3, 0.3, len(of)) if len(of) > 1 else np.array([row])
+        axes.plot(offsets, of, ".", color=colour, markersize=7)
         median = float(np.median(of))
         axes.plot([row - 0.35, row + 0.35], [median, median], color=colour, linewidth=1.2)
     axes.set_xticks(range(len(_DRAWN)), _DRAWN)

@@ -187,8 +187,8 @@ class FloorErrors:
     restore_down_s: float = 1.0
     """Time constant with which motors remove gained wheel speed."""
     turn_per_spin: float = 0.0
-    """Turn-rate change of the robot that causes the same floor force as the same change of a
-    wheel's speed."""
+    """Turn-rate change of the robot equivalent, in floor force, to a unit change of a wheel's
+    speed."""
 
 
 @dataclass(frozen=True, slots=True)

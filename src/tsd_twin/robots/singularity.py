@@ -329,14 +329,14 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         """Range of wheel speeds that all motors can reach."""
         drive = self.kinematics()
         # The motor setpoint is the wheel speed divided by the wheel's scale.
-        per_told = self.actuator_offsets().scale[2::3] / drive.spin_ratio
+        per_setpoint = self.actuator_offsets().scale[2::3] / drive.spin_ratio
         fastest_rpm = np.array([column[-1] for column in self.motor.speed_rpm])
-        most_rpm = float((fastest_rpm * per_told).min())
+        most_rpm = float((fastest_rpm * per_setpoint).min())
         if self.drive.max_speed_rpm is not None:
             most_rpm = min(most_rpm, self.drive.max_speed_rpm)
         return WheelSpeedRange(
             kinematics=drive,
-            least_rad_per_s=self.motor.start_speed_rpm * float(per_told.max()) * RPM,
+            least_rad_per_s=self.motor.start_speed_rpm * float(per_setpoint.max()) * RPM,
             most_rad_per_s=most_rpm * RPM,
             servo_step_rad=2.0 * math.pi / self.servo.steps_per_turn,
         )

@@ -151,15 +151,15 @@ class ShadowTwin:
         if self._bank is not None and -_GAP_S < dt_s <= 0.0:
             return
         self._last_ns = stamp_ns
-        goes_on = self._bank is not None and 0.0 < dt_s <= _GAP_S
+        contiguous = self._bank is not None and 0.0 < dt_s <= _GAP_S
         if status is not None:
-            self._process_status(status, dt_s if goes_on else 0.0)
-        if goes_on:
+            self._process_status(status, dt_s if contiguous else 0.0)
+        if contiguous:
             self._step(measured, wanted, dt_s)
         else:
             self._restart(measured, wanted)
         if odom is not None and self._bank is not None:
-            self._process_pose(self._bank, odom, dt_s if goes_on else 0.0)
+            self._process_pose(self._bank, odom, dt_s if contiguous else 0.0)
 
     def report(self) -> ShadowReport:
         """Return the current comparison."""
@@ -364,8 +364,8 @@ class ShadowTwin:
             return
         test, moves = self._wheel_test, np.exp(-motion.turned / max(self._dead_band_rad, 1e-9))
         # The end of a block is the start of the next, with the same pose error.
-        goes_on = 1.0 if sensed and seconds < 1.1 * _BLOCK_S else 0.0
-        ends = [0.0] * 3 + [goes_on] * 3 if self._ends_swapped else [goes_on] * 3 + [0.0] * 3
+        contiguous = 1.0 if sensed and seconds < 1.1 * _BLOCK_S else 0.0
+        ends = [0.0] * 3 + [contiguous] * 3 if self._ends_swapped else [contiguous] * 3 + [0.0] * 3
         test.keep(np.concatenate([[1.0, 1.0], moves, ends]), _BLOCK_S)
         rows = motion.rows.copy()
         if self._ends_swapped:

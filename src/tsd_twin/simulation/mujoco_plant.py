@@ -209,7 +209,7 @@ class MujocoSimulation:
         self._angles_q, self._angles_v = self._addresses(self.actuation.angles)
         _, self._wheels_v = self._addresses(self.actuation.wheels)
         names = [wheel_name(i) for i in range(robot.drive.modules)]
-        # Friction equals the voltage at the edge of the dead band.
+        # Friction balances the motor torque at the edge of the dead band.
         self._model.dof_frictionloss[self._angles_v] = (
             self._stall_nm * self._gain_per_rad * servos.dead_band_rad
         )
@@ -317,7 +317,7 @@ class MujocoSimulation:
     def _through_backlash(self, voltage: Array, dt_s: float) -> Array:
         """Return servo voltages, zero for servos whose motor is inside its backlash.
 
-        A motor without contact reaches its no-load speed instantly.
+        A motor without contact instantly reaches the speed for its voltage.
         """
         actuation, edge_rad = self.actuation, 0.5 * self.actuation.servos.backlash_rad
         ahead = actuation.servos.speed_limit_rad_per_s * voltage - self._data.qvel[self._angles_v]

@@ -156,12 +156,12 @@ class DelayWrapper(SimulationWrapper[Actuated]):
 
     def measure(self) -> Array:
         """Return the measurements (..., n) from `delay_s` ago."""
-        asked_s = self._now_s - self._delay_s
+        delayed_s = self._now_s - self._delay_s
         (before_s, before), *rest = self._history
-        if not rest or asked_s <= before_s:
+        if not rest or delayed_s <= before_s:
             return self.simulation.actuation.measure(before)
         after_s, after = rest[0]
-        share = (asked_s - before_s) / (after_s - before_s)
+        share = (delayed_s - before_s) / (after_s - before_s)
         return self.simulation.actuation.measure(before + share * (after - before))
 
     def _pass(self, now_s: float) -> None:

@@ -221,19 +221,19 @@ class OmniSimulation(GearedSimulation):
         torque = np.where(free, gain * self._goals, np.minimum(np.maximum(wanted, low), high))
         joints, twist = self.joints, self._twist
         creep = self._creep(joints, twist)
-        going = np.ones((*twist.shape[:-1], 1), dtype=bool)
+        active = np.ones((*twist.shape[:-1], 1), dtype=bool)
         for _ in range(_MAX_ITERATIONS):
             c = self._friction_n / np.sqrt(creep * creep + ROLLER_CREEP_MPS**2)
             solved = self._linear(c, gain, torque, dt_s)
-            if going.all():
+            if active.all():
                 joints, twist = solved
             else:  # Keep converged robots unchanged, so that a batch equals its members.
-                joints = np.where(going, solved[0], joints)
-                twist = np.where(going, solved[1], twist)
+                joints = np.where(active, solved[0], joints)
+                twist = np.where(active, solved[1], twist)
             before, creep = creep, self._creep(joints, twist)
             change = np.maximum.reduce(np.abs(creep - before), axis=-1, keepdims=True)
-            going = going & (change >= _TOLERANCE_MPS)
-            if not going.any():
+            active = active & (change >= _TOLERANCE_MPS)
+            if not active.any():
                 break
         return joints, twist
 
