@@ -106,7 +106,7 @@ class Limits(Table, frozen=True):
 
 
 class Battery(Table, frozen=True):
-    """`[battery]`."""
+    """`[battery]`: nominal voltage and thresholds."""
 
     nominal_v: Positive
     warn_v: NotNegative = 0.0

@@ -451,8 +451,8 @@ def _triple(values: Array) -> tuple[float, float, float]:
     return a, b, c
 
 
-_MAX_INCOMPLETE = 8
-"""Maximum number of incomplete periods."""
+_BUFFERED_PERIODS = 8
+"""Incomplete periods to buffer; the limit is twice as many, because extra setpoints count too."""
 
 
 class ShadowFeed:
@@ -480,7 +480,7 @@ class ShadowFeed:
             self.twin.advance(
                 robot_ns, parts["joints"], parts["setpoint"], parts["odom"], self.status
             )
-        elif len(self._incomplete) > 2 * _MAX_INCOMPLETE:
+        elif len(self._incomplete) > 2 * _BUFFERED_PERIODS:
             del self._incomplete[min(self._incomplete)]
 
 
