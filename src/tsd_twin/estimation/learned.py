@@ -43,7 +43,7 @@ class LearnedError(NamedTuple):
     sigma: float
 
 
-class _Step(NamedTuple):
+class _BiasStep(NamedTuple):
     end_s: float
     twist: Array
     errors: TwistErrors
@@ -61,7 +61,7 @@ class ConstantsFilter:
         self._state: Array = np.zeros(3 + constants)
         """(3 + m,): pose and biases."""
         self._covariance: Array = np.diag([0.0] * 3 + [1.0] * constants)
-        self._steps: deque[_Step] = deque()
+        self._steps: deque[_BiasStep] = deque()
         self._at_s: float | None = None
         """Time of the pose, or None before the first."""
         self._measured_s: float | None = None
@@ -97,7 +97,7 @@ class ConstantsFilter:
         """Add a step to `now_s` with the mean `twist` (3,) and its `errors`."""
         if self._at_s is None:
             return  # Without a pose, twists carry no information.
-        self._steps.append(_Step(now_s, twist, errors))
+        self._steps.append(_BiasStep(now_s, twist, errors))
         if len(self._steps) > _STEPS_KEPT:
             self._carry(self._steps[0].end_s)
 

@@ -38,7 +38,7 @@ class _Measurement:
 
 
 @dataclass(slots=True, eq=False)
-class _Step:
+class _FilterStep:
     """Filter step: its input, the measurements at its end, and the resulting state."""
 
     end_s: float
@@ -102,7 +102,9 @@ class PoseFilter:
         self._none: Array = np.zeros_like(by)
         growth = np.zeros((*start.shape, 3))
         cautious = spread + by @ _transposed(by)
-        self._steps = [_Step(now_s, none, none, growth, self._none, start, by, spread, cautious)]
+        self._steps = [
+            _FilterStep(now_s, none, none, growth, self._none, start, by, spread, cautious)
+        ]
         self._still = SE2.identity(start.shape[:-1])
 
     @property
@@ -245,18 +247,18 @@ class PoseFilter:
         rest.measured = whole.measured
         self._steps[index : index + 1] = [first, rest]
 
-    def _part(self, before: _Step, end_s: float, whole: _Step) -> _Step:
+    def _part(self, before: _FilterStep, end_s: float, whole: _FilterStep) -> _FilterStep:
         """Return the part of a step from the end of `before` to `end_s`, not yet run."""
         twist_by = whole.twist_by_constants
         return self._step(before, end_s, whole.twist, whole.growth_per_s, twist_by)
 
     def _step(
-        self, before: _Step, end_s: float, twist: Array, growth_per_s: Array, twist_by: Array
-    ) -> _Step:
+        self, before: _FilterStep, end_s: float, twist: Array, growth_per_s: Array, twist_by: Array
+    ) -> _FilterStep:
         """Return a step that starts at the end of `before`, not yet run."""
         moved = self._kinematics.integrate(self._still, twist, end_s - before.end_s).xy_heading
         state = (before.pose, before.by_constants, before.rest, before.cautious)
-        return _Step(end_s, twist, moved, growth_per_s, twist_by, *state)
+        return _FilterStep(end_s, twist, moved, growth_per_s, twist_by, *state)
 
     def _run(self, index: int) -> None:
         """Recompute all steps from `index`, batched between measurements."""
@@ -275,7 +277,7 @@ _TWIST_MARGIN = 0.01
 """Relative twist error assumed by the gains, in addition to the described errors."""
 
 
-def _carry(before: _Step, steps: Sequence[_Step]) -> None:
+def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
     """Propagate pose and covariance from the end of `before` over the following `steps`.
 
     Batched, because up to a second of steps follows a late measurement.
@@ -320,7 +322,7 @@ def _carry(before: _Step, steps: Sequence[_Step]) -> None:
         step.rest, step.cautious = rest[i], cautious[i]
 
 
-def _correct(step: _Step, measurement: _Measurement) -> None:
+def _correct(step: _FilterStep, measurement: _Measurement) -> None:
     """Correct the state at the end of a step; Joseph form, which stays symmetric.
 
     The biases keep their prior, so the error remains a part linear in them plus process noise.

@@ -146,8 +146,10 @@ class FusedEstimate:
         self._mounting[:, -POSE_SENSOR_CONSTANTS:] = np.diag(mounting)
         self._past: deque[_EstimateRecord] = deque(maxlen=_STEPS_KEPT)
         self._filter: PoseFilter | None = None
-        self._narrow = _NARROW_FACTOR * (2.0 * self._noise + self._mounting @ self._mounting.T)
-        self._heard_s = -math.inf
+        self._well_founded_limit = _NARROW_FACTOR * (
+            2.0 * self._noise + self._mounting @ self._mounting.T
+        )
+        self._received_s = -math.inf
         self._used_s: float | None = None
         """Time when a pose was last used or set, or None until the next step."""
         self._hypothesis: PoseHypothesis | None = None
@@ -201,7 +203,7 @@ class FusedEstimate:
         if self._hypothesis is not None:
             held = self._hypothesis.filter
             held.advance(now_s, twist, errors.white_per_s, errors.by_constants)
-        if now_s - self._heard_s > _SENSOR_TIMEOUT_S:
+        if now_s - self._received_s > _SENSOR_TIMEOUT_S:
             self.inner.set_pose(self._filter.pose, self._filter.errors)
             self._past.clear()
             self._filter = self._hypothesis = None
@@ -215,7 +217,7 @@ class FusedEstimate:
         running = self._filter = self._filter or self._caught_up()
         if running is None:
             return FusionResult.OLD
-        now_s = self._heard_s = running.now_s
+        now_s = self._received_s = running.now_s
         at_s = min(measured_s, now_s)
         if at_rest and not self._rested:
             self._hypothesis = None  # The rules differ at rest; use only poses measured there.
@@ -245,7 +247,7 @@ class FusedEstimate:
         """Return whether the estimate is well-founded, so that a single agreeing pose is used."""
         if self._used_s is None or at_s - self._used_s <= _SENSOR_TIMEOUT_S:
             return True
-        return bool(np.linalg.eigvalsh(self._narrow - running.covariance)[0] >= 0.0)
+        return bool(np.linalg.eigvalsh(self._well_founded_limit - running.covariance)[0] >= 0.0)
 
     def _test(
         self,

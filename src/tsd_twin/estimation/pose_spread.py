@@ -85,7 +85,7 @@ def unit_samples(constants: int) -> Array:
     return np.concatenate([half, -half])[:, :constants]
 
 
-class _State(Protocol):
+class _SampleState(Protocol):
     """State of a pose uncertainty."""
 
     @property
@@ -94,7 +94,7 @@ class _State(Protocol):
         ...
 
 
-StateT = TypeVar("StateT", bound=_State)
+StateT = TypeVar("StateT", bound=_SampleState)
 
 
 class PoseSpread(ABC, Generic[PoseT, StateT]):

@@ -145,7 +145,7 @@ class ServoTest:
     def __init__(self, robot: RobotDescription, names: list[str]) -> None:
         self._names = names
         errors, gives = robot.joint_errors(), robot.joint_compliance()
-        self._play_rad = 0.0 if gives is None else gives.play_rad
+        self._backlash_rad = 0.0 if gives is None else gives.play_rad
         dead_band_rad = 0.0 if gives is None else gives.dead_band_rad
         step_rad = math.sqrt(12.0) * errors.angle_rad
         self._floor2 = errors.angle_rad**2 + step_rad**2 / 6.0
@@ -156,7 +156,7 @@ class ServoTest:
         load_rad = 0.0
         if gives is not None:
             load_rad = float(np.abs(gives.by_acceleration[:, :2]).max()) * _ASSUMED_MPS2
-        known2 = self._floor2 + dead_band_rad**2 + (0.25 * self._play_rad) ** 2 + load_rad**2
+        known2 = self._floor2 + dead_band_rad**2 + (0.25 * self._backlash_rad) ** 2 + load_rad**2
         self._noise2 = np.full(count, known2)
         self._means = np.zeros((2, count))
         self._blocks = np.full(count, _KNOWN_BLOCKS)
@@ -211,7 +211,7 @@ class ServoTest:
         (strength, match), count = self._block, self._samples
         tells = (
             strength
-            > count * max(_MIN_DIFFERENCE_RAD, _MIN_BACKLASH_FRACTION * self._play_rad) ** 2
+            > count * max(_MIN_DIFFERENCE_RAD, _MIN_BACKLASH_FRACTION * self._backlash_rad) ** 2
         )
         noise2 = np.maximum(self._noise2, np.median(self._noise2))
         noise2 = noise2 + _SERVO_MODEL_SHARE**2 * strength
@@ -245,7 +245,7 @@ class ServoTest:
 
     def bands(self, rate: Array) -> Array:
         """Return the bands (m,), radians, of servos that turn at `rate` (m,), rad/s."""
-        moves = np.minimum(np.abs(rate) * 0.02, 0.5 * self._play_rad)
+        moves = np.minimum(np.abs(rate) * 0.02, 0.5 * self._backlash_rad)
         return self._still_rad + self._delay_s * np.abs(rate) + moves
 
     def drifts(self) -> list[Drift]:
