@@ -43,8 +43,7 @@ class Publisher:
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether a put reaches a subscriber now; always True if puts are cached for late joiners.
-        """
+        """Whether a put reaches a subscriber; always True if puts are cached for late joiners."""
         if not isinstance(self._publisher, zenoh.Publisher):
             return True
         status = cast("zenoh.MatchingStatus", self._publisher.matching_status)

@@ -276,8 +276,7 @@ class Stream(Generic[Payload]):
         return self._lost[min(self._lost)].sent_s + min(MAX_TIMEOUT_S, backed_off_s)
 
     def retransmit(self, now_s: float) -> None:
-        """Once the oldest lost segment has timed out, retransmit all segments lost for one timeout.
-        """
+        """If the oldest lost segment has timed out, retransmit all segments lost that long."""
         due_s = self.next_s()
         if due_s is None or now_s < due_s:
             return

@@ -290,8 +290,7 @@ class KeyFolder:
         return self.path / f"{name}.json5"
 
     def files_of(self, name: str) -> list[Path]:
-        """Return the files for the machine of the robot or a client; no others may be copied there.
-        """
+        """Return all files that may be copied to the machine of the robot or a client."""
         own = [self.certificate_file(name), self.key_file(name), self.settings_file(name)]
         return [self.certificate_file(AUTHORITY), *own]
 
