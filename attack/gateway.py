@@ -101,7 +101,7 @@ def rows() -> Generator[Row]:
         finally:
             driver.close()
             stopper.close()
-        guests = [it.cookie(f"guest{number}") for number in range(VIEWERS)]  # The old ones stay blocked.
+        guests = [it.cookie(f"guest{number}") for number in range(VIEWERS)]  # The old are blocked.
         yield from unreadable(it, guests)
 
 
