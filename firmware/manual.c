@@ -24,14 +24,14 @@ static uint8_t hottest(void) {
   return most;
 }
 
-// Part of `span` beyond the dead bands at both of its ends, from 0 to 1.
+// Fraction of `span`, 0 to 1, without the dead bands at both ends.
 static float part(int16_t off, int16_t span) {
   int16_t dead = table.stick_dead;
   if (off <= dead || span <= 2 * dead) return 0.0f;
   return fmin(1.0f, (float)(off - dead) / (float)(span - 2 * dead));
 }
 
-// Stick from -1 to 1.
+// Stick position, -1 to 1.
 static float stick(channel_t channel) {
   int16_t us = table.rc[channel], centre = table.stick_centre[channel];
   return us < centre ? -part(centre - us, centre - table.stick_low[channel])
@@ -55,7 +55,7 @@ static twist_t wanted(void) {
   return kinematics_limit(goal);
 }
 
-// Approaches `goal` within the limits of acceleration, all parts alike.
+// Moves `twist` towards `goal` within the acceleration limits, scaling all components equally.
 static void approach(twist_t goal) {
   float dx = goal.vx - twist.vx, dy = goal.vy - twist.vy, dw = goal.omega - twist.omega;
   float over = fmax(1.0f, fmax(hypot(dx, dy) / (ROBOT_ACCELERATION * PERIOD_MS / 1000),
@@ -71,7 +71,7 @@ void manual_begin(void) {
 }
 
 void manual_tick(void) {
-  // One module each millisecond: arc sines take a while, and the lines do not wait.
+  // One module per millisecond, because arc sines are slow and the serial lines cannot wait.
   static int16_t goals[CT_SERVOS];
   if (phase == 0) {
     if (hottest() >= ROBOT_HOT_C) slow = true;

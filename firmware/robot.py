@@ -1,4 +1,4 @@
-"""Generator of `robot.h`: the parameters of the robot for driving by radio control.
+"""Generator of `robot.h`: robot parameters for driving by radio control.
 
 python firmware/robot.py > firmware/robot.h
 """
@@ -16,7 +16,7 @@ from tsd_twin.simulation import Motors
 
 
 def header() -> str:
-    """Text of `robot.h`, made from the description `tsd`."""
+    """Return the text of `robot.h`, generated from the description `tsd`."""
     robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     drive = robot.kinematics()
     motors = Motors.of(robot)
