@@ -322,12 +322,15 @@ def joints_without_an_operator_approach_slowly(bench: Bench) -> None:
                 simulation.power_cycle()
             else:
                 pilot.cycle(0)
-            fastest = 0.0
+            fastest, under_way_s = 0.0, 0.0
             for _ in range(1000):
                 simulation.run(0.001)
                 rates = [abs(servo.velocity_steps_per_s) for servo in simulation.servos]
                 fastest = max(fastest, *rates)
+                under_way_s += 0.001 * (5 < abs(simulation.servos[1].goal - 2048) < 55)
             assert fastest < 1.3 * SLOW_STEP_PER_S, version
+            # The firmware puts out goals each 10 ms.
+            assert abs(under_way_s - 49 / 333) < 0.015, version
             assert max(map(abs, pilot.telemetry().position)) <= 1, version
 
 
