@@ -1,4 +1,4 @@
-"""Two robots under one ROS name, as the graph of ROS shows them: a fault. Pure."""
+"""Fault detection: two robots with the same ROS name in the ROS graph (pure)."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from tsd_twin.interop.mapping import CMD_VEL, ODOMETRY, RosNames
 from tsd_twin.ros.port import NODE, RosPort
 
 CHECK_S = 0.2
-"""Time between two looks at the graph, which cost some calls of the middleware."""
+"""Interval between graph queries, which cost several middleware calls."""
 READERS = frozenset({NODE, f"{NODE}_stamped"})
-"""Nodes that stand for a robot on a bus, by which topic they read."""
+"""Nodes that represent a bus robot, identified by the topic they read."""
 
 
 def shared_name(port: RosPort, names: RosNames, *, is_shown: bool) -> str:
-    """Return a sentence if another robot has the name of this one; "" if none has.
+    """Return an error if another robot has the same name, or "".
 
-    A robot that `is_shown` to ROS has `odom` of our own port; another robot's `odom` has one
-    publisher that is not ours.
+    If the robot `is_shown`, our own port publishes its `odom`; a second publisher then belongs to
+    another robot.
     """
     odom, cmd_vel = names.topic(ODOMETRY.name), names.topic(CMD_VEL.name)
     publishers = sorted(port.publishers(odom))
@@ -32,14 +32,14 @@ def shared_name(port: RosPort, names: RosNames, *, is_shown: bool) -> str:
 
 
 class NameWatch:
-    """Newest answer of `shared_name`, which is asked again from time to time."""
+    """Latest result of `shared_name`, refreshed periodically."""
 
     def __init__(self, port: RosPort, names: RosNames, *, is_shown: bool) -> None:
         self._port, self._names, self._is_shown = port, names, is_shown
         self._checked_s, self._problem = -math.inf, ""
 
     def problem(self, now_s: float) -> str:
-        """Return the sentence that is true now; "" if no other robot has the name."""
+        """Return the current error, or ""."""
         if now_s - self._checked_s >= CHECK_S:
             self._checked_s = now_s
             self._problem = shared_name(self._port, self._names, is_shown=self._is_shown)
