@@ -42,7 +42,7 @@ class HeldLease:
 
     @property
     def lost_reason(self) -> str:
-        """Reason why the last lease ended, or ""."""
+        """Why the lease ended; "" before the first."""
         return self._lost
 
     @property

@@ -419,7 +419,7 @@ class ControlProtocol(HeldLease):
             raise RobotSilent(f"{self.robot_id} has sent no status for {SILENCE_S:g} s")
 
     def _sentence(self, what: str) -> str:
-        assert self.status is not None  # noqa: S101  Callers have checked.
+        assert self.status is not None  # noqa: S101  Callers have looked.
         if self.status.mode in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
             text = f"{self.robot_id} {what}"
         else:

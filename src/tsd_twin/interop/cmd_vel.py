@@ -233,7 +233,7 @@ class CmdVelOperator:
         if message.is_zero:
             return self._rest(now_s)  # Accept it at any age, because it can only stop the robot.
         if sent_after_s is not None and now_s - sent_after_s > self.max_age_s:
-            # The publisher may have released the stick before a stalled link delivered this.
+            # What a stalled link delivers late: the publisher may have let go since.
             return self._drop(now_s, "cmd_vel comes too late: the link has stalled, or is slow")
         reason = self._obstacle(view)
         if reason:
@@ -275,10 +275,10 @@ class CmdVelOperator:
         return now_s - self._held_s < PAUSE_S
 
     def resume(self, now_s: float, view: RobotView) -> str:
-        """Accept a held twist without a pause; return a reason if refused.
+        """Let a twist that is held on move the robot without a pause; return why not.
 
-        For streaming controllers after a stall. The robot must be armed and at rest; the next
-        refused twist requires a pause again.
+        For a controller that streams, after a stall. It needs a robot that is armed and at rest;
+        the next twist that is refused makes a pause necessary again.
         """
         reason = self._obstacle(view)
         if not reason and (view.mode != Mode.READY or now_s - self._driven_s < PAUSE_S):
@@ -298,7 +298,7 @@ class CmdVelOperator:
         return ""
 
     def _obstacle(self, view: RobotView) -> str:
-        """Return the reason why non-zero twists are refused, or ""."""
+        """Return why a twist other than zero cannot move the robot now; empty when it can."""
         if self.state is State.LOST:
             return f"{self._lost}; the service arm takes control again"
         if view.holder not in (None, self.operator):
@@ -323,7 +323,7 @@ class CmdVelOperator:
         said_s = self._said.get(text, -math.inf)
         if now_s - said_s < SAY_AGAIN_S:
             return []
-        # Messages may contain numbers, so keep only recent ones.
+        # Sentences may have numbers in them: only recent ones are kept.
         self._said = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
         self._said[text] = now_s
         return [Say(text)]
@@ -369,7 +369,7 @@ class CmdVelOperator:
         self.state, self._must_pause = State.FREE, True
 
     def motion_failed(self, reason: str, now_s: float) -> list[Action]:
-        """Handle the end of a motion because the robot stopped automatically or is silent."""
+        """Note that a motion has ended, because the robot has stopped by itself or is silent."""
         return self._drop(now_s, reason)
 
     def poll(self, now_s: float, view: RobotView, conflict: str = "") -> list[Action]:

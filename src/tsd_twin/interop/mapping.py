@@ -438,7 +438,7 @@ _LEVELS = {
     "loop": _WARN,
     "clamp": _INFO,
 }
-"""`rcl_interfaces/msg/Log` levels by event kind."""
+"""Levels of `rcl_interfaces/msg/Log` by the kind of the event."""
 OK, WARN, ERROR = 0, 1, 2
 """Levels of `diagnostic_msgs/msg/DiagnosticStatus`."""
 

@@ -65,7 +65,7 @@ class HasWatchdog(Protocol):
     """Hardware with its own command watchdog."""
 
     def fault(self, now_s: float) -> str:
-        """Return a board fault as a sentence fragment, or ""."""
+        """Fault that the board reports, as a part of a sentence; "" without a fault."""
         ...
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
@@ -239,13 +239,13 @@ class DuplicateIdMonitor:
         self._own = topics.instance_key(robot_id, instance)
         self._others: set[str] = set()
         self.fault = ""
-        """Fault as a sentence fragment, or "" while the id is unique."""
+        """Text of the fault, as a part of a sentence; "" while no other robot has this id."""
         self._event: Event | None = None
         self._token = bus.declare_token(self._own)
         bus.subscribe_liveliness(topics.instance_key(robot_id, "*"), self._on_token)
 
     def step(self, now_s: float) -> str:
-        """Check the tokens of other nodes; return `fault`."""
+        """Check the tokens of other nodes, and return the `fault`."""
         fault = duplicate_id_text(self._id) if self._others else ""
         if fault != self.fault:
             self.fault = fault
@@ -390,7 +390,7 @@ class RobotNode:
         self._input_log.step()
 
     def _fault(self, now_s: float) -> str:
-        # Two robots following the same commands are worse than a board fault.
+        # Two robots that follow the same commands are worse than a fault of the board.
         return self._duplicate_ids.step(now_s) or (
             self._watchdog.fault(now_s) if self._watchdog else ""
         )

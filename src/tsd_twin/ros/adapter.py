@@ -160,7 +160,7 @@ class RosSource(RobotSource):
                 _LOG.info("%s: %s", message.name, error)
 
     def shared_name(self, now_s: float) -> str:
-        """Return an error if another robot has the same ROS name, or ""."""
+        """Return a sentence if another robot has the same ROS name; "" if none has."""
         watch = self._watch
         return "" if watch is None else watch.problem(now_s)
 

@@ -276,7 +276,7 @@ class ImportedRobot:
             self._zeros = ZEROS
 
     def fault(self, now_s: float) -> str:
-        """Return a fault for missing odometry, failed sends or a duplicate name."""
+        """Return that odometry is missing, nothing can be sent, or two robots have its name."""
         if problem := self._shared.problem(now_s):
             return problem
         if now_s - self._unsent_s < _UNSENT_S:
@@ -403,7 +403,7 @@ class ImportedRobot:
         self._sent_s = now_s
 
     def _say(self, text: str, now_s: float) -> None:
-        """Log a message, at most once per `SAY_AGAIN_S`."""
+        """Log a sentence, the same one no more often than every two seconds."""
         recent = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
         if text not in recent:
             _LOG.warning("%s", text)

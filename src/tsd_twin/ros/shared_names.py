@@ -14,10 +14,10 @@ READERS = frozenset({NODE, f"{NODE}_stamped"})
 
 
 def shared_name(port: RosPort, names: RosNames, *, is_shown: bool) -> str:
-    """Return an error if another robot has the same name, or "".
+    """Return a sentence if another robot has the name of this one; "" if none has.
 
-    If the robot `is_shown`, our own port publishes its `odom`; a second publisher then belongs to
-    another robot.
+    A robot that `is_shown` to ROS has `odom` of our own port; another robot's `odom` has one
+    publisher that is not ours.
     """
     odom, cmd_vel = names.topic(ODOMETRY.name), names.topic(CMD_VEL.name)
     publishers = sorted(port.publishers(odom))
@@ -39,7 +39,7 @@ class NameWatch:
         self._checked_s, self._problem = -math.inf, ""
 
     def problem(self, now_s: float) -> str:
-        """Return the current error, or ""."""
+        """Return the sentence that is true now; "" if no other robot has the name."""
         if now_s - self._checked_s >= CHECK_S:
             self._checked_s = now_s
             self._problem = shared_name(self._port, self._names, is_shown=self._is_shown)
