@@ -1,6 +1,6 @@
-"""CDR encoding of the ROS 2 messages on the bus: TwistStamped, JointState, Odometry.
+"""CDR encoding of ROS 2 messages on the bus: TwistStamped, JointState, Odometry.
 
-The only module that imports rosbags.
+Only this module imports rosbags.
 """
 
 from __future__ import annotations
@@ -19,25 +19,25 @@ from rosbags.typesys import Stores, get_typestore
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, SO3, Array, wrap
 
-_LARGEST = 4096  # Bytes; messages of this project have fewer than 800.
+_LARGEST = 4096  # Bytes; our messages have fewer than 800.
 _COMMANDS_KEPT = 16
-"""Commands whose encoding is kept: more than one process sends at a time."""
+"""Cache size for encoded commands, above the number sent concurrently."""
 
 
 def make_message(type_name: str, **fields: Any) -> Any:
-    """ROS 2 message."""
+    """Create a ROS 2 message."""
     return _store().types[type_name](**fields)
 
 
 def make_header(stamp_ns: int, frame: str) -> Any:
-    """Return a `std_msgs/msg/Header`."""
+    """Create a `std_msgs/msg/Header`."""
     sec, nanosec = divmod(stamp_ns, 1_000_000_000)
     stamp = make_message("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
     return make_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
 def make_pose(position_m: Iterable[float], wxyz: Iterable[float]) -> Any:
-    """Return a `geometry_msgs/msg/Pose`."""
+    """Create a `geometry_msgs/msg/Pose`."""
     x, y, z = (float(v) for v in position_m)
     qw, qx, qy, qz = (float(v) for v in wxyz)
     return make_message(
@@ -48,7 +48,7 @@ def make_pose(position_m: Iterable[float], wxyz: Iterable[float]) -> Any:
 
 
 def make_twist(numbers: Iterable[float]) -> Any:
-    """Return a `geometry_msgs/msg/Twist`; `numbers` are (vx, vy, vz, wx, wy, wz)."""
+    """Create a `geometry_msgs/msg/Twist` from (vx, vy, vz, wx, wy, wz)."""
     lx, ly, lz, ax, ay, az = (float(v) for v in numbers)
     vector = "geometry_msgs/msg/Vector3"
     return make_message(
@@ -59,20 +59,20 @@ def make_twist(numbers: Iterable[float]) -> Any:
 
 
 def stamp_ns(raw: Any) -> int:
-    """Time in the header of a message."""
+    """Return the header stamp of a message in nanoseconds."""
     return raw.header.stamp.sec * 1_000_000_000 + raw.header.stamp.nanosec
 
 
 def encode_cdr(message: Any) -> bytes:
-    """CDR of a message."""
+    """Encode a message as CDR."""
     return bytes(_store().serialize_cdr(message, message.__msgtype__))
 
 
 def decode_cdr(payload: bytes, type_name: str, largest: int = _LARGEST) -> Any:
-    """Message in a CDR payload of at most `largest` bytes.
+    """Decode a CDR payload of at most `largest` bytes.
 
     Raises:
-        MessageError: `shape`, when there is none of this type in it.
+        MessageError: If it is not a message of this type (`shape`).
     """
     if len(payload) > largest:
         raise MessageError("shape", f"{len(payload)} bytes are too many for a {type_name}")
@@ -83,30 +83,30 @@ def decode_cdr(payload: bytes, type_name: str, largest: int = _LARGEST) -> Any:
 
 
 def definition(type_name: str) -> str:
-    """Return the definition of a ROS 2 type, with those of all types in it, as `ros2msg`.
+    """Return the `ros2msg` definition of a ROS 2 type, including nested types.
 
     Raises:
-        KeyError: there is no such type.
+        KeyError: If the type does not exist.
     """
     return _store().generate_msgdef(type_name, ros_version=2)[0]
 
 
 TRIGGER = "std_srvs/srv/Trigger"
-"""Type of the services of a robot in ROS."""
+"""Type of a robot's ROS services."""
 
 
 @functools.cache
 def type_hash(type_name: str) -> str:
-    """Return the hash of the definition of a ROS 2 type by REP 2011, `RIHS01_` and 64 digits.
+    """Return the REP 2011 type hash of a ROS 2 type: `RIHS01_` and 64 digits.
 
     Raises:
-        KeyError: there is no such type.
+        KeyError: If the type does not exist.
     """
     return (_services() if "/srv/" in type_name else _store()).hash_rihs01(type_name)
 
 
 def encode_trigger_response(success: bool, message: str) -> bytes:
-    """CDR of a response of `std_srvs/srv/Trigger`."""
+    """Encode a `std_srvs/srv/Trigger` response as CDR."""
     name = f"{TRIGGER}_Response"
     response = _services().types[name](success=success, message=message)
     return bytes(_services().serialize_cdr(response, name))
@@ -114,7 +114,7 @@ def encode_trigger_response(success: bool, message: str) -> bytes:
 
 @functools.cache
 def _services() -> Any:
-    """Type store of `Trigger`: rosbags has no definitions of services."""
+    """Return a type store for `Trigger`, because rosbags does not define services."""
 
     def named(name: str) -> Any:
         return Nodetype.NAME, name
@@ -129,7 +129,7 @@ def _services() -> Any:
         f"{TRIGGER}_Response",
     )
     time = "builtin_interfaces/msg/Time"
-    gid = (Nodetype.ARRAY, (base("uint8"), 16))  # rosbags has it as `char`, another hash.
+    gid = (Nodetype.ARRAY, (base("uint8"), 16))  # rosbags uses `char`, which changes the hash.
     fields: dict[str, list[tuple[str, Any]]] = {
         time: [("sec", base("int32")), ("nanosec", base("uint32"))],
         info: [
@@ -157,14 +157,14 @@ def _services() -> Any:
 
 @functools.cache
 def _store() -> Any:
-    """Type store; made at first use, since it takes a tenth of a second."""
+    """Return the type store; created lazily because it takes 0.1 s."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
 BASE = "base_link"
-"""Frame of the robot: X forward, Y left, Z up, at the height of the wheel centres."""
+"""Robot frame: X forward, Y left, Z up, at the height of the wheel centres."""
 ODOM = "odom"
-"""World frame of the estimate: its origin is where the pose was last set to zero."""
+"""World frame of the estimate, with its origin where the pose was last set to zero."""
 
 PLANAR = (0, 1, 5)
 """Indices of (vx, vy, omega) in a spatial twist (vx, vy, vz, wx, wy, wz)."""
@@ -175,7 +175,7 @@ _PLANAR_BLOCK, _TURNING_BLOCK = np.ix_(PLANAR, PLANAR), np.ix_(TURNING, TURNING)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwistStamped:
-    """A spatial twist: `twist` (6,) = (vx, vy, vz, wx, wy, wz), m/s and rad/s in `frame`."""
+    """Spatial twist (6,): (vx, vy, vz, wx, wy, wz), m/s and rad/s in `frame`."""
 
     frame: str
     twist: Array
@@ -184,7 +184,7 @@ class TwistStamped:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointState:
-    """Angles and speeds of joints, (n,) each, rad and rad/s; NaN where there is no such value."""
+    """Joint angles and speeds, (n,) each, rad and rad/s; NaN where not applicable."""
 
     names: Sequence[str]
     position_rad: Array
@@ -194,18 +194,18 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometry:
-    """A pose in `odom` and a twist in `base_link`, with covariances.
+    """Pose in `odom` and twist in `base_link`, with covariances.
 
-    Planar, unless `wxyz` is given: then it is the orientation of a sphere that turns in place, the
-    twist its angular velocity, and position and heading mean nothing.
+    Planar unless `wxyz` is set. `wxyz` is the orientation of a sphere that turns in place; the
+    twist is then its angular velocity, and position and heading are unused.
     """
 
     xy_heading: Array
-    """(3,): metres and radians; as decoded from the bus, the heading is in (-pi, pi]."""
+    """(3,): metres and radians; the heading is in (-pi, pi] when decoded from the bus."""
     twist: Array
-    """(3,): vx, vy, omega; of a sphere wx, wy, wz."""
+    """(3,): vx, vy, omega, or wx, wy, wz for a sphere."""
     pose_covariance: Array
-    """(3, 3): of x, y, heading, axes of `odom`; of a sphere of small turns about those axes."""
+    """(3, 3): x, y, heading in `odom`, or small rotations about its axes for a sphere."""
     twist_covariance: Array
     """(3, 3)."""
     stamp_ns: int = 0
@@ -220,35 +220,35 @@ class Odometry:
         twist_covariance: Array,
         stamp_ns: int = 0,
     ) -> Odometry:
-        """Message for a planar pose or an orientation."""
+        """Create a message from a planar pose or an orientation."""
         xy_heading, wxyz = (
             (pose.xy_heading, None) if isinstance(pose, SE2) else (np.zeros(3), pose.wxyz)
         )
         return Odometry(xy_heading, twist, pose_covariance, twist_covariance, stamp_ns, wxyz)
 
     def wrapped(self) -> Odometry:
-        """Return this message with its heading in (-pi, pi], as it is decoded from the bus."""
+        """Return the message with its heading in (-pi, pi], as when decoded from the bus."""
         return replace(self, xy_heading=wrapped_heading(self.xy_heading))
 
 
 def encode_twist(message: TwistStamped) -> bytes:
-    """The CDR of a `geometry_msgs/msg/TwistStamped`."""
+    """Encode a `geometry_msgs/msg/TwistStamped` as CDR."""
     return _twist_cdr(message.frame, np.asarray(message.twist, float).tobytes(), message.stamp_ns)
 
 
 @functools.lru_cache(maxsize=_COMMANDS_KEPT)
 def _twist_cdr(frame: str, twist: bytes, stamp_ns: int) -> bytes:
-    # A motion repeats its command at 50 Hz.
+    # Cached, because motions repeat their command at 50 Hz.
     header = make_header(stamp_ns, frame)
     numbers = make_twist(np.frombuffer(twist))
     return encode_cdr(make_message("geometry_msgs/msg/TwistStamped", header=header, twist=numbers))
 
 
 def decode_twist(payload: bytes) -> TwistStamped:
-    """Twist in a CDR payload; numbers may be anything, also NaN.
+    """Decode a twist from CDR; values may be NaN.
 
     Raises:
-        MessageError: `shape`, when this is no `geometry_msgs/msg/TwistStamped`.
+        MessageError: If it is not a `geometry_msgs/msg/TwistStamped` (`shape`).
     """
     raw = decode_cdr(payload, "geometry_msgs/msg/TwistStamped")
     linear, angular = raw.twist.linear, raw.twist.angular
@@ -260,7 +260,7 @@ def decode_twist(payload: bytes) -> TwistStamped:
 
 
 def encode_joints(message: JointState) -> bytes:
-    """CDR of a `sensor_msgs/msg/JointState`."""
+    """Encode a `sensor_msgs/msg/JointState` as CDR."""
     return encode_cdr(
         make_message(
             "sensor_msgs/msg/JointState",
@@ -274,10 +274,10 @@ def encode_joints(message: JointState) -> bytes:
 
 
 def decode_joints(payload: bytes) -> JointState:
-    """Joints in a CDR payload.
+    """Decode joints from CDR.
 
     Raises:
-        MessageError: `shape`, when this is no `sensor_msgs/msg/JointState`.
+        MessageError: If it is not a `sensor_msgs/msg/JointState` (`shape`).
     """
     raw = decode_cdr(payload, "sensor_msgs/msg/JointState")
     if not len(raw.name) == len(raw.position) == len(raw.velocity):
@@ -286,12 +286,12 @@ def decode_joints(payload: bytes) -> JointState:
 
 
 def wrapped_heading(xy_heading: Array) -> Array:
-    """Return (x, y, heading) with the heading in (-pi, pi], the range on every interface."""
+    """Wrap the heading of (x, y, heading) to (-pi, pi], the range used on every interface."""
     return np.array([xy_heading[0], xy_heading[1], wrap(xy_heading[2])])
 
 
 def encode_odometry(message: Odometry) -> bytes:
-    """CDR of a `nav_msgs/msg/Odometry`."""
+    """Encode a `nav_msgs/msg/Odometry` as CDR."""
     x, y, heading = (float(v) for v in message.xy_heading)
     if message.wxyz is None:
         rows = PLANAR
@@ -321,12 +321,12 @@ def encode_odometry(message: Odometry) -> bytes:
 
 
 def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
-    """Planar part of the odometry in a CDR payload; heading in (-pi, pi].
+    """Decode planar odometry from CDR, with the heading in (-pi, pi].
 
-    With `turning`, return the orientation and the angular velocity of a sphere.
+    With `turning`, decode the orientation and angular velocity of a sphere.
 
     Raises:
-        MessageError: `shape`, when this is no `nav_msgs/msg/Odometry`.
+        MessageError: If it is not a `nav_msgs/msg/Odometry` (`shape`).
     """
     raw = decode_cdr(payload, "nav_msgs/msg/Odometry")
     position, turn = raw.pose.pose.position, raw.pose.pose.orientation
@@ -347,7 +347,7 @@ def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
 
 @functools.cache
 def warm_up() -> None:
-    """Make type store and codecs of all messages, which their first use would wait 0.1 s for."""
+    """Create the type store and all codecs; otherwise the first use takes 0.1 s."""
     three, square = np.zeros(3), np.zeros((3, 3))
     decode_twist(encode_twist(TwistStamped(BASE, np.zeros(6))))
     decode_joints(encode_joints(JointState(("joint",), np.zeros(1), np.zeros(1))))
@@ -355,7 +355,7 @@ def warm_up() -> None:
 
 
 def _spatial(covariance: Array, rows: tuple[int, int, int]) -> Array:
-    """Row-major (36,) spatial covariance of a (3, 3) one."""
+    """Embed a (3, 3) covariance in a row-major (36,) spatial one."""
     spatial = np.zeros((6, 6))
     spatial[np.ix_(rows, rows)] = covariance
     return spatial.reshape(36)
