@@ -91,7 +91,7 @@ QUIET_BEFORE_RESET_S = 0.5
 NEUTRAL_S = 1.0
 """Arming timeout for the gimbals to reach neutral tilt."""
 SPIN_UP_S = 5.0
-"""Arming timeout for the wheels to reach their speed."""
+"""Timeout of arming for the wheels to reach their speed."""
 _NOT_DRIVABLE = {
     Mode.DISARMED: "the robot is disarmed: arm it first",
     Mode.ARMING: "the robot is still arming",
@@ -102,7 +102,7 @@ _NOT_DRIVABLE = {
 """Reasons why the robot does not move in the other modes."""
 _LOST = "the operator gave up or lost control"
 _REPORT_S = 0.2
-"""Minimum interval between events of a rule about drops or refusals."""
+"""Minimum time between two events of one rule about drops or refusals; limits the event rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +154,7 @@ class SafetySupervisor:
         self._reported_s: dict[tuple[str, str], float] = {}
         self._events: list[Event] = []
 
-    # Operator requests.
+    # Requests of operators.
 
     def lease(self, request: LeaseRequest, now_s: float) -> LeaseReply:
         """Process a lease request; a change of holder stops the robot."""
@@ -164,7 +164,7 @@ class SafetySupervisor:
         if after is not None:
             self._attended_s = now_s
         if after is not before and self.mode is Mode.DRIVING:
-            # Not in the next step, because a command of the new holder may arrive first.
+            # Now, not in the next step: a command of the new holder may arrive before that.
             self._transition(Mode.STOPPING, _LOST, now_s)
         if text := self._lease_events.after(request, before, now_s):
             if request.op in ("request", "withdraw"):  # Allowed to all operators at any rate.
@@ -196,7 +196,7 @@ class SafetySupervisor:
         return Reply(True)
 
     def stop(self, request: StopRequest, now_s: float) -> Reply:
-        """Latch a stop; open to all clients at any time, without a lease."""
+        """Latch a stop; allowed to every client at any time, without a lease."""
         if self.mode is not Mode.STOPPED:
             by = request.operator or "an unnamed client"
             reason = request.reason or f"software stop by {by}"
