@@ -15,7 +15,7 @@ def draw() -> str:
 
 
 def _names(words: str) -> str:
-    """Return words whose `_` lowers nothing, as those of ROS have it."""
+    """Return ROS names whose `_` does not start a subscript."""
     return words.replace("_", "_\u200b")
 
 

@@ -20,7 +20,7 @@ CASES = (
 
 
 def draw() -> str:
-    """Return the drawing, of the shipped robot as it is described."""
+    """Draw the shipped robot from its description."""
     drive = load_robot("tsd").kinematics()
     sheet = Sheet(980, 640, "Top view of the triple singularity drive")
     _frames(sheet, drive, (330.0, 350.0))
