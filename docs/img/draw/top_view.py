@@ -13,9 +13,9 @@ from tsd_twin.robots import load_robot
 
 SCALE = 1250.0  # Pixels a metre.
 CASES = (
-    ("forward: all lean left", [1.0, 0.0, 0.0]),
-    ("to the left: all lean back", [0.0, 1.0, 0.0]),
-    ("turning left: all lean inward", [0.0, 0.0, 7.0]),
+    ("forward: all tilt left", [1.0, 0.0, 0.0]),
+    ("to the left: all tilt back", [0.0, 1.0, 0.0]),
+    ("turning left: all tilt inward", [0.0, 0.0, 7.0]),
 )
 
 
