@@ -34,7 +34,11 @@ def _flow(sheet: Sheet, points: list[Point], words: str, at: Point, colour: str 
 
 def _programs(sheet: Sheet) -> None:
     _box(
-        sheet, (20, 40), (190, 84), "Foxglove\nor another client with\nits WebSocket protocol", ORANGE
+        sheet,
+        (20, 40),
+        (190, 84),
+        "Foxglove\nor another client with\nits WebSocket protocol",
+        ORANGE,
     )
     _box(
         sheet,
@@ -44,7 +48,11 @@ def _programs(sheet: Sheet) -> None:
         BLUE,
     )
     _box(
-        sheet, (20, 320), (190, 84), "third-party robot\nfollows cmd_vel,\nhas odom and a URDF", GREY
+        sheet,
+        (20, 320),
+        (190, 84),
+        "third-party robot\nfollows cmd_vel,\nhas odom and a URDF",
+        GREY,
     )
     _flow(sheet, [(410, 66), (210, 66)], "topics, URDF, meshes", (310, 58), ORANGE)
     _flow(sheet, [(210, 92), (410, 92)], "cmd_vel, services", (310, 108), ORANGE)
