@@ -131,6 +131,7 @@ def robot(robot_id: str) -> dict[str, Any]:
             "servo_step_deg": 0.1,
         },
         "wheels": [],
+        "joints": [],
         "max_rpm": None,
         "alternative_estimate": None,
         "plot_fields": [],

@@ -11,14 +11,18 @@ from tsd_twin.models.files import (
     urdf,
     write_model,
 )
+from tsd_twin.models.kinds import (
+    RobotModel,
+    check_room,
+    draw_parts,
+    kinematic_tree,
+    masses_kg,
+)
 from tsd_twin.models.links import (
     BASE,
     JointType,
     KinematicTree,
     LinkGroup,
-    check_room,
-    draw_parts,
-    kinematic_tree,
 )
 from tsd_twin.models.solids import Link, Material, Part, Parts
 
@@ -31,11 +35,13 @@ __all__ = [
     "Material",
     "Part",
     "Parts",
+    "RobotModel",
     "check_room",
     "draw_parts",
     "glb",
     "kinematic_tree",
     "load_parts",
+    "masses_kg",
     "read_model",
     "robot_urdf",
     "shipped_model",

@@ -15,6 +15,7 @@ from manifold3d import Manifold, Mesh
 
 from tsd_twin.errors import MeshError
 from tsd_twin.lie import Array
+from tsd_twin.models.kinds import draw_parts, kinematic_tree, masses_kg
 from tsd_twin.models.links import (
     BASE,
     CollisionShape,
@@ -22,13 +23,10 @@ from tsd_twin.models.links import (
     JointLimits,
     JointType,
     LinkGroup,
-    draw_parts,
-    kinematic_tree,
-    masses_kg,
     roll_pitch_yaw,
 )
 from tsd_twin.models.solids import Link, Material, Part, Parts
-from tsd_twin.robots import RobotDescription, SphereDescription, load_robot, robot_names
+from tsd_twin.robots import RobotDescription, load_robot, robot_names
 from tsd_twin.robots.description import Colour, Positive, Share
 
 if TYPE_CHECKING:
@@ -303,14 +301,6 @@ def load_parts(robot: RobotDescription) -> Parts:
     return read_model(Path(robot.body.meshes), kinematic_tree(robot).kinds)
 
 
-_NOT_DRAWN = {
-    "title", "sources", "assumptions", "limits", "battery", "pose_sensor",
-    "calibration", "noise", "errors", "floor", "gyro",
-}  # fmt: skip
-"""Fields of descriptions that no model depends on; nor `motor`, but for a sphere, whose wheels turn
-as fast as its motors can."""
-
-
 def robot_urdf(robot: RobotDescription) -> str:
     """URDF text of a robot with meshes beside it; that of a shipped robot is a file.
 
@@ -328,12 +318,8 @@ def robot_urdf(robot: RobotDescription) -> str:
 
 def _drawn_alike(a: RobotDescription, b: RobotDescription) -> bool:
     """Whether two robots are of one kind and equal in all that their models depend on."""
-    names = set(a.__struct_fields__) - _not_drawn(a)
+    names = set(a.__struct_fields__) - a.not_drawn
     return type(a) is type(b) and all(getattr(a, name) == getattr(b, name) for name in names)
-
-
-def _not_drawn(robot: RobotDescription) -> set[str]:
-    return _NOT_DRAWN if isinstance(robot, SphereDescription) else {*_NOT_DRAWN, "motor"}
 
 
 def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:

@@ -1,6 +1,4 @@
-"""Kinematic tree of a robot: groups of equal links, their joints and collision shapes; and its
-model by kind.
-"""
+"""Kinematic tree of a robot: groups of equal links, their joints and collision shapes."""
 
 from __future__ import annotations
 
@@ -13,8 +11,8 @@ import numpy as np
 
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
-from tsd_twin.models.solids import Link, Parts
-from tsd_twin.robots import RobotDescription, implementation, kind_of
+from tsd_twin.models.solids import Link
+from tsd_twin.robots import RobotDescription
 
 BASE = "base_link"
 """The link that all others hang on, and that the parts of kind `chassis` belong to."""
@@ -160,43 +158,3 @@ def chassis_mass_kg(
             f"more than {needed}",
         )
     return total_kg - others_kg
-
-
-def _model(robot: RobotDescription) -> Any:
-    """Module with the model of this kind of robot."""
-    return implementation(kind_of(robot).model)
-
-
-def draw_parts(robot: RobotDescription) -> Parts:
-    """Parts of each kind of link, in the frame of the link, drawn to the description.
-
-    Raises:
-        RobotFileError: there is no room for what the drive needs.
-        MeshError: a drawing does not make a closed solid; a bug.
-    """
-    return _model(robot).draw(robot)
-
-
-def check_room(robot: RobotDescription) -> None:
-    """Check that a body can be drawn, in a thousandth of the time that drawing it takes.
-
-    Raises:
-        RobotFileError: there is no room for what the drive needs.
-    """
-    check = getattr(_model(robot), "check_room", None)  # Other drives have room in any case.
-    if check is not None:
-        check(robot)
-
-
-def kinematic_tree(robot: RobotDescription) -> KinematicTree:
-    """Return how the links of a robot hang on one another."""
-    return _model(robot).tree(robot)
-
-
-def masses_kg(robot: RobotDescription) -> dict[Link, float]:
-    """Return the mass of each kind of link; the chassis weighs what the others leave.
-
-    Raises:
-        RobotFileError: they leave nothing.
-    """
-    return _model(robot).masses_kg(robot)

@@ -7,6 +7,7 @@ meshes) are generated from the description and never written down.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Self, TypeAlias
@@ -76,6 +77,8 @@ Colour: TypeAlias = tuple[Share, Share, Share, Share]
 """Red, green, blue (sRGB) and opacity."""
 Name: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
 """Names that become part of a bus key; `$` would let a newline at the end pass."""
+PACKAGE_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,62}[A-Za-z0-9])?")
+"""Name of a Python package."""
 Problem: TypeAlias = tuple[str, str]
 """A problem of a description, and its remedy or an empty text."""
 
@@ -262,14 +265,24 @@ class JointCompliance:
         return self.friction_n / slip_mps * self.by_force
 
 
+NOT_DRAWN = frozenset((
+    "title", "package", "sources", "assumptions", "limits", "battery", "pose_sensor",
+    "calibration", "noise", "errors", "floor", "gyro", "motor",
+))  # fmt: skip
+"""Fields of descriptions that models of most kinds do not depend on."""
+
+
 class RobotDescription(Table, frozen=True, kw_only=True):
     """Description of a robot: tables and derived figures that all kinds have in common.
 
-    A kind adds its own tables, `drive` among them, and is registered in `KINDS`.
+    A kind adds its own tables, `drive` among them. Shipped kinds are listed in `robots/kinds.py`;
+    other packages offer theirs through an entry point, see `registry`.
     """
 
     name: Name
     title: str
+    package: Annotated[str, Meta(pattern=rf"^({PACKAGE_NAME.pattern})?\Z")] = ""
+    """Python package that provides the kind; named in the error where it is not installed."""
     sources: Sequence[str] = ()
     """Sources of the figures."""
     assumptions: Sequence[str] = ()
@@ -298,6 +311,16 @@ class RobotDescription(Table, frozen=True, kw_only=True):
     def not_promised(self) -> tuple[str, ...]:
         """What the rules of safety.md cannot promise for this robot, a sentence each."""
         return ()
+
+    @property
+    def driven_by_ros(self) -> bool:
+        """Whether another controller drives it through ROS, without our node on the robot."""
+        return False
+
+    @property
+    def not_drawn(self) -> frozenset[str]:
+        """Names of the fields that no model depends on."""
+        return NOT_DRAWN
 
     @property
     def drives_sideways(self) -> bool:

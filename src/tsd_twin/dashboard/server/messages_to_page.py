@@ -50,6 +50,13 @@ class WheelSpeedLimits(msgspec.Struct, frozen=True):
     servo_step_deg: float
 
 
+class JointInfo(msgspec.Struct, frozen=True):
+    """Row of the panel `joints`."""
+
+    name: str
+    unit: str
+
+
 class RobotInfo(Message, frozen=True, tag="robot"):
     """Constant data of a robot."""
 
@@ -63,8 +70,8 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Of `drive`, `twist` and `commanded`, in this order."""
     twist_scale_m: float
     """Metres a second that one unit of the first two numbers is; limits of speed are in m/s."""
-    panel: Literal["gimbals", "wheels", "sphere", "twist"]
-    """Kind of the actuator tab."""
+    panel: Literal["gimbals", "wheels", "sphere", "twist", "joints"]
+    """Kind of the actuator tab; `joints` is a list for kinds without their own panel."""
     max_tilt_deg: float | None = None
     modules: Sequence[str] = ()
     """Names of the gimbals."""
@@ -74,6 +81,8 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Names of the wheels that roll."""
     max_rpm: float | None = None
     """Of those wheels."""
+    joints: Sequence[JointInfo] = ()
+    """Rows of the panel `joints`."""
     alternative_estimate: str | None = None
     """Source of the alternative estimate, of robots that have two."""
     not_promised: Sequence[str] = ()
@@ -105,6 +114,13 @@ class WheelState(msgspec.Struct, frozen=True):
     set_rpm: float
     residual_mps: float
     """Speed of its rim that no motion of the robot explains."""
+
+
+class JointValue(msgspec.Struct, frozen=True):
+    """Measured and commanded value in a row of the panel `joints`."""
+
+    value: float | None
+    setpoint: float | None = None
 
 
 class SphereState(msgspec.Struct, frozen=True):
@@ -199,6 +215,8 @@ class RobotState(Message, frozen=True, tag="state"):
     truth: Triple | None
     modules: Sequence[GimbalState] = ()
     wheels: Sequence[WheelState] = ()
+    joints: Sequence[JointValue] = ()
+    """Values of the rows `joints` of the robot's info."""
     sphere: SphereState | None = None
     estimate_difference: EstimateDifference | None = None
     route: RouteState | None = None

@@ -30,8 +30,8 @@ from tsd_twin.messages.requests import Event, Sample
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import decode_stamp, decode_status
 from tsd_twin.messages.topics import ODOM, STATUS, Topic
-from tsd_twin.robots import kind_of
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
+from tsd_twin.simulation import plants_of
 
 LINGER_S = 10.0
 """A twin goes on for so long after it was shown: it takes some seconds to know anything."""
@@ -60,7 +60,7 @@ class ShadowMonitor:
 
         A robot that cannot be simulated has none.
         """
-        if not kind_of(self._link.robot).simulations:
+        if not plants_of(self._link.robot):
             return None
         with self._lock:
             self._asked_s = time.monotonic()

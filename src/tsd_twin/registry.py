@@ -1,0 +1,131 @@
+"""Implementations by kind of robot: a table in each layer, and kinds from other packages.
+
+A layer lists only implementations that lie in it. For a kind that is not shipped, the tables ask
+the entry-point group `tsd_twin.kinds`; see `docs/own_kind.md`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import metadata
+from typing import Any, Generic, TypeVar
+
+from tsd_twin.errors import TwinError
+
+GROUP = "tsd_twin.kinds"
+"""Entry-point group: the name is the value of `drive.kind`, the object a `RobotKind`."""
+
+ValueT = TypeVar("ValueT")
+
+
+class KindError(TwinError):
+    """An installed package offers a kind of robot that cannot be used."""
+
+
+def _no_plants() -> Mapping[str, Callable[..., Any]]:
+    return {}
+
+
+@dataclass(frozen=True, slots=True)
+class RobotKind:
+    """Kind of robot from another package; only the description is required.
+
+    Functions are called with the description of one robot, except `model`. Import their
+    dependencies inside them, so that a client loads neither meshes nor the dashboard.
+    """
+
+    description: type[Any]
+    """Subclass of `RobotDescription`; the tag of its `drive` table is the name of the kind."""
+    odometry: Callable[[Any], Any] | None = None
+    """Returns a `SensorOdometry` and whether it is the better estimate, or None; default: only
+    the odometry of the joints."""
+    plants: Mapping[str, Callable[..., Any]] = field(default_factory=_no_plants)
+    """Factories of simulations by name of the plant, with the arguments of `simulate`; default:
+    not simulated."""
+    model: Callable[[], Any] | None = None
+    """Returns a `RobotModel`, for all robots of the kind; default: a box."""
+    view: Callable[[Any], Any] | None = None
+    """Returns the `ActuatorTelemetry` for its page panel; default: a list of its joints."""
+
+
+_LOADED: dict[type[Any], RobotKind] = {}
+"""Kinds from other packages by their description class, once `load_kind` has imported them."""
+
+
+class KindTable(Generic[ValueT]):
+    """Implementations of one layer by description class."""
+
+    def __init__(
+        self,
+        shipped: Mapping[type[Any], ValueT],
+        part: Callable[[RobotKind], ValueT | None],
+        default: ValueT,
+    ) -> None:
+        """List the shipped kinds.
+
+        `part` selects the implementation of a kind from another package, and `default` is used if
+        that has none.
+        """
+        self._shipped = dict(shipped)
+        self._part = part
+        self._default = default
+
+    def of(self, description: object) -> ValueT:
+        """Return the implementation for a robot, by the class of its `description`."""
+        cls = type(description)
+        if cls in self._shipped:
+            return self._shipped[cls]
+        kind = _LOADED.get(cls)
+        found = None if kind is None else self._part(kind)
+        return self._default if found is None else found
+
+    @property
+    def shipped(self) -> Mapping[type[Any], ValueT]:
+        """Implementations of the shipped kinds."""
+        return self._shipped
+
+
+@cache
+def entry_points() -> Mapping[str, metadata.EntryPoint]:
+    """Return the entry points of kinds in installed packages, by name of the kind.
+
+    Raises:
+        KindError: If two packages offer the same kind.
+    """
+    found: dict[str, metadata.EntryPoint] = {}
+    for point in metadata.entry_points(group=GROUP):
+        other = found.setdefault(point.name, point)
+        if other.value != point.value:
+            raise KindError(
+                f"two packages offer the kind of robot '{point.name}': {_package(other)} and "
+                f"{_package(point)}; uninstall one of them"
+            )
+    return found
+
+
+@cache
+def load_kind(name: str) -> RobotKind:
+    """Import the kind `name` of an installed package.
+
+    Raises:
+        KindError: If the package cannot be imported or does not offer a `RobotKind`.
+        KeyError: If no package offers it.
+    """
+    point = entry_points()[name]
+    try:
+        kind = point.load()
+    except Exception as error:  # Any error of the other package.
+        raise KindError(
+            f"the kind of robot '{name}' of the package {_package(point)} cannot be loaded: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(kind, RobotKind):
+        raise KindError(f"{point.value} of the package {_package(point)} is not a RobotKind")
+    _LOADED[kind.description] = kind
+    return kind
+
+
+def _package(point: metadata.EntryPoint) -> str:
+    return "unknown" if point.dist is None else point.dist.name
