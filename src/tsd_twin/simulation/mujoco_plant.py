@@ -94,8 +94,8 @@ def wheel_name(i: int) -> str:
 def build_mujoco_model(robot: SingularityDescription) -> Any:
     """Solid bodies of `robot` on a level floor.
 
-    The chassis is a disc of the size of the pivot circle, each gimbal frame a rod from bearing to
-    bearing, each wheel half a hollow sphere. Joints have the names of the drive's joints; servos
+    The chassis is a disc that reaches to the farthest pivot, each gimbal frame a rod from bearing
+    to bearing, each wheel half a hollow sphere. Joints have the names of the drive's joints; servos
     brake as gear motors do, and what drives them is applied from outside. The floor bears wheels
     and nothing else, without friction: that of a spinning patch is applied from outside as well,
     see `ContactPatch`.
@@ -109,7 +109,9 @@ def build_mujoco_model(robot: SingularityDescription) -> Any:
     floor.type = mujoco.mjtGeom.mjGEOM_PLANE
     base = spec.worldbody.add_body(name="base", pos=[0.0, 0.0, geometry.wheel_radius_m])
     base.add_freejoint()
-    plate = base.add_geom(size=[geometry.pivot_radius_m, _PLATE_HEIGHT_M / 2.0, 0.0], **_FREE)
+    plate = base.add_geom(
+        size=[float(np.max(geometry.pivot_radii_m)), _PLATE_HEIGHT_M / 2.0, 0.0], **_FREE
+    )
     plate.type = mujoco.mjtGeom.mjGEOM_CYLINDER
     plate.mass = mass.total_kg - geometry.modules * (mass.wheel_kg + 2.0 * mass.gimbal_kg)
     for i in range(geometry.modules):
@@ -123,10 +125,10 @@ def _add_module(base: Any, i: int, robot: SingularityDescription) -> None:
     """Add a wheel on two gimbal frames: Y of a module is radially outward."""
     geometry, mass = robot.drive, robot.mass
     radius = geometry.wheel_radius_m
-    azimuth = float(np.radians(geometry.azimuths_deg[i]))
+    azimuth = float(np.radians(geometry.directions_deg[i]))
     half_turn = (azimuth - np.pi / 2.0) / 2.0
     outer = base.add_body(
-        pos=geometry.pivot_radius_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]),
+        pos=[*geometry.pivots_m[i], 0.0],
         quat=[np.cos(half_turn), 0.0, 0.0, np.sin(half_turn)],
     )
     _add_servo(outer, f"module{i + 1}_beta", [0.0, 1.0, 0.0], robot)
