@@ -120,6 +120,7 @@ def robot(robot_id: str) -> dict[str, Any]:
         "space": "floor",
         "twist_axes": [{"name": n, "symbol": n, "unit": "m/s"} for n in ("vx", "vy", "omega")],
         "twist_scale_m": 1.0,
+        "sideways": True,
         "panel": "gimbals",
         "max_tilt_deg": 30.0,
         "modules": ["module1", "module2", "module3"],

@@ -70,6 +70,8 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Of `drive`, `twist` and `commanded`, in this order."""
     twist_scale_m: float
     """Metres a second that one unit of the first two numbers is; limits of speed are in m/s."""
+    sideways: bool
+    """Whether it moves in all directions; otherwise the controls ask for no sideways motion."""
     panel: Literal["gimbals", "wheels", "sphere", "twist", "joints"]
     """Kind of the actuator tab; `joints` is a list for kinds without their own panel."""
     max_tilt_deg: float | None = None

@@ -133,6 +133,7 @@ interface RobotInfo {
   space: "floor" | "sphere";
   twist_axes: TwistAxisInfo[];
   twist_scale_m: number;
+  sideways: boolean;
   panel: "gimbals" | "wheels" | "sphere" | "twist" | "joints";
   max_tilt_deg: number | null;
   modules: string[];

@@ -57,6 +57,7 @@ class RobotTelemetry:
                 for one in twist_axes_of(self._kinematics)
             ],
             twist_scale_m=self._kinematics.twist_scale_m,
+            sideways=robot.drives_sideways,
             plot_fields=self.plot_fields.names,
             **self._actuators.info(),
         )
