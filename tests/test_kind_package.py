@@ -1,4 +1,4 @@
-"""A kind of robot from another package: installed beside the wheel, simulated, driven, and shown.
+"""A kind of robot from another package: installed with the wheel, simulated, driven, and shown.
 
 `examples/diffdrive` is such a package. Nothing of this checkout is on the path of the environment.
 """

@@ -32,7 +32,7 @@ def _no_plants() -> Mapping[str, Callable[..., Any]]:
 class RobotKind:
     """Kind of robot from another package; only the description is required.
 
-    Functions are called with the description of one robot, except `model`. Import their
+    Functions are called with the description of the robot, except `model`. Import their
     dependencies inside them, so that a client loads neither meshes nor the dashboard.
     """
 
@@ -55,7 +55,7 @@ _LOADED: dict[type[Any], RobotKind] = {}
 
 
 class KindTable(Generic[ValueT]):
-    """Implementations of one layer by description class."""
+    """Implementations in a layer by description class."""
 
     def __init__(
         self,

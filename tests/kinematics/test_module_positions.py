@@ -26,7 +26,7 @@ coordinates = st.floats(-1.0, 1.0)
 
 @st.composite
 def layouts(draw: st.DrawFn) -> Array:
-    """Two to six positions, no two of them closer than 0.1 m; one in the centre now and then."""
+    """Two to six positions, no two of them closer than 0.1 m, some with one in the centre."""
     count = draw(st.integers(2, 6))
     points = [(draw(coordinates), draw(coordinates)) for _ in range(count)]
     if draw(st.booleans()):

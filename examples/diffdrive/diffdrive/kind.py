@@ -27,9 +27,9 @@ class Motor(Table, frozen=True):
     """`[motor]`: both wheels are alike."""
 
     top_speed_rpm: Positive
-    """Of a wheel."""
+    """Wheel speed without load."""
     acceleration_rpm_per_s: Positive
-    """Of a wheel that carries the robot."""
+    """Acceleration of a wheel that carries the robot."""
     time_constant_s: Positive
 
 

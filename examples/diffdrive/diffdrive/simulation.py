@@ -15,7 +15,7 @@ _STEP_S = 0.01
 
 
 class DiffDriveSimulation:
-    """`batch` robots of one description, all at the same virtual time; `()` is a single one."""
+    """`batch` equal robots at the same virtual time; `()` is a single one."""
 
     def __init__(
         self,
@@ -83,7 +83,7 @@ class DiffDriveSimulation:
         goal = np.clip(self._setpoint * self._shares, -limit, limit)
         before, reached = self.joints, 1.0 - np.exp(-dt_s / self._time_constant_s)
         self.joints = before + reached * (goal - before)
-        # The mean speed over the step, of an exponential approach.
+        # Mean speed over the step: the approach is exponential.
         mean = goal + (before - goal) * reached * self._time_constant_s / dt_s
         moved = self.kinematics.forward(mean).twist * dt_s
         skid = self._skid_share * np.abs(moved[..., 0]) / np.sqrt(dt_s)

@@ -53,8 +53,8 @@ def draw_parts(robot: RobotDescription) -> Parts:
     """Parts of each kind of link, in the frame of the link, drawn to the description.
 
     Raises:
-        RobotFileError: there is no room for what the drive needs.
-        MeshError: a drawing does not make a closed solid; a bug.
+        RobotFileError: If the body has no room for the drive.
+        MeshError: If a drawing is not a closed solid, which is a bug.
     """
     return _MODELS.of(robot).draw(robot)
 
@@ -63,7 +63,7 @@ def check_room(robot: RobotDescription) -> None:
     """Check that a body can be drawn, in a thousandth of the time that drawing it takes.
 
     Raises:
-        RobotFileError: there is no room for what the drive needs.
+        RobotFileError: If the body has no room for the drive.
     """
     check = getattr(_MODELS.of(robot), "check_room", None)  # Other drives have room in any case.
     if check is not None:
@@ -79,6 +79,6 @@ def masses_kg(robot: RobotDescription) -> dict[Link, float]:
     """Return the mass of each kind of link; the chassis weighs what the others leave.
 
     Raises:
-        RobotFileError: they leave nothing.
+        RobotFileError: If they leave nothing.
     """
     return _MODELS.of(robot).masses_kg(robot)

@@ -1,4 +1,4 @@
-"""Description classes by kind of robot: shipped kinds, and those of installed packages."""
+"""Description classes by kind of robot, for shipped kinds and installed packages."""
 
 from __future__ import annotations
 
