@@ -25,7 +25,7 @@ from tsd_twin.dynamixel.control_table import (
 from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import Array
-from tsd_twin.robots import SingularityDescription
+from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 from tsd_twin.safety import Heartbeat
 
 COMMAND_TIMEOUT_S = 0.25
@@ -191,6 +191,36 @@ class ThrottleLaw(Protocol):
     def pulse_us(self, signal: Array) -> Array:
         """Return the pulse width of a signal, microseconds."""
         ...
+
+
+_RADIO_ROBOT = "tsd"
+"""Robot that the firmware's `robot.h` is made from."""
+_RADIO_TOLERANCE = 0.1
+"""Largest difference of a tilt, relative to the largest tilt: what calibration may change."""
+
+
+def check_radio_geometry(robot: SingularityDescription) -> None:
+    """Check that the board can drive a robot by radio control.
+
+    The firmware has the geometry and wheel speed of one robot compiled in. From the PC it drives
+    any robot, since goals of gimbals come from there.
+
+    Raises:
+        HardwareError: If modules or wheel speed of the robot are others.
+    """
+    compiled = description_of_kind(load_robot(_RADIO_ROBOT), SingularityDescription).kinematics()
+    drive, twists = robot.kinematics(), np.eye(3)
+    ours, theirs = drive.axles(twists), compiled.axles(twists)
+    # One metre a second and one turn at the pivots ask for tilts of a similar size.
+    if ours.shape == theirs.shape:
+        off = np.abs(ours - theirs).max(axis=(1, 2))
+        if (off <= _RADIO_TOLERANCE * np.abs(theirs).max(axis=(1, 2))).all():
+            return
+    raise HardwareError(
+        f"{robot.name} cannot be driven by radio control: the board has the module positions and "
+        f"wheel speed of `{_RADIO_ROBOT}` compiled in (firmware/robot.h), and the robot has "
+        "others; remove [receiver] from the calibration"
+    )
 
 
 class JointConverter:

@@ -17,14 +17,18 @@ from tsd_twin.models.files import (
     urdf,
     write_model,
 )
+from tsd_twin.models.kinds import (
+    RobotModel,
+    check_room,
+    draw_parts,
+    kinematic_tree,
+    masses_kg,
+)
 from tsd_twin.models.links import (
     BASE,
     JointType,
     KinematicTree,
     LinkGroup,
-    check_room,
-    draw_parts,
-    kinematic_tree,
 )
 
 if TYPE_CHECKING:
@@ -39,11 +43,13 @@ __all__ = [
     "Material",
     "Part",
     "Parts",
+    "RobotModel",
     "check_room",
     "draw_parts",
     "glb",
     "kinematic_tree",
     "load_parts",
+    "masses_kg",
     "read_model",
     "robot_urdf",
     "shipped_model",

@@ -14,6 +14,7 @@ import numpy as np
 
 from tsd_twin.errors import MeshError
 from tsd_twin.lie import Array
+from tsd_twin.models.kinds import draw_parts, kinematic_tree, masses_kg
 from tsd_twin.models.links import (
     BASE,
     CollisionShape,
@@ -21,12 +22,9 @@ from tsd_twin.models.links import (
     JointLimits,
     JointType,
     LinkGroup,
-    draw_parts,
-    kinematic_tree,
-    masses_kg,
     roll_pitch_yaw,
 )
-from tsd_twin.robots import RobotDescription, SphereDescription, load_robot, robot_names
+from tsd_twin.robots import RobotDescription, load_robot, robot_names
 from tsd_twin.robots.description import Colour, Positive, Share
 
 if TYPE_CHECKING:
@@ -304,14 +302,6 @@ def load_parts(robot: RobotDescription) -> Parts:
     return read_model(Path(robot.body.meshes), kinematic_tree(robot).kinds)
 
 
-_NOT_DRAWN = {
-    "title", "sources", "assumptions", "limits", "battery", "pose_sensor",
-    "calibration", "noise", "errors", "floor", "gyro",
-}  # fmt: skip
-"""Description fields that no model depends on. Only sphere models depend on `motor`, which limits
-their wheel speed."""
-
-
 def robot_urdf(robot: RobotDescription) -> str:
     """Return the URDF text of a robot with meshes next to it; shipped robots have a file.
 
@@ -330,12 +320,8 @@ def robot_urdf(robot: RobotDescription) -> str:
 
 def _same_drawing(a: RobotDescription, b: RobotDescription) -> bool:
     """Return whether two robots have equal kinds and equal fields that models depend on."""
-    names = set(a.__struct_fields__) - _not_drawn(a)
+    names = set(a.__struct_fields__) - a.not_drawn
     return type(a) is type(b) and all(getattr(a, name) == getattr(b, name) for name in names)
-
-
-def _not_drawn(robot: RobotDescription) -> set[str]:
-    return _NOT_DRAWN if isinstance(robot, SphereDescription) else {*_NOT_DRAWN, "motor"}
 
 
 def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:

@@ -20,7 +20,6 @@ from tsd_twin.errors import TwinError
 from tsd_twin.interop.cmd_vel import CmdVelOperator
 from tsd_twin.interop.fleet import LONGEST_OPERATOR, Fleet, RobotSource
 from tsd_twin.interop.mapping import ODOMETRY, RosMessage, RosNames
-from tsd_twin.robots import ImportedDescription
 from tsd_twin.ros.arrivals import Echoes
 from tsd_twin.ros.operator import RosOperator
 from tsd_twin.ros.port import OpenPort, RosPort
@@ -208,7 +207,7 @@ async def serve_ros(
         lambda link: RosSource(open_port, meshes, name, machines, require_echo, link),
         open_bus,
         only,
-        lambda robot: not isinstance(robot, ImportedDescription),
+        lambda robot: not robot.driven_by_ros,
     )
     try:
         fleet.watch(bus)
