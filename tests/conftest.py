@@ -12,9 +12,12 @@ from hypothesis import settings
 from tests.support.marks import WRITTEN, all_marks, may_choose, possible_marks
 from tests.support.robot_node import RunningNode, running
 from tests.support.slow_tests import is_long, listed, name_of, shared
+from tsd_twin.messages import codes
 
 settings.register_profile("unhurried", deadline=None)  # A busy machine is no failure.
 settings.load_profile("unhurried")
+
+codes.checks = True  # A reason with a wrong parameter fails the test that makes it.
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
 from tsd_twin.control.faults import ASIDE_RAD, PATIENCE_S, REMEMBERED_S, FollowingErrorMonitor
+from tsd_twin.messages.codes import Code
 from tsd_twin.messages.requests import Event
 from tsd_twin.safety import Mode
 from tsd_twin.simulation import RobotWithStuckJoint, SimRobot, StuckJoint
@@ -75,7 +76,7 @@ def test_what_comes_late_is_no_fault_however_fast_it_is_told(
     told = amplitude * np.sin(turn * times)
     for i, now_s in enumerate(times):
         measured = told[max(i - lag, 0)]
-        assert following.step(float(now_s), told[i : i + 1], np.array([measured])) == ""
+        assert following.step(float(now_s), told[i : i + 1], np.array([measured])) is None
 
 
 @given(off=st.floats(-1.0, 1.0), at=st.integers(0, 1))
@@ -89,12 +90,13 @@ def test_what_stays_away_is_one_after_its_patience_and_not_before(off: float, at
         assert late == []
     else:
         assert late[0] == pytest.approx(PATIENCE_S, abs=1.5 * PERIOD_S)
-        assert said[-1].startswith(f"{'ab'[at]} does not follow")
+        assert said[-1].code == Code.FOLLOWING_ERROR
+        assert said[-1].params["joint"] == "ab"[at]
 
 
 def test_no_number_is_no_fault_and_a_gap_does_not_count_for_one() -> None:
     following = FollowingErrorMonitor(["a"])
     for i in range(200):
-        assert following.step(PERIOD_S * i, np.zeros(1), np.array([np.nan])) == ""
+        assert following.step(PERIOD_S * i, np.zeros(1), np.array([np.nan])) is None
     following.forget()
-    assert following.step(100.0, np.zeros(1), np.ones(1)) == ""
+    assert following.step(100.0, np.zeros(1), np.ones(1)) is None

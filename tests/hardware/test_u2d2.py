@@ -17,7 +17,7 @@ from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
 from tsd_twin.dynamixel.servo_models import MODELS, ServoSetting
 from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware, u2d2
-from tsd_twin.hardware.joints import NO_TORQUE
+from tsd_twin.messages.codes import Code, Reason, Value, because
 from tsd_twin.node import HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
@@ -80,8 +80,11 @@ class Bench:
         return self.robot
 
     @property
-    def fault(self) -> str:
+    def fault(self) -> Reason | None:
         return self.io.fault(time.monotonic())
+
+    def has(self, code: Code, **params: Value) -> bool:
+        return self.fault == because(code, **params)
 
     def until(self, condition: Callable[[], object], setpoint: np.ndarray = REST) -> None:
         end_s = time.monotonic() + PATIENCE_S
@@ -156,10 +159,10 @@ def test_servos_have_the_ids_of_the_calibration(tmp_path: Path) -> None:
             lambda: np.allclose(it.measured[ANGLES], there * 2 * np.pi / 4096, atol=2e-3), AHEAD
         )
         it.chain.servos[2].fault = True
-        it.until(lambda: it.fault == "servo 3 (module2_alpha): hardware error")
+        it.until(lambda: it.has(Code.SERVO_ERROR, servos="3 (module2_alpha)"))
         it.chain.servos[2].fault = False
         it.chain.servos[5].switch_off()
-        it.until(lambda: it.fault.startswith("servo 6 (module3_beta): no torque"))
+        it.until(lambda: it.has(Code.SERVO_LIMP, servos="6 (module3_beta)"))
         it.until(lambda: it.chain.servos[5].torque)
 
 
@@ -188,7 +191,7 @@ def test_a_servo_that_dies_is_named_and_not_measured(tmp_path: Path) -> None:
         it.connect()
         it.until(lambda: not it.fault)
         it.chain.servos[3].dead = True
-        it.until(lambda: "servo 4 (module2_beta): no answer" in it.fault)
+        it.until(lambda: it.has(Code.SERVOS_SILENT, servos="4 (module2_beta)"))
         it.until(lambda: np.isnan(it.measured[4]))
         assert np.isfinite(it.measured[[0, 1, 3, 6, 7]]).all()
         it.chain.servos[3].dead = False
@@ -199,7 +202,7 @@ def test_a_servo_with_a_hardware_error_is_named(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         it.connect()
         it.chain.servos[5].fault = True
-        it.until(lambda: it.fault == "servo 6 (module3_beta): hardware error")
+        it.until(lambda: it.has(Code.SERVO_ERROR, servos="6 (module3_beta)"))
         it.chain.servos[5].fault = False
         it.until(lambda: not it.fault)
 
@@ -213,7 +216,7 @@ def test_a_hot_servo_is_told_to_the_node_and_stops_the_wheels(tmp_path: Path) ->
         it.until(lambda: it.io.servo_c(time.monotonic()) == 74.0)
         assert not it.fault
         it.chain.servos[3].temperature_c = 75
-        it.until(lambda: it.fault == "servo 4 (module2_beta): at least 75 °C: let it cool")
+        it.until(lambda: it.has(Code.SERVO_TOO_HOT, servos="4 (module2_beta)", limit_c=75))
         it.until(lambda: it.board.commands[-1].arm == 0)
         it.chain.servos[3].temperature_c = 60
         it.until(lambda: not it.fault)
@@ -224,7 +227,7 @@ def test_an_adapter_that_is_unplugged_shuts_off_the_wheels_and_comes_back(tmp_pa
         it.connect()
         it.until(lambda: it.board.commands[-1].arm == 1 and it.measured[0] > 0.02, AHEAD)
         it.line.unplug()
-        it.until(lambda: "the servo bus is not connected" in it.fault)
+        it.until(lambda: it.fault and it.fault.code == Code.DEVICE_DISCONNECTED)
         it.until(lambda: it.board.commands[-1].arm == 0)
         it.line.plug_in()
         it.until(lambda: not it.fault)
@@ -290,7 +293,7 @@ def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: flo
     it.until(lambda: not it.fault and it.board.commands[-1].arm == 1, AHEAD)
     for pauses in it.pauses:
         pauses.begin()
-    lost_s, faults = time.monotonic() + wait_s, [""]
+    lost_s, faults = time.monotonic() + wait_s, [None]
     it.until(lambda: time.monotonic() > lost_s, AHEAD)
     lost_s = time.monotonic()
     lose()
@@ -303,7 +306,7 @@ def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: flo
     took_s = time.monotonic() - lost_s
     paused_s = max(pauses.longest_s() for pauses in it.pauses)
     it.until(lambda: servo.torque, AHEAD)
-    if faults[0].endswith(NO_TORQUE):
+    if faults[0].code == Code.SERVO_LIMP:
         return took_s
     assert paused_s > HELD_UP_S, faults
     return None

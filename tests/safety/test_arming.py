@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness, disarm
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.safety import Mode
 
 
@@ -149,6 +150,7 @@ def test_an_operator_who_only_renews_keeps_the_wheels_turning(stage: SupervisorH
 def test_commands_renew_the_lease(stage: SupervisorHarness) -> None:
     stage.bring_to(Mode.READY)
     stage.hold(5.0)
-    assert stage.supervisor.holder_refusal(stage.lease, stage.now_s) == ""
+    assert stage.supervisor.holder_refusal(stage.lease, stage.now_s) is None
     stage.wait(2.1)
-    assert stage.supervisor.holder_refusal(stage.lease, stage.now_s) == "take control first"
+    refusal = stage.supervisor.holder_refusal(stage.lease, stage.now_s)
+    assert refusal == because(Code.TAKE_CONTROL_FIRST)

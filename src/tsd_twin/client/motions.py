@@ -95,7 +95,7 @@ def kinematics_in_force(
     if speeds is None or status is None or status.wheel_speed is None:
         return kinematics
     spin = status.wheel_speed.wanted_rpm * RPM
-    return kinematics if speeds.refusal(spin) else speeds.kinematics.with_spin(spin)
+    return speeds.kinematics.with_spin(spin) if speeds.allows(spin) else kinematics
 
 
 def goal_at(x_m: float, y_m: float, heading_rad: float | None) -> NavigationGoal:

@@ -24,6 +24,7 @@ import numpy as np
 from tsd_twin.control.robot_controller import RobotController
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.requests import LeaseReply, Reply, Sample
 from tsd_twin.messages.ros import Odometry
 from tsd_twin.messages.status import LoopStatus, Status
@@ -70,7 +71,8 @@ class StepCall(msgspec.Struct, frozen=True, array_like=True, tag="step"):
     now_s: float
     measured: bytes | None
     samples: list[Sample]
-    fault: str
+    fault: str | Reason
+    """Fault that the board reports; an empty text without one."""
     setpoint: bytes = b""
     """(n,): what it returned."""
     estimate: bytes = b""
@@ -261,7 +263,7 @@ class LoggedController(RobotController):
         now_s: float,
         measured: Array | None,
         samples: Sequence[Sample],
-        fault: str = "",
+        fault: Reason | None = None,
         battery_v: float | None = None,
         servo_c: float | None = None,
     ) -> Array:
@@ -275,7 +277,7 @@ class LoggedController(RobotController):
                     now_s,
                     raw,
                     list(samples),
-                    fault,
+                    fault or "",
                     setpoint.tobytes(),
                     estimate,
                     others,

@@ -32,6 +32,7 @@ from tsd_twin.interop.mapping import (
     RosTopic,
 )
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.ros import (
     BASE,
     decode_cdr,
@@ -195,7 +196,8 @@ class ImportedRobot:
         self._sent, self._sent_s, self._zeros = 0, -math.inf, 0
         self._written_s, self._size, self._cut = -math.inf, 0.0, False
         self._heartbeat = Heartbeat(False, 0)
-        self._unsent, self._unsent_s = "", -math.inf
+        self._unsent: Reason | None = None
+        self._unsent_s = -math.inf
         self._closed = False
         self._port = open_port(self)
         self._shared = NameWatch(self._port, names, is_shown=False)
@@ -275,18 +277,18 @@ class ImportedRobot:
         if (before.armed and not heartbeat.armed) or (heartbeat.latched and not before.latched):
             self._zeros = ZEROS
 
-    def fault(self, now_s: float) -> str:
+    def fault(self, now_s: float) -> Reason | None:
         """Return that odometry is missing, nothing can be sent, or two robots have its name."""
         if problem := self._shared.problem(now_s):
             return problem
         if now_s - self._unsent_s < _UNSENT_S:
             return self._unsent
         if not self._is_silent(now_s):
-            return ""
+            return None
         topic = self._names.topic(ODOMETRY.name)
         if self._odom_s == -math.inf:
-            return f"no odometry has come on {topic} yet"
-        return f"no odometry newer than {self._timeout_s:g} s has come on {topic}"
+            return because(Code.NO_ODOMETRY, topic=topic)
+        return because(Code.ODOMETRY_OLD, topic=topic, s=self._timeout_s)
 
     def hardware(self) -> Mapping[str, Any]:
         """Return the hardware part of the status."""
@@ -398,7 +400,8 @@ class ImportedRobot:
         try:
             self._port.publish(RosMessage(self._driven, name, encode_cdr(message)))
         except TwinError as error:
-            self._unsent, self._unsent_s = f"cmd_vel cannot be published: {error}", now_s
+            self._unsent = because(Code.CMD_VEL_UNSENT, text=str(error))
+            self._unsent_s = now_s
         self._sent += 1
         self._sent_s = now_s
 
