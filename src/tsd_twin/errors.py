@@ -32,9 +32,10 @@ from __future__ import annotations
 import re
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
+from typing import Protocol
 
 
 class TwinError(Exception):
@@ -45,7 +46,9 @@ class RobotFileError(TwinError):
     """A robot description cannot be used."""
 
     def __init__(self, file: str, problem: str, valid: str = "") -> None:
-        super().__init__(f"{file}: {problem}" + (f" ({valid})" if valid else ""))
+        self.problem = problem + (f" ({valid})" if valid else "")
+        """The problem, without the file."""
+        super().__init__(f"{file}: {self.problem}")
 
 
 class MessageError(TwinError):
@@ -186,11 +189,32 @@ def remedy_of(sentence: str) -> str:
     )
 
 
+class CodedReason(Protocol):
+    """Reason of a robot: a code of docs/codes.md, and its parameters."""
+
+    @property
+    def code(self) -> str:
+        """Code."""
+        ...
+
+    @property
+    def params(self) -> Mapping[str, str | float]:
+        """Parameters by name."""
+        ...
+
+
 class ClientError(TwinError):
     """Base class of the errors of the client library; a traceback shows the remedy, too."""
 
-    def __init__(self, sentence: str) -> None:
+    def __init__(self, sentence: str, why: CodedReason | None = None) -> None:
+        """`why` is the reason of the robot, if it gave one."""
         super().__init__(sentence)
+        self.why = why
+        """Reason of the robot; None if it gave none."""
+        self.code = "" if why is None else why.code
+        """Code of that reason, as in docs/codes.md; "" without one."""
+        self.params: Mapping[str, str | float] = {} if why is None else why.params
+        """Parameters of that reason, by name."""
         self.remedy = remedy_of(sentence)
         """Call that resolves it; "" if none is known."""
         if self.remedy:
@@ -224,8 +248,14 @@ class StopNotConfirmed(ClientError):  # noqa: N818  Reads as what happened.
 class ControlDenied(ClientError):  # noqa: N818  Reads as what happened.
     """The robot does not grant the lease."""
 
-    def __init__(self, robot: str, reason: str, holder: str | None = None) -> None:
-        super().__init__(f"{robot} gives no control: {reason}")
+    def __init__(
+        self,
+        robot: str,
+        reason: str,
+        holder: str | None = None,
+        why: CodedReason | None = None,
+    ) -> None:
+        super().__init__(f"{robot} gives no control: {reason}", why)
         self.reason = reason
         """The robot's own sentence."""
         self.holder = holder
@@ -239,8 +269,8 @@ class ControlLost(ClientError):  # noqa: N818  Reads as what happened.
 class RequestRefused(ClientError):  # noqa: N818  Reads as what happened.
     """The robot refused a request."""
 
-    def __init__(self, robot: str, what: str, reason: str) -> None:
-        super().__init__(f"{robot} refuses to {what}: {reason}")
+    def __init__(self, robot: str, what: str, reason: str, why: CodedReason | None = None) -> None:
+        super().__init__(f"{robot} refuses to {what}: {reason}", why)
         self.reason = reason
         """The robot's own sentence."""
 

@@ -67,7 +67,8 @@ def _fixed(code: Code, number: int, *, with_optional: bool) -> Reason:
             params[name.removesuffix("?")] = _NUMBERS[number % len(_NUMBERS)]
         elif kind is Type.SERVOS:
             several = number % 2
-            params[name] = "3 (module2_alpha)" + (", 5 (module3_alpha)" if several else "")
+            other = ", 5 (module3_alpha)" if several else ""
+            params[name.removesuffix("?")] = f"3 (module2_alpha){other}"
         elif kind in WORDS:
             words = sorted(WORDS[kind])
             params[name.removesuffix("?")] = words[number % len(words)]

@@ -23,6 +23,7 @@ from tsd_twin.messages.requests import (
     SpeedRequest,
     StopRequest,
     decode_json,
+    why_of,
 )
 from tsd_twin.messages.ros import BASE
 from tsd_twin.messages.status import LeaseStatus, Status
@@ -57,7 +58,7 @@ def request(
     if reply is None:
         raise RobotSilent(f"{protocol.robot_id} does not answer")
     if not reply.ok:
-        raise RequestRefused(protocol.robot_id, what, reply.reason)
+        raise RequestRefused(protocol.robot_id, what, reply.reason, why_of(reply))
     return outcome.now_s
 
 
@@ -203,7 +204,7 @@ def request_lease(
     if reply is None:
         raise RobotSilent(f"{protocol.robot_id} does not answer")
     if not reply.granted:
-        raise ControlDenied(protocol.robot_id, reply.reason, reply.holder)
+        raise ControlDenied(protocol.robot_id, reply.reason, reply.holder, why_of(reply))
     protocol.grant(reply, outcome.now_s)
     return outcome.now_s
 
@@ -302,7 +303,7 @@ def ask_for_control(
     """
     reply = yield from ask_holder(protocol)
     if not reply.done and reply.holder is not None:
-        raise ControlDenied(protocol.robot_id, reply.reason, reply.holder)
+        raise ControlDenied(protocol.robot_id, reply.reason, reply.holder, why_of(reply))
     if reply.holder is not None:
         yield from _until_granted(protocol, now_s, timeout_s, reply.holder)
     yield from acquire(protocol, **wish)
@@ -353,7 +354,7 @@ def answer_request(protocol: ControlProtocol, *, grant: bool, asker: str | None)
         raise RobotSilent(f"{protocol.robot_id} does not answer")
     if not reply.done:
         what = "hand over control" if grant else "keep control"
-        raise RequestRefused(protocol.robot_id, what, reply.reason)
+        raise RequestRefused(protocol.robot_id, what, reply.reason, why_of(reply))
     if grant:
         protocol.release()
 
@@ -412,7 +413,7 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     while (mode := protocol.mode) is not Mode.READY:
         protocol.check_lease()
         if latched := protocol.latch_reason():
-            raise RobotStopped(f"{latched}; reset it first")
+            raise RobotStopped(f"{latched}; reset it first", protocol.status_why)
         if mode is Mode.DISARMED and not asked:
             lease = HolderRequest(protocol.lease_hex)
             now_s = yield from request(protocol, Service.ARM, lease, "arm")
@@ -423,7 +424,9 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
             continue
         if mode is Mode.DISARMED or now_s >= end_s:
             reason = protocol.status.stop_reason if protocol.status is not None else ""
-            raise RequestRefused(protocol.robot_id, "arm", reason or "it does not get ready")
+            raise RequestRefused(
+                protocol.robot_id, "arm", reason or "it does not get ready", protocol.status_why
+            )
         now_s = yield from _next_status(protocol, now_s)
 
 

@@ -19,6 +19,7 @@ from tsd_twin.client.held_lease import HeldLease
 from tsd_twin.errors import ClientError, RobotSilent, RobotStopped
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.requests import LeaseReply, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.status import Status
@@ -123,7 +124,8 @@ class ControlProtocol(HeldLease):
         settled = now_s - self._granted_s > max(_GRACE_S, self.max_age_s)
         if self._lease and settled and status.lease.holder != self.operator:
             holder = status.lease.holder
-            self._lose(f"{holder} has control now" if holder else "the lease has ended")
+            taken = holder and because(Code.HAS_CONTROL_NOW, holder=holder)
+            self._lose(taken or because(Code.LEASE_ENDED))
 
     def receive_odometry(self, xy_heading: Array, twist: Array, now_s: float) -> None:
         """Process pose (3,) and twist (3,) of a `state/odom`; a sphere's pose means nothing."""
@@ -141,8 +143,8 @@ class ControlProtocol(HeldLease):
         counted = 0 if self.status is None else self.status.command.seq
         self._seq = max(self._seq, counted if counted < _MOST_NUMBERS else 0) + _NUMBERS_APART
 
-    def _lose(self, reason: str) -> None:
-        super()._lose(reason)
+    def _lose(self, why: Reason) -> None:
+        super()._lose(why)
         self._setpoint = self._stops = None
 
     # Motions.
@@ -184,7 +186,7 @@ class ControlProtocol(HeldLease):
         self.check_lease()
         self._check_silence(now_s)
         if self.mode not in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
-            raise RobotStopped(self._sentence("is not ready"))
+            raise RobotStopped(self._sentence("is not ready"), self.status_why)
         return self._begin()
 
     def _begin(self) -> int:
@@ -204,7 +206,7 @@ class ControlProtocol(HeldLease):
         mode = self.mode
         self._check_silence(now_s)
         if mode is not Mode.READY:
-            raise RobotStopped(self._sentence("is not ready"))
+            raise RobotStopped(self._sentence("is not ready"), self.status_why)
 
     def is_active(self, motion: int) -> bool:
         """Return whether a motion has not ended, nor has `rest` begun another one."""
@@ -230,7 +232,7 @@ class ControlProtocol(HeldLease):
         if status is None or self._stops is None:
             raise ClientError(f"{self.robot_id} is in no motion")
         if self.mode not in (Mode.READY, Mode.DRIVING) or status.stops > self._stops:
-            raise RobotStopped(self._sentence("stopped by itself"))
+            raise RobotStopped(self._sentence("stopped by itself"), self.status_why)
 
     @property
     def stale_commands(self) -> int:
@@ -412,6 +414,11 @@ class ControlProtocol(HeldLease):
     def latch_reason(self) -> str:
         """Return why the robot is latched, as a sentence; "" when it is not."""
         return self._sentence("") if self.mode in LATCHED else ""
+
+    @property
+    def status_why(self) -> Reason | None:
+        """Reason in the latest status why the robot stopped or was disarmed."""
+        return self.status.stop if self.status is not None else None
 
     def _check_silence(self, now_s: float) -> None:
         if now_s - self._status_s > SILENCE_S:

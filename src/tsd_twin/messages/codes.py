@@ -151,6 +151,39 @@ class Code(StrEnum):
     ACTUATOR_SUSPECT = "actuator_suspect"
     POSE_RESET = "pose_reset"
     DUPLICATE_ID_GONE = "duplicate_id_gone"
+    RECORDING_PAUSED = "recording_paused"
+    RECORDING_CONTINUES = "recording_continues"
+    MESSAGES_NOT_RECORDED = "messages_not_recorded"
+    # Ends of control, seen by a client.
+    HAS_CONTROL_NOW = "has_control_now"
+    OTHER_CLIENT = "other_client"
+    LEASE_ENDED = "lease_ended"
+    CONTROL_RELEASED = "control_released"
+    # Messages of the dashboard to its pages.
+    CONTROL_IS_LOST = "control_is_lost"
+    CONTROL_ASKED_FOR = "control_asked_for"
+    CONTROL_HANDED_OVER = "control_handed_over"
+    PAGE_SILENT = "page_silent"
+    PAGE_STALLED = "page_stalled"
+    PAGE_NOT_IN_FRONT = "page_not_in_front"
+    STOP_PRESSED = "stop_pressed"
+    OTHER_ROBOT_SHOWN = "other_robot_shown"
+    ROBOT_SILENT = "robot_silent"
+    STOPPED_BY_ITSELF = "stopped_by_itself"
+    NO_ANSWER = "no_answer"
+    REQUEST_UNDER_WAY = "request_under_way"
+    NO_ROBOT_SHOWN = "no_robot_shown"
+    NO_ROBOT_THERE = "no_robot_there"
+    UNKNOWN_ROBOT = "unknown_robot"
+    NOT_ASKING = "not_asking"
+    VIEWER = "viewer"
+    RECORDING_SHOWN = "recording_shown"
+    MARK_UNDER_WAY = "mark_under_way"
+    PATH_REPLANNED = "path_replanned"
+    PATH_GIVEN_UP = "path_given_up"
+    PATH_REFUSED = "path_refused"
+    PATH_NOT_PLANNED = "path_not_planned"
+    NO_PATHS = "no_paths"
     # Messages that do not count.
     BAD_KEY = "bad_key"
     BAD_SHAPE = "bad_shape"
@@ -331,6 +364,37 @@ PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.ACTUATOR_SUSPECT: {"actuator": Type.NAME},
     Code.POSE_RESET: {"metres": Type.M, "deg": Type.DEG},
     Code.DUPLICATE_ID_GONE: {"robot": Type.NAME},
+    Code.RECORDING_PAUSED: _TEXT,
+    Code.RECORDING_CONTINUES: {"lost": Type.COUNT},
+    Code.MESSAGES_NOT_RECORDED: {"count": Type.COUNT, "file": Type.NAME},
+    Code.HAS_CONTROL_NOW: _HOLDER,
+    Code.OTHER_CLIENT: {},
+    Code.LEASE_ENDED: {},
+    Code.CONTROL_RELEASED: {},
+    Code.CONTROL_IS_LOST: {"cause": Type.CAUSE},
+    Code.CONTROL_ASKED_FOR: {},
+    Code.CONTROL_HANDED_OVER: {},
+    Code.PAGE_SILENT: {"s": Type.S},
+    Code.PAGE_STALLED: {"s": Type.S},
+    Code.PAGE_NOT_IN_FRONT: {},
+    Code.STOP_PRESSED: {},
+    Code.OTHER_ROBOT_SHOWN: {},
+    Code.ROBOT_SILENT: {"s?": Type.S},
+    Code.STOPPED_BY_ITSELF: {},
+    Code.NO_ANSWER: {},
+    Code.REQUEST_UNDER_WAY: {},
+    Code.NO_ROBOT_SHOWN: {},
+    Code.NO_ROBOT_THERE: {},
+    Code.UNKNOWN_ROBOT: {"robot": Type.NAME},
+    Code.NOT_ASKING: {},
+    Code.VIEWER: {},
+    Code.RECORDING_SHOWN: {},
+    Code.MARK_UNDER_WAY: {},
+    Code.PATH_REPLANNED: {},
+    Code.PATH_GIVEN_UP: {},
+    Code.PATH_REFUSED: _TEXT,
+    Code.PATH_NOT_PLANNED: {},
+    Code.NO_PATHS: {},
     Code.BAD_KEY: {"key": Type.NAME},
     Code.BAD_SHAPE: {"detail": Type.TEXT},
     Code.NOT_FINITE: {"quantity": Type.QUANTITY},

@@ -182,7 +182,7 @@ class ImportedRobot:
         self._arrivals = {row.name: Arrivals() for row in IMPORTED}
         self._described = threading.Event()
         self._said: dict[str, float] = {}
-        self._problem = ""
+        self._problem: tuple[str, str] | None = None
         self.urdf = ""
         """Text of `robot_description`; "" when it has not come in time."""
         self._robot: ImportedDescription | None = None
@@ -223,7 +223,7 @@ class ImportedRobot:
     def on_unreadable(self, name: str, reason: str) -> None:
         """Count a message that cannot be read."""
         self._dropped += 1
-        self._problem = f"a message of {name} is ignored: {reason}"[:200]
+        self._problem = (name, f"a message of {name} is ignored: {reason}"[:200])
 
     def on_call(self, service: str, answer: Callable[[bool, str], None]) -> None:  # noqa: ARG002  Of the interface.
         """Refuse: it offers no services."""
@@ -239,9 +239,9 @@ class ImportedRobot:
                     self._receive(received, now_s)
                 except MessageError as error:
                     self.on_unreadable(row.name, str(error))
-        if self._problem:
-            self._say(self._problem, now_s)
-            self._problem = ""
+        if self._problem is not None:
+            self._say(*self._problem, now_s)
+            self._problem = None
         return None if self._is_silent(now_s) else self._measured.copy()
 
     def write(self, setpoint: Array, now_s: float) -> None:
@@ -388,7 +388,8 @@ class ImportedRobot:
         if self._robot is None:
             self.urdf = raw.data
         elif raw.data != self.urdf:
-            self._problem = "robot_description has changed: start tsd-ros again to draw it"
+            changed = "robot_description has changed: start tsd-ros again to draw it"
+            self._problem = ("changed", changed)
 
     def _publish(self, twist: Array, now_s: float) -> None:
         vx, vy, omega = twist.tolist()
@@ -405,9 +406,9 @@ class ImportedRobot:
         self._sent += 1
         self._sent_s = now_s
 
-    def _say(self, text: str, now_s: float) -> None:
-        """Log a sentence, the same one no more often than every two seconds."""
+    def _say(self, about: str, text: str, now_s: float) -> None:
+        """Log a sentence, one about the same no more often than every two seconds."""
         recent = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
-        if text not in recent:
+        if about not in recent:
             _LOG.warning("%s", text)
-        self._said = {text: now_s, **recent}
+        self._said = {about: now_s, **recent}
