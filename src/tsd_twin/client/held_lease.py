@@ -79,7 +79,7 @@ class HeldLease:
         """
         if not self._lease:
             lost = self.lost_reason or "take it first"
-            raise ControlLost(f"no control of {self.robot_id}: {lost}", self.lost_why)
+            raise ControlLost(f"no control of {self.robot_id}: {lost}", "no_control", self.lost_why)
 
     def renewal_is_due(self, now_s: float) -> bool:
         """Return whether a lease is held that has to be renewed."""

@@ -31,6 +31,7 @@ from tsd_twin.dashboard.server.messages_to_page import ActionReply
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SO3
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.status import Refusals, Status, WheelSpeedStatus
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep
 
@@ -401,10 +402,10 @@ def test_a_stop_by_anybody_ends_the_way_and_until_the_reset_there_is_no_other(
             desk.step(number, 100.4)
         desk.say(0.0, 100.5, mode)
         desk.request_plan()
-        assert desk.answers[-1] == ActionReply(to="plan", ok=False, reason=f"the robot is {mode}")
-        desk.say(0.0, 100.6, mode, refusals=Refusals(drive="the wheels are loose"))
+        assert desk.answers[-1] == refused(because(Code.MODE_ONLY, mode=mode))
+        desk.say(0.0, 100.6, mode, refusals=Refusals.of({"drive": LOOSE}))
         desk.request_plan()
-        assert desk.answers[-1] == ActionReply(to="plan", ok=False, reason="the wheels are loose")
+        assert desk.answers[-1] == refused(LOOSE)
         assert desk.going.route_state is None
 
     asyncio.run(run())
@@ -513,6 +514,13 @@ def test_a_line_that_leaves_the_floor_ends_there_and_what_is_no_camera_shows_non
         CameraPose(above, down, 0.8, broken),
     ):
         assert len(floor_points(eye, shares)) == 0
+
+
+LOOSE = because(Code.HARDWARE, text="the wheels are loose")
+
+
+def refused(why: Reason) -> ActionReply:
+    return ActionReply(to="plan", ok=False, why=why)
 
 
 def text_of(reply: dict[str, Any]) -> str:

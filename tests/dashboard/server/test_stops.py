@@ -12,7 +12,7 @@ from tsd_twin.messages.requests import Sample, decode_command
 from tsd_twin.messages.status import LeaseStatus
 from tsd_twin.messages.topics import Service
 
-BY_ITSELF = "the robot has stopped by itself"
+BY_ITSELF = "stopped_by_itself"
 
 
 async def say_once_more(session: Session, state: RobotState) -> None:

@@ -210,6 +210,7 @@ def test_events_reach_those_who_watch_and_those_who_come_later(served: Site) -> 
             "t": "event",
             "kind": "test",
             "text": "It rains.",
+            "why": {"code": "text", "params": {"text": "It rains."}},
             "robot_s": 1.5,
             "past": False,
             "age_s": 0.0,
