@@ -306,7 +306,7 @@ def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: flo
     took_s = time.monotonic() - lost_s
     paused_s = max(pauses.longest_s() for pauses in it.pauses)
     it.until(lambda: servo.torque, AHEAD)
-    if faults[0].code == Code.SERVO_LIMP:
+    if faults[0] is not None and faults[0].code == Code.SERVO_LIMP:
         return took_s
     assert paused_s > HELD_UP_S, faults
     return None
