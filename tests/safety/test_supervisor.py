@@ -128,7 +128,8 @@ def test_a_reset_needs_half_a_second_without_a_push(stage: SupervisorHarness) ->
     stage.bring_to(Mode.STOPPED)
     stage.send(0.1)
     stage.wait(0.49)
-    assert stage.supervisor.reset(stage.lease, stage.now_s).reason == "let go of the stick first"
+    refused = stage.supervisor.reset(stage.lease, stage.now_s)
+    assert refused.why == because(Code.RELEASE_FIRST)
     stage.send()
     stage.wait(0.02)
     assert stage.supervisor.reset(stage.lease, stage.now_s).ok
