@@ -1,25 +1,25 @@
-"""Errors of this project.
+"""Exceptions of this project.
 
 ```
-TwinError                   anything below; its text is one sentence for the person at the keyboard
+TwinError                   base class; its text is one sentence for the user
 ├── RobotFileError          a robot description is missing, misspelt or impossible
-├── MessageError            a peer sent something that cannot be read (theirs, not ours)
-├── BusError                the bus cannot be opened, or is used in a way that is not allowed
+├── MessageError            a peer sent an unreadable message
+├── BusError                the bus cannot be opened, or is used incorrectly
 │   ├── NoAnswerError       a service did not answer in time
-│   └── SeveralAnswersError more than one node answered, so an id is not unique
-├── LinkError               a description of a simulated link cannot be read (in link_emulation)
+│   └── SeveralAnswersError several nodes answered, so an id is not unique
+├── LinkError               an invalid description of a simulated link (in link_emulation)
 ├── PathError               a path that no robot can follow
-├── RecordingError          a file is no recording, or lacks a topic
-├── MeshError               a generated part is missing or is not a closed solid
-├── MissingExtraError       an optional package that was asked for is not installed
-└── ClientError             raised by the client library; a refusal has the robot's own sentence
+├── RecordingError          a file is not a recording, or lacks a topic
+├── MeshError               a generated part is missing or not a closed solid
+├── MissingExtraError       a required optional package is not installed
+└── ClientError             raised by the client library; refusals quote the robot's reason
     ├── NoRobotFound        no robot answers at the endpoint
-    ├── SeveralRobotsFound  more than one does, and none was named
+    ├── SeveralRobotsFound  several robots answer, and none was named
     ├── ControlDenied       the lease is not granted; `holder` has it
     ├── ControlLost         the lease ended: taken over, handed over or expired
     ├── RequestRefused      the robot refused to arm, reset, set its pose ...
-    ├── StopNotConfirmed    robots that did not confirm `stop_all`: `robots`
-    ├── RobotStopped        the robot is latched, or began to stop by itself
+    ├── StopNotConfirmed    some robots did not confirm `stop_all`: `robots`
+    ├── RobotStopped        the robot is latched, or stopped automatically
     ├── RobotSilent         the robot does not answer, or sends no status
     └── MotionFailed        the robot left its path or did not come to rest
 ```
@@ -39,7 +39,7 @@ from typing import Protocol
 
 
 class TwinError(Exception):
-    """Root of all errors raised on purpose; programs print it and exit non-zero."""
+    """Base class of all intentional errors; programs print them and exit non-zero."""
 
 
 class RobotFileError(TwinError):
@@ -52,7 +52,7 @@ class RobotFileError(TwinError):
 
 
 class MessageError(TwinError):
-    """A peer sent something that cannot be read; `reason` is the word it is counted under."""
+    """A peer sent an unreadable message; `reason` is the word it is counted under."""
 
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(f"{reason}: {detail}")
@@ -60,7 +60,7 @@ class MessageError(TwinError):
 
 
 class BusError(TwinError):
-    """The bus cannot be opened, or is used in a way that is not allowed."""
+    """The bus cannot be opened, or is used incorrectly."""
 
 
 class NoAnswerError(BusError):
@@ -71,26 +71,26 @@ class NoAnswerError(BusError):
 
 
 class SeveralAnswersError(BusError):
-    """More than one node answered a request, so it is unknown which one acted on it."""
+    """Several nodes answered a request, so it is unknown which one acted on it."""
 
     def __init__(self, key: str, count: int) -> None:
         super().__init__(f"{key}: {count} nodes answered; give each robot its own id")
 
 
 class PathError(TwinError):
-    """A path that no robot can follow: zero length, a gap, or a corner where none is allowed."""
+    """A path that no robot can follow: zero length, a gap, or a forbidden corner."""
 
 
 class RecordingError(TwinError):
-    """A file is no recording, or lacks a topic."""
+    """A file is not a recording, or lacks a topic."""
 
 
 class MeshError(TwinError):
-    """A generated part is missing or is not a closed solid."""
+    """A generated part is missing or not a closed solid."""
 
 
 class MissingExtraError(TwinError):
-    """An optional package is needed and not installed; the message has the command for it."""
+    """A required optional package is not installed; the message contains the install command."""
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f"{what} needs an optional package: {install_command(extra)}")
@@ -99,8 +99,8 @@ class MissingExtraError(TwinError):
 def install_command(extra: str) -> str:
     """Return the shell command that installs the packages of an extra into this environment.
 
-    A checkout is installed once more with the extra. Otherwise the package came from a wheel, which
-    may be gone, so the packages of the extra are named.
+    In a checkout, this reinstalls it with the extra. Otherwise the package came from a wheel that
+    may no longer exist, so the command lists the extra's packages.
     """
     install = f"{shlex.quote(sys.executable)} -m pip install"
     checkout = Path(__file__).parents[2]
@@ -112,7 +112,7 @@ def install_command(extra: str) -> str:
     return f"{install} {shlex.join(packages)}"
 
 
-# The names are those of events, as a script reads them: `except ControlLost`.
+# Scripts read these names as events: `except ControlLost`.
 
 
 REMEDIES: dict[str, str] = {
@@ -190,7 +190,7 @@ class CodedReason(Protocol):
 
 
 class ClientError(TwinError):
-    """Base class of the errors of the client library; a traceback shows the remedy, too."""
+    """Base class for errors of the client library; the traceback includes the remedy."""
 
     def __init__(self, sentence: str, code: str, why: CodedReason | None = None) -> None:
         """`why` is the reason of the robot, if it gave one, and `code` that of the error."""
@@ -207,12 +207,12 @@ class ClientError(TwinError):
             self.add_note(f"Remedy: {self.remedy}")
 
 
-class NoRobotFound(ClientError):  # noqa: N818  Reads as what happened.
+class NoRobotFound(ClientError):  # noqa: N818  Named after the event.
     """No robot answers."""
 
 
-class SeveralRobotsFound(ClientError):  # noqa: N818  Reads as what happened.
-    """More than one robot is on the bus, and none was named."""
+class SeveralRobotsFound(ClientError):  # noqa: N818  Named after the event.
+    """Several robots are on the bus, and none was named."""
 
     def __init__(self, robots: Sequence[str], where: str) -> None:
         super().__init__(
@@ -223,8 +223,8 @@ class SeveralRobotsFound(ClientError):  # noqa: N818  Reads as what happened.
         """Ids of the robots, sorted."""
 
 
-class StopNotConfirmed(ClientError):  # noqa: N818  Reads as what happened.
-    """Robots did not confirm that they are stopped; the others are."""
+class StopNotConfirmed(ClientError):  # noqa: N818  Named after the event.
+    """Some robots did not confirm that they are stopped; the others did."""
 
     def __init__(self, robots: Sequence[str]) -> None:
         sentence = f"no confirmed stop of {', '.join(robots)}: use the emergency stop"
@@ -233,7 +233,7 @@ class StopNotConfirmed(ClientError):  # noqa: N818  Reads as what happened.
         """Ids of the robots that did not confirm, sorted."""
 
 
-class ControlDenied(ClientError):  # noqa: N818  Reads as what happened.
+class ControlDenied(ClientError):  # noqa: N818  Named after the event.
     """The robot does not grant the lease."""
 
     def __init__(
@@ -245,32 +245,32 @@ class ControlDenied(ClientError):  # noqa: N818  Reads as what happened.
     ) -> None:
         super().__init__(f"{robot} gives no control: {reason}", "control_denied", why)
         self.reason = reason
-        """The robot's own sentence."""
+        """The robot's reason."""
         self.holder = holder
-        """The operator who has control, if any."""
+        """Operator who has control, if any."""
 
 
-class ControlLost(ClientError):  # noqa: N818  Reads as what happened.
+class ControlLost(ClientError):  # noqa: N818  Named after the event.
     """The lease ended before it was released."""
 
 
-class RequestRefused(ClientError):  # noqa: N818  Reads as what happened.
+class RequestRefused(ClientError):  # noqa: N818  Named after the event.
     """The robot refused a request."""
 
     def __init__(self, robot: str, what: str, reason: str, why: CodedReason | None = None) -> None:
         code = "arm_refused" if what == "arm" else "request_refused"
         super().__init__(f"{robot} refuses to {what}: {reason}", code, why)
         self.reason = reason
-        """The robot's own sentence."""
+        """The robot's reason."""
 
 
-class RobotStopped(ClientError):  # noqa: N818  Reads as what happened.
-    """The robot is stopped or faulty, is not armed, or began to stop by itself."""
+class RobotStopped(ClientError):  # noqa: N818  Named after the event.
+    """The robot is stopped, faulty or not armed, or stopped automatically."""
 
 
-class RobotSilent(ClientError):  # noqa: N818  Reads as what happened.
+class RobotSilent(ClientError):  # noqa: N818  Named after the event.
     """The robot does not answer, or has sent no status for a second."""
 
 
-class MotionFailed(ClientError):  # noqa: N818  Reads as what happened.
-    """The robot did not reach the goal of a motion; it was brought to rest."""
+class MotionFailed(ClientError):  # noqa: N818  Named after the event.
+    """The robot did not reach the goal of a motion and was brought to rest."""

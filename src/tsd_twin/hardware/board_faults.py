@@ -1,4 +1,4 @@
-"""Faults in the telemetry of the controller board, with the servos and channels they concern."""
+"""Faults in telemetry of the controller board, naming servo and channel."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from tsd_twin.messages.sentences import WORDS, sentence
 
 
 class BoardFaults:
-    """Faults that telemetry reports, for a robot with these joints."""
+    """Converts telemetry to faults, for a robot with these joints."""
 
     def __init__(
         self, joints: JointConverter, expected: int, *, arm_mv: int, receiver_expected: bool
     ) -> None:
-        """`expected` is the mask of servos that must be at the board."""
+        """`expected` is the mask of servos that must be connected to the board."""
         self._joints = joints
         self._expected = expected
         self._arm_mv = arm_mv
         self._receiver_expected = receiver_expected
 
     def fault(self, board: Telemetry, lost: Reason | None) -> Reason | None:
-        """Fault that the board reports; None without one.
+        """Return the fault reported by the board, or None.
 
-        `lost` is the reason why it is not armed although it should be.
+        `lost` is the reason why the board is disarmed although it should be armed.
         """
         if board.mode == BoardMode.RC:
             return because(Code.RADIO_CONTROL)
@@ -40,7 +40,7 @@ class BoardFaults:
         return self._arming_obstacle(board)
 
     def _arming_obstacle(self, board: Telemetry) -> Reason | None:
-        """Reason why the board would not arm, apart from its servos; None without one."""
+        """Return the reason why the board would not arm, apart from its servos, or None."""
         if not board.drive_on:
             return _obstacle(Refusal.DRIVE)
         if not board.stop_proven:
@@ -58,7 +58,7 @@ class BoardFaults:
         return because(Code.MANUAL_ON) if manual else None
 
     def _servo_fault(self, board: Telemetry) -> Reason | None:
-        """Fault of a servo that the board reports; None without one."""
+        """Return the servo fault reported by the board, or None."""
         if dead := self._expected & ~board.servo_alive:
             return self._joints.silent(dead)
         if broken := self._expected & board.servo_fault:
@@ -74,7 +74,7 @@ class BoardFaults:
         return None
 
     def last_trip(self, board: Telemetry) -> str:
-        """Reason of the last trip, with the servos it concerns."""
+        """Return the reason of the last trip, with the affected servos."""
         if not board.trip:
             return "none"
         word = trip_word(board.trip)

@@ -1,4 +1,4 @@
-"""Security over a network: certificates, access rules of the bus, users of the dashboard."""
+"""Network security: certificates, access rules of the bus, users of the dashboard."""
 
 from __future__ import annotations
 
