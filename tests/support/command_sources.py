@@ -29,7 +29,7 @@ from tsd_twin.hardware.controller_board import obstacle_word
 from tsd_twin.interop.fleet import Fleet
 from tsd_twin.interop.mapping import CMD_VEL, namespaces
 from tsd_twin.messages import topics
-from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.requests import HolderRequest, LeaseRequest, Sample
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.sentences import sentence
@@ -219,7 +219,9 @@ class PageSource(CommandSource):
         while self.robot.clock.now_s < end_s:
             for each in self._socket.sent:
                 if each["t"] == "reply" and each["to"] == to:
-                    return "" if each["ok"] else str(each["reason"])
+                    if each["ok"]:
+                        return ""
+                    return sentence(msgspec.convert(each["why"], Reason))
             await asyncio.sleep(PERIOD_S)
         return "no answer"
 
