@@ -20,7 +20,7 @@ def check_numbers(**values: object) -> None:
     """
     for name, value in values.items():
         if not math.isfinite(_number(name, value)):
-            raise ClientError(f"{name} must be finite, not {value}")
+            raise ClientError(f"{name} must be finite, not {value}", "not_finite")
 
 
 def check_optional(**values: object) -> None:
@@ -37,7 +37,7 @@ def check_duration(**values: object) -> None:
     check_numbers(**values)
     for name, value in values.items():
         if _number(name, value) < 0.0:
-            raise ClientError(f"{name} must be at least 0, not {value}")
+            raise ClientError(f"{name} must be at least 0, not {value}", "negative")
 
 
 def check_speed(speed_mps: object) -> None:
@@ -48,7 +48,7 @@ def check_speed(speed_mps: object) -> None:
     """
     check_optional(speed_mps=speed_mps)
     if speed_mps is not None and _number("speed_mps", speed_mps) <= 0.0:
-        raise ClientError(f"speed_mps must be greater than 0, not {speed_mps}")
+        raise ClientError(f"speed_mps must be greater than 0, not {speed_mps}", "not_positive")
 
 
 def check_frame(frame: object) -> None:
@@ -58,7 +58,7 @@ def check_frame(frame: object) -> None:
         ClientError: If velocities cannot be given in this frame.
     """
     if frame not in (BASE, ODOM):
-        raise ClientError(f"frame must be '{BASE}' or '{ODOM}', not {frame!r}")
+        raise ClientError(f"frame must be '{BASE}' or '{ODOM}', not {frame!r}", "bad_frame")
 
 
 def check_text(**values: object) -> None:
@@ -69,7 +69,7 @@ def check_text(**values: object) -> None:
     """
     for name, value in values.items():
         if value is not None and not isinstance(value, str):
-            raise ClientError(f"{name} must be a string, not {value!r}")
+            raise ClientError(f"{name} must be a string, not {value!r}", "no_string")
 
 
 def checked_points(points: Sequence[Sequence[float]]) -> Array:
@@ -104,7 +104,7 @@ def checked_twist(twist: Sequence[float] | Array, frame: str) -> Array:
     except (TypeError, ClientError):
         numbers = np.empty(0)
     if numbers.shape != (3,) or not all(map(math.isfinite, numbers.tolist())):
-        raise ClientError(f"a twist is three finite numbers, not {twist}")
+        raise ClientError(f"a twist is three finite numbers, not {twist}", "bad_twist")
     return numbers
 
 
@@ -114,4 +114,4 @@ def _number(name: str, value: object) -> float:
             raise TypeError
         return float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, OverflowError):
-        raise ClientError(f"{name} must be a number, not {value!r}") from None
+        raise ClientError(f"{name} must be a number, not {value!r}", "no_number") from None

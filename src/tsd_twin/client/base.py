@@ -44,7 +44,8 @@ def _usable(link: LinkT, process: int) -> LinkT:
     if os.getpid() != process and not link.virtual:
         raise ClientError(
             f"this connection to {link.id} belongs to the parent of this process: connect again in "
-            "the child, or start it with the method 'spawn'"
+            "the child, or start it with the method 'spawn'",
+            "connection_of_parent",
         )
     return link
 

@@ -26,6 +26,7 @@ from tsd_twin.client.protocol import TwistCommand
 from tsd_twin.errors import BusError, MessageError, NoAnswerError, SeveralAnswersError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.messages import topics
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.requests import (
     Description,
     Sample,
@@ -34,6 +35,7 @@ from tsd_twin.messages.requests import (
     encode_refusal,
 )
 from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import Refusals, Status, decode_stamp, decode_status
 from tsd_twin.messages.topics import QoS, Service, Topic
 from tsd_twin.robots import RobotDescription
@@ -133,7 +135,7 @@ class RobotConnection:
         If several instances have the id, only a stop is sent, and other calls return a refusal.
         """
         instances = self._instances.of(self.id)
-        refusal = encode_refusal(service, duplicate_id_text(self.id))
+        refusal = encode_refusal(service, because(Code.DUPLICATE_ID, robot=self.id))
         try:
             if service is Service.STOP:
                 return stop_instances(self._bus, self.id, payload, timeout_s, instances)
@@ -378,13 +380,14 @@ class RobotMonitor(RobotConnection):
 
     def _of_two(self, fresh: dict[str, Any]) -> dict[str, Any]:
         if self._frozen is None:
-            reason = duplicate_id_text(self.id)
+            why = because(Code.DUPLICATE_ID, robot=self.id)
             self._frozen = msgspec.structs.replace(
                 self.snapshot.status or fresh["status"],
                 mode="fault",
-                stop_reason=reason,
+                stop_reason=sentence(why),
+                stop=why,
                 arming=None,
-                refusals=Refusals(arm=reason, drive=reason, set_pose=reason, speed=reason),
+                refusals=Refusals.of(dict.fromkeys(("arm", "drive", "set_pose", "speed"), why)),
             )
         number = self.snapshot.status_seq + 1
         return {"status": self._frozen, "status_seq": number, "source": "several"}

@@ -70,7 +70,8 @@ def stop_all(
     if silent := sorted({name for name, is_stopped in stopped if not is_stopped}):
         raise StopNotConfirmed(silent)
     if not stopped:
-        raise NoRobotFound("no robot to stop: the endpoints answer, and have no robot")
+        sentence = "no robot to stop: the endpoints answer, and have no robot"
+        raise NoRobotFound(sentence, "no_robot")
     return sorted({robot_id for robot_id, _ in stopped})
 
 

@@ -10,7 +10,9 @@ import msgspec
 
 from tsd_twin.errors import ControlLost, MessageError
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import LeaseReply, LeaseRequest, decode_json
+from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.requests import LeaseReply, LeaseRequest, decode_json, why_of
+from tsd_twin.messages.sentences import sentence
 
 RENEW_PERIOD_S = 0.5
 """Well below the lease timeout of 2 s."""
@@ -32,7 +34,8 @@ class HeldLease:
         """Maximum age of accepted commands under this lease."""
         self._lease = b""
         self._granted_s = self._renewed_s = -math.inf
-        self._lost = ""
+        self.lost_why: Reason | None = None
+        """Why the lease ended; None before the first."""
         self._round_trips_s: deque[float] = deque(maxlen=_ROUND_TRIPS)
 
     @property
@@ -43,7 +46,7 @@ class HeldLease:
     @property
     def lost_reason(self) -> str:
         """Why the lease ended; "" before the first."""
-        return self._lost
+        return sentence(self.lost_why) if self.lost_why else ""
 
     @property
     def lease_hex(self) -> str:
@@ -61,12 +64,12 @@ class HeldLease:
             raise MessageError("shape", "a granted lease has an id")
         self._lease = bytes.fromhex(reply.lease)
         self._granted_s = self._renewed_s = now_s
-        self._lost = ""
+        self.lost_why = None
         self.max_age_s = reply.max_age_s
 
     def release(self) -> None:
         """Record that the lease was released or handed over."""
-        self._lose("control was released")
+        self._lose(because(Code.CONTROL_RELEASED))
 
     def check_lease(self) -> None:
         """Check that the lease is held.
@@ -75,7 +78,8 @@ class HeldLease:
             ControlLost: If the lease is not held.
         """
         if not self._lease:
-            raise ControlLost(f"no control of {self.robot_id}: {self._lost or 'take it first'}")
+            lost = self.lost_reason or "take it first"
+            raise ControlLost(f"no control of {self.robot_id}: {lost}", "no_control", self.lost_why)
 
     def renewal_is_due(self, now_s: float) -> bool:
         """Return whether a held lease is due for renewal."""
@@ -102,8 +106,7 @@ class HeldLease:
             return  # Reply for an earlier lease.
         self.add_round_trip(trip_s)
         if not reply.granted:
-            holder = reply.holder if reply.holder != self.operator else "another client"
-            self._lose(f"{holder} has control now" if holder else reply.reason)
+            self._lose(self._why_not_renewed(reply))
 
     def add_round_trip(self, seconds: float) -> None:
         """Add a measured round-trip time of a service."""
@@ -114,5 +117,12 @@ class HeldLease:
         """Median round-trip time of a request, or 0 if unknown."""
         return statistics.median(self._round_trips_s) if self._round_trips_s else 0.0
 
-    def _lose(self, reason: str) -> None:
-        self._lease, self._lost = b"", reason
+    def _why_not_renewed(self, reply: LeaseReply) -> Reason:
+        if reply.holder == self.operator:
+            return because(Code.OTHER_CLIENT)
+        if reply.holder:
+            return because(Code.HAS_CONTROL_NOW, holder=reply.holder)
+        return why_of(reply) or because(Code.LEASE_ENDED)
+
+    def _lose(self, why: Reason) -> None:
+        self._lease, self.lost_why = b"", why

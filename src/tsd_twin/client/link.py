@@ -127,7 +127,7 @@ class BusLink(RobotConnection):
         with self._changed:
             while not complete():
                 if time.monotonic() > end_s:
-                    raise RobotSilent(f"{self.id} answers, but sends no state")
+                    raise RobotSilent(f"{self.id} answers, but sends no state", "no_state")
                 self._changed.wait(0.1)
 
     # Received messages, on Zenoh threads.
@@ -289,7 +289,7 @@ def open_link(
         except NoAnswerError:
             found = robots_on(bus)
             there = f"{where} has {', '.join(found)}" if found else _HINT
-            raise NoRobotFound(f"no robot '{robot_id}' answers: {there}") from None
+            raise NoRobotFound(f"no robot '{robot_id}' answers: {there}", "no_robot") from None
     except BaseException:
         bus.close()
         raise
@@ -310,7 +310,7 @@ def open_bus(
     try:
         return Bus(config), config.where, operator
     except BusError:
-        raise NoRobotFound(f"no robot at {config.where}: {_HINT}") from None
+        raise NoRobotFound(f"no robot at {config.where}: {_HINT}", "no_robot") from None
 
 
 def _only_robot(bus: Bus, where: str) -> str:
@@ -318,7 +318,7 @@ def _only_robot(bus: Bus, where: str) -> str:
     found = robots_among(instances)
     if not found:
         replays = f"{min(instances)} is a recording; " if instances else ""
-        raise NoRobotFound(f"no robot at {where}: {replays}{_HINT}")
+        raise NoRobotFound(f"no robot at {where}: {replays}{_HINT}", "no_robot")
     if len(found) > 1:
         raise SeveralRobotsFound(found, where)
     return found[0]

@@ -95,7 +95,7 @@ def kinematics_in_force(
     if speeds is None or status is None or status.wheel_speed is None:
         return kinematics
     spin = status.wheel_speed.wanted_rpm * RPM
-    return kinematics if speeds.refusal(spin) else speeds.kinematics.with_spin(spin)
+    return speeds.kinematics.with_spin(spin) if speeds.allows(spin) else kinematics
 
 
 def goal_at(x_m: float, y_m: float, heading_rad: float | None) -> NavigationGoal:
@@ -216,7 +216,7 @@ def follow(
             reason = path.step.reason
             if stale := protocol.stale_commands:
                 reason += f"; {stale} commands came too late and were dropped"
-            raise MotionFailed(f"{protocol.robot_id} stopped on its way: {reason}")
+            raise MotionFailed(f"{protocol.robot_id} stopped on its way: {reason}", "left_path")
 
     yield from _motion(protocol, now_s, body)
 
@@ -305,7 +305,7 @@ def _come_to_rest(protocol: ControlProtocol, now_s: float, motion: int) -> Proce
             if protocol.is_still() or now_s >= still_s:
                 return
         if now_s > end_s:
-            raise MotionFailed(f"{protocol.robot_id} does not come to rest")
+            raise MotionFailed(f"{protocol.robot_id} does not come to rest", "not_at_rest")
 
 
 def _finish_setpoint(protocol: ControlProtocol, now_s: float) -> Procedure[float]:
@@ -315,6 +315,6 @@ def _finish_setpoint(protocol: ControlProtocol, now_s: float) -> Procedure[float
     while protocol.has_setpoint:
         now_s = (yield Sleep(now_s + COMMAND_PERIOD_S)).now_s
         if now_s > end_s:
-            raise MotionFailed(f"{protocol.robot_id} does not come to rest")
+            raise MotionFailed(f"{protocol.robot_id} does not come to rest", "not_at_rest")
     protocol.raise_failure()
     return now_s

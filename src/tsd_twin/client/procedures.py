@@ -23,6 +23,7 @@ from tsd_twin.messages.requests import (
     SpeedRequest,
     StopRequest,
     decode_json,
+    why_of,
 )
 from tsd_twin.messages.ros import BASE
 from tsd_twin.messages.status import LeaseStatus, Status
@@ -55,9 +56,9 @@ def request(
     outcome = yield Call(service, msgspec.json.encode(message))
     reply = _decoded(outcome.answer, Reply)
     if reply is None:
-        raise RobotSilent(f"{protocol.robot_id} does not answer")
+        raise RobotSilent(f"{protocol.robot_id} does not answer", "no_answer")
     if not reply.ok:
-        raise RequestRefused(protocol.robot_id, what, reply.reason)
+        raise RequestRefused(protocol.robot_id, what, reply.reason, why_of(reply))
     return outcome.now_s
 
 
@@ -113,7 +114,9 @@ def _until_mode(protocol: ControlProtocol, now_s: float, *modes: Mode) -> Proced
     while protocol.mode not in modes:
         now_s = (yield NextStatus(end_s)).now_s
         if now_s >= end_s:
-            raise RobotSilent(f"{protocol.robot_id} does not show that it is {modes[0]}")
+            raise RobotSilent(
+                f"{protocol.robot_id} does not show that it is {modes[0]}", "mode_not_shown"
+            )
 
 
 def set_pose(
@@ -151,7 +154,7 @@ def stop(robot_id: str, operator: str, reason: str) -> Procedure[None]:
         reply = _decoded(answer, Reply)
         if reply is not None and reply.ok:
             return
-    raise RobotSilent(f"{robot_id} did not acknowledge the stop")
+    raise RobotSilent(f"{robot_id} did not acknowledge the stop", "stop_unconfirmed")
 
 
 def stop_payload(operator: str, reason: str = "") -> bytes:
@@ -201,9 +204,9 @@ def request_lease(
     outcome = yield Call(Service.LEASE, msgspec.json.encode(wish))
     reply = _decoded(outcome.answer, LeaseReply)
     if reply is None:
-        raise RobotSilent(f"{protocol.robot_id} does not answer")
+        raise RobotSilent(f"{protocol.robot_id} does not answer", "no_answer")
     if not reply.granted:
-        raise ControlDenied(protocol.robot_id, reply.reason, reply.holder)
+        raise ControlDenied(protocol.robot_id, reply.reason, reply.holder, why_of(reply))
     protocol.grant(reply, outcome.now_s)
     return outcome.now_s
 
@@ -222,7 +225,9 @@ def acquire(protocol: ControlProtocol, **wish: Any) -> Procedure[None]:
         now_s = (yield NextStatus(end_s)).now_s
         protocol.check_lease()
         if now_s >= end_s:
-            raise RobotSilent(f"{protocol.robot_id} does not show who has control")
+            raise RobotSilent(
+                f"{protocol.robot_id} does not show who has control", "mode_not_shown"
+            )
 
 
 def renew(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
@@ -259,7 +264,7 @@ def ask_holder(protocol: ControlProtocol) -> Procedure[LeaseReply]:
     message = LeaseRequest(op="request", operator=protocol.operator)
     reply = yield from _ask(Service.LEASE, message, LeaseReply)
     if reply is None:
-        raise RobotSilent(f"{protocol.robot_id} does not answer")
+        raise RobotSilent(f"{protocol.robot_id} does not answer", "no_answer")
     return reply
 
 
@@ -302,7 +307,7 @@ def ask_for_control(
     """
     reply = yield from ask_holder(protocol)
     if not reply.done and reply.holder is not None:
-        raise ControlDenied(protocol.robot_id, reply.reason, reply.holder)
+        raise ControlDenied(protocol.robot_id, reply.reason, reply.holder, why_of(reply))
     if reply.holder is not None:
         yield from _until_granted(protocol, now_s, timeout_s, reply.holder)
     yield from acquire(protocol, **wish)
@@ -350,10 +355,10 @@ def answer_request(protocol: ControlProtocol, *, grant: bool, asker: str | None)
     )
     reply = yield from _ask(Service.LEASE, message, LeaseReply)
     if reply is None:
-        raise RobotSilent(f"{protocol.robot_id} does not answer")
+        raise RobotSilent(f"{protocol.robot_id} does not answer", "no_answer")
     if not reply.done:
         what = "hand over control" if grant else "keep control"
-        raise RequestRefused(protocol.robot_id, what, reply.reason)
+        raise RequestRefused(protocol.robot_id, what, reply.reason, why_of(reply))
     if grant:
         protocol.release()
 
@@ -392,7 +397,8 @@ def _stop_instead(protocol: ControlProtocol) -> Procedure[None]:
         yield from stop(protocol.robot_id, protocol.operator, "it could not be disarmed")
     except RobotSilent:
         raise RobotSilent(
-            f"{protocol.robot_id} could not be disarmed, nor stopped: it does not answer"
+            f"{protocol.robot_id} could not be disarmed, nor stopped: it does not answer",
+            "not_disarmed",
         ) from None
 
 
@@ -412,7 +418,7 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     while (mode := protocol.mode) is not Mode.READY:
         protocol.check_lease()
         if latched := protocol.latch_reason():
-            raise RobotStopped(f"{latched}; reset it first")
+            raise RobotStopped(f"{latched}; reset it first", f"robot_{mode}", protocol.status_why)
         if mode is Mode.DISARMED and not asked:
             lease = HolderRequest(protocol.lease_hex)
             now_s = yield from request(protocol, Service.ARM, lease, "arm")
@@ -423,7 +429,9 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
             continue
         if mode is Mode.DISARMED or now_s >= end_s:
             reason = protocol.status.stop_reason if protocol.status is not None else ""
-            raise RequestRefused(protocol.robot_id, "arm", reason or "it does not get ready")
+            raise RequestRefused(
+                protocol.robot_id, "arm", reason or "it does not get ready", protocol.status_why
+            )
         now_s = yield from _next_status(protocol, now_s)
 
 
@@ -443,5 +451,7 @@ def _next_status(protocol: ControlProtocol, now_s: float) -> Procedure[float]:
     before = protocol.status_seq
     now_s = (yield NextStatus(now_s + SILENCE_S)).now_s
     if protocol.status_seq == before:
-        raise RobotSilent(f"{protocol.robot_id} has sent no status for {SILENCE_S:g} s")
+        raise RobotSilent(
+            f"{protocol.robot_id} has sent no status for {SILENCE_S:g} s", "no_status"
+        )
     return now_s

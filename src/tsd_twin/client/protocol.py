@@ -19,6 +19,7 @@ from tsd_twin.client.held_lease import HeldLease
 from tsd_twin.errors import ClientError, RobotSilent, RobotStopped
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.requests import LeaseReply, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.status import Status
@@ -50,6 +51,7 @@ _STILL_MPS, _STILL_RAD_PER_S = 0.02, 0.05
 REST = (0.0, 0.0, 0.0)
 """Zero twist."""
 _MODES = frozenset(Mode)
+_ARMED_AND_READY = frozenset({Mode.READY, Mode.DRIVING, Mode.STOPPING})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +125,8 @@ class ControlProtocol(HeldLease):
         settled = now_s - self._granted_s > max(_GRACE_S, self.max_age_s)
         if self._lease and settled and status.lease.holder != self.operator:
             holder = status.lease.holder
-            self._lose(f"{holder} has control now" if holder else "the lease has ended")
+            taken = holder and because(Code.HAS_CONTROL_NOW, holder=holder)
+            self._lose(taken or because(Code.LEASE_ENDED))
 
     def receive_odometry(self, xy_heading: Array, twist: Array, now_s: float) -> None:
         """Process pose (3,) and twist (3,) from `state/odom`; the pose is unused for spheres."""
@@ -141,8 +144,8 @@ class ControlProtocol(HeldLease):
         counted = 0 if self.status is None else self.status.command.seq
         self._seq = max(self._seq, counted if counted < _MOST_NUMBERS else 0) + _NUMBERS_APART
 
-    def _lose(self, reason: str) -> None:
-        super()._lose(reason)
+    def _lose(self, why: Reason) -> None:
+        super()._lose(why)
         self._setpoint = self._stops = None
 
     # Motions.
@@ -155,7 +158,7 @@ class ControlProtocol(HeldLease):
             RobotSilent: If no status has arrived.
         """
         if self.status is None:
-            raise RobotSilent(f"{self.robot_id} has sent no status")
+            raise RobotSilent(f"{self.robot_id} has sent no status", "no_status")
         return Mode(self.status.mode)
 
     @property
@@ -171,7 +174,9 @@ class ControlProtocol(HeldLease):
                 motion is active.
         """
         if self._stops is not None:
-            raise ClientError(f"{self.robot_id} is in another motion of this script")
+            raise ClientError(
+                f"{self.robot_id} is in another motion of this script", "other_motion"
+            )
         self.check_ready(now_s)
         return self._begin()
 
@@ -184,7 +189,7 @@ class ControlProtocol(HeldLease):
         self.check_lease()
         self._check_silence(now_s)
         if self.mode not in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
-            raise RobotStopped(self._sentence("is not ready"))
+            raise self._stopped("is not ready", "not_ready")
         return self._begin()
 
     def _begin(self) -> int:
@@ -204,7 +209,7 @@ class ControlProtocol(HeldLease):
         mode = self.mode
         self._check_silence(now_s)
         if mode is not Mode.READY:
-            raise RobotStopped(self._sentence("is not ready"))
+            raise self._stopped("is not ready", "not_ready")
 
     def is_active(self, motion: int) -> bool:
         """Return whether a motion is active and was not superseded by `rest`."""
@@ -225,12 +230,12 @@ class ControlProtocol(HeldLease):
         self.check_lease()
         self._check_silence(now_s)
         if motion is not None and motion != self._motion:
-            raise ClientError(f"rest has ended this motion of {self.robot_id}")
+            raise ClientError(f"rest has ended this motion of {self.robot_id}", "motion_ended")
         status = self.status
         if status is None or self._stops is None:
-            raise ClientError(f"{self.robot_id} is in no motion")
+            raise ClientError(f"{self.robot_id} is in no motion", "no_motion")
         if self.mode not in (Mode.READY, Mode.DRIVING) or status.stops > self._stops:
-            raise RobotStopped(self._sentence("stopped by itself"))
+            raise self._stopped("stopped by itself", "stopped_by_itself")
 
     @property
     def stale_commands(self) -> int:
@@ -379,9 +384,13 @@ class ControlProtocol(HeldLease):
             ClientError: If the robot turns a sphere.
         """
         if self.kinematics.pose_type is SO3:
-            raise ClientError(f"{self.robot_id} turns a sphere in place: it goes nowhere")
+            raise ClientError(
+                f"{self.robot_id} turns a sphere in place: it goes nowhere", "goes_nowhere"
+            )
         if self._xy_heading is None or now_s - self._odometry_s > self.max_age_s:
-            raise RobotSilent(f"{self.robot_id} has sent no odometry for {self.max_age_s:g} s")
+            raise RobotSilent(
+                f"{self.robot_id} has sent no odometry for {self.max_age_s:g} s", "no_status"
+            )
         return SE2(self._xy_heading)
 
     def planar(self, vx_mps: float, vy_mps: float, omega_rad_per_s: float) -> Sequence[float]:
@@ -391,7 +400,9 @@ class ControlProtocol(HeldLease):
             ClientError: If the robot turns a sphere or a number is not finite.
         """
         if self.kinematics.pose_type is SO3:
-            raise ClientError(f"{self.robot_id} turns a sphere in place: use turn, set_turn_rate")
+            raise ClientError(
+                f"{self.robot_id} turns a sphere in place: use turn, set_turn_rate", "use_turn"
+            )
         check_numbers(vx_mps=vx_mps, vy_mps=vy_mps, omega_rad_per_s=omega_rad_per_s)
         return (vx_mps, vy_mps, omega_rad_per_s)
 
@@ -404,7 +415,9 @@ class ControlProtocol(HeldLease):
             ClientError: If the robot does not turn a sphere or a number is not finite.
         """
         if self.kinematics.pose_type is not SO3:
-            raise ClientError(f"{self.robot_id} turns no sphere: use drive, set_velocity")
+            raise ClientError(
+                f"{self.robot_id} turns no sphere: use drive, set_velocity", "use_drive"
+            )
         check_numbers(
             wx_rad_per_s=wx_rad_per_s, wy_rad_per_s=wy_rad_per_s, wz_rad_per_s=wz_rad_per_s
         )
@@ -414,13 +427,26 @@ class ControlProtocol(HeldLease):
         """Return the reason why the robot is latched, or ""."""
         return self._sentence("") if self.mode in LATCHED else ""
 
+    @property
+    def status_why(self) -> Reason | None:
+        """Reason in the latest status why the robot stopped or was disarmed."""
+        return self.status.stop if self.status is not None else None
+
     def _check_silence(self, now_s: float) -> None:
         if now_s - self._status_s > SILENCE_S:
-            raise RobotSilent(f"{self.robot_id} has sent no status for {SILENCE_S:g} s")
+            raise RobotSilent(
+                f"{self.robot_id} has sent no status for {SILENCE_S:g} s", "no_status"
+            )
+
+    def _stopped(self, what: str, code: str) -> RobotStopped:
+        assert self.status is not None  # noqa: S101  Callers have looked.
+        mode = self.status.mode
+        code = code if mode in _ARMED_AND_READY else f"robot_{mode}"
+        return RobotStopped(self._sentence(what), code, self.status.stop)
 
     def _sentence(self, what: str) -> str:
         assert self.status is not None  # noqa: S101  Callers have looked.
-        if self.status.mode in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
+        if self.status.mode in _ARMED_AND_READY:
             text = f"{self.robot_id} {what}"
         else:
             text = f"{self.robot_id} is {self.status.mode}"

@@ -233,7 +233,8 @@ class SimulatedRobot(RobotClient):
         description = robots.load_robot(robot)
         start = None if pose is None else SE2(np.array(pose, dtype=float))
         if start is not None and description.kinematics().pose_type is not SE2:
-            raise ClientError(f"{description.name} turns a sphere in place: it has no such pose")
+            sentence = f"{description.name} turns a sphere in place: it has no such pose"
+            raise ClientError(sentence, "no_such_pose")
         simulated = SimRobot(description, seed, noise, pose=start, plant=plant, errors=errors)
         super().__init__(SimulationLink(description, simulated, start), "script")
 

@@ -23,6 +23,7 @@ import numpy as np
 from tsd_twin.control.robot_controller import RobotController
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.requests import LeaseReply, Reply, Sample
 from tsd_twin.messages.ros import Odometry
 from tsd_twin.messages.status import LoopStatus, Status
@@ -69,7 +70,8 @@ class StepCall(msgspec.Struct, frozen=True, array_like=True, tag="step"):
     now_s: float
     measured: bytes | None
     samples: list[Sample]
-    fault: str
+    fault: str | Reason
+    """Fault that the board reports; an empty text without one."""
     setpoint: bytes = b""
     """(n,): returned setpoint."""
     estimate: bytes = b""
@@ -260,7 +262,7 @@ class LoggedController(RobotController):
         now_s: float,
         measured: Array | None,
         samples: Sequence[Sample],
-        fault: str = "",
+        fault: Reason | None = None,
         battery_v: float | None = None,
         servo_c: float | None = None,
     ) -> Array:
@@ -274,7 +276,7 @@ class LoggedController(RobotController):
                     now_s,
                     raw,
                     list(samples),
-                    fault,
+                    fault or "",
                     setpoint.tobytes(),
                     estimate,
                     others,

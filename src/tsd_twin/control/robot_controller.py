@@ -23,8 +23,10 @@ from tsd_twin.control.services import POSE_CODECS, ServiceHandler, WheelSpeedCon
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.requests import Event, LeaseReply, Reply, Sample
 from tsd_twin.messages.ros import ODOM, JointState, Odometry
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import CommandStatus, LeaseStatus, LimitStatus, LoopStatus, Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.motion import TwistLimiter, clip_to_finite
@@ -102,13 +104,15 @@ def limit_status(
     max_age_s = lease.max_age_s if lease else limits.max_command_age_s
     cap_mps = lease.speed_cap_mps if lease else speed_cap_mps(robot, max_age_s)
     cap_mps = min(cap_mps, *(by.share * limits.speed_mps for by in slowed))
+    why = tuple(by.why for by in slowed if by.why is not None)
     return LimitStatus(
         speed_mps=cap_mps,
         turn_rate_rad_per_s=limits.turn_rate_rad_per_s * cap_mps / limits.speed_mps,
         max_command_age_s=max_age_s,
         stop_allowance_m=limits.stop_allowance_m,
         applied=round(applied, 3),
-        reason="; ".join(by.reason for by in slowed if by.reason),
+        reason="; ".join(map(sentence, why)),
+        why=why,
     )
 
 
@@ -167,7 +171,7 @@ class RobotController:
         now_s: float,
         measured: Array | None,
         samples: Sequence[Sample],
-        fault: str = "",
+        fault: Reason | None = None,
         battery_v: float | None = None,
         servo_c: float | None = None,
     ) -> Array:
@@ -176,7 +180,7 @@ class RobotController:
         `measured` (n + s,) are the joints and then the sensors of the robot, NaN where a number is
         not measured; None when there is no measurement. `samples` are all that arrived on the
         command key since the last step.
-        `fault` is the fault that the controller board reports, "" if there is none, `battery_v`
+        `fault` is the fault that the controller board reports, None if there is none, `battery_v`
         the voltage of the battery and `servo_c` the temperature of the hottest servo, None if they
         are not measured.
         """
@@ -208,7 +212,7 @@ class RobotController:
         if event is not None:
             self._events.append(event)
 
-    def _supervisor_inputs(self, now_s: float, fault: str) -> SupervisorInputs:
+    def _supervisor_inputs(self, now_s: float, fault: Reason | None) -> SupervisorInputs:
         supervisor, faults = self.supervisor, self._faults
         fault = faults.step(now_s, self.setpoint, supervisor, fault)
         at_rest = not any(self.twist.tolist())
@@ -343,6 +347,7 @@ class RobotController:
         return Status(
             mode=supervisor.mode,
             stop_reason=supervisor.reason,
+            stop=supervisor.why,
             stops=supervisor.stops,
             arming=supervisor.arming(now_s),
             lease=lease_status(supervisor, lease, now_s),

@@ -13,6 +13,8 @@ from tsd_twin.errors import MessageError
 from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.kinematics.base import PoseT
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.errors import rejection
 from tsd_twin.messages.requests import (
     HolderRequest,
     LeaseReply,
@@ -65,20 +67,22 @@ class WheelSpeedController:
         and in steady motion."""
 
     @property
-    def refusal(self) -> str:
-        """Reason why no wheel speed can be set, or ""."""
-        if self._range is not None:
-            return ""
-        return "the wheels of this robot stand when it does, so they have no speed to choose"
+    def refusal(self) -> Reason | None:
+        """Reason why no wheel speed can be set, or None."""
+        return because(Code.NO_WHEEL_SPEED) if self._range is None else None
 
-    def choose(self, spin_rpm: float, lease: bytes) -> str:
-        """Set the wheel speed for the holder of `lease`; return the reason of a refusal, or ""."""
+    def choose(self, spin_rpm: float, lease: bytes) -> Reason | None:
+        """Set the wheel speed for the holder of `lease`; return why it is refused, or None."""
         if self._range is None:
             return self.refusal
-        if refusal := self._range.refusal(spin_rpm * RPM):
-            return refusal
+        if not self._range.allows(spin_rpm * RPM):
+            return because(
+                Code.WHEEL_SPEED_REFUSED,
+                least_rpm=self._range.least_rad_per_s / RPM,
+                most_rpm=self._range.most_rad_per_s / RPM,
+            )
         self._requested, self._chosen_by = spin_rpm * RPM, lease
-        return ""
+        return None
 
     def advance(
         self,
@@ -248,11 +252,11 @@ class ServiceHandler:
                 case Service.STOP:
                     return self.stop(payload, now_s)
                 case Service.DESC:
-                    return Reply(False, "the node answers this")
+                    return Reply.refused(because(Code.NOT_SERVED))
         except MessageError as error:
-            refusal = self._refused(service, str(error), now_s)
+            refusal = self._refused(service, rejection(error), now_s)
             if service is Service.LEASE:
-                return LeaseReply(False, reason=refusal.reason, ok=False)
+                return LeaseReply(False, reason=refusal.reason, ok=False, why=refusal.why)
             return refusal
 
     def stop(self, payload: bytes, now_s: float) -> Reply:
@@ -267,26 +271,28 @@ class ServiceHandler:
         """Return the status part with the requests that would be refused now."""
         supervisor, lease = self._supervisor, self._supervisor.lease_in_force(now_s)
         lease_hex = lease.id.hex() if lease else ""
-        return Refusals(
-            lease=supervisor.lease_refusal(None, now_s) or None,
-            without_lease=supervisor.holder_refusal("", now_s),
-            arm=supervisor.arm_refusal(lease_hex, now_s) or None,
-            disarm=supervisor.holder_refusal(lease_hex, now_s) or None,
-            reset=supervisor.reset_refusal(lease_hex, now_s) or None,
-            drive=supervisor.drive_refusal(lease_hex, now_s) or None,
-            set_pose=self._set_pose_refusal(lease_hex, now_s) or None,
-            speed=self._speed_refusal(lease_hex, now_s) or None,
+        return Refusals.of(
+            {
+                "lease": supervisor.lease_refusal(None, now_s),
+                "without_lease": supervisor.holder_refusal("", now_s),
+                "arm": supervisor.arm_refusal(lease_hex, now_s),
+                "disarm": supervisor.holder_refusal(lease_hex, now_s),
+                "reset": supervisor.reset_refusal(lease_hex, now_s),
+                "drive": supervisor.drive_refusal(lease_hex, now_s),
+                "set_pose": self._set_pose_refusal(lease_hex, now_s),
+                "speed": self._speed_refusal(lease_hex, now_s),
+            }
         )
 
-    def _set_pose_refusal(self, lease_hex: str, now_s: float) -> str:
+    def _set_pose_refusal(self, lease_hex: str, now_s: float) -> Reason | None:
         if refusal := self._supervisor.holder_refusal(lease_hex, now_s):
             return refusal
         if self._supervisor.mode in (Mode.DRIVING, Mode.STOPPING):
             # A command in the world's axes would turn with the heading.
-            return "the pose can be set at rest only"
-        return ""
+            return because(Code.AT_REST_ONLY)
+        return None
 
-    def _speed_refusal(self, lease_hex: str, now_s: float) -> str:
+    def _speed_refusal(self, lease_hex: str, now_s: float) -> Reason | None:
         supervisor = self._supervisor
         return (
             supervisor.holder_refusal(lease_hex, now_s)
@@ -299,7 +305,8 @@ class ServiceHandler:
         if refusal := self._set_pose_refusal(request.lease, now_s):
             return self._refused(Service.SET_POSE, refusal, now_s)
         if pose is None:
-            return self._refused(Service.SET_POSE, "a pose must be finite numbers", now_s)
+            unusable = because(Code.NOT_FINITE, quantity="pose")
+            return self._refused(Service.SET_POSE, unusable, now_s)
         self._estimator.set_pose(pose)
         return Reply(True)
 
@@ -308,9 +315,9 @@ class ServiceHandler:
         refusal = self._speed_refusal(lease_hex, now_s) or self._wheel_speed.choose(
             request.cruise_speed_rpm, bytes.fromhex(lease_hex)
         )
-        if refusal:
-            return self._supervisor.refuse("change the drive speed", refusal, now_s)
+        if refusal is not None:
+            return self._refused(Service.SPEED, refusal, now_s)
         return Reply(True)
 
-    def _refused(self, service: Service, reason: str, now_s: float) -> Reply:
-        return self._supervisor.refuse(service.removeprefix("srv/"), reason, now_s)
+    def _refused(self, service: Service, why: Reason, now_s: float) -> Reply:
+        return self._supervisor.refuse(service.removeprefix("srv/"), why, now_s)

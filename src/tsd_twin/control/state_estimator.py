@@ -28,6 +28,7 @@ from tsd_twin.estimation import (
 )
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.requests import Event, Sample, decode_pose_measurement
 from tsd_twin.messages.ros import Odometry
 from tsd_twin.messages.status import (
@@ -130,16 +131,16 @@ class PoseMeasurements:
 
 def _found(before: SE2, after: SE2, now_s: float) -> Event:
     dx, dy, turned = (after.xy_heading - before.xy_heading).tolist()
-    text = (
-        f"The pose sensor is {math.hypot(dx, dy):.2f} m and {math.degrees(turned):.0f} degrees off"
+    off = because(
+        Code.POSE_RESET, metres=math.hypot(dx, dy), deg=float(round(math.degrees(turned)))
     )
-    return Event(
+    return Event.of(
         "pose",
-        f"{text} the estimate, at rest: the estimate is reset to it.",
+        off,
+        "outside poses that agree with one another",
+        now_s,
         requested=before.xy_heading.tolist(),
         applied=after.xy_heading.tolist(),
-        rule="outside poses that agree with one another",
-        robot_s=now_s,
     )
 
 

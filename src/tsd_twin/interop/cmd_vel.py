@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TypeAlias
 
 import msgspec
 
@@ -37,6 +38,8 @@ DISCOVERY_S = 2.0
 SAY_AGAIN_S = 2.0
 """Minimum interval between repeats of the same message."""
 MUST_PAUSE = "cmd_vel moves the robot again after a pause, or a zero, or the service resume"
+Objection: TypeAlias = tuple[str, str]
+"""What a twist is dropped for, as a word under which it is said once, and as a sentence."""
 _REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _DRIVABLE = frozenset({Mode.READY, Mode.DRIVING})
 
@@ -228,26 +231,27 @@ class CmdVelOperator:
         """
         self._note_hold_up(now_s)
         paused = now_s - self._heard_s >= PAUSE_S
-        reason = self._refusal(message)
-        if reason:
-            return self._drop(now_s, reason)
+        refusal = self._refusal(message)
+        if refusal:
+            return self._drop(now_s, *refusal)
         if message.is_zero:
             return self._rest(now_s)  # Accept it at any age, because it can only stop the robot.
         if sent_after_s is not None and now_s - sent_after_s > self.max_age_s:
             # What a stalled link delivers late: the publisher may have let go since.
-            return self._drop(now_s, "cmd_vel comes too late: the link has stalled, or is slow")
-        reason = self._obstacle(view)
-        if reason:
-            return self._drop(now_s, reason)
+            late = "cmd_vel comes too late: the link has stalled, or is slow"
+            return self._drop(now_s, "late", late)
+        obstacle = self._obstacle(view)
+        if obstacle:
+            return self._drop(now_s, *obstacle)
         self._heard_s = now_s
         if self._must_pause and not paused:
             self.dropped += 1
             self._held_s = now_s
-            return self._say(now_s, MUST_PAUSE)
+            return self._say(now_s, "pause", MUST_PAUSE)
         self._must_pause = False
         if unproven:
             self.dropped += 1
-            return self._say(now_s, unproven)
+            return self._say(now_s, "unproven", unproven)
         if sent_after_s is not None and sent_after_s < self._not_before_s:
             self.dropped += 1
             return []  # Sent before the lease was granted or a request completed.
@@ -281,7 +285,8 @@ class CmdVelOperator:
         For a controller that streams, after a stall. It needs a robot that is armed and at rest;
         the next twist that is refused makes a pause necessary again.
         """
-        reason = self._obstacle(view)
+        obstacle = self._obstacle(view)
+        reason = obstacle[1] if obstacle else ""
         if not reason and (view.mode != Mode.READY or now_s - self._driven_s < PAUSE_S):
             reason = f"resume works when the robot has been at rest for {PAUSE_S:g} s"
         if not reason:
@@ -289,25 +294,28 @@ class CmdVelOperator:
             self._used_s = self._not_before_s = now_s
         return reason
 
-    def _refusal(self, message: CmdVel) -> str:
+    def _refusal(self, message: CmdVel) -> Objection | None:
         if not all(math.isfinite(number) for number in message.twist):
-            return "cmd_vel has a number that is not finite: it is ignored"
+            return "not_finite", "cmd_vel has a number that is not finite: it is ignored"
         if any(abs(number) > LARGEST for number in message.twist):
-            return f"cmd_vel is beyond {LARGEST:g} m/s or rad/s: it is ignored"
+            return "too_large", f"cmd_vel is beyond {LARGEST:g} m/s or rad/s: it is ignored"
         if message.frame not in ("", BASE, ODOM):
-            return f"cmd_vel in the frame '{message.frame}' is ignored: use {BASE} or {ODOM}"
-        return ""
+            text = f"cmd_vel in the frame '{message.frame}' is ignored: use {BASE} or {ODOM}"
+            return "frame", text
+        return None
 
-    def _obstacle(self, view: RobotView) -> str:
-        """Return why a twist other than zero cannot move the robot now; empty when it can."""
+    def _obstacle(self, view: RobotView) -> Objection | None:
+        """Return why a twist other than zero cannot move the robot now; None when it can."""
         if self.state is State.LOST:
-            return f"{self._lost}; the service arm takes control again"
+            return "lost", f"{self._lost}; the service arm takes control again"
         if view.holder not in (None, self.operator):
-            return f"{view.holder} has control: cmd_vel does not move the robot"
+            text = f"{view.holder} has control: cmd_vel does not move the robot"
+            return f"held_by {view.holder}", text
         if view.mode not in _DRIVABLE:
             reason = view.reason or f"the robot is {view.mode}"
-            return f"{reason}: cmd_vel does not move the robot; call the service arm"
-        return ""
+            text = f"{reason}: cmd_vel does not move the robot; call the service arm"
+            return f"mode {view.mode}", text
+        return None
 
     def _rest(self, now_s: float) -> list[Action]:
         """Handle a zero: end any motion without acquiring or keeping the lease."""
@@ -315,18 +323,18 @@ class CmdVelOperator:
         in_motion = self.state is State.HELD and now_s - self._driven_s < AT_REST_S
         return [Drive(_REST, BASE, None)] if in_motion else []
 
-    def _drop(self, now_s: float, reason: str) -> list[Action]:
+    def _drop(self, now_s: float, about: str, text: str) -> list[Action]:
         self.dropped += 1
         self.on_unread(now_s)
-        return self._say(now_s, reason)
+        return self._say(now_s, about, text)
 
-    def _say(self, now_s: float, text: str) -> list[Action]:
-        said_s = self._said.get(text, -math.inf)
+    def _say(self, now_s: float, about: str, text: str) -> list[Action]:
+        said_s = self._said.get(about, -math.inf)
         if now_s - said_s < SAY_AGAIN_S:
             return []
-        # Sentences may have numbers in them: only recent ones are kept.
+        # Operators have ids of any kind: only recent ones are kept.
         self._said = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
-        self._said[text] = now_s
+        self._said[about] = now_s
         return [Say(text)]
 
     # The lease.
@@ -356,14 +364,14 @@ class CmdVelOperator:
     def denied(self, reason: str, now_s: float) -> list[Action]:
         """Handle a denied lease."""
         self.state, self._must_pause = State.LOST if self._was_lost else State.FREE, True
-        return self._say(now_s, reason)
+        return self._say(now_s, "denied", reason)
 
     def lost(self, reason: str, now_s: float) -> list[Action]:
         """Handle the loss of the lease."""
         if self.state is not State.HELD:
             return []
         self.state, self._must_pause, self._lost = State.LOST, True, f"control is lost: {reason}"
-        return self._say(now_s, f"{self._lost}; the service arm takes control again")
+        return self._say(now_s, "lost", f"{self._lost}; the service arm takes control again")
 
     def released(self) -> None:
         """Handle the release of the lease."""
@@ -371,7 +379,7 @@ class CmdVelOperator:
 
     def motion_failed(self, reason: str, now_s: float) -> list[Action]:
         """Note that a motion has ended, because the robot has stopped by itself or is silent."""
-        return self._drop(now_s, reason)
+        return self._drop(now_s, "motion_failed", reason)
 
     def poll(self, now_s: float, view: RobotView, conflict: str = "") -> list[Action]:
         """Return pending actions: handover or release of the lease.
@@ -389,9 +397,9 @@ class CmdVelOperator:
         if view.asked_by is not None and view.holder == self.operator:
             asker, self.state, self._must_pause = view.asked_by, State.LOST, True
             self._lost = f"control was handed over to {asker}"
-            return [HandOver(asker), *self._say(now_s, self._lost)]
+            return [HandOver(asker), *self._say(now_s, "handed_over", self._lost)]
         if now_s - self._used_s >= IDLE_S:
             self.released()
             text = f"no cmd_vel for {IDLE_S:g} s: the robot is disarmed, and control is released"
-            return [GiveBack(), *self._say(now_s, text)]
+            return [GiveBack(), *self._say(now_s, "idle", text)]
         return []

@@ -16,6 +16,7 @@ from typing import Any
 from tsd_twin.client import (
     AsyncRobotClient,
     AsyncRobotControl,
+    ClientError,
     ControlDenied,
     ControlLost,
     RequestRefused,
@@ -138,7 +139,8 @@ class RobotDriver:
             await work
         except TwinError as error:
             refused = isinstance(error, ControlDenied | RequestRefused)
-            return False, error.reason if refused else str(error)
+            code = f"[{error.code}] " if isinstance(error, ClientError) and error.code else ""
+            return False, code + (error.reason if refused else str(error))
         return True, self._robot.state.mode.value
 
     async def _request(

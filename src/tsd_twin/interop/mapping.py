@@ -26,6 +26,7 @@ from tsd_twin.interop.frames import (
     rotated_back,
 )
 from tsd_twin.messages import topics
+from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.requests import Event, decode_json
 from tsd_twin.messages.ros import BASE, ODOM, decode_joints
 from tsd_twin.messages.ros_types import decode_cdr, encode_cdr, make_header, make_message, stamp_ns
@@ -401,7 +402,7 @@ class RobotMapping:
             name=f"{self._robot}.{event.kind}",
             msg=event.text,
             file="",
-            function=event.rule,
+            function=event.rule if event.why is None else event.why.code,
             line=0,
         )
         return self._message(EVENTS, message)
@@ -431,6 +432,17 @@ _LEVELS = {
     "clamp": _INFO,
 }
 """Levels of `rcl_interfaces/msg/Log` by the kind of the event."""
+
+
+def _reason_values(prefix: str, why: Reason | None) -> dict[str, object]:
+    """Code, parameters and cause of a reason, each under its key."""
+    if why is None:
+        return {}
+    values = {f"{prefix}_{name}": value for name, value in why.params.items()}
+    cause = _reason_values(f"{prefix}_cause", why.cause)
+    return {f"{prefix}_code": why.code, **values, **cause}
+
+
 OK, WARN, ERROR = 0, 1, 2
 """Levels of `diagnostic_msgs/msg/DiagnosticStatus`."""
 
@@ -447,7 +459,12 @@ def diagnose(
             "mode",
             level,
             status.stop_reason or status.mode,
-            {"mode": status.mode, "holder": status.lease.holder or "", "stops": status.stops},
+            {
+                "mode": status.mode,
+                "holder": status.lease.holder or "",
+                "stops": status.stops,
+                **_reason_values("stop", status.stop),
+            },
         ),
         (
             "commands",

@@ -19,7 +19,10 @@ from msgspec import Meta
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr_codec import CdrReader, CdrWriter
+from tsd_twin.messages.codes import Code, Reason, because, text_reason
+from tsd_twin.messages.errors import RejectedMessage
 from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, decode_twist, wrapped_heading
+from tsd_twin.messages.sentences import full_sentence, sentence
 from tsd_twin.messages.topics import Service
 
 _ATTACHMENT = struct.Struct("<Q16sQ")
@@ -64,7 +67,7 @@ def decode_command(sample: Sample) -> Command:
     """
     parts = sample.key.split("/")
     if not sample.is_put or len(parts) != 5 or "*" in sample.key:
-        raise MessageError("key", f"{sample.key} is not the key of one operator")
+        raise RejectedMessage("key", because(Code.BAD_KEY, key=sample.key))
     try:
         seq, lease, status_seq = _ATTACHMENT.unpack(sample.attachment)
     except struct.error as error:
@@ -80,7 +83,7 @@ def _checked_twist(payload: bytes) -> TwistStamped:
     if message.frame not in (BASE, ODOM):
         raise MessageError("shape", f"frame_id must be {BASE} or {ODOM}")
     if not np.isfinite(message.twist).all():
-        raise MessageError("nonfinite", "a twist must be finite numbers")
+        raise RejectedMessage("nonfinite", because(Code.NOT_FINITE, quantity="twist"))
     message.twist.setflags(write=False)
     return message
 
@@ -241,6 +244,8 @@ class LeaseReply(msgspec.Struct, frozen=True):
     """False if the request was malformed."""
     done: bool = False
     """Whether the request was carried out, also for operations that grant no lease."""
+    why: Reason | None = None
+    """Code and parameters behind `reason`."""
 
 
 class Reply(msgspec.Struct, frozen=True):
@@ -248,6 +253,13 @@ class Reply(msgspec.Struct, frozen=True):
 
     ok: bool
     reason: str = ""
+    why: Reason | None = None
+    """Code and parameters behind `reason`."""
+
+    @staticmethod
+    def refused(why: Reason) -> Reply:
+        """Refusal for a reason."""
+        return Reply(False, sentence(why), why)
 
 
 class Event(msgspec.Struct, frozen=True):
@@ -262,6 +274,20 @@ class Event(msgspec.Struct, frozen=True):
     """Rule that was applied."""
     robot_s: float = 0.0
     """The robot's monotonic clock."""
+    why: Reason | None = None
+    """Code and parameters behind `text`."""
+
+    @staticmethod
+    def of(
+        kind: str,
+        why: Reason,
+        rule: str,
+        robot_s: float,
+        requested: Any = None,
+        applied: Any = None,
+    ) -> Event:
+        """Event for a reason."""
+        return Event(kind, full_sentence(why), requested, applied, rule, robot_s, why)
 
 
 class Description(msgspec.Struct, frozen=True):
@@ -294,16 +320,23 @@ def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
         raise MessageError("shape", f"not {what}: {error}") from error
 
 
-def encode_refusal(service: Service, reason: str) -> bytes:
+def encode_refusal(service: Service, why: Reason) -> bytes:
     """JSON of a reply that refuses a request to a service."""
     if service is Service.LEASE:
-        return msgspec.json.encode(LeaseReply(False, reason=reason))
-    return msgspec.json.encode(Reply(False, reason))
+        return msgspec.json.encode(LeaseReply(False, reason=sentence(why), why=why))
+    return msgspec.json.encode(Reply.refused(why))
+
+
+def why_of(message: Reply | LeaseReply | Event) -> Reason | None:
+    """Reason in a message; a robot without codes sends only its text."""
+    return message.why or text_reason(
+        message.text if isinstance(message, Event) else message.reason
+    )
 
 
 def duplicate_id_text(robot_id: str) -> str:
     """Error text for several robots with one id."""
-    return f"another robot with the id '{robot_id}' is on the bus: end one, or choose another id"
+    return sentence(because(Code.DUPLICATE_ID, robot=robot_id))
 
 
 def to_builtins(message: msgspec.Struct) -> Mapping[str, Any]:

@@ -9,7 +9,9 @@ from typing import Any, cast
 import msgspec
 
 from tsd_twin.errors import MessageError
+from tsd_twin.messages.codes import Code, Reason, because, text_reason
 from tsd_twin.messages.requests import decode_json
+from tsd_twin.messages.sentences import sentence
 
 RECORDING = "recording"
 """`hardware.kind` in the status of a replayed recording."""
@@ -52,6 +54,16 @@ class Refusals(msgspec.Struct, frozen=True):
     set_pose: str | None = None
     speed: str | None = None
     """Of choosing the speed of wheels that always spin."""
+    why: Mapping[str, Reason] = {}
+    """Code and parameters of each refusal above, by its field."""
+
+    @staticmethod
+    def of(why: Mapping[str, Reason | None]) -> Refusals:
+        """Refusals with their reasons, None for what is accepted."""
+        reasons = {field: reason for field, reason in why.items() if reason is not None}
+        return Refusals(
+            **{field: sentence(reason) for field, reason in reasons.items()}, why=reasons
+        )
 
 
 class DropCounts(msgspec.Struct):
@@ -90,6 +102,8 @@ class LimitStatus(msgspec.Struct, frozen=True):
     """Fraction of the requested twist applied within the limits."""
     reason: str = ""
     """Reason why the limits are lower than usual; else empty."""
+    why: tuple[Reason, ...] = ()
+    """Codes and parameters behind `reason`."""
 
 
 class ConsistencyStatus(msgspec.Struct, frozen=True):
@@ -169,6 +183,8 @@ class Status(msgspec.Struct, frozen=True):
     stop_reason: str = ""
     stops: int = 0
     """Number of controlled stops started by the robot; the count reveals also the shortest."""
+    stop: Reason | None = None
+    """Code and parameters behind `stop_reason`."""
     arming: ArmingStatus | None = None
     lease: LeaseStatus = LeaseStatus()
     refusals: Refusals | None = None
@@ -193,8 +209,14 @@ class Status(msgspec.Struct, frozen=True):
     @property
     def no_drive_reason(self) -> str:
         """The robot's reason why it does not move; its mode when it gives none."""
-        reason = self.refusals.drive if self.refusals else None
-        return reason or f"the robot is {self.mode}"
+        return sentence(self.why_no_drive)
+
+    @property
+    def why_no_drive(self) -> Reason:
+        """Reason why the robot does not move; its mode when it gives none."""
+        refusals = self.refusals or Refusals()
+        why = refusals.why.get("drive") or text_reason(refusals.drive or "")
+        return why or because(Code.MODE_ONLY, mode=self.mode)
 
 
 def encode_status(status: Status) -> bytes:
@@ -211,7 +233,25 @@ def decode_status(payload: bytes) -> Status:
     status = decode_json(payload, Status, "a status")
     if _is_deeper(status.hardware, _LEVELS):  # Deep nesting decodes, but may not encode.
         raise MessageError("shape", f"hardware is nested in more than {_LEVELS} levels")
-    return status
+    return _with_reasons(status)
+
+
+def _with_reasons(status: Status) -> Status:
+    """Return a status in which each text has a reason; robots without codes send texts only."""
+    refusals, limits = status.refusals, status.limits
+    if refusals is not None and not refusals.why and refusals.without_lease:
+        texts = {field: getattr(refusals, field) for field in _REFUSED}
+        why = {field: reason for field, text in texts.items() if (reason := text_reason(text))}
+        refusals = msgspec.structs.replace(refusals, why=why)
+    if limits.reason and not limits.why:
+        limits = msgspec.structs.replace(limits, why=(Reason(Code.TEXT, {"text": limits.reason}),))
+    stop = status.stop or text_reason(status.stop_reason)
+    if refusals is status.refusals and limits is status.limits and stop is status.stop:
+        return status
+    return msgspec.structs.replace(status, refusals=refusals, limits=limits, stop=stop)
+
+
+_REFUSED = tuple(field for field in Refusals.__struct_fields__ if field != "why")
 
 
 def encode_stamp(seq: int, robot_ns: int) -> bytes:

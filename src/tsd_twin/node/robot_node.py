@@ -29,7 +29,8 @@ from tsd_twin.control.logged_controller import InputBatch, encode_batch
 from tsd_twin.errors import BusError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Description, Event, duplicate_id_text
+from tsd_twin.messages.codes import Code, Reason, because, hardware_reason
+from tsd_twin.messages.requests import Description, Event
 from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry
 from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
@@ -64,8 +65,8 @@ class RobotIO(Protocol):
 class HasWatchdog(Protocol):
     """Hardware with its own command watchdog."""
 
-    def fault(self, now_s: float) -> str:
-        """Fault that the board reports, as a part of a sentence; "" without a fault."""
+    def fault(self, now_s: float) -> Reason | str | None:
+        """Fault that the board reports, also as a text; None or "" without a fault."""
         ...
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
@@ -238,23 +239,19 @@ class DuplicateIdMonitor:
         instance = secrets.token_hex(8)
         self._own = topics.instance_key(robot_id, instance)
         self._others: set[str] = set()
-        self.fault = ""
-        """Text of the fault, as a part of a sentence; "" while no other robot has this id."""
+        self.fault: Reason | None = None
+        """Reason for the fault; None while no other robot has this id."""
         self._event: Event | None = None
         self._token = bus.declare_token(self._own)
         bus.subscribe_liveliness(topics.instance_key(robot_id, "*"), self._on_token)
 
-    def step(self, now_s: float) -> str:
+    def step(self, now_s: float) -> Reason | None:
         """Check the tokens of other nodes, and return the `fault`."""
-        fault = duplicate_id_text(self._id) if self._others else ""
+        fault = because(Code.DUPLICATE_ID, robot=self._id) if self._others else None
         if fault != self.fault:
             self.fault = fault
-            text = (
-                f"{fault.capitalize()}."
-                if fault
-                else f"No other robot has the id '{self._id}' any more."
-            )
-            self._event = Event("id", text, rule="one robot for each id", robot_s=now_s)
+            why = fault or because(Code.DUPLICATE_ID_GONE, robot=self._id)
+            self._event = Event.of("id", why, "one robot for each id", now_s)
         return fault
 
     def take_event(self) -> Event | None:
@@ -388,10 +385,10 @@ class RobotNode:
         self._publish(now_s, tick, bool(commands), rate)
         self._input_log.step()
 
-    def _fault(self, now_s: float) -> str:
+    def _fault(self, now_s: float) -> Reason | None:
         # Two robots that follow the same commands are worse than a fault of the board.
         return self._duplicate_ids.step(now_s) or (
-            self._watchdog.fault(now_s) if self._watchdog else ""
+            hardware_reason(self._watchdog.fault(now_s)) if self._watchdog else None
         )
 
     def _write(self, setpoint: Array, now_s: float, *, ends: bool = False) -> None:

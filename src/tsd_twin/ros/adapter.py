@@ -20,6 +20,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.interop.cmd_vel import CmdVelOperator
 from tsd_twin.interop.fleet import LONGEST_OPERATOR, Fleet, RobotSource
 from tsd_twin.interop.mapping import ODOMETRY, RosMessage, RosNames
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.ros.arrivals import Echoes
 from tsd_twin.ros.operator import RosOperator
 from tsd_twin.ros.port import OpenPort, RosPort
@@ -160,8 +161,8 @@ class RosSource(RobotSource):
 
     def shared_name(self, now_s: float) -> str:
         """Return a sentence if another robot has the same ROS name; "" if none has."""
-        watch = self._watch
-        return "" if watch is None else watch.problem(now_s)
+        problem = None if self._watch is None else self._watch.problem(now_s)
+        return "" if problem is None else sentence(problem)
 
     def input_problem(self) -> str:
         """Return the reason why the robot ignores `cmd_vel`, or ""."""

@@ -32,6 +32,7 @@ from tsd_twin.interop.mapping import (
     RosTopic,
 )
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.ros import BASE
 from tsd_twin.messages.ros_types import (
     decode_cdr,
@@ -181,7 +182,7 @@ class ImportedRobot:
         self._arrivals = {row.name: Arrivals() for row in IMPORTED}
         self._described = threading.Event()
         self._said: dict[str, float] = {}
-        self._problem = ""
+        self._problem: tuple[str, str] | None = None
         self.urdf = ""
         """Content of `robot_description`, or "" if it did not arrive in time."""
         self._robot: ImportedDescription | None = None
@@ -195,7 +196,8 @@ class ImportedRobot:
         self._sent, self._sent_s, self._zeros = 0, -math.inf, 0
         self._written_s, self._size, self._cut = -math.inf, 0.0, False
         self._heartbeat = Heartbeat(False, 0)
-        self._unsent, self._unsent_s = "", -math.inf
+        self._unsent: Reason | None = None
+        self._unsent_s = -math.inf
         self._closed = False
         self._port = open_port(self)
         self._shared = NameWatch(self._port, names, is_shown=False)
@@ -221,7 +223,7 @@ class ImportedRobot:
     def on_unreadable(self, name: str, reason: str) -> None:
         """Count an invalid message."""
         self._dropped += 1
-        self._problem = f"a message of {name} is ignored: {reason}"[:200]
+        self._problem = (name, f"a message of {name} is ignored: {reason}"[:200])
 
     def on_call(self, service: str, answer: Callable[[bool, str], None]) -> None:  # noqa: ARG002  Interface.
         """Refuse; there are no services."""
@@ -237,9 +239,9 @@ class ImportedRobot:
                     self._receive(received, now_s)
                 except MessageError as error:
                     self.on_unreadable(row.name, str(error))
-        if self._problem:
-            self._say(self._problem, now_s)
-            self._problem = ""
+        if self._problem is not None:
+            self._say(*self._problem, now_s)
+            self._problem = None
         return None if self._is_silent(now_s) else self._measured.copy()
 
     def write(self, setpoint: Array, now_s: float) -> None:
@@ -275,18 +277,18 @@ class ImportedRobot:
         if (before.armed and not heartbeat.armed) or (heartbeat.latched and not before.latched):
             self._zeros = ZEROS
 
-    def fault(self, now_s: float) -> str:
+    def fault(self, now_s: float) -> Reason | None:
         """Return that odometry is missing, nothing can be sent, or two robots have its name."""
         if problem := self._shared.problem(now_s):
             return problem
         if now_s - self._unsent_s < _UNSENT_S:
             return self._unsent
         if not self._is_silent(now_s):
-            return ""
+            return None
         topic = self._names.topic(ODOMETRY.name)
         if self._odom_s == -math.inf:
-            return f"no odometry has come on {topic} yet"
-        return f"no odometry newer than {self._timeout_s:g} s has come on {topic}"
+            return because(Code.NO_ODOMETRY, topic=topic)
+        return because(Code.ODOMETRY_OLD, topic=topic, s=self._timeout_s)
 
     def hardware(self) -> Mapping[str, Any]:
         """Return the hardware part of the status."""
@@ -386,7 +388,8 @@ class ImportedRobot:
         if self._robot is None:
             self.urdf = raw.data
         elif raw.data != self.urdf:
-            self._problem = "robot_description has changed: start tsd-ros again to draw it"
+            changed = "robot_description has changed: start tsd-ros again to draw it"
+            self._problem = ("changed", changed)
 
     def _publish(self, twist: Array, now_s: float) -> None:
         vx, vy, omega = twist.tolist()
@@ -398,13 +401,14 @@ class ImportedRobot:
         try:
             self._port.publish(RosMessage(self._driven, name, encode_cdr(message)))
         except TwinError as error:
-            self._unsent, self._unsent_s = f"cmd_vel cannot be published: {error}", now_s
+            self._unsent = because(Code.CMD_VEL_UNSENT, text=str(error))
+            self._unsent_s = now_s
         self._sent += 1
         self._sent_s = now_s
 
-    def _say(self, text: str, now_s: float) -> None:
-        """Log a sentence, the same one no more often than every two seconds."""
+    def _say(self, about: str, text: str, now_s: float) -> None:
+        """Log a sentence, one about the same no more often than every two seconds."""
         recent = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
-        if text not in recent:
+        if about not in recent:
             _LOG.warning("%s", text)
-        self._said = {text: now_s, **recent}
+        self._said = {about: now_s, **recent}
