@@ -391,7 +391,7 @@ class CmdVelOperator:
         self._polled_s = now_s
         if self.state is State.HELD and conflict:
             self.released()
-            return [GiveBack(), *self._say(now_s, f"the robot is disarmed: {conflict}")]
+            return [GiveBack(), *self._say(now_s, "conflict", f"the robot is disarmed: {conflict}")]
         if self.state is not State.HELD or now_s - self._driven_s < AT_REST_S:
             return []
         if view.asked_by is not None and view.holder == self.operator:
