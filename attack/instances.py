@@ -113,7 +113,7 @@ def stop_with_replay_in_view(stage: Stage) -> float:
         _get_fast(stage)
         pressed_s = time.monotonic()
         answer = viewer.answer("stop", t="stop")
-        assert answer["ok"], answer["reason"]
+        assert answer["ok"], answer["why"]
         assert viewer.state["source"] == "recording"
         stage.until(lambda: stage.live.status.mode == "stopped", "stopped")
         driver.let_go()
@@ -163,7 +163,7 @@ def arm_with_shared_id(stage: Stage) -> float:
         driver.let_go()
         assert live.status.mode == "disarmed", f"the live robot is {live.status.mode}"
         answer = driver.answer("stop", t="stop")
-        assert answer["ok"], answer["reason"]
+        assert answer["ok"], answer["why"]
         stage.until(lambda: live.status.mode == "stopped", "stopped")
         travel_m = live.track.distance_since(began_s)
     driver.until(lambda: driver.state["source"] == "robot")

@@ -12,9 +12,25 @@ from hypothesis import settings
 from tests.support.marks import WRITTEN, all_marks, may_choose, possible_marks
 from tests.support.robot_node import RunningNode, running
 from tests.support.slow_tests import is_long, listed, name_of, shared
+from tsd_twin.messages import codes, sentences
 
 settings.register_profile("unhurried", deadline=None)  # A busy machine is no failure.
 settings.load_profile("unhurried")
+
+codes.checks = True  # A reason with a wrong parameter fails the test that makes it.
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that shows which tests read sentences."""
+    parser.addoption(
+        "--nonsense", action="store_true", help="replace the sentence of every code by nonsense"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """With `--nonsense`, only tests of texts may fail: no program reads sentences."""
+    if config.getoption("nonsense"):
+        sentences.replacement = lambda reason: f"Qx{len(reason.code)}zk"
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

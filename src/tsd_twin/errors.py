@@ -32,10 +32,11 @@ from __future__ import annotations
 import re
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
+from typing import Protocol
 
 
 class TwinError(Exception):
@@ -46,7 +47,9 @@ class RobotFileError(TwinError):
     """A robot description cannot be used."""
 
     def __init__(self, file: str, problem: str, valid: str = "") -> None:
-        super().__init__(f"{file}: {problem}" + (f" ({valid})" if valid else ""))
+        self.problem = problem + (f" ({valid})" if valid else "")
+        """The problem, without the file."""
+        super().__init__(f"{file}: {self.problem}")
 
 
 class MessageError(TwinError):
@@ -95,7 +98,7 @@ class MissingExtraError(TwinError):
 
 
 @contextmanager
-def needs_extra(what: str, extra: str) -> Iterator[None]:
+def needs_extra(what: str, extra: str) -> Generator[None]:
     """Import packages of an extra inside this context.
 
     Raises:
@@ -154,86 +157,93 @@ def install_command(extra: str) -> str:
 
 
 REMEDIES: dict[str, str] = {
-    # Robot missing or ambiguous.
-    "no robot": "tsd-demo or tsd-mock starts one; connect('tcp/HOST:PORT') names its endpoint",
-    "name one, connect(robot=": "connect(robot='NAME')",
-    # Lease; more specific sentences first.
-    "control is kept for": "robot.request_control(), or try again after 3 s",
-    "control was kept": "robot.request_control() after the time that is named",
-    "asks already": "robot.request_control() once the other request is answered",
-    "gives no control": "robot.request_control(), or robot.control(take_over=True, reason='...')",
-    "no operator has requested control": "base.asked_by names who asks, or None",
-    "it is ... who asks": "base.hand_over(base.asked_by)",
-    "no control of": "base.acquire(), or enter robot.control() again",
-    "take control first": "base.acquire(), or enter robot.control() again",
-    "has control": "robot.request_control(), or robot.control(take_over=True, reason='...')",
+    # No robot, or which one.
+    "no_robot": "tsd-demo or tsd-mock starts one; connect('tcp/HOST:PORT') names its endpoint",
+    "several_robots": "connect(robot='NAME')",
+    # The lease.
+    "reserved_for": "robot.request_control(), or try again after 3 s",
+    "denied_lately": "robot.request_control() after the time that is named",
+    "other_request": "robot.request_control() once the other request is answered",
+    "no_request": "base.asked_by names who asks, or None",
+    "request_of": "base.hand_over(base.asked_by)",
+    "take_control_first": "base.acquire(), or enter robot.control() again",
+    "held_by": "robot.request_control(), or robot.control(take_over=True, reason='...')",
+    "control_denied": "robot.request_control(), or robot.control(take_over=True, reason='...')",
+    "no_control": "base.acquire(), or enter robot.control() again",
     # Modes.
-    "reset it first": "robot.reset()",
-    "reset first": "robot.reset()",
-    "is stopped": "robot.reset()",
-    "is fault": "robot.reset()",
-    "not stopped": "base.arm(): only a stop or a fault is reset",
-    "let go of the stick first": "base.rest(), then base.reset()",
-    "is disarmed": "base.arm()",
-    "is arming": "base.arm() waits until the robot is ready",
-    "is ready already": "none: drive",
-    "the robot is ... already": "base.rest()",
-    "stopped by itself": "base.rest(), then the motion again, once the named cause is gone",
-    "is not ready": "base.rest(), or base.arm()",
-    "refuses to arm": "base.arm() once robot.state.status.refusals.arm is None",
+    "reset_first": "robot.reset()",
+    "robot_stopped": "robot.reset()",
+    "robot_fault": "robot.reset()",
+    "not_latched": "base.arm(): only a stop or a fault is reset",
+    "release_first": "base.rest(), then base.reset()",
+    "robot_disarmed": "base.arm()",
+    "robot_arming": "base.arm() waits until the robot is ready",
+    "wrong_mode": "none if it is ready: drive; otherwise base.rest()",
+    "stopped_by_itself": "base.rest(), then the motion again, once the named cause is gone",
+    "not_ready": "base.rest(), or base.arm()",
+    "arm_refused": "base.arm() once robot.state.status.refusals.arm is None",
     # Motions and settings.
-    "is in another motion": "base.rest(), or wait in the thread of that motion",
-    "is in no motion": "base.drive(...), or base.set_velocity(...)",
-    "can be set at rest only": "base.rest()",
-    "have no speed to choose": "none: only robots with wheels that always spin have one",
-    "the wheels turn at": "base.set_wheel_speed(rpm) in the range that is named",
-    "not a request": "the same call with finite numbers in the range of its unit",
-    "a twist is three finite numbers": "base.drive(vx_mps=..., duration_s=...) with finite numbers",
-    "frame must be": "frame='base_link' or frame='odom'",
-    "must be finite": "the same call with finite numbers",
-    "must be at least 0": "the same call with 0 or a positive number",
-    "must be greater than 0": "the same call with a positive number",
-    "must be a number": "the same call with a number",
-    "must be a string": "the same call with a string",
-    "rest has ended this motion": "the motion again",
-    "has no such pose": "SimulatedRobot(...) without pose",
-    "it goes nowhere": "base.turn(...)",
-    "use turn, set_turn_rate": "base.turn(...), or base.set_turn_rate(...)",
-    "use drive, set_velocity": "base.drive(...), or base.set_velocity(...)",
-    "stopped on its way": "base.go_to(...) again, from where the robot is now",
-    "does not come to rest": "robot.stop()",
-    # Timeouts.
-    "did not acknowledge the stop": "robot.stop() again, and the stop switch of the robot",
-    "belongs to the parent of this process": "tsd_twin.connect() in the child",
-    "no confirmed stop of": "tsd_twin.stop_all() again, and the emergency stop",
-    "nor stopped": "robot.stop() again, and the stop switch of the robot",
-    "does not answer": "tsd_twin.connect() again, once the robot and the network run",
-    "does not show": "tsd_twin.connect() again, once the robot and the network run",
-    "sends no state": "tsd_twin.connect() again, once the robot and the network run",
-    "has sent no": "tsd_twin.connect() again, once the robot and the network run",
+    "other_motion": "base.rest(), or wait in the thread of that motion",
+    "no_motion": "base.drive(...), or base.set_velocity(...)",
+    "at_rest_only": "base.rest()",
+    "no_wheel_speed": "none: only robots with wheels that always spin have one",
+    "wheel_speed_refused": "base.set_wheel_speed(rpm) in the range that is named",
+    "bad_shape": "the same call with finite numbers in the range of its unit",
+    "bad_twist": "base.drive(vx_mps=..., duration_s=...) with finite numbers",
+    "bad_frame": "frame='base_link' or frame='odom'",
+    "not_finite": "the same call with finite numbers",
+    "negative": "the same call with 0 or a positive number",
+    "not_positive": "the same call with a positive number",
+    "no_number": "the same call with a number",
+    "no_string": "the same call with a string",
+    "motion_ended": "the motion again",
+    "no_such_pose": "SimulatedRobot(...) without pose",
+    "goes_nowhere": "base.turn(...)",
+    "use_turn": "base.turn(...), or base.set_turn_rate(...)",
+    "use_drive": "base.drive(...), or base.set_velocity(...)",
+    "left_path": "base.go_to(...) again, from where the robot is now",
+    "not_at_rest": "robot.stop()",
+    # Silence.
+    "stop_unconfirmed": "robot.stop() again, and the stop switch of the robot",
+    "connection_of_parent": "tsd_twin.connect() in the child",
+    "stops_unconfirmed": "tsd_twin.stop_all() again, and the emergency stop",
+    "not_disarmed": "robot.stop() again, and the stop switch of the robot",
+    "no_answer": "tsd_twin.connect() again, once the robot and the network run",
+    "mode_not_shown": "tsd_twin.connect() again, once the robot and the network run",
+    "no_state": "tsd_twin.connect() again, once the robot and the network run",
+    "no_status": "tsd_twin.connect() again, once the robot and the network run",
 }
-"""Remedies for client errors, by a part of the sentence; ... matches any text."""
+"""Calls that resolve what a client raises, by the code of the robot's reason or of the error."""
 
 
-def remedy_of(sentence: str) -> str:
-    """Return the call that resolves a client error, or "" if unknown."""
-    return next(
-        (
-            call
-            for part, call in REMEDIES.items()
-            if re.search(".*".join(map(re.escape, part.split("..."))), sentence)
-        ),
-        "",
-    )
+class CodedReason(Protocol):
+    """Reason of a robot: a code of docs/codes.md, and its parameters."""
+
+    @property
+    def code(self) -> str:
+        """Code."""
+        ...
+
+    @property
+    def params(self) -> Mapping[str, str | float]:
+        """Parameters by name."""
+        ...
 
 
 class ClientError(TwinError):
     """Base class for errors of the client library; the traceback includes the remedy."""
 
-    def __init__(self, sentence: str) -> None:
+    def __init__(self, sentence: str, code: str, why: CodedReason | None = None) -> None:
+        """`why` is the reason of the robot, if it gave one, and `code` that of the error."""
         super().__init__(sentence)
-        self.remedy = remedy_of(sentence)
-        """Call that resolves the error, or "" if unknown."""
+        self.why = why
+        """Reason of the robot; None if it gave none."""
+        self.code = code if why is None else why.code
+        """Code of that reason, as in docs/codes.md; without one, that of the error."""
+        self.params: Mapping[str, str | float] = {} if why is None else why.params
+        """Parameters of that reason, by name."""
+        self.remedy = REMEDIES.get(self.code) or REMEDIES.get(code, "")
+        """Call that resolves it; "" if none is known."""
         if self.remedy:
             self.add_note(f"Remedy: {self.remedy}")
 
@@ -247,7 +257,8 @@ class SeveralRobotsFound(ClientError):  # noqa: N818  Named after the event.
 
     def __init__(self, robots: Sequence[str], where: str) -> None:
         super().__init__(
-            f"{', '.join(robots)} are at {where}: name one, connect(robot='{robots[0]}')"
+            f"{', '.join(robots)} are at {where}: name one, connect(robot='{robots[0]}')",
+            "several_robots",
         )
         self.robots = tuple(robots)
         """Ids of the robots, sorted."""
@@ -257,7 +268,8 @@ class StopNotConfirmed(ClientError):  # noqa: N818  Named after the event.
     """Some robots did not confirm that they are stopped; the others did."""
 
     def __init__(self, robots: Sequence[str]) -> None:
-        super().__init__(f"no confirmed stop of {', '.join(robots)}: use the emergency stop")
+        sentence = f"no confirmed stop of {', '.join(robots)}: use the emergency stop"
+        super().__init__(sentence, "stops_unconfirmed")
         self.robots = tuple(robots)
         """Ids of the robots that did not confirm, sorted."""
 
@@ -265,8 +277,14 @@ class StopNotConfirmed(ClientError):  # noqa: N818  Named after the event.
 class ControlDenied(ClientError):  # noqa: N818  Named after the event.
     """The robot does not grant the lease."""
 
-    def __init__(self, robot: str, reason: str, holder: str | None = None) -> None:
-        super().__init__(f"{robot} gives no control: {reason}")
+    def __init__(
+        self,
+        robot: str,
+        reason: str,
+        holder: str | None = None,
+        why: CodedReason | None = None,
+    ) -> None:
+        super().__init__(f"{robot} gives no control: {reason}", "control_denied", why)
         self.reason = reason
         """The robot's reason."""
         self.holder = holder
@@ -280,8 +298,9 @@ class ControlLost(ClientError):  # noqa: N818  Named after the event.
 class RequestRefused(ClientError):  # noqa: N818  Named after the event.
     """The robot refused a request."""
 
-    def __init__(self, robot: str, what: str, reason: str) -> None:
-        super().__init__(f"{robot} refuses to {what}: {reason}")
+    def __init__(self, robot: str, what: str, reason: str, why: CodedReason | None = None) -> None:
+        code = "arm_refused" if what == "arm" else "request_refused"
+        super().__init__(f"{robot} refuses to {what}: {reason}", code, why)
         self.reason = reason
         """The robot's reason."""
 

@@ -85,7 +85,7 @@ def test_the_dashboard_of_a_viewer_watches_and_stops(start: Start, keys: Path) -
         say(page, t="lease", op="acquire")
         answer = hear(page, "reply")
         assert not answer["ok"]
-        assert "viewer" in answer["reason"]
+        assert answer["why"]["code"] == "viewer"
         say(page, t="stop")
         assert hear(page, "reply")["ok"]
         for _ in range(_STATES):

@@ -43,7 +43,9 @@ SIZES = (
     (390, 844),
     (320, 568),
 )
-LONG = "the wheel of module 2 does not follow its set-point by more than 1 degree " * 3
+LONG_TEXT = "the wheel of module 2 does not follow its set-point by more than 1 degree " * 3
+STOPPED_BY = {"code": "stop_requested", "params": {"by": "web-01234567"}}
+LONG = {"code": "hardware", "params": {"text": LONG_TEXT}}
 REFUSED = {"t": "reply", "to": "arm", "ok": False}
 SUSPECT = {"residual_mps": 0.1, "level": 3.0, "suspect": "module2", "explained": {}}
 MINE: dict[str, Any] = {"you": True}
@@ -59,13 +61,13 @@ STATES: dict[str, dict[str, Any]] = {
     "a path": state("ready", route=route("planned"), **MINE),
     "going": state("driving", route=route("going"), **MINE),
     "arrived": state("ready", route=route("arrived"), **MINE),
-    "ended": state("ready", route=route("ended", reason=LONG), **MINE),
+    "ended": state("ready", route=route("ended", why=LONG), **MINE),
     "driving": state("driving", **MINE),
     "suspect": state("driving", status={"consistency": SUSPECT}, **MINE),
     "stopping": state("stopping", **MINE),
-    "stopped": state("stopped", status={"stop_reason": "software stop"}, **MINE),
-    "stopped, not mine": state("stopped", status={"stop_reason": LONG}),
-    "fault": state("fault", status={"stop_reason": LONG, "consistency": SUSPECT}, **MINE),
+    "stopped": state("stopped", status={"stop": {"code": "stop_requested"}}, **MINE),
+    "stopped, not mine": state("stopped", status={"stop": LONG}),
+    "fault": state("fault", status={"stop": LONG, "consistency": SUSPECT}, **MINE),
     "silent": state("driving", age_ms=5000.0, **MINE),
 }
 GO_TO = "overlay().querySelector('.route .choices button').click()"
@@ -130,9 +132,10 @@ def test_stop_never_moves_and_is_never_covered(stage: PageStage, size: tuple[int
     stage.show(state("driving", **ASKED))
     stage.page.get_by_role("button", name="Take over…").evaluate("(button) => button.click()")
     look("takes over")
-    stage.show(state("stopped", status={"stop_reason": LONG}, **MINE))
+    stage.show(state("stopped", status={"stop": LONG}, **MINE))
     for i in range(3):
-        stage.say(REFUSED | {"reason": f"{i} {LONG}"})
+        why = {"code": "hardware", "params": {"text": f"{i} {LONG_TEXT}"}}
+        stage.say(REFUSED | {"why": why})
     look("notices")
     stage.choose("tsd", "atlas", "omni4")
     look("several robots")
@@ -145,7 +148,7 @@ def test_stop_never_moves_and_is_never_covered(stage: PageStage, size: tuple[int
     stage.page.keyboard.press("m")
     look("map")
     assert seen["map"]["map"]["shown"]
-    stage.show(state("stopped", status={"stop_reason": LONG}, **MINE))
+    stage.show(state("stopped", status={"stop": LONG}, **MINE))
     look("map, stopped")
     stage.page.keyboard.press("m")
     stage.show(state("ready", **MINE))
@@ -232,7 +235,7 @@ def test_cards_do_not_lie_on_the_robot(stage: PageStage, size: tuple[int, int], 
     """A robot that is followed is in the middle, about a third of the picture high."""
     width, height = size
     stage.resize(width, height)
-    stage.show(state(mode, status={"stop_reason": "software stop by web-01234567"}, **MINE))
+    stage.show(state(mode, status={"stop": STOPPED_BY}, **MINE))
     card = stage.page.evaluate(BOXES)["card"]
     assert card["shown"]
     if mode != "arming":  # The reset can be used without scrolling, above the stick.

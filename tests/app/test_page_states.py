@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Generator
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Locator, expect
@@ -167,6 +168,14 @@ def hold_the_stick(stage: PageStage) -> None:
     stage.page.mouse.move(x, y - 0.8 * half)
 
 
+LOOSE = {"code": "hardware", "params": {"text": "the wheels are loose"}}
+
+
+def lost_to(holder: str) -> dict[str, Any]:
+    cause = {"code": "has_control_now", "params": {"holder": holder}}
+    return {"code": "control_is_lost", "cause": cause}
+
+
 def test_a_notice_goes_when_it_is_no_longer_true(stage: PageStage) -> None:
     messages = stage.page.get_by_role("log", name="Messages")
     stage.show(state("ready", you=True))
@@ -177,7 +186,7 @@ def test_a_notice_goes_when_it_is_no_longer_true(stage: PageStage) -> None:
     stage.show(state("ready", you=True))
     expect(messages).not_to_contain_text("silent", timeout=4000)
     # Of another robot nothing is true here.
-    stage.say({"t": "reply", "to": "arm", "ok": False, "reason": "the wheels are loose"})
+    stage.say({"t": "reply", "to": "arm", "ok": False, "why": LOOSE})
     expect(messages).to_contain_text("loose")
     stage.choose("atlas", "tsd")
     expect(messages).to_be_empty()
@@ -233,9 +242,7 @@ def test_a_refused_plan_leaves_no_path_of_before(stage: PageStage) -> None:
     form = stage.page.locator("[data-tsd=route] form")
     expect(form).to_be_attached()
     refused = state("ready", you=True, route=route("planned"))
-    refused["status"]["refusals"] = dict.fromkeys(
-        ("lease", "arm", "reset", "drive", "set_pose", "speed")
-    ) | {"without_lease": "", "disarm": "the robot is busy"}
+    refused["status"]["refusals"] = {"why": {"disarm": LOOSE}}
     stage.show(refused)
     stage.sent()
     form.evaluate("(form) => form.requestSubmit()")
@@ -252,20 +259,29 @@ def test_a_page_that_is_loaded_again_in_motion_says_why_the_robot_stopped(stage:
     expect(messages).to_be_empty()
 
 
-SLOW = "From driving to stopping: no command for 210 ms (limit 200 ms)."
-STALLED = "your page stalled for 0.2 s, so the robot stopped"
+SLOW = {
+    "t": "event",
+    "kind": "mode",
+    "text": "",
+    "why": {
+        "code": "mode_changed",
+        "params": {"before": "driving", "after": "stopping"},
+        "cause": {"code": "no_command", "params": {"ms": 210, "limit_ms": 200}},
+    },
+    "past": False,
+    "robot_s": 1.0,
+    "age_s": 0.0,
+}
+STALLED = {"t": "released", "why": {"code": "page_stalled", "params": {"s": 0.2}}}
 
 
 @pytest.mark.parametrize(
     "told",
-    [
-        {"t": "event", "kind": "mode", "text": SLOW, "past": False, "robot_s": 1.0, "age_s": 0.0},
-        {"t": "released", "reason": STALLED},
-    ],
+    [SLOW, STALLED],
     ids=["robot", "page"],
 )
 def test_what_to_do_after_a_stop_is_not_said_any_more_when_stop_was_pressed(
-    stage: PageStage, told: dict[str, object]
+    stage: PageStage, told: dict[str, Any]
 ) -> None:
     notice = stage.page.get_by_text("Let go, then push again")
     stage.show(state("driving", you=True))
@@ -286,8 +302,7 @@ def test_why_the_robot_stopped_is_told_once_whichever_tells_first(
     toasts = stage.page.locator(".toast")
     stage.show(state("driving", you=True))
     stage.page.keyboard.down("w")
-    event = {"t": "event", "kind": "mode", "text": SLOW, "past": False, "robot_s": 1.0}
-    told = [event | {"age_s": 0.0}, {"t": "released", "reason": STALLED}]
+    told = [SLOW, STALLED]
     for message in told if by == "robot" else reversed(told):
         stage.say(message)
     stage.page.keyboard.up("w")
@@ -299,17 +314,18 @@ def test_why_the_robot_stopped_is_told_once_whichever_tells_first(
 def test_a_take_over_is_told_once_with_its_reason(stage: PageStage) -> None:
     toasts = stage.page.locator(".toast")
     stage.show(state("ready", you=True))
-    event = {"t": "event", "kind": "lease", "past": False, "robot_s": 1.0, "age_s": 0.0}
-    stage.say(event | {"text": f"bob took control over from {OPERATOR}: it is my robot."})
-    stage.say(event | {"text": "You have lost control: bob has control now."})
+    event = {"t": "event", "kind": "lease", "text": "", "past": False, "robot_s": 1.0, "age_s": 0.0}
+    params = {"operator": "bob", "other": OPERATOR, "text": "it is my robot"}
+    stage.say(event | {"why": {"code": "lease_taken_over", "params": params}})
+    stage.say(event | {"why": lost_to("bob")})
     expect(toasts).to_have_text([f"bob took control over from {OPERATOR}: it is my robot."])
     stage.page.wait_for_timeout(1100)
-    stage.say(event | {"text": "You have lost control: carl has control now."})
+    stage.say(event | {"why": lost_to("carl")})
     expect(toasts).to_have_count(2)
 
 
 def test_events_have_the_time_of_the_page(stage: PageStage) -> None:
-    said = {"t": "event", "kind": "mode", "text": "it was stopped", "past": True}
+    said = {"t": "event", "kind": "mode", "text": "", "why": LOOSE, "past": True}
     stage.say(said | {"robot_s": 12.5, "age_s": 3600.0})
     times = stage.page.evaluate(
         """() => [-1, 0, 1].map((off) => new Date(Date.now() + 1000 * off - 3.6e6)

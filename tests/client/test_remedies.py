@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import re
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -11,10 +10,10 @@ import pytest
 import tsd_twin
 from tests.support.markdown_pages import ROOT, page, quoted, section, tables
 from tsd_twin import ClientError, ControlDenied, RequestRefused, RobotStopped, SimulatedRobot
-from tsd_twin.errors import REMEDIES, remedy_of
+from tsd_twin.errors import REMEDIES
+from tsd_twin.messages.codes import Code
 
 FILES = sorted((ROOT / "src/tsd_twin/client").glob("*.py"))
-ROBOTS_OWN = ("safety/supervisor.py", "safety/lease.py", "control/services.py")
 
 
 # A latched robot.
@@ -40,7 +39,7 @@ def test_a_latched_robot_is_released_without_arming_and_without_keeping_control(
         assert robot.state.mode == "disarmed"
         robot.sleep(0.1)
         assert robot.state.lease.holder is None
-        assert not any("arming" in event.text for event in seen.take())
+        assert not any(event.why.params.get("after") == "arming" for event in seen.take())
         with robot.control("script") as base:
             base.drive(vx_mps=0.1, duration_s=0.1)
 
@@ -64,8 +63,9 @@ def test_a_stop_just_sent_is_released_too() -> None:
 
 def test_a_reset_takes_control_from_nobody_and_changes_no_robot_that_is_not_latched() -> None:
     with SimulatedRobot("tsd") as robot, robot.control("bob") as base:
-        with pytest.raises(RequestRefused, match="the robot is ready, not stopped"):
+        with pytest.raises(RequestRefused) as refused:
             robot.reset()
+        assert (refused.value.code, refused.value.params) == ("not_latched", {"mode": "ready"})
         assert (robot.state.mode, base.is_held) == ("ready", True)
         base._protocol.release()
         base._link.detach(base._protocol)
@@ -82,30 +82,29 @@ def test_a_reset_takes_control_from_nobody_and_changes_no_robot_that_is_not_latc
 
 
 def raised() -> Iterator[str]:
-    """Yield the sentence of each `raise` of a client error; ... marks inserted text."""
+    """Yield the code of each client error that is made; * marks a mode."""
     names = {each.__name__ for each in (ClientError, *subclasses(ClientError))}
     for file in FILES:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            call = node.exc if isinstance(node, ast.Raise) else None
-            if isinstance(call, ast.Call) and getattr(call.func, "id", "") in names:
-                yield text_of(call)
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") in names:
+                yield from codes_of(node)
 
 
-def text_of(call: ast.Call) -> str:
-    before = {
-        "ControlDenied": "... gives no control: ",
-        "RequestRefused": "... refuses to ... ",
-        "SeveralRobotsFound": "name one, connect(robot=",
-        "StopNotConfirmed": "no confirmed stop of ",
+def codes_of(call: ast.Call) -> Iterator[str]:
+    own = {
+        "ControlDenied": ["control_denied"],
+        "RequestRefused": ["arm_refused"],
+        "SeveralRobotsFound": ["several_robots"],
+        "StopNotConfirmed": ["stops_unconfirmed"],
     }
-    parts: list[str] = [before.get(getattr(call.func, "id", ""), "")]
-    for argument in call.args:
-        for node in ast.walk(argument):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                parts.append(node.value)
-            elif isinstance(node, ast.Name) and node.id == "_HINT":
-                parts.append("no robot")
-    return "...".join(parts).replace("refuses to ... ...", "refuses to ")
+    name = getattr(call.func, "id", "")
+    if name in own:
+        yield from own[name]
+    elif isinstance(code := call.args[1], ast.Constant):
+        yield str(code.value)
+    else:  # `robot_` and the mode, or what the caller names.
+        yield from (f"robot_{mode}" for mode in ("stopped", "fault", "disarmed", "arming"))
+        yield from ("not_ready", "stopped_by_itself")
 
 
 def subclasses(of: type) -> Iterator[type]:
@@ -115,27 +114,13 @@ def subclasses(of: type) -> Iterator[type]:
 
 
 def test_each_error_that_a_client_raises_has_a_remedy() -> None:
-    sentences = set(raised())
-    assert len(sentences) > 20
-    of_the_robot = {"... refuses to ... "}  # Its own sentence follows; see the next test.
-    assert {text for text in sentences if not remedy_of(text)} == of_the_robot
+    codes = set(raised())
+    assert len(codes) > 20
+    assert codes <= REMEDIES.keys()
 
 
-def test_each_remedy_belongs_to_a_sentence_that_a_client_or_a_robot_says() -> None:
-    files = [*FILES, *(ROOT / "src/tsd_twin" / name for name in ROBOTS_OWN)]
-    files += [
-        ROOT / "src/tsd_twin/robots/description.py",
-        ROOT / "src/tsd_twin/messages/requests.py",
-        ROOT / "src/tsd_twin/errors.py",
-    ]
-    said = "\n".join(file.read_text(encoding="utf-8") for file in files)
-    said = said.replace("REMEDIES", "", 1)
-    said = re.sub(r'"\s*\n\s*f?"', "", re.sub(r"REMEDIES: .*?\n}\n", "", said, flags=re.DOTALL))
-    modes = {"is stopped", "is fault", "is disarmed", "is arming", "is ready already"}
-    missing = {
-        part for part in REMEDIES if not all(words.strip() in said for words in part.split("..."))
-    }
-    assert missing <= modes, "a mode is filled in"
+def test_each_remedy_belongs_to_a_code_of_a_client_or_a_robot() -> None:
+    assert REMEDIES.keys() <= {*raised(), *Code}
 
 
 def stop_first(robot: SimulatedRobot) -> None:
@@ -186,7 +171,21 @@ def test_what_is_refused_names_the_call_that_resolves_it_in_attribute_and_traceb
         assert caught.value.__notes__ == [f"Remedy: {caught.value.remedy}"]
 
 
-def test_troubleshooting_has_each_sentence_and_its_remedy() -> None:
+def test_troubleshooting_has_each_code_and_its_remedy() -> None:
     (rows,) = tables(section(page("troubleshooting.md"), "## Python"))
-    told = {quoted(message)[0]: remedy for message, remedy in rows}
-    assert {part: call for part, call in REMEDIES.items() if f"`{call}`" != told.get(part)} == {}
+    assert {quoted(code)[0]: remedy for code, remedy in rows} == {
+        code: f"`{call}`" for code, call in REMEDIES.items()
+    }
+
+
+def test_refusal_has_the_code_and_the_parameters_of_the_robot() -> None:
+    with SimulatedRobot("tsd") as robot, robot.control("bob"):
+        with pytest.raises(ControlDenied) as denied, robot.control("script"):
+            pass
+        assert (denied.value.code, denied.value.params) == ("driven_by", {"holder": "bob"})
+        robot.stop("smoke")
+        robot.sleep(0.1)
+        with pytest.raises(RobotStopped) as stopped, robot.control("script", take_over=True):
+            pass
+        assert stopped.value.code == "stop_with_text"
+        assert stopped.value.params["text"] == "smoke"

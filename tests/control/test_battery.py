@@ -9,6 +9,7 @@ import pytest
 
 from tests.support.controller_harness import PERIOD_S, ROBOT, ControllerHarness, HarnessOperator
 from tests.support.markdown_pages import page, section, tables
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.ros import BASE, ODOM
 from tsd_twin.messages.topics import Service
 from tsd_twin.safety import ARMED, Mode
@@ -106,8 +107,9 @@ def test_at_full_speed_it_slows_down_and_stays_slow_until_it_was_disarmed() -> N
     rig.drive(pilot, (1.0, 0.0, 0.0), 0.12 + (1.0 - LOW_MPS) / LIMITS.deceleration_mps2)
     assert rig.twist[0] == pytest.approx(LOW_MPS)
     (event,) = [event for event in rig.controller.take_events() if event.kind == "battery"]
-    assert event.text == ("The battery is low: below 11.2 V. The speed limit is 50 % of the usual.")
-    assert rig.status().limits.reason == "the battery is low: below 11.2 V"
+    low = because(Code.BATTERY_LOW, volts=11.2)
+    assert event.why == because(Code.SLOWED, low, percent=50)
+    assert rig.status().limits.why == (low,)
     rig.battery_v = 12.6
     rig.drive(pilot, (1.0, 0.0, 0.0), 2.0)
     assert rig.twist[0] == pytest.approx(LOW_MPS), "its load is gone, it is not charged"

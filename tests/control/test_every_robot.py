@@ -10,6 +10,7 @@ import pytest
 from tests.support.controller_harness import ControllerHarness
 from tsd_twin import robots
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.status import encode_status
 from tsd_twin.messages.topics import Service
 from tsd_twin.safety import Mode
@@ -129,7 +130,7 @@ def test_wheels_that_turn_already_are_not_armed(name: str) -> None:
             rig.ask(Service.LEASE, op="renew", operator="alice", lease=pilot.lease)
         assert rig.mode is not Mode.READY
     assert rig.mode is Mode.DISARMED
-    assert "did not come to speed" in rig.status().stop_reason
+    assert rig.status().stop == because(Code.NOT_AT_SPEED)
 
 
 @pytest.mark.parametrize("name", STANDING)

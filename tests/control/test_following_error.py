@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
 from tsd_twin.control.faults import ASIDE_RAD, PATIENCE_S, REMEMBERED_S, FollowingErrorMonitor
+from tsd_twin.messages.codes import Code
 from tsd_twin.messages.requests import Event
 from tsd_twin.safety import Mode
 from tsd_twin.simulation import RobotWithStuckJoint, SimRobot, StuckJoint
@@ -18,7 +19,9 @@ LONGEST_S = PATIENCE_S + REMEMBERED_S + 0.1
 
 
 def faults(rig: ControllerHarness) -> list[Event]:
-    return [event for event in rig.controller.take_events() if "to fault" in event.text]
+    return [
+        event for event in rig.controller.take_events() if event.why.params.get("after") == "fault"
+    ]
 
 
 @pytest.mark.parametrize("let_go", [False, True])
@@ -37,7 +40,8 @@ def test_a_gimbal_that_sticks_shuts_off_the_wheels_and_is_named(
     else:
         rig.drive(pilot, (0.0, 0.0, 0.0), 0.3 + LONGEST_S)
     assert rig.mode is Mode.FAULT
-    assert f"{gimbal} does not follow" in rig.status().stop_reason
+    stop = rig.status().stop
+    assert (stop.code, stop.params["joint"]) == (Code.FOLLOWING_ERROR, gimbal)
     assert len(faults(rig)) == 1
     assert not rig.setpoint[rig.wheels].any()
     rig.drive(pilot, way, 1.0)
@@ -75,7 +79,7 @@ def test_what_comes_late_is_no_fault_however_fast_it_is_told(
     told = amplitude * np.sin(turn * times)
     for i, now_s in enumerate(times):
         measured = told[max(i - lag, 0)]
-        assert following.step(float(now_s), told[i : i + 1], np.array([measured])) == ""
+        assert following.step(float(now_s), told[i : i + 1], np.array([measured])) is None
 
 
 @given(off=st.floats(-1.0, 1.0), at=st.integers(0, 1))
@@ -89,12 +93,13 @@ def test_what_stays_away_is_one_after_its_patience_and_not_before(off: float, at
         assert late == []
     else:
         assert late[0] == pytest.approx(PATIENCE_S, abs=1.5 * PERIOD_S)
-        assert said[-1].startswith(f"{'ab'[at]} does not follow")
+        assert said[-1].code == Code.FOLLOWING_ERROR
+        assert said[-1].params["joint"] == "ab"[at]
 
 
 def test_no_number_is_no_fault_and_a_gap_does_not_count_for_one() -> None:
     following = FollowingErrorMonitor(["a"])
     for i in range(200):
-        assert following.step(PERIOD_S * i, np.zeros(1), np.array([np.nan])) == ""
+        assert following.step(PERIOD_S * i, np.zeros(1), np.array([np.nan])) is None
     following.forget()
-    assert following.step(100.0, np.zeros(1), np.ones(1)) == ""
+    assert following.step(100.0, np.zeros(1), np.ones(1)) is None

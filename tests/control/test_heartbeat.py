@@ -7,9 +7,13 @@ from typing import cast
 import pytest
 
 from tests.support.controller_harness import ControllerHarness
+from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.requests import Reply
 from tsd_twin.messages.topics import Service
 from tsd_twin.node import PERIOD_S
 from tsd_twin.safety import ARMED, Mode
+
+HAS_IT = because(Code.RADIO_CONTROL)
 
 
 def words(rig: ControllerHarness) -> int:
@@ -106,13 +110,13 @@ def test_what_the_board_objects_to_is_a_fault_while_armed_and_refuses_arming(
     rig: ControllerHarness,
 ) -> None:
     pilot = rig.get_ready()
-    rig.controller.step(rig.now_s + PERIOD_S, rig._measure(), (), "the radio control has the robot")
+    rig.controller.step(rig.now_s + PERIOD_S, rig._measure(), (), HAS_IT)
     assert mode_of(rig) is Mode.FAULT
-    assert rig.status().stop_reason == "the radio control has the robot"
+    assert rig.status().stop == HAS_IT
     rig.now_s += 1.0
     assert rig.ask(Service.RESET, lease=pilot.lease).ok
-    rig.controller.step(rig.now_s, rig._measure(), (), "the radio control has the robot")
+    rig.controller.step(rig.now_s, rig._measure(), (), HAS_IT)
     reply = rig.ask(Service.ARM, lease=pilot.lease)
-    assert (reply.ok, reply.reason) == (False, "the radio control has the robot")
+    assert reply == Reply.refused(HAS_IT)
     rig.tick()
     assert rig.ask(Service.ARM, lease=pilot.lease).ok

@@ -10,6 +10,7 @@ import pytest
 from tests.control.test_battery import arm_again
 from tests.support.controller_harness import ROBOT, ControllerHarness
 from tsd_twin.control.faults import HOT_C, WARM_C, HeatMonitor
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.simulation import SimRobot
 
 LOW_MPS = ROBOT.battery.low_speed_share * ROBOT.limits.speed_mps
@@ -29,7 +30,7 @@ def test_it_is_slow_from_hot_until_disarmed_and_cool() -> None:
         elif celsius is not None and celsius < WARM_C and not armed:
             slow = False
         assert monitor.share == (0.5 if slow else 1.0)
-        assert bool(monitor.reason) == slow
+        assert (monitor.why is not None) == slow
     assert events > 100
 
 
@@ -37,7 +38,7 @@ def test_a_warm_servo_is_said_once_and_changes_nothing() -> None:
     monitor = HeatMonitor(0.5)
     event = monitor.step(65.0, 0.0, armed=True)
     assert event is not None
-    assert event.text == "A servo has 65 °C: at 70 °C the robot slows down."
+    assert event.why == because(Code.SERVO_WARM, celsius=65, limit_c=70)
     assert monitor.step(69.9, 0.1, armed=True) is None
     assert monitor.share == 1.0
 
@@ -53,12 +54,11 @@ def test_at_full_speed_it_slows_down_and_stays_slow_until_it_was_disarmed() -> N
     rig.drive(pilot, (1.0, 0.0, 0.0), 1.5)
     assert rig.twist[0] == pytest.approx(LOW_MPS)
     (event,) = [event for event in rig.controller.take_events() if event.kind == "heat"]
-    assert event.text == "A servo is hot: above 70 °C. The speed limit is 50 % of the usual."
+    hot = because(Code.SERVO_HOT, limit_c=70)
+    assert event.why == because(Code.SLOWED, hot, percent=50)
     rig.battery_v = 10.9
     rig.drive(pilot, (1.0, 0.0, 0.0), 1.5)
-    assert rig.status().limits.reason == (
-        "the battery is low: below 11.2 V; a servo is hot: above 70 °C"
-    )
+    assert rig.status().limits.why == (because(Code.BATTERY_LOW, volts=11.2), hot)
     assert rig.status().limits.speed_mps == pytest.approx(LOW_MPS)
     rig.battery_v, rig.servo_c = 12.6, 50.0
     rig.drive(pilot, (1.0, 0.0, 0.0), 1.0)

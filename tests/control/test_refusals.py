@@ -7,11 +7,13 @@ import random
 from collections import defaultdict
 from typing import Any
 
+import msgspec
 import pytest
 
 from tests.support.controller_harness import ControllerHarness, HarnessOperator
 from tsd_twin import robots
 from tsd_twin.lie import SE2
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.requests import LeaseReply
 from tsd_twin.messages.status import Refusals
 from tsd_twin.messages.topics import Service
@@ -149,12 +151,12 @@ class RandomOperators:
         robot = self.rig.controller.robot
         return copy.deepcopy(self.rig, {id(robot): robot})
 
-    def answer(self, said: str | None, service: Service, **fields: Any) -> str | None:
+    def answer(self, said: Reason | None, service: Service, **fields: Any) -> Reason | None:
         """Return the refusal of a request, None when it is accepted; `said` is in the status."""
         rig = self.copied() if said is None else self.rig
         reply = rig.ask(service, **fields)
         accepted = reply.granted if isinstance(reply, LeaseReply) else reply.ok
-        return None if accepted else reply.reason
+        return None if accepted else reply.why
 
     def is_moved_by(self, operator: str, lease: str) -> bool:
         """Return whether a fresh command moves the robot."""
@@ -176,16 +178,17 @@ class RandomOperators:
         lease = self.rig.controller.supervisor.lease_in_force(self.rig.now_s)
         holder = lease.holder if lease else STRANGER
         held = lease.id.hex() if lease else UNKNOWN_LEASE
-        answer = self.answer(refusals.lease, Service.LEASE, op="acquire", operator=STRANGER)
-        assert answer == refusals.lease, self.done
+        why = refusals.why
+        answer = self.answer(why.get("lease"), Service.LEASE, op="acquire", operator=STRANGER)
+        assert answer == why.get("lease"), self.done
         for key, service in HOLDER_SERVICES.items():
             for said, lease_hex in (
-                (getattr(refusals, key), held),
-                (refusals.without_lease, "cd" * 16),
+                (why.get(key), held),
+                (why["without_lease"], "cd" * 16),
             ):
                 answer = self.answer(said, service, lease=lease_hex, **self.fields(key))
                 assert answer == said, (key, self.done)
-        assert self.is_moved_by(holder, held) == (refusals.drive is None), self.done
+        assert self.is_moved_by(holder, held) == ("drive" not in why), self.done
         assert not self.is_moved_by(STRANGER, "cd" * 16)
         return refusals
 
@@ -193,42 +196,48 @@ class RandomOperators:
 @every_robot
 def test_the_status_says_what_each_service_answers_at_that_moment(name: str) -> None:
     operators = RandomOperators(name, seed=1)
-    seen: dict[str, set[str | None]] = defaultdict(set)
+    seen: dict[str, set[bytes | None]] = defaultdict(set)
     modes: set[Mode] = set()
     for _ in range(150):
         operators.act()
         refusals = operators.check()
         modes.add(operators.rig.mode)
-        for key in refusals.__struct_fields__:
-            seen[key].add(getattr(refusals, key))
+        for key in ("lease", "without_lease", *HOLDER_SERVICES, "drive"):
+            seen[key].add(encoded(refusals.why.get(key)))
     stands = operators.rig.controller.robot.wheel_speed_range is None
     for key in ("lease", *HOLDER_SERVICES, "drive"):
         accepted = key != "speed" or not stands
         assert (None in seen[key]) == accepted, (key, "never accepted or never refused")
         assert len(seen[key]) > 1, (key, "always the same")
     assert seen["without_lease"] == {
-        "take control first",
-        *(f"{name} has control" for name in OPERATORS),
+        encoded(because(Code.TAKE_CONTROL_FIRST)),
+        *(encoded(because(Code.HELD_BY, holder=name)) for name in OPERATORS),
     }
     assert modes == set(Mode)
-    assert "the robot is coming to rest" in seen["drive"]
-    assert any("kept for" in str(reason) for reason in seen["lease"])
+    assert encoded(because(Code.COMING_TO_REST)) in seen["drive"]
+    assert any(Code.RESERVED_FOR.encode() in (reason or b"") for reason in seen["lease"])
+
+
+def encoded(reason: Reason | None) -> bytes | None:
+    return None if reason is None else msgspec.json.encode(reason)
 
 
 def test_the_reason_of_a_fault_is_said_before_arming_is_requested() -> None:
     rig = ControllerHarness()
     pilot = rig.acquire()
-    assert rig.status().refusals == Refusals(
-        lease="alice drives; ask for control or take over",
-        without_lease="alice has control",
-        reset="the robot is disarmed, not stopped",
-        drive="the robot is disarmed: arm it first",
+    assert rig.status().refusals == Refusals.of(
+        {
+            "lease": because(Code.DRIVEN_BY, holder="alice"),
+            "without_lease": because(Code.HELD_BY, holder="alice"),
+            "reset": because(Code.NOT_LATCHED, mode="disarmed"),
+            "drive": because(Code.ARM_FIRST),
+        }
     )
     rig.measures = False
     rig.drive(pilot, (0.0, 0.0, 0.0), 0.2)
     refusals = rig.status().refusals
     assert refusals is not None
-    assert refusals.arm == "the joints have not been measured for 100 ms"
+    assert refusals.why["arm"] == because(Code.JOINTS_SILENT, ms=100)
 
 
 def test_a_reservation_refuses_all_operators_but_one() -> None:
@@ -238,7 +247,7 @@ def test_a_reservation_refuses_all_operators_but_one() -> None:
     rig.ask(Service.LEASE, op="grant", operator="alice", lease=pilot.lease, asker="bob")
     status = rig.status()
     assert status.refusals is not None
-    assert status.refusals.lease == "control is kept for bob, for a moment"
+    assert status.refusals.why["lease"] == because(Code.RESERVED_FOR, operator="bob")
     assert status.lease.reserved_for == "bob"
     rig.acquire("bob")
 
@@ -248,14 +257,16 @@ def test_a_reset_is_refused_for_half_a_second_after_a_push() -> None:
     pilot = rig.get_ready()
     rig.drive(pilot, (0.5, 0.0, 0.0), 0.1)
     rig.controller.stop(b"", rig.now_s)
-    refused: list[str | None] = []
+    refused: list[Reason | None] = []
     for _ in range(60):
         rig.tick()
         status = rig.status()
         assert status.refusals is not None
-        refused.append(status.refusals.reset)
-    assert set(refused) == {"let go of the stick first", None}
-    assert refused == sorted(refused, key=lambda reason: reason is None)
+        refused.append(status.refusals.why.get("reset"))
+    accepted = refused.index(None)
+    assert 0 < accepted < len(refused)
+    assert refused[:accepted] == [because(Code.RELEASE_FIRST)] * accepted
+    assert not any(refused[accepted:])
 
 
 def test_coming_to_rest_only_the_operator_who_drove_goes_on() -> None:
@@ -265,8 +276,9 @@ def test_coming_to_rest_only_the_operator_who_drove_goes_on() -> None:
     rig.wait(0.25)
     status = rig.status()
     assert status.refusals is not None
-    assert (status.mode, status.refusals.drive) == ("stopping", None)
+    assert (status.mode, status.refusals.why.get("drive")) == ("stopping", None)
     rig.acquire("bob", take_over=True)
     status = rig.status()
     assert status.refusals is not None
-    assert (status.mode, status.refusals.drive) == ("stopping", "the robot is coming to rest")
+    assert status.mode == "stopping"
+    assert status.refusals.why["drive"] == because(Code.COMING_TO_REST)

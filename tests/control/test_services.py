@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.requests import LeaseReply
 from tsd_twin.messages.topics import Service
 from tsd_twin.safety import Mode
@@ -40,7 +41,7 @@ def test_a_stop_needs_no_readable_request(rig: ControllerHarness, payload: bytes
     rig.get_ready()
     assert rig.controller.serve(Service.STOP, payload, rig.now_s).ok
     assert rig.mode is Mode.STOPPED
-    assert rig.status().stop_reason == "software stop by an unnamed client"
+    assert rig.status().stop == because(Code.STOP_REQUESTED)
 
 
 @settings(deadline=None)

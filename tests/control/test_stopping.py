@@ -8,6 +8,7 @@ import pytest
 from tests.support.controller_harness import ControllerHarness, HarnessOperator
 from tsd_twin import robots
 from tsd_twin.control import RobotController
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.topics import Service
 from tsd_twin.safety import Mode
 
@@ -78,7 +79,7 @@ def test_after_a_stop_nothing_moves_until_reset_and_arm_and_a_new_command(
     for _ in range(60):  # The stick is still held.
         rig.drive(pilot, (1.0, 0.0, 0.0), 0.02)
         assert still(rig)
-    assert rig.ask(Service.RESET, lease=pilot.lease).reason == "let go of the stick first"
+    assert rig.ask(Service.RESET, lease=pilot.lease).why == because(Code.RELEASE_FIRST)
     rig.drive(pilot, (0.0, 0.0, 0.0), 0.6)
     assert rig.ask(Service.ARM, lease=pilot.lease).ok is False
     assert rig.ask(Service.RESET, lease=pilot.lease).ok
@@ -187,7 +188,7 @@ def test_who_stops_measuring_stops_driving_and_is_in_fault(sim_rig: ControllerHa
     assert rig.mode is Mode.DRIVING
     rig.drive(pilot, (1.0, 0.0, 0.0), 0.06)
     assert rig.mode is Mode.FAULT
-    assert "measured" in rig.status().stop_reason
+    assert rig.status().stop.code == Code.JOINTS_SILENT
     assert still(rig)
     rig.measures = True
     rig.drive(pilot, (1.0, 0.0, 0.0), 1.0)

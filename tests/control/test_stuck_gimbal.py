@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.simulation import RobotWithStuckJoint, SimRobot, StuckJoint
 
 STATUS_S = 0.05
@@ -34,7 +35,7 @@ def test_one_jammed_gimbal_is_named_within_a_fifth_of_a_second(
     assert consistency.level > 1.0
     assert set(consistency.explained) == {"module1", "module2", "module3"}
     (event,) = [event for event in rig.controller.take_events() if event.kind == "consistency"]
-    assert event.text == f"module{module} contradicts the others."
+    assert event.why == because(Code.ACTUATOR_SUSPECT, actuator=f"module{module}")
 
 
 def test_what_is_not_believed_makes_the_pose_less_certain() -> None:

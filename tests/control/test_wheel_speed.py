@@ -11,6 +11,7 @@ from tests.support.controller_harness import ROBOT, ControllerHarness, HarnessOp
 from tsd_twin import robots
 from tsd_twin.control.services import WheelSpeedController
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.topics import Service
 from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot
@@ -156,7 +157,7 @@ def test_what_the_motors_cannot_do_is_refused_with_what_they_can(
     reply = rig.controller.serve(Service.SPEED, payload, rig.now_s)
     assert not reply.ok
     if "e999" not in rpm:
-        assert reply.reason == "the wheels turn at 2,000 to 13,409 rpm"
+        assert reply.why == because(Code.WHEEL_SPEED_REFUSED, least_rpm=2000, most_rpm=13409)
     rig.wait(0.5)
     np.testing.assert_array_equal(rig.setpoint[rig.wheels], before[rig.wheels])
 

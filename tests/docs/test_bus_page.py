@@ -20,6 +20,7 @@ from tests.app.conftest import Program
 from tests.support.markdown_pages import code, page, quoted, section, tables
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import requests, topics
+from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.requests import Sample, decode_request
 from tsd_twin.messages.ros import decode_odometry
 from tsd_twin.messages.status import DropCounts, PoseSensorDrops, Status, encode_stamp
@@ -90,7 +91,7 @@ def leaves(kind: type[msgspec.Struct], path: str = "") -> Iterator[str]:
     """Walk the fields of a status; counts by reason are one."""
     for name, hint in typing.get_type_hints(kind).items():
         (inner, *_) = [t for t in (typing.get_args(hint) or (hint,)) if t is not type(None)]
-        counts = inner in (DropCounts, PoseSensorDrops)
+        counts = inner in (DropCounts, PoseSensorDrops, Reason)
         if isinstance(inner, type) and issubclass(inner, msgspec.Struct) and not counts:
             yield from leaves(inner, f"{path}{name}.")
         else:

@@ -14,6 +14,7 @@ from tsd_twin.dynamixel.servo_models import (
     span,
     wrong_setting,
 )
+from tsd_twin.messages.codes import Code, because
 
 READ_ONLY = {
     1: {0: 3, 36: 9, 46: 1, 68: 2},
@@ -68,14 +69,19 @@ def test_limits_fit_into_the_row_of_the_firmware(model: ServoModel) -> None:
         assert s.address + s.size <= 256
 
 
-def test_what_is_wrong_is_said_in_one_sentence() -> None:
+def test_wrong_register_is_named_with_both_values() -> None:
     setting = ServoSetting(9, 1, 25, 250, "return delay time")
     assert setting in MODELS[311].settings
-    assert wrong_setting("servo 5", 311, 9, 0) == (
-        "servo 5: return delay time (register 9) is 0, and must be 25 to 250; set it with "
-        "Dynamixel Wizard"
+    assert wrong_setting("5", 311, 9, 0) == because(
+        Code.SERVO_SETTING,
+        servo="5",
+        setting="return delay time",
+        register=9,
+        value=0,
+        wanted="25 to 250",
     )
-    assert wrong_setting("servo 5", 311, 20, 2**32 - 5).startswith(
-        "servo 5: homing offset (register 20) is -5"
+    negative = wrong_setting("5", 311, 20, 2**32 - 5)
+    assert (negative.params["setting"], negative.params["value"]) == ("homing offset", -5)
+    assert wrong_setting("5", 0, 20, 3) == because(
+        Code.SERVO_REGISTER, servo="5", register=20, value=3
     )
-    assert wrong_setting("servo 5", 0, 20, 3) == "servo 5: register 20 is 3, which must not be"

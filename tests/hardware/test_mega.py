@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from tsd_twin.dynamixel.packets import protocol2
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
 from tsd_twin.hardware.joints import Receiver, SpeedControllers
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.node import HasBattery, HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
@@ -39,6 +39,17 @@ def wait_until(condition: Callable[[], object], what: str) -> None:
     while not condition():
         assert time.monotonic() < end_s, what
         time.sleep(0.002)
+
+
+def wrong(servo: str, setting: str, register: int, value: int, wanted: str) -> Reason:
+    return because(
+        Code.SERVO_SETTING,
+        servo=servo,
+        setting=setting,
+        register=register,
+        value=value,
+        wanted=wanted,
+    )
 
 
 class Bench:
@@ -64,8 +75,12 @@ class Bench:
         wait_until(met, f"{what}: {self.fault!r} {self.robot.hardware()}")
 
     @property
-    def fault(self) -> str:
+    def fault(self) -> Reason | None:
         return self.robot.fault(time.monotonic())
+
+    @property
+    def code(self) -> str:
+        return self.fault.code if self.fault else ""
 
     @property
     def told(self) -> Command:
@@ -220,7 +235,7 @@ def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
         board.obeys_arm = False
         board.telemetry = replace(board.telemetry, mode=BoardMode.RC)
         robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
-        assert robot.fault(time.monotonic()) == "the radio control has the robot"
+        assert robot.fault(time.monotonic()) == because(Code.RADIO_CONTROL)
         robot.close()
         assert len(board.setups) == 1
         board.error = 7
@@ -240,20 +255,20 @@ def test_the_thresholds_of_the_battery_are_told_to_the_board_and_warned_of(
     it.until(lambda: it.robot.hardware()["warnings"], "warned")
     assert it.robot.hardware()["warnings"] == [f"the battery is low: below {battery.warn_v:g} V"]
     assert caplog.text.count("the battery is low") == 1
-    assert it.fault == ""
+    assert it.fault is None
     it.board.telemetry = replace(it.board.telemetry, battery_mv=round(990.0 * battery.arm_v))
     it.until(lambda: it.fault, "refused")
-    assert it.fault == f"the battery is too low to arm: {0.99 * battery.arm_v:.1f} V"
+    assert it.fault == because(Code.BATTERY_TOO_LOW, volts=0.99 * battery.arm_v)
     it.board.telemetry = replace(it.board.telemetry, battery_mv=12500)
     it.until(lambda: not it.fault and not it.robot.hardware()["warnings"], "well")
 
 
 @pytest.mark.parametrize(
-    ("receiver", "pulses", "fault", "warned"),
+    ("receiver", "pulses", "channels", "warned"),
     [
-        (Receiver(), (0,) * 6, "no pulses of forward, left, turn, speed, kill, manual", False),
-        (Receiver(), (1500, 1500, 1500, 1100, 0, 1100), "no pulses of kill", False),
-        (None, (1500, 0, 1500, 1100, 1900, 1100), "no pulses of left", True),
+        (Receiver(), (0,) * 6, "forward, left, turn, speed, kill, manual", False),
+        (Receiver(), (1500, 1500, 1500, 1100, 0, 1100), "kill", False),
+        (None, (1500, 0, 1500, 1100, 1900, 1100), "left", True),
         (None, (1500, 1500, 1500, 1100, 1900, 1100), "", True),
         (None, (0,) * 6, "", False),
     ],
@@ -262,7 +277,7 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
     tmp_path: Path,
     receiver: Receiver | None,
     pulses: tuple[int, ...],
-    fault: str,
+    channels: str,
     warned: bool,
 ) -> None:
     board = PretendBoard()
@@ -270,8 +285,8 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
     with plugged(tmp_path, board) as peer:
         calibration = ServoCalibration(receiver=receiver)
         robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), calibration)
-        assert robot.fault(time.monotonic()).endswith(fault)
-        assert bool(fault) == bool(robot.fault(time.monotonic()))
+        silent = because(Code.RECEIVER_SILENT, channels=channels) if channels else None
+        assert robot.fault(time.monotonic()) == silent
         assert ("--setup" in "".join(robot.hardware()["warnings"])) == warned
         robot.close()
     assert board.setups[0].receiver_expected == (receiver is not None)
@@ -283,13 +298,11 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
     [
         (
             {"servo_checked": 0b011111, "wrong_servo": 6, "wrong_register": 11, "wrong_value": 4},
-            "servo 6 (module3_beta): operating mode (register 11) is 4, and must be 3; set it with "
-            "Dynamixel Wizard",
+            wrong("6 (module3_beta)", "operating mode", 11, 4, "3"),
         ),
         (
             {"servo_checked": 62, "wrong_servo": 1, "wrong_register": 20, "wrong_value": 2**32 - 7},
-            "servo 1 (module1_alpha): homing offset (register 20) is -7, and must be 0; set it "
-            "with Dynamixel Wizard",
+            wrong("1 (module1_alpha)", "homing offset", 20, -7, "0"),
         ),
         (
             {
@@ -300,31 +313,34 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
                 "wrong_register": 20,
                 "wrong_value": 5,
             },
-            "servo 1 (module1_alpha): multi-turn offset (register 20) is 5, and must be 0; set it "
-            "with Dynamixel Wizard",
+            wrong("1 (module1_alpha)", "multi-turn offset", 20, 5, "0"),
         ),
         (
             {"servo_checked": 62, "wrong_servo": 1, "wrong_register": 0, "wrong_value": 12},
-            "servo 1 (module1_alpha): model 12 is not one of MX-64 (310), MX-64(2.0) (311), "
-            "XM430-W350 (1020), XM430-W210 (1030), XM540-W270 (1120), XM540-W150 (1130)",
+            because(
+                Code.SERVO_MODEL,
+                servo="1 (module1_alpha)",
+                model=12,
+                known="MX-64 (310), MX-64(2.0) (311), XM430-W350 (1020), XM430-W210 (1030), "
+                "XM540-W270 (1120), XM540-W150 (1130)",
+            ),
         ),
         (
             {"servo_checked": 0b111011},
-            "servo 3 (module2_alpha): the settings have not been read yet",
+            because(Code.SERVO_UNREAD, servos="3 (module2_alpha)"),
         ),
         (
             {"servo_torque": 0b110111},
-            "servo 4 (module2_beta): no torque: it restarted, or another program switched it off",
+            because(Code.SERVO_LIMP, servos="4 (module2_beta)"),
         ),
         (
             {"servo_torque": 0b111101, "servo_far": 0b000010},
-            "servo 2 (module1_beta): more than 9 degrees from its neutral position, so it gets no "
-            "torque: turn its gimbal upright by hand, or correct neutral_step in the calibration",
+            because(Code.SERVO_FAR, servos="2 (module1_beta)"),
         ),
     ],
 )
 def test_a_servo_that_is_not_set_or_does_not_hold_is_named(
-    it: Bench, telemetry: dict[str, Any], fault: str
+    it: Bench, telemetry: dict[str, Any], fault: Reason
 ) -> None:
     it.board.telemetry = replace(it.board.telemetry, **telemetry)
     it.until(lambda: it.fault == fault, "named")
@@ -340,23 +356,24 @@ def test_a_gimbal_that_did_not_follow_is_named(it: Bench) -> None:
         servo_stuck=0b000010,
     )
     told = "a gimbal does not follow its goal: it is stuck, or its servo is"
-    fault = f"servo 2 (module1_beta): the board disarmed itself: {told}"
+    trip = because(Code.BOARD_TRIP, trip="following")
+    fault = because(Code.GIMBALS_STUCK, trip, servos="2 (module1_beta)")
     it.until(lambda: it.fault == fault, "named", armed=True)
     assert it.robot.hardware()["last_trip"] == f"servo 2 (module1_beta): {told}"
 
 
 def test_a_stop_that_was_never_seen_to_work_is_asked_for_once(it: Bench) -> None:
     it.board.telemetry = replace(it.board.telemetry, stop_proven=0)
-    words = "the stop was not tested since power came: press and release it once"
-    it.until(lambda: it.fault == words, "asked for")
+    untested = because(Code.ARMING_OBSTACLE, what="stop_not_proven")
+    it.until(lambda: it.fault == untested, "asked for")
     it.board.telemetry = replace(it.board.telemetry, stop_proven=1)
-    it.until(lambda: it.fault == "", "seen")
+    it.until(lambda: it.fault is None, "seen")
 
 
 def test_a_stop_reaches_the_board_also_when_the_radio_control_has_the_robot(it: Bench) -> None:
     it.board.obeys_arm = False
     it.board.telemetry = replace(it.board.telemetry, mode=BoardMode.RC)
-    it.until(lambda: it.fault == "the radio control has the robot", "taken")
+    it.until(lambda: it.code == Code.RADIO_CONTROL, "taken")
 
     def written(heartbeat: Heartbeat, arm: int) -> bool:
         it.robot.set_heartbeat(heartbeat)
@@ -383,7 +400,8 @@ def test_the_node_is_told_the_hottest_servo_and_75_degrees_are_a_fault(it: Bench
     it.board.telemetry = replace(it.board.telemetry, temperature=(40, 50, 75, 45, 40, 76))
     it.until(
         lambda: (
-            it.fault == "servos 3 (module2_alpha), 6 (module3_beta): at least 75 °C: let it cool"
+            it.fault
+            == because(Code.SERVO_TOO_HOT, servos="3 (module2_alpha), 6 (module3_beta)", limit_c=75)
         ),
         "named",
     )
@@ -443,7 +461,7 @@ def test_a_board_that_trips_is_a_fault_until_the_robot_was_disarmed(it: Bench) -
     it.board.obeys_arm = False
     it.board.telemetry = replace(it.board.telemetry, mode=0, trip=Trip.HEARTBEAT)
     it.until(lambda: it.fault, "tripped", armed=True)
-    assert it.fault == "the board disarmed itself: no word of an operator came in time"
+    assert it.fault == because(Code.BOARD_TRIP, trip="heartbeat")
     it.until(lambda: it.told.arm == 0, "asks no more", armed=True)
     it.board.obeys_arm = True
     count = len(it.board.commands)
@@ -458,7 +476,7 @@ def test_unplugged_it_is_a_fault_and_back_it_is_disarmed(it: Bench) -> None:
     it.arm()
     it.peer.unplug()
     it.until(lambda: it.fault, "gone", armed=True)
-    it.until(lambda: "not connected" in it.fault, "said so", armed=True)
+    it.until(lambda: it.code == Code.DEVICE_DISCONNECTED, "said so", armed=True)
     assert it.robot.hardware()["connected"] is False
     assert it.robot.read(time.monotonic()) is None
     count = len(it.board.commands)
@@ -466,7 +484,7 @@ def test_unplugged_it_is_a_fault_and_back_it_is_disarmed(it: Bench) -> None:
     it.until(lambda: it.robot.hardware()["connected"], "back", armed=True)
     it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
     assert not any(command.arm for command in it.board.commands[count:])
-    assert it.fault == "the controller board was lost"
+    assert it.code == Code.BOARD_LOST
     it.disarm()
     it.arm()
 
@@ -477,25 +495,26 @@ def test_a_board_that_restarts_is_set_up_again_and_stays_disarmed(it: Bench) -> 
     it.board.telemetry = replace(it.board.telemetry, millis=0, resets=1, mode=0)
     it.board.table[Setup.ADDRESS] ^= 1  # It has forgotten, too.
     # On a busy machine it falls silent first: what counts is the fault that stays.
-    it.until(lambda: it.fault == "the controller board has restarted", "noticed", armed=True)
+    it.until(lambda: it.code == Code.BOARD_RESTARTED, "noticed", armed=True)
     it.until(lambda: len(it.board.setups) == 2, "set up again", armed=True)
     it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
     assert not any(command.arm for command in it.board.commands[-15:])
 
 
 @pytest.mark.parametrize(
-    ("cause", "fault"),
+    ("cause", "word"),
     [
-        (ResetCause.BROWN_OUT, "the controller board has restarted: its supply had sagged"),
-        (ResetCause.POWER_ON, "the controller board has restarted: it had lost its power"),
+        (ResetCause.BROWN_OUT, "brown_out"),
+        (ResetCause.POWER_ON, "power_on"),
     ],
 )
-def test_a_board_that_restarts_says_why(it: Bench, cause: ResetCause, fault: str) -> None:
+def test_a_board_that_restarts_says_why(it: Bench, cause: ResetCause, word: str) -> None:
     it.arm()
     it.board.telemetry = replace(
         it.board.telemetry, millis=0, resets=1, mode=0, reset_cause=int(cause)
     )
-    it.until(lambda: it.fault == fault, "noticed", armed=True)
+    restarted = because(Code.BOARD_RESTARTED, reset=word)
+    it.until(lambda: it.fault == restarted, "noticed", armed=True)
 
 
 @pytest.mark.parametrize(
@@ -527,7 +546,7 @@ def test_a_mistake_in_the_wiring_is_recognised_when_it_connects(
 def test_a_board_that_lost_its_power_with_the_plug_is_recognised(it: Bench) -> None:
     it.arm()
     it.peer.unplug()
-    it.until(lambda: "not connected" in it.fault, "gone", armed=True)
+    it.until(lambda: it.code == Code.DEVICE_DISCONNECTED, "gone", armed=True)
     it.board.telemetry = replace(it.board.telemetry, millis=10, reset_cause=1, mode=0)
     it.peer.plug_in()
     it.until(lambda: it.robot.hardware()["connected"], "back", armed=True)
@@ -538,7 +557,7 @@ def test_a_board_that_falls_silent_is_a_fault_within_a_tenth_of_a_second(it: Ben
     it.arm()
     it.board.silent = True
     it.until(lambda: it.fault, "silence", armed=True)
-    assert it.fault == "the controller board has not answered for 100 ms"
+    assert it.fault == because(Code.DEVICE_SILENT, device="board", ms=100)
     it.board.silent = False
     it.until(lambda: not it.fault, "hears again", armed=True)
 
@@ -550,7 +569,7 @@ def test_answers_that_come_one_question_late_are_not_taken_for_those_to_this_one
     before = it.robot.hardware()["link"]
     it.board.late = 2
     it.until(lambda: it.fault, "noticed", armed=True)
-    assert it.fault == "the controller board has not answered for 100 ms"
+    assert it.fault == because(Code.DEVICE_SILENT, device="board", ms=100)
     it.board.late = 0
     it.until(lambda: not it.fault, "hears again", armed=True)
     assert it.robot.hardware()["link"]["missed"] > before["missed"]
@@ -605,10 +624,12 @@ def test_garbage_is_a_fault_until_the_line_is_clean_and_nothing_arms_by_itself(
 
     def told() -> bool:
         soil()
-        return "garbage" in it.fault
+        return it.code == Code.LINE_GARBAGE
 
     it.until(told, "noticed", setpoint=AHEAD, armed=True)
-    assert re.fullmatch(r"garbage on the serial line: \d+ broken packets in 0\.\d\d s", it.fault)
+    assert it.fault.params["line"] == "board"
+    assert it.fault.params["count"] >= 2
+    assert it.fault.params["s"] < 2.0 * WINDOW_S
     it.until(lambda: soil() or it.told.arm == 0, "disarmed", armed=True)
     it.board.stray, it.board.spoils = b"", 0
     it.until(lambda: "over a clean line" in caplog.text, "clean", armed=True)
@@ -616,7 +637,9 @@ def test_garbage_is_a_fault_until_the_line_is_clean_and_nothing_arms_by_itself(
     it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
     assert not any(command.arm for command in it.board.commands[count:])
     # While a busy machine gets no answer for 100 ms, that is said first.
-    it.until(lambda: "garbage" in it.fault, "latched until the robot is disarmed", armed=True)
+    it.until(
+        lambda: it.code == Code.LINE_GARBAGE, "latched until the robot is disarmed", armed=True
+    )
     assert caplog.text.count("garbage on the serial line") == 1, "one message says so"
     it.disarm()
     it.until(lambda: not it.fault, "well")
@@ -633,7 +656,7 @@ def test_what_was_left_over_for_another_program_is_not_taken_for_an_answer(
                 killed.write(protocol2.read(200, 59, 95) + protocol2.ping(200))
             wait_until(lambda: board.asked >= 6, "answers that nobody reads")
         robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
-        assert robot.fault(time.monotonic()) == ""
+        assert robot.fault(time.monotonic()) is None
         robot.close()
 
 
@@ -643,21 +666,21 @@ def test_a_node_that_hangs_is_not_obeyed_any_more(it: Bench) -> None:
     wait_until(lambda: it.told.arm == 0, "at rest")
     assert it.told.throttle == (2000,) * 3
     assert not any(it.told.goal)
-    it.until(lambda: "hangs" in it.fault, "said so", armed=True)
+    it.until(lambda: it.code == Code.NODE_HANGS, "said so", armed=True)
     assert it.told.arm == 0
 
 
 @pytest.mark.parametrize(
     ("change", "fault"),
     [
-        ({"mode": int(BoardMode.RC)}, "the radio control has the robot"),
-        ({"servo_alive": 0b111011}, "servo 3 (module2_alpha): no answer"),
-        ({"drive_on": 0}, "the speed controllers have no power: the stop circuit is open"),
-        ({"servo_fault": 0b000001}, "servo 1 (module1_alpha): hardware error"),
+        ({"mode": int(BoardMode.RC)}, because(Code.RADIO_CONTROL)),
+        ({"servo_alive": 0b111011}, because(Code.SERVOS_SILENT, servos="3 (module2_alpha)")),
+        ({"drive_on": 0}, because(Code.ARMING_OBSTACLE, what="drive")),
+        ({"servo_fault": 0b000001}, because(Code.SERVO_ERROR, servos="1 (module1_alpha)")),
     ],
 )
 def test_what_is_wrong_below_the_board_is_said(
-    it: Bench, change: dict[str, int], fault: str
+    it: Bench, change: dict[str, int], fault: Reason
 ) -> None:
     it.board.obeys_arm = False
     it.until(lambda: not it.fault, "well")

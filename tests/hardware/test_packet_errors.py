@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S, PacketErrorMonitor
+from tsd_twin.messages.codes import Code
 
 pytestmark = pytest.mark.computes
 
@@ -22,7 +21,7 @@ def lived_through(
     cycles: list[tuple[int, bool]],
 ) -> list[tuple[int, list[int], PacketErrorMonitor]]:
     """Return, for each cycle, when it ended, which spoilt ones are in the window, and the noise."""
-    noise, now_ms, spoilt_ms, seen = PacketErrorMonitor("the wire"), 0, [], []
+    noise, now_ms, spoilt_ms, seen = PacketErrorMonitor("board"), 0, [], []
     for took_ms, spoilt in cycles:
         now_ms += took_ms
         if spoilt:
@@ -51,13 +50,13 @@ def test_it_is_a_fault_from_the_fifth_in_a_window_until_a_window_without_any(
 def test_what_it_says_stays_the_same_while_it_lasts_and_counts_what_there_was(
     cycles: list[tuple[int, bool]],
 ) -> None:
-    before = ""
+    before = None
     for now_ms, window, noise in lived_through(cycles):
         if noise.fault and not before:
-            said = re.fullmatch(r"garbage on the wire: (\d+) broken packets in (.+) s", noise.fault)
-            assert said
-            assert int(said[1]) == len(window)
-            assert float(said[2]) == pytest.approx((now_ms - window[0]) / 1000.0, abs=0.006)
+            assert noise.fault.code == Code.LINE_GARBAGE
+            assert noise.fault.params["count"] == len(window)
+            lately_s = pytest.approx((now_ms - window[0]) / 1000.0, abs=0.006)
+            assert noise.fault.params["s"] == lately_s
         elif noise.fault:
             assert noise.fault == before
         before = noise.fault
@@ -66,7 +65,7 @@ def test_what_it_says_stays_the_same_while_it_lasts_and_counts_what_there_was(
 
 @given(st.lists(st.integers(round(1000 * WINDOW_S / (LIMIT - 1)) + 1, 5000), max_size=200))
 def test_one_now_and_then_stops_nobody(pauses_ms: list[int]) -> None:
-    noise, now_s = PacketErrorMonitor("the wire"), 0.0
+    noise, now_s = PacketErrorMonitor("board"), 0.0
     for pause_ms in pauses_ms:
         now_s += pause_ms / 1000.0
         noise.add_cycle(True, now_s)

@@ -17,7 +17,7 @@ from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
 from tsd_twin.dynamixel.servo_models import MODELS, ServoSetting
 from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware, u2d2
-from tsd_twin.hardware.joints import NO_TORQUE
+from tsd_twin.messages.codes import Code, Reason, Value, because
 from tsd_twin.node import HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
@@ -80,8 +80,15 @@ class Bench:
         return self.robot
 
     @property
-    def fault(self) -> str:
+    def fault(self) -> Reason | None:
         return self.io.fault(time.monotonic())
+
+    @property
+    def code(self) -> str:
+        return self.fault.code if self.fault else ""
+
+    def has(self, code: Code, **params: Value) -> bool:
+        return self.fault == because(code, **params)
 
     def until(
         self,
@@ -151,22 +158,23 @@ def test_turned_servos_and_other_neutrals_are_counted_in(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("calibration", "steps", "words"),
+    ("calibration", "steps", "servos"),
     [
-        (ServoCalibration({"module1_beta": 248}), 0, "servo 2 (module1_beta): more than 9 degrees"),
-        (None, 130, "servos 1 (module1_alpha), 2 (module1_beta), 3 (module2_alpha), 4"),
+        (ServoCalibration({"module1_beta": 248}), 0, "2 (module1_beta)"),
+        (None, 130, "1 (module1_alpha), 2 (module1_beta), 3 (module2_alpha), 4"),
     ],
     ids=["typo", "hanging gimbals"],
 )
 def test_a_servo_far_from_its_neutral_position_gets_no_torque(
-    tmp_path: Path, calibration: ServoCalibration | None, steps: int, words: str
+    tmp_path: Path, calibration: ServoCalibration | None, steps: int, servos: str
 ) -> None:
     with bench(tmp_path, ServoChain(steps=steps), calibration) as it:
         # One holds, as after a bridge that was killed.
         it.chain.servos[1].write(u2d2.GOAL_POSITION, u2d2.GOAL.pack(2048 + steps))
         it.chain.servos[1].write(u2d2.TORQUE_ENABLE, b"\x01")
         it.connect()
-        it.until(lambda: it.fault.startswith(words), AHEAD)
+        it.until(lambda: it.code == Code.SERVO_FAR, AHEAD)
+        assert it.fault.params["servos"].startswith(servos)
         end_s = time.monotonic() + 0.3
         it.until(lambda: time.monotonic() > end_s, AHEAD)
         assert it.chain.servos[1].position == 2048 + steps
@@ -192,7 +200,7 @@ def test_gimbals_that_nobody_drives_approach_slowly(tmp_path: Path) -> None:
 def test_a_gimbal_that_is_turned_upright_by_hand_gets_torque(tmp_path: Path) -> None:
     with bench(tmp_path, ServoChain(steps=130)) as it:
         it.connect()
-        it.until(lambda: "more than 9 degrees" in it.fault)
+        it.until(lambda: it.code == Code.SERVO_FAR)
         it.chain._angles[:] = 0.0
         it.until(lambda: not it.fault)
         assert all(servo.torque for servo in it.chain.servos)
@@ -210,10 +218,10 @@ def test_servos_have_the_ids_of_the_calibration(tmp_path: Path) -> None:
             lambda: np.allclose(it.measured[ANGLES], there * 2 * np.pi / 4096, atol=2e-3), AHEAD
         )
         it.chain.servos[2].fault = True
-        it.until(lambda: it.fault == "servo 3 (module2_alpha): hardware error")
+        it.until(lambda: it.has(Code.SERVO_ERROR, servos="3 (module2_alpha)"))
         it.chain.servos[2].fault = False
         it.chain.servos[5].switch_off()
-        it.until(lambda: it.fault.startswith("servo 6 (module3_beta): no torque"))
+        it.until(lambda: it.has(Code.SERVO_LIMP, servos="6 (module3_beta)"))
         it.until(lambda: it.chain.servos[5].torque)
 
 
@@ -242,7 +250,7 @@ def test_a_servo_that_dies_is_named_and_not_measured(tmp_path: Path) -> None:
         it.connect()
         it.until(lambda: not it.fault)
         it.chain.servos[3].dead = True
-        it.until(lambda: "servo 4 (module2_beta): no answer" in it.fault)
+        it.until(lambda: it.has(Code.SERVOS_SILENT, servos="4 (module2_beta)"))
         it.until(lambda: np.isnan(it.measured[4]))
         assert np.isfinite(it.measured[[0, 1, 3, 6, 7]]).all()
         it.chain.servos[3].dead = False
@@ -253,7 +261,7 @@ def test_a_servo_with_a_hardware_error_is_named(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         it.connect()
         it.chain.servos[5].fault = True
-        it.until(lambda: it.fault == "servo 6 (module3_beta): hardware error")
+        it.until(lambda: it.has(Code.SERVO_ERROR, servos="6 (module3_beta)"))
         it.chain.servos[5].fault = False
         it.until(lambda: not it.fault)
 
@@ -267,7 +275,7 @@ def test_a_hot_servo_is_told_to_the_node_and_stops_the_wheels(tmp_path: Path) ->
         it.until(lambda: it.io.servo_c(time.monotonic()) == 74.0)
         assert not it.fault
         it.chain.servos[3].temperature_c = 75
-        it.until(lambda: it.fault == "servo 4 (module2_beta): at least 75 °C: let it cool")
+        it.until(lambda: it.has(Code.SERVO_TOO_HOT, servos="4 (module2_beta)", limit_c=75))
         it.until(lambda: it.board.commands[-1].arm == 0)
         it.chain.servos[3].temperature_c = 60
         it.until(lambda: not it.fault)
@@ -278,7 +286,7 @@ def test_an_adapter_that_is_unplugged_shuts_off_the_wheels_and_comes_back(tmp_pa
         it.connect()
         it.until(lambda: it.board.commands[-1].arm == 1 and it.measured[0] > 0.02, AHEAD)
         it.line.unplug()
-        it.until(lambda: "the servo bus is not connected" in it.fault)
+        it.until(lambda: it.fault and it.fault.code == Code.DEVICE_DISCONNECTED)
         it.until(lambda: it.board.commands[-1].arm == 0)
         it.line.plug_in()
         it.until(lambda: not it.fault)
@@ -344,7 +352,7 @@ def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: flo
     it.until(lambda: not it.fault and it.board.commands[-1].arm == 1, AHEAD)
     for pauses in it.pauses:
         pauses.begin()
-    lost_s, faults = time.monotonic() + wait_s, [""]
+    lost_s, faults = time.monotonic() + wait_s, [None]
     it.until(lambda: time.monotonic() > lost_s, AHEAD)
     lost_s = time.monotonic()
     lose()
@@ -357,7 +365,7 @@ def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: flo
     took_s = time.monotonic() - lost_s
     paused_s = max(pauses.longest_s() for pauses in it.pauses)
     it.until(lambda: servo.torque, AHEAD)
-    if faults[0].endswith(NO_TORQUE):
+    if faults[0] is not None and faults[0].code == Code.SERVO_LIMP:
         return took_s
     assert paused_s > HELD_UP_S, faults
     return None

@@ -36,7 +36,7 @@ function driven() {
   const server = connect();
   const drive = new Drive(server.link);
   const said = [];
-  drive.onMessage = (text) => said.push(text);
+  drive.onMessage = ({ text }) => said.push(text);
   const stick = hand();
   drive.add(stick);
   const push = (x, y = 0, turn = 0) => {
@@ -159,9 +159,9 @@ for (const source of ["recording", "several"]) {
       state({ mode: i % 10 < 5 ? "stopped" : "fault" }, { source });
     }
     assert.equal(drive.stopUnconfirmed, true);
-    say({ t: "reply", to: "stop", ok: false, reason: "1 of 2 robots confirmed" });
+    say({ t: "reply", to: "stop", ok: false, why: { code: "no_answer" } });
     assert.equal(drive.stopUnconfirmed, true);
-    say({ t: "reply", to: "stop", ok: true, reason: "" });
+    say({ t: "reply", to: "stop", ok: true, why: null });
     assert.equal(drive.stopUnconfirmed, false);
   });
 }
@@ -195,7 +195,7 @@ test("a state on its way confirms no stop of a robot that was stopped before", (
 test("a confirmed stop is not repeated", () => {
   const { drive, say, take } = driven();
   drive.stop();
-  say({ t: "reply", to: "stop", ok: true, reason: "" });
+  say({ t: "reply", to: "stop", ok: true, why: null });
   take();
   pass(1000);
   assert.deepEqual(take("stop"), []);
@@ -234,7 +234,7 @@ test("no command goes out when no state has come for 300 ms", () => {
 
 test("a control cannot begin while the robot is disarmed", () => {
   const { drive, push, stick, state, said, take } = driven();
-  state({ mode: "disarmed", refusals: { drive: "the robot is disarmed: arm it first" } });
+  state({ mode: "disarmed", refusals: { why: { drive: { code: "arm_first" } } } });
   push(1);
   assert.equal(drive.held, false);
   assert.equal(stick.held, false);
@@ -246,31 +246,31 @@ test("a release by the server is answered, also when nothing was held", () => {
   const { drive, push, say, stick, take } = driven();
   push(1);
   take();
-  say({ t: "released", reason: "too late" });
+  say({ t: "released", why: { code: "too_late" } });
   assert.equal(drive.held || stick.held, false);
   assert.deepEqual(take(), [{ t: "release" }]);
-  say({ t: "released", reason: "too late" });
+  say({ t: "released", why: { code: "too_late" } });
   assert.deepEqual(take(), [{ t: "release" }]);
 });
 
-for (const [reason, notices] of [
+for (const [why, notices] of [
   [
-    "your page stalled for 0.2 s, so the robot stopped",
+    { code: "page_stalled", params: { s: 0.2 } },
     ["Your page stalled for 0.2 s, so the robot stopped. Let go, then push again."],
   ],
   [
-    "your page was silent for 1 s, so it lost control: take it again",
+    { code: "page_silent", params: { s: 1 } },
     ["Your page was silent for 1 s, so it lost control: take it again."],
   ],
-  ["software stop", []],
-  ["control is lost: bob took it over", []],
-  ["the robot is stopped: reset first", []],
-  ["the robot is stopping", []],
+  [{ code: "stop_pressed" }, []],
+  [{ code: "control_is_lost", cause: { code: "lease_ended" } }, []],
+  [{ code: "reset_first", params: { mode: "stopped" } }, []],
+  [{ code: "mode_only", params: { mode: "stopping" } }, []],
 ]) {
-  test(`a release by the server, "${reason}", is told once`, () => {
+  test(`a release by the server, ${why.code}, is told once`, () => {
     const { push, say, said } = driven();
     push(1);
-    say({ t: "released", reason });
+    say({ t: "released", why });
     assert.deepEqual(said, notices);
   });
 }

@@ -13,7 +13,7 @@ test("a listener hears messages of its types until its signal aborts", () => {
   const controller = new AbortController();
   link.on(["state", "reply"], ({ t }) => heard.push(t), controller.signal);
   state();
-  say({ t: "reply", to: "arm", ok: true, reason: "" });
+  say({ t: "reply", to: "arm", ok: true, why: null });
   assert.deepEqual(heard, ["state", "reply"]);
   controller.abort();
   state();

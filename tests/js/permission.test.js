@@ -17,11 +17,12 @@ const {
 const LEASE = { holder: "ann", reserved_for: null };
 const HELD = { arm: notArm, disarm: notDisarm, reset: notReset, speed: notSetWheelSpeed };
 
+const HELD_BY_ANN = { code: "held_by", params: { holder: "ann" } };
+const LOOSE = { code: "hardware", params: { text: "the wheels are loose" } };
+
 /** The refusals of a robot that accepts all, with these instead. */
 function refusals(changed = {}) {
-  const requests = ["lease", "arm", "disarm", "reset", "drive", "set_pose", "speed"];
-  const accepted = Object.fromEntries(requests.map((request) => [request, null]));
-  return { ...accepted, without_lease: "ann has control", ...changed };
+  return { why: { without_lease: HELD_BY_ANN, ...changed } };
 }
 
 for (const [request, check] of Object.entries({ ...HELD, drive: notDrive })) {
@@ -29,20 +30,21 @@ for (const [request, check] of Object.entries({ ...HELD, drive: notDrive })) {
     const { link, state } = connect();
     state({ lease: LEASE, refusals: refusals() });
     assert.equal(check(link), null);
-    state({ lease: LEASE, refusals: refusals({ [request]: "the wheels are loose" }) });
+    state({ lease: LEASE, refusals: refusals({ [request]: LOOSE }) });
     assert.equal(check(link), "The wheels are loose.");
   });
 
   test(`${request}: a page that is not in control shows what the robot says of that`, () => {
     const { link, state } = connect();
     const lease = { ...LEASE, holder: "bob" };
-    state({ lease, refusals: refusals({ without_lease: "bob has control" }) }, { you: false });
+    const heldByBob = { code: "held_by", params: { holder: "bob" } };
+    state({ lease, refusals: refusals({ without_lease: heldByBob }) }, { you: false });
     assert.equal(check(link), "bob has control.");
   });
 
   test(`${request}: a lost link comes before what the robot said last`, () => {
     const { link, state } = connect();
-    state({ lease: LEASE, refusals: refusals({ [request]: "the wheels are loose" }) });
+    state({ lease: LEASE, refusals: refusals({ [request]: LOOSE }) });
     pass(2000);
     assert.equal(check(link), "The robot has gone silent.");
   });
@@ -71,21 +73,28 @@ for (const refused of [refusals(), null]) {
 
 test("a path is planned in every mode that is not latched", () => {
   const { link, state } = connect();
-  const drive = "the robot is disarmed: arm it first";
+  const drive = { code: "arm_first" };
   state({ mode: "disarmed", lease: LEASE, refusals: refusals({ drive }) });
   assert.equal(notPlan(link), null);
-  state({ mode: "stopped", lease: LEASE, refusals: refusals({ drive: "reset first" }) });
-  assert.equal(notPlan(link), "Reset first.");
+  state({
+    mode: "stopped",
+    lease: LEASE,
+    refusals: refusals({ drive: { code: "reset_first", params: { mode: "stopped" } } }),
+  });
+  assert.equal(notPlan(link), "The robot is stopped: reset first.");
   state({ mode: "stopped", lease: LEASE });
   assert.equal(notPlan(link), "The robot is stopped.");
 });
 
 test("control can be taken, asked for and released unless it is reserved for another operator", () => {
   const { link, state } = connect();
-  const kept = "control is kept for bob, for a moment";
+  const kept = { code: "reserved_for", params: { operator: "bob" } };
   state({ lease: { holder: null, reserved_for: null }, refusals: refusals() }, { you: false });
   assert.equal(notTake(link), null);
-  state({ lease: LEASE, refusals: refusals({ lease: "ann drives; ask for control" }) });
+  state({
+    lease: LEASE,
+    refusals: refusals({ lease: { code: "driven_by", params: { holder: "ann" } } }),
+  });
   assert.equal(notTake(link), null);
   const reserved = (operator) => ({
     lease: { holder: null, reserved_for: operator },

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.errors import MessageError
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.requests import (
     HolderRequest,
     LeaseReply,
@@ -157,4 +158,9 @@ def test_answers_have_the_fields_that_others_rely_on() -> None:
             "reason": "",
         }.items()
     )
-    assert msgspec.to_builtins(Reply(False, "no")) == {"ok": False, "reason": "no"}
+    refused = msgspec.to_builtins(Reply.refused(because(Code.HELD_BY, holder="bob")))
+    assert refused == {
+        "ok": False,
+        "reason": "bob has control",
+        "why": {"code": "held_by", "params": {"holder": "bob"}},
+    }

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.errors import MessageError
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.status import (
     ArmingStatus,
     CommandStatus,
@@ -30,13 +31,17 @@ from tsd_twin.messages.status import (
 finite = st.floats(allow_nan=False, allow_infinity=False)
 counts = st.integers(0, 2**62)
 texts = st.text(max_size=20)
+params = st.dictionaries(texts, texts | finite, max_size=3)
+reasons = st.builds(Reason, texts, params, st.none() | st.builds(Reason, texts, params))
+refused = st.dictionaries(st.sampled_from(["arm", "drive", "without_lease"]), reasons)
 statuses = st.builds(
     Status,
     mode=texts,
     stop_reason=texts,
+    stop=reasons,
     arming=st.none() | st.builds(ArmingStatus, texts, finite),
     lease=st.builds(LeaseStatus, st.none() | texts, finite),
-    refusals=st.none() | st.builds(Refusals, st.none() | texts, texts, *[st.none() | texts] * 6),
+    refusals=st.none() | refused.map(Refusals.of),
     command=st.builds(
         CommandStatus,
         seq=counts,
@@ -44,7 +49,7 @@ statuses = st.builds(
         accepted=counts,
         dropped=st.builds(DropCounts, *[counts] * 6),
     ),
-    limits=st.builds(LimitStatus, *[finite] * 4),
+    limits=st.builds(LimitStatus, *[finite] * 4, why=st.tuples(reasons)),
     consistency=st.builds(
         ConsistencyStatus,
         finite,
@@ -105,7 +110,8 @@ def test_fields_of_a_later_version_are_ignored() -> None:
 
 
 def test_a_status_says_why_each_request_is_refused() -> None:
-    status = Status("ready", refusals=Refusals(arm="the robot is ready already"))
+    why = because(Code.WRONG_MODE, mode="ready")
+    status = Status("ready", refusals=Refusals.of({"arm": why, "disarm": None}))
     plain = json.loads(encode_status(status))
     assert plain["refusals"] == {
         "lease": None,
@@ -116,7 +122,26 @@ def test_a_status_says_why_each_request_is_refused() -> None:
         "drive": None,
         "set_pose": None,
         "speed": None,
+        "why": {"arm": {"code": "wrong_mode", "params": {"mode": "ready"}}},
     }
+
+
+def test_texts_of_a_robot_without_codes_are_reasons() -> None:
+    old = Status(
+        "fault",
+        stop_reason="it broke",
+        refusals=Refusals(without_lease="take control", arm="it broke"),
+        limits=LimitStatus(reason="it is hot"),
+    )
+    status = decode_status(encode_status(old))
+    broke = Reason("text", {"text": "it broke"})
+    assert status.stop == broke
+    assert status.refusals is not None
+    assert status.refusals.why == {
+        "without_lease": Reason("text", {"text": "take control"}),
+        "arm": broke,
+    }
+    assert status.limits.why == (Reason("text", {"text": "it is hot"}),)
 
 
 def test_the_refusals_of_a_robot_that_sends_none_are_unknown() -> None:

@@ -63,11 +63,12 @@ def test_a_robot_that_stands_is_not_armed_while_another_has_its_id(
         assert alice.acquire()["granted"]
         token = two[0].bus.declare_token(topics.instance_key("tsd", "0123456789abcdef"))
         alice.wait_until(lambda: MET in alice.texts)
-        assert alice.ask(Service.ARM, lease=alice.lease) == {"ok": False, "reason": WORDS}
+        refused = alice.ask(Service.ARM, lease=alice.lease)
+        assert (refused["ok"], refused["why"]["code"]) == (False, "duplicate_id")
         assert alice.status.mode == "disarmed"
         token.close()
         alice.wait_until(lambda: PARTED in alice.texts)
-        assert alice.ask(Service.ARM, lease=alice.lease) == {"ok": True, "reason": ""}
+        assert alice.ask(Service.ARM, lease=alice.lease)["ok"]
         assert [alice.texts.count(text) for text in (MET, PARTED)] == [1, 1]
 
 

@@ -12,6 +12,7 @@ from tsd_twin.control import LoggedController
 from tsd_twin.control.logged_controller import load_state
 from tsd_twin.interop.mapping import ODOMETRY, RosMessage, RosNames
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.ros import Odometry, encode_odometry
 from tsd_twin.messages.ros_types import decode_cdr
 from tsd_twin.robots import ImportedDescription
@@ -79,15 +80,15 @@ def test_odometry_counts_from_when_it_was_sent_and_once() -> None:
     robot = imported(Outbox())
     now_s = time.monotonic()
     assert robot.read(now_s) is None
-    assert robot.fault(now_s) == "no odometry has come on /odom yet"
+    assert robot.fault(now_s) == because(Code.NO_ODOMETRY, topic="/odom")
     say(robot, 1)
     assert x_m(robot.read(time.monotonic())) == 1.0
-    assert robot.fault(time.monotonic()) == ""
+    assert robot.fault(time.monotonic()) is None
     # All that follows has waited in a link that stalled, or comes again.
     say(robot, 1)
     say(robot, 2, late_s=TIMEOUT_S + 0.2)
     assert robot.read(time.monotonic()) is None
-    assert "newer than 0.5 s" in robot.fault(time.monotonic())
+    assert robot.fault(time.monotonic()) == because(Code.ODOMETRY_OLD, topic="/odom", s=0.5)
     say(robot, 3)
     assert x_m(robot.read(time.monotonic())) == 3.0
     assert robot.read(time.monotonic() + TIMEOUT_S + 0.1) is None
@@ -112,12 +113,13 @@ def test_it_is_a_fault_while_another_robot_reads_its_cmd_vel() -> None:
     say(robot, 1)
     now_s = time.monotonic()
     robot.read(now_s)
-    assert robot.fault(now_s) == ""
+    assert robot.fault(now_s) is None
     port.readers = ["tsd_ros"]
-    assert "two robots have the ROS name /cmd_vel" in robot.fault(now_s + 0.3)
+    assert robot.fault(now_s + 0.3).code == Code.ROS_NAME_READ
     port.readers = []
-    assert robot.fault(now_s + 0.4) != ""
-    assert "two robots" not in robot.fault(now_s + 0.7)
+    assert robot.fault(now_s + 0.4) is not None
+    later = robot.fault(now_s + 0.7)
+    assert later is None or later.code != Code.ROS_NAME_READ
 
 
 def test_twists_come_in_their_period_then_zeros_then_nothing() -> None:

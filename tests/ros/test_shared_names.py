@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from tsd_twin.interop.mapping import RosMessage, RosNames
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.ros.port import ADAPTER
 from tsd_twin.ros.shared_names import CHECK_S, NameWatch, shared_name
 from tsd_twin.ros.zenoh_port import QOS, Kind, RosNode, endpoints_key, node_of
@@ -40,27 +41,32 @@ class Graph:
 
 @pytest.mark.parametrize("names", [ALONE, LEFT])
 @pytest.mark.parametrize(
-    ("odom", "cmd_vel", "is_shown", "word"),
+    ("odom", "cmd_vel", "is_shown", "code", "node"),
     [
-        ([], ["rviz", "rosbag2"], True, ""),
-        (["cart"], [], True, "published by cart"),
-        (["tsd_ros"], ["tsd_ros", "tsd_ros_stamped"], True, "published by tsd_ros"),
-        ([], ["tsd_ros"], True, "read by tsd_ros"),
-        ([], [], False, ""),
-        (["cart"], ["cart"], False, ""),
-        (["cart", "cart"], ["cart"], False, "published by cart"),
-        (["cart"], ["cart", "tsd_ros"], False, "read by tsd_ros"),
+        ([], ["rviz", "rosbag2"], True, None, ""),
+        (["cart"], [], True, Code.ROS_NAME_PUBLISHED, "cart"),
+        (["tsd_ros"], ["tsd_ros", "tsd_ros_stamped"], True, Code.ROS_NAME_PUBLISHED, "tsd_ros"),
+        ([], ["tsd_ros"], True, Code.ROS_NAME_READ, "tsd_ros"),
+        ([], [], False, None, ""),
+        (["cart"], ["cart"], False, None, ""),
+        (["cart", "cart"], ["cart"], False, Code.ROS_NAME_PUBLISHED, "cart"),
+        (["cart"], ["cart", "tsd_ros"], False, Code.ROS_NAME_READ, "tsd_ros"),
     ],
 )
-def test_a_second_robot_of_a_name_is_named_in_a_sentence(
-    names: RosNames, odom: list[str], cmd_vel: list[str], is_shown: bool, word: str
+def test_second_robot_of_a_name_is_named(
+    names: RosNames,
+    odom: list[str],
+    cmd_vel: list[str],
+    is_shown: bool,
+    code: Code | None,
+    node: str,
 ) -> None:
-    text = shared_name(Graph(odom, cmd_vel, names), names, is_shown=is_shown)
-    if not word:
-        assert not text
+    found = shared_name(Graph(odom, cmd_vel, names), names, is_shown=is_shown)
+    if code is None:
+        assert found is None
     else:
-        assert text.startswith(f"two robots have the ROS name {names.topic('')}")
-        assert word in text
+        topic = "odom" if code is Code.ROS_NAME_PUBLISHED else "cmd_vel"
+        assert found == because(code, topic=names.topic(topic), node=node)
 
 
 def test_the_fault_ends_when_the_other_robot_has_gone() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness, disarm
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.safety import Mode
 
 
@@ -52,7 +53,7 @@ def test_gimbals_that_do_not_come_to_neutral_end_arming(stage: SupervisorHarness
     assert stage.mode is Mode.ARMING
     stage.hold(0.04)
     assert stage.mode is Mode.DISARMED
-    assert "neutral" in stage.supervisor.reason
+    assert stage.supervisor.why == because(Code.NOT_NEUTRAL)
 
 
 def test_gimbals_that_come_to_neutral_late_may_be_armed(stage: SupervisorHarness) -> None:
@@ -69,7 +70,7 @@ def test_wheels_that_do_not_come_to_speed_end_arming(stage: SupervisorHarness) -
     stage.hold(0.2)
     assert stage.mode is Mode.DISARMED
     assert not stage.supervisor.wheels_spin
-    assert "speed" in stage.supervisor.reason
+    assert stage.supervisor.why == because(Code.NOT_AT_SPEED)
 
 
 def test_only_the_holder_arms(stage: SupervisorHarness) -> None:
@@ -98,7 +99,7 @@ def test_without_commands_for_200_ms_the_robot_stops_by_itself(stage: Supervisor
     assert stage.mode is Mode.DRIVING
     stage.wait(0.03)
     assert stage.mode is Mode.STOPPING
-    assert stage.supervisor.reason == "no command for 210 ms (limit 200 ms)"
+    assert stage.supervisor.why == because(Code.NO_COMMAND, ms=210, limit_ms=200)
     assert stage.supervisor.command is None
 
 
@@ -133,7 +134,7 @@ def test_ten_seconds_without_an_operator_end_in_standing_wheels(
     if mode is Mode.READY:
         assert stage.mode is Mode.READY
         stage.wait(0.2)
-        assert "no operator" in stage.supervisor.reason
+        assert stage.supervisor.why == because(Code.UNATTENDED, s=10)
     assert stage.mode is Mode.DISARMED
     assert not stage.supervisor.wheels_spin
 
@@ -149,6 +150,7 @@ def test_an_operator_who_only_renews_keeps_the_wheels_turning(stage: SupervisorH
 def test_commands_renew_the_lease(stage: SupervisorHarness) -> None:
     stage.bring_to(Mode.READY)
     stage.hold(5.0)
-    assert stage.supervisor.holder_refusal(stage.lease, stage.now_s) == ""
+    assert stage.supervisor.holder_refusal(stage.lease, stage.now_s) is None
     stage.wait(2.1)
-    assert stage.supervisor.holder_refusal(stage.lease, stage.now_s) == "take control first"
+    refusal = stage.supervisor.holder_refusal(stage.lease, stage.now_s)
+    assert refusal == because(Code.TAKE_CONTROL_FIRST)

@@ -7,13 +7,14 @@ from typing import Any
 import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.requests import LeaseReply
 from tsd_twin.safety import Mode
 from tsd_twin.safety.lease import DENIED_S, REQUEST_TIMEOUT_S, RESERVATION_S
 
 
-def texts(stage: SupervisorHarness) -> list[str]:
-    return [event.text for event in stage.supervisor.take_events() if event.kind == "lease"]
+def changes(stage: SupervisorHarness) -> list[Reason]:
+    return [event.why for event in stage.supervisor.take_events() if event.kind == "lease"]
 
 
 def answer(stage: SupervisorHarness, op: str, asker: str | None = "bob") -> LeaseReply:
@@ -37,7 +38,8 @@ def asked(stage: SupervisorHarness) -> SupervisorHarness:
 
 
 def test_a_request_is_told_to_all_and_the_holder_drives_on(asked: SupervisorHarness) -> None:
-    assert texts(asked) == ["bob asks alice for control."]
+    asks = because(Code.CONTROL_REQUESTED, operator="bob", holder="alice")
+    assert changes(asked) == [asks]
     claim = asked.supervisor.hand_over.pending_request(asked.now_s)
     assert claim is not None
     assert claim.operator == "bob"
@@ -47,7 +49,8 @@ def test_a_request_is_told_to_all_and_the_holder_drives_on(asked: SupervisorHarn
 
 def test_a_grant_stops_the_robot_and_only_the_asker_gets_control(asked: SupervisorHarness) -> None:
     assert answer(asked, "grant").done
-    assert texts(asked)[-1] == "alice hands control over to bob."
+    handed_over = because(Code.LEASE_HANDED_OVER, operator="alice", other="bob")
+    assert changes(asked)[-1] == handed_over
     assert not asked.send(1.0), "the lease of the giver has ended"
     asked.wait(0.01)
     assert asked.mode is Mode.STOPPING
@@ -55,7 +58,7 @@ def test_a_grant_stops_the_robot_and_only_the_asker_gets_control(asked: Supervis
         for take_over in (False, True):
             reply = asked.ask("acquire", other, take_over=take_over)
             assert not reply.granted
-            assert "kept for bob" in reply.reason
+            assert reply.why == because(Code.RESERVED_FOR, operator="bob")
     assert asked.ask("acquire", "bob").granted
     assert asked.supervisor.hand_over.reservation(asked.now_s) is None
 
@@ -76,7 +79,7 @@ def test_what_is_kept_for_the_asker_is_free_again_when_not_taken(asked: Supervis
     asked.wait(RESERVATION_S - 0.02)
     assert not asked.ask("acquire", "alice").granted
     asked.wait(0.03)
-    assert "bob, who did not take it" in texts(asked)[-1]
+    assert changes(asked)[-1] == because(Code.RESERVATION_EXPIRED, operator="bob")
     assert asked.ask("acquire", "alice").granted
 
 
@@ -87,7 +90,7 @@ def test_who_has_left_when_control_is_granted_keeps_it_from_nobody(
     assert not asked.ask("withdraw", "carol").done
     assert asked.ask("withdraw", "bob").done
     asked.wait(0.01, at_rest=True)
-    assert "bob" in texts(asked)[-1]
+    assert changes(asked)[-1].params["other"] == "bob"
     assert asked.ask("acquire", "carol").granted
 
 
@@ -95,9 +98,9 @@ def test_control_that_is_kept_stays_and_the_asker_waits_before_asking_again(
     asked: SupervisorHarness,
 ) -> None:
     assert answer(asked, "deny").done
-    assert texts(asked)[-1] == "alice keeps control, for which bob has asked."
+    assert changes(asked)[-1] == because(Code.REQUEST_DENIED, operator="alice", asker="bob")
     assert asked.mode is Mode.DRIVING
-    assert "control was kept" in asked.ask("request", "bob").reason
+    assert asked.ask("request", "bob").why.code == Code.DENIED_LATELY
     assert asked.ask("request", "carol").done, "another may ask"
     asked.ask("withdraw", "carol")
     hold_on(asked, DENIED_S + 0.5)
@@ -109,19 +112,19 @@ def test_a_request_without_an_answer_ends(asked: SupervisorHarness) -> None:
     assert asked.supervisor.hand_over.pending_request(asked.now_s) is not None
     hold_on(asked, 1.0)
     assert asked.supervisor.hand_over.pending_request(asked.now_s) is None
-    assert "alice has given no answer to bob" in texts(asked)[-1]
-    assert answer(asked, "grant").reason == "no operator has requested control"
+    assert changes(asked)[-1] == because(Code.REQUEST_EXPIRED, holder="alice", asker="bob")
+    assert answer(asked, "grant").why == because(Code.NO_REQUEST)
 
 
 def test_a_request_is_withdrawn_by_who_made_it(asked: SupervisorHarness) -> None:
     assert not asked.ask("withdraw", "carol").done
     assert asked.ask("withdraw", "bob").done
-    assert "bob asks for control no longer" in texts(asked)[-1]
+    assert changes(asked)[-1] == because(Code.REQUEST_WITHDRAWN, operator="bob")
     assert not answer(asked, "grant").done
 
 
 def test_one_asks_at_a_time_and_asking_twice_is_asking_once(asked: SupervisorHarness) -> None:
-    assert asked.ask("request", "carol").reason == "bob asks already"
+    assert asked.ask("request", "carol").why == because(Code.OTHER_REQUEST, asker="bob")
     first = asked.supervisor.hand_over.pending_request(asked.now_s)
     asked.wait(0.1)
     assert asked.ask("request", "bob").done
@@ -158,15 +161,17 @@ def test_only_the_holder_answers_and_only_who_has_asked(asked: SupervisorHarness
 
 
 def test_nobody_asks_for_what_is_free_or_theirs(stage: SupervisorHarness) -> None:
-    assert stage.ask("request", "bob").reason == "the robot has no operator: acquire control"
+    assert stage.ask("request", "bob").why == because(Code.NO_OPERATOR)
     stage.acquire("bob")
-    assert stage.ask("request", "bob").reason == "bob has control already"
+    assert stage.ask("request", "bob").why == because(Code.HAS_CONTROL_ALREADY, holder="bob")
 
 
 def test_a_take_over_tells_its_reason(stage: SupervisorHarness) -> None:
     stage.acquire("alice")
     stage.acquire("bob", take_over=True, reason=" cat on\nthe track. ")
-    assert texts(stage)[-1] == "bob took control over from alice: cat on the track."
+    assert changes(stage)[-1] == because(
+        Code.LEASE_TAKEN_OVER, operator="bob", other="alice", text="cat on the track"
+    )
 
 
 def test_who_asks_and_withdraws_all_the_time_fills_no_log(stage: SupervisorHarness) -> None:
@@ -175,7 +180,7 @@ def test_who_asks_and_withdraws_all_the_time_fills_no_log(stage: SupervisorHarne
     for _ in range(1000):
         stage.ask("request", "bob")
         stage.ask("withdraw", "bob")
-    assert len(texts(stage)) == 2
+    assert len(changes(stage)) == 2
 
 
 def test_every_stop_by_itself_is_counted_however_short(stage: SupervisorHarness) -> None:

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin import robots
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.requests import LeaseReply, LeaseRequest
 from tsd_twin.safety.lease import TTL_S, LeaseManager, speed_within
 
@@ -99,7 +100,7 @@ def test_released_it_is_free() -> None:
     desk = new_desk()
     lease = acquire(desk, "alice", 5.0).lease
     reply = desk.answer(LeaseRequest(op="release", operator="alice", lease=lease), 5.1)
-    assert reply.reason == "released"
+    assert reply.why == because(Code.RELEASED)
     assert acquire(desk, "bob", 5.1).granted
 
 

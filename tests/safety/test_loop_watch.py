@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.safety.loop_watch import LATE_S, LoopWatch
 
 LIMIT_S = 0.1
@@ -27,10 +28,10 @@ def test_a_pause_explains_a_silence_that_would_be_allowed_without_it(
         watch.step(now_ms / 1000)
     silence_ms = periods_ms[begin:]
     pauses = [each for each in silence_ms if each >= 1000 * LATE_S]
-    text = watch.explains(sum(periods_ms[:begin]) / 1000, LIMIT_S, now_ms / 1000)
-    if text:
+    pause = watch.explains(sum(periods_ms[:begin]) / 1000, LIMIT_S, now_ms / 1000)
+    if pause:
         assert sum(silence_ms) >= 1000 * LIMIT_S
-        assert text == f"the robot's computer was too busy for {pauses[-1]} ms"
+        assert pause == because(Code.LOOP_LATE, ms=pauses[-1])
         assert sum(silence_ms) - pauses[-1] <= 1000 * LIMIT_S + 1
     elif sum(silence_ms) > 1000 * LIMIT_S + 1 and pauses:
         assert sum(silence_ms) - pauses[-1] >= 1000 * LIMIT_S - 1
@@ -41,17 +42,17 @@ def test_each_pause_is_an_event_with_its_length_and_a_regular_loop_has_none() ->
     assert not any(watch.step(0.01 * i) for i in range(200))
     event = watch.step(1.99 + 0.14)
     assert event is not None
-    assert (event.kind, event.text) == ("loop", "The robot's computer was too busy for 140 ms.")
+    assert (event.kind, event.why) == ("loop", because(Code.LOOP_LATE, ms=140))
 
 
 def test_events_come_once_a_second_unless_a_pause_is_longer() -> None:
-    watch, now_s, texts = LoopWatch(), 0.0, []
+    watch, now_s, pauses_ms = LoopWatch(), 0.0, []
     for pause_s in (0.06, 0.06, 0.06, 0.2, 0.06):
         watch.step(now_s)
         now_s += pause_s
         if event := watch.step(now_s):
-            texts.append(event.text)
-    assert [text.split()[-2] for text in texts] == ["60", "200"]
+            pauses_ms.append(event.why.params["ms"])
+    assert pauses_ms == [60, 200]
 
 
 @pytest.mark.parametrize("wait_s", [0.0, 0.09, 0.11, 1.0])

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness, disarm, reset, stop
+from tsd_twin.messages.codes import Code
 from tsd_twin.safety import ARMED, TRANSITIONS, Mode
 
 
@@ -46,7 +47,8 @@ def test_every_way_of_the_table_can_be_gone(
     assert stage.mode is way[1]
     changes = [event for event in stage.supervisor.take_events() if event.kind == "mode"]
     assert changes[-1].rule == TRANSITIONS[way]
-    assert changes[-1].text.startswith(f"From {way[0]} to {way[1]}")
+    assert changes[-1].why.code == Code.MODE_CHANGED
+    assert changes[-1].why.params == {"before": way[0], "after": way[1]}
 
 
 def test_the_table_names_these_ways_and_no_others() -> None:

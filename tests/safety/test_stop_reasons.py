@@ -1,8 +1,7 @@
-"""Why a robot stopped: the sentence names the limit that fired, with its figures."""
+"""Why a robot stopped: the reason names the limit that fired, with its figures."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 import pytest
@@ -10,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.supervisor_harness import PERIOD_S, SupervisorHarness
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.safety import Mode
 
-SILENCE = re.compile(r"no command for (\d+) ms \(limit (\d+) ms\)")
-AGE = re.compile(r"the last command was based on a state (\d+) ms old \(limit (\d+) ms\)")
 MAX_AGES_S = (0.21, 0.5)
 
 
@@ -68,15 +66,14 @@ def test_the_cause_named_is_the_limit_that_fired_and_its_figures_are_those_measu
             break
         timed.send(echo_age_steps, vx_mps)
     assert stage.mode is Mode.STOPPING
-    newest, reason = timed.newest, stage.supervisor.reason
-    if found := SILENCE.fullmatch(reason):
+    newest, why = timed.newest, stage.supervisor.why
+    if why.code == Code.NO_COMMAND:
         measured_s, limit_s = stage.now_s - newest.arrived_s, lease.timeout_s
         assert newest.arrived_s - newest.echoed_s <= lease.max_age_s
     else:
-        found = AGE.fullmatch(reason)
-        assert found, reason
+        assert why.code == Code.ECHO_TOO_OLD
         measured_s, limit_s = stage.now_s - newest.echoed_s, lease.max_age_s
-    shown_ms, shown_limit_ms = (int(number) for number in found.groups())
+    shown_ms, shown_limit_ms = why.params["ms"], why.params["limit_ms"]
     assert shown_ms == pytest.approx(1000.0 * measured_s, abs=0.51)
     assert shown_limit_ms == pytest.approx(1000.0 * limit_s, abs=0.51)
     assert measured_s > limit_s, "the limit that is named is exceeded"
@@ -87,7 +84,7 @@ def test_a_stop_by_the_age_of_the_echo_is_no_silence() -> None:
     timed = Timed(0.21)
     timed.send(1, 1.0)
     timed.stage.wait(0.19)
-    assert timed.stage.supervisor.reason.startswith("the last command was based on a state 2")
+    assert timed.stage.supervisor.why.code == Code.ECHO_TOO_OLD
 
 
 def test_commands_that_echo_no_status_of_this_robot_are_named() -> None:
@@ -97,4 +94,4 @@ def test_commands_that_echo_no_status_of_this_robot_are_named() -> None:
         stage.send(1.0)
         stage.status_seq -= 1_000_000
         stage.wait(PERIOD_S)
-    assert stage.supervisor.reason == "the last command was based on no state of the last 210 ms"
+    assert stage.supervisor.why == because(Code.ECHO_UNKNOWN, limit_ms=210)

@@ -5,15 +5,20 @@ from __future__ import annotations
 import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness, disarm, stop
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.requests import StopRequest
 from tsd_twin.safety import LATCHED, Mode
+
+NOT_NOW = because(Code.AT_REST_ONLY)
 
 
 def test_a_take_over_stops_the_robot_until_the_new_holder_drives(stage: SupervisorHarness) -> None:
     stage.bring_to(Mode.DRIVING)
     old = stage.lease
     stage.acquire("bob", take_over=True)
-    assert "bob took control over from alice" in stage.supervisor.take_events()[-1].text
+    assert stage.supervisor.take_events()[-1].why == because(
+        Code.LEASE_TAKEN_OVER, operator="bob", other="alice"
+    )
     stage.wait(0.01)
     assert stage.mode is Mode.STOPPING
     new, stage.lease = stage.lease, old
@@ -45,7 +50,8 @@ def test_every_refused_lease_is_reported(stage: SupervisorHarness) -> None:
     ):
         assert not stage.ask(op, "bob", **fields).granted
         (event,) = stage.supervisor.take_events()
-        assert (event.kind, op in event.text) == ("refusal", True)
+        assert event.why.code == Code.REQUEST_REFUSED
+        assert event.why.params == {"request": op}
 
 
 # Disarming.
@@ -84,7 +90,7 @@ def test_a_second_stop_does_not_hide_why_the_first_was_made(stage: SupervisorHar
     stage.bring_to(Mode.READY)
     stage.supervisor.stop(StopRequest("bob", "smoke"), stage.now_s)
     assert stage.supervisor.stop(StopRequest("carol"), stage.now_s).ok
-    assert stage.supervisor.reason == "smoke"
+    assert stage.supervisor.why == because(Code.STOP_WITH_TEXT, by="bob", text="smoke")
 
 
 def test_a_stop_in_a_fault_is_a_stop_and_keeps_what_broke(stage: SupervisorHarness) -> None:
@@ -93,12 +99,13 @@ def test_a_stop_in_a_fault_is_a_stop_and_keeps_what_broke(stage: SupervisorHarne
     assert (stage.mode, stage.supervisor.heartbeat.stopped) == (Mode.FAULT, False)
     stop(stage)
     assert (stage.mode, stage.supervisor.heartbeat.stopped) == (Mode.STOPPED, True)
-    assert stage.supervisor.reason == "software stop by bob; before: it broke"
+    broke = because(Code.HARDWARE, text="it broke")
+    assert stage.supervisor.why == because(Code.STOP_REQUESTED, broke, by="bob")
 
 
 def test_a_stop_says_who_made_it(stage: SupervisorHarness) -> None:
     stop(stage)
-    assert stage.supervisor.reason == "software stop by bob"
+    assert stage.supervisor.why == because(Code.STOP_REQUESTED, by="bob")
 
 
 @pytest.mark.parametrize("mode", sorted(LATCHED))
@@ -121,7 +128,8 @@ def test_a_reset_needs_half_a_second_without_a_push(stage: SupervisorHarness) ->
     stage.bring_to(Mode.STOPPED)
     stage.send(0.1)
     stage.wait(0.49)
-    assert stage.supervisor.reset(stage.lease, stage.now_s).reason == "let go of the stick first"
+    refused = stage.supervisor.reset(stage.lease, stage.now_s)
+    assert refused.why == because(Code.RELEASE_FIRST)
     stage.send()
     stage.wait(0.02)
     assert stage.supervisor.reset(stage.lease, stage.now_s).ok
@@ -145,7 +153,8 @@ def test_a_fault_says_what_broke_and_outlives_its_cause(stage: SupervisorHarness
     stage.bring_to(Mode.DRIVING)
     stage.wait(0.01, fault="it broke")
     stage.wait(5.0, fault="")
-    assert (stage.mode, stage.supervisor.reason) == (Mode.FAULT, "it broke")
+    assert stage.mode is Mode.FAULT
+    assert stage.supervisor.why == because(Code.HARDWARE, text="it broke")
 
 
 # What is told about it.
@@ -171,7 +180,7 @@ def test_refusals_are_told_five_times_a_second_at_most_and_answered_each(
     stage.supervisor.take_events()
     for _ in range(100):
         assert not stage.supervisor.arm("00" * 16, stage.now_s).ok
-        assert not stage.supervisor.refuse("set_pose", "it is no request", stage.now_s).ok
+        assert not stage.supervisor.refuse("set_pose", NOT_NOW, stage.now_s).ok
         stage.wait(0.01)
     events = [event for event in stage.supervisor.take_events() if event.kind == "refusal"]
     by_rule = [[e for e in events if e.rule == rule] for rule in ("arm", "set_pose")]

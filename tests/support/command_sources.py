@@ -22,15 +22,17 @@ from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.client.link import BusLink
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.session_manager import SessionManager
-from tsd_twin.dynamixel.control_table import BoardMode, Refusal
+from tsd_twin.dynamixel.control_table import BoardMode
 from tsd_twin.errors import TwinError
 from tsd_twin.foxglove.sources import FoxgloveSource, LiveOperator
-from tsd_twin.hardware.controller_board import REFUSALS
+from tsd_twin.hardware.controller_board import obstacle_word
 from tsd_twin.interop.fleet import Fleet
 from tsd_twin.interop.mapping import CMD_VEL, namespaces
 from tsd_twin.messages import topics
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.requests import HolderRequest, LeaseRequest, Sample
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import open_recording
 from tsd_twin.recording.channels import EntryMaker
@@ -217,7 +219,9 @@ class PageSource(CommandSource):
         while self.robot.clock.now_s < end_s:
             for each in self._socket.sent:
                 if each["t"] == "reply" and each["to"] == to:
-                    return "" if each["ok"] else str(each["reason"])
+                    if each["ok"]:
+                        return ""
+                    return sentence(msgspec.convert(each["why"], Reason))
             await asyncio.sleep(PERIOD_S)
         return "no answer"
 
@@ -380,7 +384,7 @@ class RadioControl(CommandSource):
         seen = self.robot.telemetry
         if seen.mode == BoardMode.RC:
             return ""
-        return REFUSALS.get(seen.refusal, Refusal(seen.refusal).name)
+        return sentence(because(Code.ARMING_OBSTACLE, what=obstacle_word(seen.refusal)))
 
     def push(self, vx_mps: float, age_s: float = 0.0) -> None:
         # The receiver sends pulses, which have no age: an old input is a lost one.

@@ -72,10 +72,12 @@ _LIMITS = {
     "stop_allowance_m": 0.3,
     "applied": 1.0,
     "reason": "",
+    "why": [],
 }
 _STATUS: dict[str, Any] = {
     "mode": "disarmed",
     "stop_reason": "",
+    "stop": None,
     "stops": 0,
     "arming": None,
     "lease": {
@@ -172,7 +174,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
 def route(phase: str, number: int = 1, **changed: Any) -> dict[str, Any]:
     """Return the state of a path."""
     path = {"number": number, "phase": phase, "length_m": 1.5, "time_s": 4.2}
-    return path | {"done_m": 0.4, "off_mm": 3.0, "reason": ""} | changed
+    return path | {"done_m": 0.4, "off_mm": 3.0, "why": None} | changed
 
 
 class PageStage:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tsd_twin import robots
+from tsd_twin.messages.codes import hardware_reason
 from tsd_twin.messages.requests import (
     LeaseReply,
     LeaseRequest,
@@ -49,7 +50,9 @@ class SupervisorHarness:
         self.supervisor.step(self.inputs, self.now_s)
 
     def wait(self, seconds: float, **inputs: Any) -> None:
-        """Let time pass; the inputs `facts` hold from now on."""
+        """Let time pass; the inputs hold from now on, a text for a fault of the hardware."""
+        if "fault" in inputs:
+            inputs["fault"] = hardware_reason(inputs["fault"])
         self.inputs = replace(self.inputs, **inputs)
         for _ in range(round(seconds / PERIOD_S)):
             self.now_s += PERIOD_S

@@ -75,11 +75,11 @@ class Page:
                 if self._hand.wants_ready or self._hand.insists:
                     await self._get_ready(message)
             case "released":
-                tell("released", message["reason"])
+                tell("released", message["why"]["code"])
                 if self._hand.insists:
                     await self._say(t="release")
             case "reply" if not message["ok"]:
-                tell("refused", f"{message['to']}: {message['reason']}")
+                tell("refused", f"{message['to']}: {message['why']['code']}")
             case _:
                 pass
 

@@ -218,7 +218,7 @@ def test_the_asker_s_dies_and_the_holder_drives_on_and_what_was_granted_to_it_is
     granted_s = two.grant()
     two.kept_for_bob()
     two.stood_still_since(granted_s)
-    assert "kept for" in two.alice.take()["reason"]
+    assert two.alice.take()["why"]["code"] == "reserved_for"
     takes_control_within(two.alice, granted_s, RESERVATION_S)
     two.stood_still_since(granted_s)
     drives(two, two.alice)

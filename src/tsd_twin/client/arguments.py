@@ -1,4 +1,4 @@
-"""Checks of the arguments of public methods, made before any state changes. Pure."""
+"""Argument validation for public methods, run before any state changes (pure)."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from tsd_twin.messages.ros import BASE, ODOM
 
 
 def check_numbers(**values: object) -> None:
-    """Check that each argument is a finite number.
+    """Check that all arguments are finite numbers.
 
     Raises:
-        ClientError: If one is not; the sentence names it.
+        ClientError: If one is not; the message names it.
     """
     for name, value in values.items():
         if not math.isfinite(_number(name, value)):
-            raise ClientError(f"{name} must be finite, not {value}")
+            raise ClientError(f"{name} must be finite, not {value}", "not_finite")
 
 
 def check_optional(**values: object) -> None:
-    """Check that each argument is a finite number or None; as `check_numbers`."""
+    """Check that all arguments are finite numbers or None, like `check_numbers`."""
     check_numbers(**{name: value for name, value in values.items() if value is not None})
 
 
 def check_duration(**values: object) -> None:
-    """Check that each argument is a finite number of seconds, at least 0.
+    """Check that all arguments are finite, non-negative durations in seconds.
 
     Raises:
         ClientError: If one is not.
@@ -37,7 +37,7 @@ def check_duration(**values: object) -> None:
     check_numbers(**values)
     for name, value in values.items():
         if _number(name, value) < 0.0:
-            raise ClientError(f"{name} must be at least 0, not {value}")
+            raise ClientError(f"{name} must be at least 0, not {value}", "negative")
 
 
 def check_speed(speed_mps: object) -> None:
@@ -48,35 +48,35 @@ def check_speed(speed_mps: object) -> None:
     """
     check_optional(speed_mps=speed_mps)
     if speed_mps is not None and _number("speed_mps", speed_mps) <= 0.0:
-        raise ClientError(f"speed_mps must be greater than 0, not {speed_mps}")
+        raise ClientError(f"speed_mps must be greater than 0, not {speed_mps}", "not_positive")
 
 
 def check_frame(frame: object) -> None:
-    """Check the name of a frame.
+    """Check a frame name.
 
     Raises:
-        ClientError: If velocities are not understood in it.
+        ClientError: If velocities cannot be given in this frame.
     """
     if frame not in (BASE, ODOM):
-        raise ClientError(f"frame must be '{BASE}' or '{ODOM}', not {frame!r}")
+        raise ClientError(f"frame must be '{BASE}' or '{ODOM}', not {frame!r}", "bad_frame")
 
 
 def check_text(**values: object) -> None:
-    """Check that each argument is a string or None.
+    """Check that all arguments are strings or None.
 
     Raises:
         ClientError: If one is not.
     """
     for name, value in values.items():
         if value is not None and not isinstance(value, str):
-            raise ClientError(f"{name} must be a string, not {value!r}")
+            raise ClientError(f"{name} must be a string, not {value!r}", "no_string")
 
 
 def checked_points(points: Sequence[Sequence[float]]) -> Array:
-    """Return the points of a path as (n, 2), in metres.
+    """Return path points as an (n, 2) array in metres.
 
     Raises:
-        PathError: If there are none, or they are not pairs of finite numbers.
+        PathError: If `points` is empty or not a sequence of finite (x, y) pairs.
     """
     wrong = PathError("a path is a list of (x, y) in metres")
     if isinstance(points, str):
@@ -104,7 +104,7 @@ def checked_twist(twist: Sequence[float] | Array, frame: str) -> Array:
     except (TypeError, ClientError):
         numbers = np.empty(0)
     if numbers.shape != (3,) or not all(map(math.isfinite, numbers.tolist())):
-        raise ClientError(f"a twist is three finite numbers, not {twist}")
+        raise ClientError(f"a twist is three finite numbers, not {twist}", "bad_twist")
     return numbers
 
 
@@ -114,4 +114,4 @@ def _number(name: str, value: object) -> float:
             raise TypeError
         return float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, OverflowError):
-        raise ClientError(f"{name} must be a number, not {value!r}") from None
+        raise ClientError(f"{name} must be a number, not {value!r}", "no_number") from None

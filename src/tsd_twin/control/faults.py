@@ -1,6 +1,4 @@
-"""Fault detection: saturation of commands, a low battery, hot servos, missing joint measurements,
-following errors, suspect actuators.
-"""
+"""Monitors of the control loop that limit the speed, report events or raise faults."""
 
 from __future__ import annotations
 
@@ -13,6 +11,7 @@ import numpy as np
 from tsd_twin.control.state_estimator import NEUTRAL_RAD, StateEstimator
 from tsd_twin.estimation import OUTAGE_S
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.requests import Event
 from tsd_twin.messages.status import ConsistencyStatus
 from tsd_twin.robots.description import Battery
@@ -22,124 +21,120 @@ _SATURATION_REPORT_S = 0.5
 
 
 class SaturationMonitor:
-    """Saturation of commands: applied share of the requested twist, with rate-limited events."""
+    """Applied fraction of the requested twist, with rate-limited events."""
 
     def __init__(self) -> None:
         self.share = 1.0
-        """Applied share of the newest request."""
+        """Applied fraction of the latest request."""
         self._reported_s = -math.inf
 
     def forget(self) -> None:
-        """Reset: there is no request."""
+        """Reset, because there is no request."""
         self.share = 1.0
 
     def compare(self, request: Array, capped: Array, now_s: float) -> Event | None:
-        """Compare a requested twist (3,) with the capped one (3,); return an event, or None."""
-        # By the largest number of each: the twists differ by a factor, and no square overflows.
+        """Compare a requested twist (3,) with the capped one (3,); return an event or None."""
+        # The twists differ only by a factor; maximum norms cannot overflow.
         length = _largest(request)
         self.share = _largest(capped) / length if length > 0.0 else 1.0
         if self.share >= 0.999 or now_s - self._reported_s < _SATURATION_REPORT_S:
             return None
         self._reported_s = now_s
-        return Event(
+        return Event.of(
             "clamp",
-            f"The limits let {100 * self.share:.0f} % of the command through.",
+            because(Code.LIMITED, percent=100.0 * self.share),
+            "limits of speed, turn rate and tilt",
+            now_s,
             requested=request.tolist(),
             applied=capped.tolist(),
-            rule="limits of speed, turn rate and tilt",
-            robot_s=now_s,
         )
 
 
 _LOW_S = 1.0
-"""A motor that starts pulls the voltage down for less; the board waits as long, too."""
+"""Longer than the voltage drop of a starting motor; same as on the board."""
 _CHARGED_V = 0.3
-"""A battery rises by this when its load is gone, and is as low as before."""
+"""Voltage rise of an unchanged battery when its load is removed."""
 
 
 class BatteryMonitor:
-    """Share of the speed limits that the battery allows: less once it was low for a while.
+    """Fraction of the speed limits allowed by the battery, reduced after a sustained low voltage.
 
-    It rises again only while the robot is disarmed: no robot gets faster while it is driven. A
-    voltage that is not measured, None or NaN, changes nothing.
+    It recovers only while disarmed, so that no robot speeds up while driving. Missing voltages
+    (None or NaN) are ignored.
     """
 
     def __init__(self, battery: Battery) -> None:
         self.share = 1.0
         """Share of the limits of speed and turn rate."""
-        self.reason = ""
-        """Reason why it is less than 1; else empty."""
+        self.why: Reason | None = None
+        """Reason why it is less than 1; else None."""
         self._battery = battery
         self._low_since_s: float | None = None
 
     def step(self, volts: float | None, now_s: float, *, armed: bool) -> Event | None:
-        """Update with a voltage; return an event when the limits change, or None."""
+        """Update with a voltage; return an event if the limits change, or None."""
         warn_v = self._battery.warn_v
         if volts is None or math.isnan(volts):
             return None
         if volts >= warn_v:
             self._low_since_s = None
-            if not self.reason or armed or volts <= warn_v + _CHARGED_V:
+            if self.why is None or armed or volts <= warn_v + _CHARGED_V:
                 return None
-            self.share, self.reason = 1.0, ""
-            return self._event(f"The battery has {volts:.1f} V: the robot drives as usual.", now_s)
+            self.share, self.why = 1.0, None
+            return self._event(because(Code.BATTERY_CHARGED, volts=volts), now_s)
         self._low_since_s = now_s if self._low_since_s is None else self._low_since_s
-        if self.reason or now_s - self._low_since_s < _LOW_S:
+        if self.why is not None or now_s - self._low_since_s < _LOW_S:
             return None
         self.share = self._battery.low_speed_share
-        self.reason = f"the battery is low: below {warn_v:g} V"
-        percent = f"{100.0 * self.share:.0f} %"
-        return self._event(f"T{self.reason[1:]}. The speed limit is {percent} of the usual.", now_s)
+        self.why = because(Code.BATTERY_LOW, volts=warn_v)
+        return self._event(because(Code.SLOWED, self.why, percent=100.0 * self.share), now_s)
 
     @staticmethod
-    def _event(text: str, now_s: float) -> Event:
-        return Event("battery", text, rule="limits with a low battery", robot_s=now_s)
+    def _event(why: Reason, now_s: float) -> Event:
+        return Event.of("battery", why, "limits with a low battery", now_s)
 
 
 WARM_C, HOT_C = 65.0, 70.0
-"""Temperatures of a servo at which the robot warns, and at which it slows down. At 75 the board
-stops it, at 80 a servo switches itself off."""
+"""Servo temperatures for a warning and for slowing down. The board stops the robot at 75 °C, and
+servos switch off at 80 °C."""
 
 
 class HeatMonitor:
-    """Share of the speed limits that the temperature of the servos allows.
+    """Fraction of the speed limits allowed by the servo temperature.
 
-    It rises again only while the robot is disarmed and the servos have cooled below `WARM_C`. A
-    temperature that is not measured, None or NaN, changes nothing.
+    It recovers only while disarmed and below `WARM_C`. Missing temperatures (None or NaN) are
+    ignored.
     """
 
     def __init__(self, share_when_hot: float) -> None:
         self.share = 1.0
         """Share of the limits of speed and turn rate."""
-        self.reason = ""
-        """Reason why it is less than 1; else empty."""
+        self.why: Reason | None = None
+        """Reason why it is less than 1; else None."""
         self._share_when_hot = share_when_hot
         self._warm = False
 
     def step(self, hottest_c: float | None, now_s: float, *, armed: bool) -> Event | None:
-        """Update with the hottest servo; return an event when that changes anything, or None."""
+        """Update with the hottest servo; return an event on a change, or None."""
         if hottest_c is None or math.isnan(hottest_c):
             return None
         if hottest_c < WARM_C:
             if armed or not self._warm:
                 return None
-            self.share, self.reason, self._warm = 1.0, "", False
-            return self._event("The servos have cooled: the robot drives as usual.", now_s)
-        if hottest_c >= HOT_C and not self.reason:
+            self.share, self.why, self._warm = 1.0, None, False
+            return self._event(because(Code.SERVOS_COOLED), now_s)
+        if hottest_c >= HOT_C and self.why is None:
             self.share, self._warm = self._share_when_hot, True
-            self.reason = f"a servo is hot: above {HOT_C:g} °C"
-            percent = f"{100.0 * self.share:.0f} %"
-            text = f"A{self.reason[1:]}. The speed limit is {percent} of the usual."
-            return self._event(text, now_s)
+            self.why = because(Code.SERVO_HOT, limit_c=HOT_C)
+            return self._event(because(Code.SLOWED, self.why, percent=100.0 * self.share), now_s)
         if self._warm:
             return None
         self._warm = True
-        text = f"A servo has {hottest_c:.0f} °C: at {HOT_C:g} °C the robot slows down."
-        return self._event(text, now_s)
+        return self._event(because(Code.SERVO_WARM, celsius=hottest_c, limit_c=HOT_C), now_s)
 
     @staticmethod
-    def _event(text: str, now_s: float) -> Event:
-        return Event("heat", text, rule="limits with hot servos", robot_s=now_s)
+    def _event(why: Reason, now_s: float) -> Event:
+        return Event.of("heat", why, "limits with hot servos", now_s)
 
 
 def _largest(twist: Array) -> float:
@@ -157,38 +152,38 @@ class FaultReporter:
         self._reported_s = -math.inf
 
     def step(self, suspect: str | None, now_s: float) -> Event | None:
-        """Event when the suspected actuator changes, or None."""
+        """Return an event if the suspected actuator changes, or None."""
         if suspect in (None, self._last) or now_s - self._reported_s < _REPORT_S:
             return None
         self._last, self._reported_s = suspect, now_s
-        text = f"{suspect} contradicts the others."
-        return Event("consistency", text, rule="consistency monitor", robot_s=now_s)
+        why = because(Code.ACTUATOR_SUSPECT, actuator=suspect)
+        return Event.of("consistency", why, "consistency monitor", now_s)
 
 
 ASIDE_RAD = NEUTRAL_RAD
-"""Largest following error: the neutral tolerance of arming, above the droop of a loaded servo."""
+"""Maximum following error: the neutral tolerance of arming, above the droop of a loaded servo."""
 REMEMBERED_S = 0.3
-"""Time over which past set-points are compared with the measured angle."""
+"""Time window of past setpoints for comparison with the measured angle."""
 PATIENCE_S = 0.7
-"""Longest time a following error may last; detection takes a second from when a gimbal sticks."""
+"""Maximum duration of a following error; a stuck gimbal is detected within 1 s."""
 
 
 class FollowingErrorMonitor:
-    """Following error of joints against the range of recent set-points, so lag is no fault."""
+    """Following error of joints relative to recent setpoints, so that lag is not a fault."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        """Monitor the joints with these names, in their order."""
+        """Monitor the joints with these names, in this order."""
         self._names = names
         self._commanded: deque[tuple[float, Array]] = deque()
         self._since_s: Array | None = None
 
     def forget(self) -> None:
-        """Reset: no set-point is in force."""
+        """Reset, because no setpoint is active."""
         self._commanded.clear()
         self._since_s = None
 
-    def step(self, now_s: float, commanded: Array, measured: Array) -> str:
-        """Text with the joint whose error lasts too long and its size; "" if none does.
+    def step(self, now_s: float, commanded: Array, measured: Array) -> Reason | None:
+        """Joint whose error lasts too long, and its size; None if there is none.
 
         `commanded` (k,) and `measured` (k,) are angles in radians; values not finite are ignored.
         """
@@ -197,7 +192,7 @@ class FollowingErrorMonitor:
         self._commanded.append((now_s, commanded))
         if not any(abs(off) > ASIDE_RAD for off in (measured - commanded).tolist()):
             self._since_s = None
-            return ""
+            return None
         lately = np.array([angles for _, angles in self._commanded])
         nearest = np.clip(measured, lately.min(axis=0), lately.max(axis=0))
         aside = np.abs(measured - nearest) > ASIDE_RAD
@@ -206,17 +201,17 @@ class FollowingErrorMonitor:
         self._since_s = np.where(aside, np.minimum(self._since_s, now_s), np.inf)
         worst = int(np.argmin(self._since_s))
         if now_s - self._since_s[worst] < PATIENCE_S:
-            return ""
+            return None
         off_deg = float(np.degrees(measured[worst] - commanded[worst]))
-        return f"{self._names[worst]} does not follow: it is {off_deg:+.1f}° from its set-point"
+        return because(Code.FOLLOWING_ERROR, joint=self._names[worst], deg=off_deg)
 
 
 SILENT_S = OUTAGE_S
-"""Joints that are not measured for this long are a fault while armed."""
+"""While armed, joints unmeasured for this long are a fault."""
 
 
 class JointFaultMonitor:
-    """Faults of measured joints: missing measurements and following errors of gimbals."""
+    """Joint faults: missing measurements and following errors of gimbals."""
 
     def __init__(self, estimator: StateEstimator) -> None:
         self._estimator = estimator
@@ -228,28 +223,34 @@ class JointFaultMonitor:
         """Consistency result when a gimbal stuck; kept in the status until the reset."""
 
     def silent(self, now_s: float) -> bool:
-        """Return whether joint measurements have been missing for too long."""
+        """Return whether joint measurements are missing for too long."""
         return now_s - self._estimator.measured_s > SILENT_S
 
-    def step(self, now_s: float, setpoint: Array, supervisor: SafetySupervisor, fault: str) -> str:
-        """Text of the fault, "" if there is none; `fault` is the one the board reports.
+    def step(
+        self, now_s: float, setpoint: Array, supervisor: SafetySupervisor, fault: Reason | None
+    ) -> Reason | None:
+        """Reason for a fault, None if there is none; `fault` is the one the board reports.
 
         `setpoint` (n,) is the last one commanded to the joints.
         """
-        if self.silent(now_s) and not fault:
-            busy = supervisor.loop.explains(self._estimator.measured_s, SILENT_S, now_s)
-            why = f", since {busy}" if busy else f" for {SILENT_S * 1000:.0f} ms"
-            fault = f"the joints have not been measured{why}"
+        if fault is None and self.silent(now_s):
+            fault = self._why_silent(now_s, supervisor)
         return fault or self._stuck(now_s, setpoint, supervisor)
 
-    def _stuck(self, now_s: float, setpoint: Array, supervisor: SafetySupervisor) -> str:
+    def _why_silent(self, now_s: float, supervisor: SafetySupervisor) -> Reason:
+        busy = supervisor.loop.explains(self._estimator.measured_s, SILENT_S, now_s)
+        if busy is None:
+            return because(Code.JOINTS_SILENT, ms=1000.0 * SILENT_S)
+        return because(Code.JOINTS_SILENT_LOOP_LATE, ms=busy.params["ms"])
+
+    def _stuck(self, now_s: float, setpoint: Array, supervisor: SafetySupervisor) -> Reason | None:
         if supervisor.mode not in ARMED or not len(self._angles):
             self._following_error.forget()
             if supervisor.mode not in LATCHED:
                 self.evidence = None
-            return ""
+            return None
         angles = self._angles
         stuck = self._following_error.step(now_s, setpoint[angles], self._estimator.joints[angles])
-        if stuck:
+        if stuck is not None:
             self.evidence = self._estimator.consistency(wheels_spin=supervisor.wheels_spin)
         return stuck

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from tsd_twin.messages.codes import Code, Reason, because
+
 ProtocolVersion = Literal[1, 2]
 MODEL_NUMBER = 0
 """Register of the model number in both protocols; two bytes."""
@@ -204,17 +206,21 @@ NOT_COMPARED: dict[ProtocolVersion, dict[int, str]] = {
 """Writable registers that are not compared, by protocol and address, with the reason."""
 
 
-def wrong_setting(servo: str, model: int, address: int, found: int) -> str:
-    """Return an error message for a register of `servo` with the value `found` as read."""
+def wrong_setting(servo: str, model: int, address: int, found: int) -> Reason:
+    """Return the reason for a register of `servo` with the value `found` as read."""
     if address == MODEL_NUMBER:
         known = ", ".join(f"{known.name} ({known.number})" for known in MODELS.values())
-        return f"{servo}: model {found} is not one of {known}"
+        return because(Code.SERVO_MODEL, servo=servo, model=found, known=known)
     settings = MODELS[model].settings if model in MODELS else ()
     setting = next((s for s in settings if s.address == address), None)
     if setting is None:
-        return f"{servo}: register {address} is {found}, which must not be"
+        return because(Code.SERVO_REGISTER, servo=servo, register=address, value=found)
     value = setting.value(found.to_bytes(4, "little", signed=found < 0))
-    return (
-        f"{servo}: {setting.name} (register {address}) is {value}, and must be {setting.wanted}; "
-        "set it with Dynamixel Wizard"
+    return because(
+        Code.SERVO_SETTING,
+        servo=servo,
+        setting=setting.name,
+        register=address,
+        value=value,
+        wanted=setting.wanted,
     )

@@ -1,16 +1,18 @@
-"""Fault messages for telemetry of the controller board, naming servo and channel."""
+"""Faults in telemetry of the controller board, naming servo and channel."""
 
 from __future__ import annotations
 
 from tsd_twin.dynamixel.blocks import Telemetry
 from tsd_twin.dynamixel.control_table import SWITCH_US, BoardMode, RcChannel, Refusal, Trip
 from tsd_twin.dynamixel.servo_models import wrong_setting
-from tsd_twin.hardware.controller_board import REFUSALS, TRIPS
-from tsd_twin.hardware.joints import FAR, NO_TORQUE, TOO_HOT, JointConverter, hot_servos
+from tsd_twin.hardware.controller_board import obstacle_word, trip_word
+from tsd_twin.hardware.joints import JointConverter, hot_servos
+from tsd_twin.messages.codes import Code, Reason, Type, because
+from tsd_twin.messages.sentences import WORDS, sentence
 
 
 class BoardFaults:
-    """Converts telemetry to fault messages, for a robot with these joints."""
+    """Converts telemetry to faults, for a robot with these joints."""
 
     def __init__(
         self, joints: JointConverter, expected: int, *, arm_mv: int, receiver_expected: bool
@@ -21,66 +23,77 @@ class BoardFaults:
         self._arm_mv = arm_mv
         self._receiver_expected = receiver_expected
 
-    def fault(self, board: Telemetry, lost: str) -> str:
-        """Return the fault reported by the board, or "".
+    def fault(self, board: Telemetry, lost: Reason | None) -> Reason | None:
+        """Return the fault reported by the board, or None.
 
         `lost` is the reason why the board is disarmed although it should be armed.
         """
         if board.mode == BoardMode.RC:
-            return "the radio control has the robot"
+            return because(Code.RADIO_CONTROL)
         if servos := self._servo_fault(board):
             return servos
         if lost:
-            return f"{self._stuck(board)}{lost}"
+            stuck = _stuck(board)
+            return self._joints.about_cause(stuck, lost) if stuck else lost
         if unread := self._expected & ~board.servo_checked:
-            return f"{self._joints.named(unread)}: the settings have not been read yet"
+            return self._joints.about(unread, Code.SERVO_UNREAD)
         return self._arming_obstacle(board)
 
-    def _arming_obstacle(self, board: Telemetry) -> str:
-        """Return the reason why the board would not arm, apart from its servos, or ""."""
+    def _arming_obstacle(self, board: Telemetry) -> Reason | None:
+        """Return the reason why the board would not arm, apart from its servos, or None."""
         if not board.drive_on:
-            return REFUSALS[Refusal.DRIVE]
+            return _obstacle(Refusal.DRIVE)
         if not board.stop_proven:
-            return REFUSALS[Refusal.STOP_NOT_PROVEN]
+            return _obstacle(Refusal.STOP_NOT_PROVEN)
         if board.mode != BoardMode.ARMED and board.battery_mv < self._arm_mv:
-            return f"the battery is too low to arm: {board.battery_mv / 1000.0:.1f} V"
+            return because(Code.BATTERY_TOO_LOW, volts=board.battery_mv / 1000.0)
         if board.mode != BoardMode.ARMED and not board.esc_ready:
-            return "the speed controllers have not had zero throttle for 2 s yet"
+            return because(Code.ESCS_NOT_READY)
         missing = [RcChannel(i).name.lower() for i, us in enumerate(board.rc) if not us]
         if missing and (self._receiver_expected or len(missing) < len(board.rc)):
-            return f"{REFUSALS[Refusal.RECEIVER]}: no pulses of {', '.join(missing)}"
+            return because(Code.RECEIVER_SILENT, channels=", ".join(missing))
         if 0 < board.rc[RcChannel.KILL] <= SWITCH_US:
-            return REFUSALS[Refusal.KILL]
+            return _obstacle(Refusal.KILL)
         manual = board.rc[RcChannel.MANUAL] > SWITCH_US
-        return "the radio control is switched to manual" if manual else ""
+        return because(Code.MANUAL_ON) if manual else None
 
-    def _servo_fault(self, board: Telemetry) -> str:
-        """Return the servo fault reported by the board, or ""."""
+    def _servo_fault(self, board: Telemetry) -> Reason | None:
+        """Return the servo fault reported by the board, or None."""
         if dead := self._expected & ~board.servo_alive:
             return self._joints.silent(dead)
         if broken := self._expected & board.servo_fault:
-            return f"{self._joints.named(broken)}: hardware error"
+            return self._joints.about(broken, Code.SERVO_ERROR)
         if self._expected & 1 << board.wrong_servo >> 1:
             return self._wrong_setting(board)
         if hot := self._expected & hot_servos(dict(enumerate(board.temperature))):
-            return f"{self._joints.named(hot)}: {TOO_HOT}"
+            return self._joints.hot(hot)
         if far := self._expected & board.servo_far:
-            return f"{self._joints.named(far)}: {FAR}"
+            return self._joints.about(far, Code.SERVO_FAR)
         if limp := self._expected & board.servo_checked & ~board.servo_torque:
-            return f"{self._joints.named(limp)}: {NO_TORQUE}"
-        return ""
+            return self._joints.about(limp, Code.SERVO_LIMP)
+        return None
 
     def last_trip(self, board: Telemetry) -> str:
         """Return the reason of the last trip, with the affected servos."""
         if not board.trip:
             return "none"
-        return f"{self._stuck(board)}{TRIPS.get(board.trip, f'trip {board.trip}')}"
+        word = trip_word(board.trip)
+        text = WORDS[Type.TRIP].get(word, word)
+        stuck = _stuck(board)
+        if not stuck:
+            return text
+        return sentence(self._joints.about_cause(stuck, because(Code.TEXT, text=text)))
 
-    def _stuck(self, board: Telemetry) -> str:
-        stuck = board.servo_stuck if board.trip == Trip.FOLLOWING else 0
-        return f"{self._joints.named(stuck)}: " if stuck else ""
-
-    def _wrong_setting(self, board: Telemetry) -> str:
+    def _wrong_setting(self, board: Telemetry) -> Reason:
         servo = board.wrong_servo - 1
         named, model = self._joints.named(1 << servo), board.servo_model[servo]
         return wrong_setting(named, model, board.wrong_register, board.wrong_value)
+
+
+def _stuck(board: Telemetry) -> int:
+    """Mask of the servos that do not follow."""
+    return board.servo_stuck if board.trip == Trip.FOLLOWING else 0
+
+
+def _obstacle(refusal: Refusal) -> Reason:
+    return because(Code.ARMING_OBSTACLE, what=obstacle_word(refusal))

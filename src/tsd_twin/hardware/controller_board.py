@@ -18,6 +18,7 @@ from tsd_twin.dynamixel.control_table import (
 from tsd_twin.dynamixel.packets import ALERT, Fault, Status, protocol2
 from tsd_twin.dynamixel.servo_models import MODELS
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
+from tsd_twin.messages.codes import Code, Reason, because
 
 REST_COMMAND = Command()
 """Disarmed, zero throttle, neutral gimbals."""
@@ -134,43 +135,18 @@ def _request(transport: SerialTransport, request: bytes, size: int = 0) -> Statu
 ANSWERS = 3
 """Maximum cycles until the board arms or reports its refusal."""
 
-TRIPS: dict[int, str] = {
-    Trip.NONE: "it does not say why",
-    Trip.HEARTBEAT: "no word of an operator came in time",
-    Trip.KILL: "the kill switch of the radio control is on",
-    Trip.RC_LOST: "the radio control is lost",
-    Trip.RC_TOOK_OVER: "the radio control took over",
-    Trip.SERVO: "a servo does not answer or has an error",
-    Trip.WATCHDOG: "its firmware hung and was restarted",
-    Trip.BATTERY: "the battery is empty",
-    Trip.TORQUE: "a servo lost its torque",
-    Trip.HOT: "a servo is too hot: let it cool",
-    Trip.LINE: "the line from the computer lost bytes, and kept the board from its servos",
-    Trip.DRIVE: "the stop circuit opened: the speed controllers lost their power",
-    Trip.FOLLOWING: "a gimbal does not follow its goal: it is stuck, or its servo is",
-    Trip.STOPPED: "STOP",
-}
-REFUSALS: dict[int, str] = {
-    Refusal.NONE: "it does not say why",
-    Refusal.ESC_HOLD: "zero throttle must be held for 2 s first",
-    Refusal.THROTTLE: "the throttles are not zero",
-    Refusal.GOAL: "the goals of the gimbals are not neutral",
-    Refusal.SERVO: "a servo does not answer or has an error",
-    Refusal.NOT_NEUTRAL: "the gimbals are not at neutral tilt",
-    Refusal.RECEIVER: "the radio control is off, or a wire of its receiver",
-    Refusal.KILL: "the kill switch of the radio control is on",
-    Refusal.RC: "the radio control has the robot",
-    Refusal.SETUP: "its set-up was not written: neutral positions are unknown",
-    Refusal.BATTERY: "the battery is too low",
-    Refusal.SETTING: "a setting of a servo is not as it must be, or not read yet",
-    Refusal.TORQUE: "a servo has no torque",
-    Refusal.HOT: "a servo is too hot: let it cool",
-    Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
-    Refusal.STOP_NOT_PROVEN: "the stop was not tested since power came: press and release it once",
-    Refusal.RC_WITHOUT_SERVOS: "the radio control drives with all six servos at the board only",
-    Refusal.NEUTRAL: "a servo is too far from its neutral position to get torque",
-    Refusal.STOPPED: "the robot is stopped: reset first",
-}
+
+def trip_word(trip: int) -> str:
+    """Word for a trip of the board, as parameter of a reason."""
+    return Trip(trip).name.lower() if trip in _TRIPS else f"trip {trip}"
+
+
+def obstacle_word(refusal: int) -> str:
+    """Word for a refusal of the board to arm, as parameter of a reason."""
+    return Refusal(refusal).name.lower() if refusal in _REFUSALS else f"refusal {refusal}"
+
+
+_TRIPS, _REFUSALS = frozenset(Trip), frozenset(Refusal)
 
 
 _STARTED_MS = 4000
@@ -179,19 +155,18 @@ _MEASURED_MS = 500
 """After this uptime, the board has measured its battery."""
 _BATTERY_LEAST_MV = 5000
 """If the battery voltage is lower, something else powers the board."""
-_RESTARTED = "the controller board has restarted"
-RESETS: dict[int, str] = {
-    ResetCause.POWER_ON: "it had lost its power",
-    ResetCause.EXTERNAL: "by its reset pin",
-    ResetCause.BROWN_OUT: "its supply had sagged",
-    ResetCause.WATCHDOG: "its firmware hung",
+_RESETS = {
+    ResetCause.POWER_ON: "power_on",
+    ResetCause.EXTERNAL: "external",
+    ResetCause.BROWN_OUT: "brown_out",
+    ResetCause.WATCHDOG: "watchdog",
 }
 
 
-def restart_reason(cause: int) -> str:
-    """Return a message for a restarted board; a boot loader may have cleared the cause."""
-    causes = [text for bit, text in RESETS.items() if cause & bit]
-    return ": ".join([_RESTARTED, *causes[:1]])
+def restart_reason(cause: int) -> Reason:
+    """Return the reason for a restarted board; a boot loader may have cleared the cause."""
+    words = [word for bit, word in _RESETS.items() if cause & bit]
+    return because(Code.BOARD_RESTARTED, **({"reset": words[0]} if words else {}))
 
 
 def wiring_faults(telemetry: Telemetry, *, opened: bool, returned: bool) -> dict[str, str]:
@@ -244,16 +219,16 @@ class ArmSwitch:
     def __init__(self) -> None:
         self._state = _State.OFF
         self._answers = 0
-        self.lost = ""
-        """Reason why the board is off although it should be on, or ""."""
+        self.lost: Reason | None = None
+        """Reason why the board is off although it should be on, or None."""
 
     def turn(self, wanted: bool, *, stop: bool = False) -> int:
         """Return the value to write while the robot is armed, disarmed or stopped."""
         if stop:
-            self._state, self.lost = _State.OFF, ""
+            self._state, self.lost = _State.OFF, None
             return STOP
         if not wanted:
-            self._state, self.lost = _State.OFF, ""
+            self._state, self.lost = _State.OFF, None
         elif self._state is _State.OFF:
             self._state, self._answers = _State.ASKED, 0
         return int(self._state in (_State.ASKED, _State.ON))
@@ -266,13 +241,12 @@ class ArmSwitch:
             if armed:
                 self._state = _State.ON
             elif self._answers >= ANSWERS:
-                why = REFUSALS.get(telemetry.refusal, f"refusal {telemetry.refusal}")
-                self.mark_lost(f"the board does not arm: {why}")
+                what = obstacle_word(telemetry.refusal)
+                self.mark_lost(because(Code.BOARD_REFUSES, what=what))
         elif self._state is _State.ON and not armed:
-            why = TRIPS.get(telemetry.trip, f"trip {telemetry.trip}")
-            self.mark_lost(f"the board disarmed itself: {why}")
+            self.mark_lost(because(Code.BOARD_TRIP, trip=trip_word(telemetry.trip)))
 
-    def mark_lost(self, reason: str) -> None:
+    def mark_lost(self, why: Reason) -> None:
         """Record that the board is no longer armed; no effect if it is off."""
         if self._state in (_State.ASKED, _State.ON):
-            self._state, self.lost = _State.LOST, reason
+            self._state, self.lost = _State.LOST, why

@@ -25,6 +25,7 @@ from tsd_twin.dynamixel.control_table import (
 from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, Reason, Value, because
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 from tsd_twin.safety import Heartbeat
 
@@ -306,17 +307,27 @@ class JointConverter:
         return self._offsets.from_servos(joints)
 
     def named(self, mask: int) -> str:
-        """Return the servos in a mask as text, with number and joint."""
-        here = [f"{i + 1} ({name})" for i, name in enumerate(self.names) if mask >> i & 1]
-        return ("servo " if len(here) == 1 else "servos ") + ", ".join(here)
+        """Return the servos in a mask by number and joint, as parameter of a reason."""
+        return ", ".join(f"{i + 1} ({name})" for i, name in enumerate(self.names) if mask >> i & 1)
 
-    def silent(self, mask: int) -> str:
-        """Return a fault message for servos that do not respond."""
+    def about(self, mask: int, code: Code, **params: Value) -> Reason:
+        """Return a reason that concerns the servos in a mask."""
+        return because(code, servos=self.named(mask), **params)
+
+    def about_cause(self, mask: int, cause: Reason) -> Reason:
+        """Return the reason for servos that do not follow, with its effect on the board."""
+        return because(Code.GIMBALS_STUCK, cause, servos=self.named(mask))
+
+    def silent(self, mask: int) -> Reason:
+        """Return the reason for servos that do not respond."""
         if mask == self.servos:
-            return "all servos: no answer: the bus, its supply or its fuse"
+            return because(Code.ALL_SERVOS_SILENT)
         several = mask & mask - 1
-        where = ": the wire between them, or the bus, its supply or its fuse" if several else ""
-        return f"{self.named(mask)}: no answer{where}"
+        return self.about(mask, Code.SERVO_BUS_SILENT if several else Code.SERVOS_SILENT)
+
+    def hot(self, mask: int) -> Reason:
+        """Return the reason for servos that are too hot."""
+        return self.about(mask, Code.SERVO_TOO_HOT, limit_c=SERVO_HOT_C)
 
 
 def padded_ids(ids: Sequence[int]) -> tuple[int, ...]:
@@ -332,14 +343,6 @@ def padded(values: Sequence[int], count: int, filler: int) -> tuple[int, ...]:
 
 def _ints(values: Array) -> tuple[int, ...]:
     return tuple(int(value) for value in values)
-
-
-NO_TORQUE = "no torque: it restarted, or another program switched it off"
-FAR = (
-    "more than 9 degrees from its neutral position, so it gets no torque: turn its gimbal upright "
-    "by hand, or correct neutral_step in the calibration"
-)
-TOO_HOT = f"at least {SERVO_HOT_C} °C: let it cool"
 
 
 def hot_servos(temperature_c: Mapping[int, int]) -> int:

@@ -50,6 +50,8 @@ from tsd_twin.hardware.serial_transport import (
     connection_fault,
 )
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, Reason, Type, because
+from tsd_twin.messages.sentences import WORDS, sentence
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.robots.description import Battery
 from tsd_twin.safety import Heartbeat
@@ -69,8 +71,8 @@ class BoardReport:
 
     telemetry: Telemetry
     heard_s: float
-    lost: str
-    """Reason why the board is disarmed although it should be armed, or ""."""
+    lost: Reason | None
+    """Reason why the board is disarmed although it should be armed, or None."""
 
 
 class ControllerBoard:
@@ -80,7 +82,8 @@ class ControllerBoard:
     a whole, so that no thread sees a partial update.
     """
 
-    name = "the controller board"
+    name = WORDS[Type.DEVICE]["board"]
+    device = "board"
 
     def __init__(
         self,
@@ -98,7 +101,7 @@ class ControllerBoard:
         self.battery_warning = ""
         """Warning while the battery is low, or ""."""
         self.baud = baud
-        self.health = LinkHealth("the serial line")
+        self.health = LinkHealth("board")
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.report: BoardReport | None = None
         self.disconnect_reason = ""
@@ -172,7 +175,7 @@ class ControllerBoard:
         self.health.add_round_trip(now_s - began_s)
         if before is not None and _restarted(before.telemetry, telemetry):
             reason = restart_reason(telemetry.reset_cause)
-            _LOG.warning("%s", reason)
+            _LOG.warning("%s", sentence(reason))
             self._switch.mark_lost(reason)
             self.connect(transport)
         elif before is not None:
@@ -191,7 +194,7 @@ class ControllerBoard:
 
     def disconnected(self, reason: str) -> None:
         """Record a lost connection; the board stays disarmed after it reconnects."""
-        self._switch.mark_lost("the controller board was lost")
+        self._switch.mark_lost(because(Code.BOARD_LOST))
         self.report, self.disconnect_reason = None, reason
         self.health.reconnects += 1
 
@@ -215,7 +218,7 @@ class ControllerBoard:
     def _watch_battery(self, volts: float) -> None:
         warn_v = self._battery.warn_v
         if volts < warn_v and not self.battery_warning:
-            self.battery_warning = f"the battery is low: below {warn_v:g} V"
+            self.battery_warning = sentence(because(Code.BATTERY_LOW, volts=warn_v))
             _LOG.warning("%s", self.battery_warning)
         elif volts > warn_v + _RECOVERED_V:
             self.battery_warning = ""
@@ -223,12 +226,12 @@ class ControllerBoard:
     def _add_cycle(self, corrupt: bool, now_s: float) -> None:
         errors = self.health.packet_errors
         errors.add_cycle(corrupt, now_s)
-        if errors.fault:
+        if errors.fault is not None:
             self._switch.mark_lost(errors.fault)
 
     def _board_command(self, wanted: JointCommand, now_s: float) -> Command:
         if not wanted.in_force(now_s):
-            self._switch.mark_lost("the robot node hangs")
+            self._switch.mark_lost(because(Code.NODE_HANGS))
             return REST_COMMAND
         arm = self._switch.turn(wanted.heartbeat.armed, stop=wanted.heartbeat.stopped)
         goals = self._joints.goals(wanted.setpoint) if self._servos else ()
@@ -338,11 +341,11 @@ class MegaHardware:
         """Set the heartbeat to send with the next setpoint."""
         self._heartbeat = heartbeat
 
-    def fault(self, now_s: float) -> str:
-        """Return the fault of the board or its devices, or ""."""
+    def fault(self, now_s: float) -> Reason | None:
+        """Return the fault of the board or its devices, or None."""
         report = self._board.report
         fault = connection_fault(self._board, report and report.heard_s, now_s)
-        if fault or report is None:
+        if fault is not None or report is None:
             return fault
         return self._faults.fault(report.telemetry, report.lost)
 

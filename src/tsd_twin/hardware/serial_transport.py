@@ -21,6 +21,8 @@ from serial.tools import list_ports
 
 from tsd_twin.dynamixel.packets import Decoder, Framing, Status, protocol2
 from tsd_twin.errors import TwinError
+from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.sentences import sentence
 
 
 class HardwareError(TwinError):
@@ -48,17 +50,15 @@ class PacketErrorMonitor:
     them.
     """
 
-    def __init__(self, name: str) -> None:
-        """`name` identifies the line in messages."""
+    def __init__(self, line: str) -> None:
+        """`line` is the word for the line in reasons."""
         self.corrupt = 0
         """Total cycles with a corrupt packet."""
-        self.suspicion = ""
-        """Message about two or more recent corrupt packets, a likely cause of missing responses, or
-        "".
-        """
-        self.fault = ""
-        """Fault message while the error rate is above the limit, or ""."""
-        self._name = name
+        self.suspicion: Reason | None = None
+        """Two or more recent corrupt packets, a likely cause of missing responses, or None."""
+        self.fault: Reason | None = None
+        """Fault while the error rate is above the limit, or None."""
+        self._line = line
         self._corrupt_s: list[float] = []
 
     def add_cycle(self, corrupt: bool, now_s: float) -> None:
@@ -69,12 +69,12 @@ class PacketErrorMonitor:
             self._corrupt_s.append(now_s)
         count = len(self._corrupt_s)
         if not count:
-            self.suspicion = self.fault = ""
+            self.suspicion = self.fault = None
             return
         lately_s = now_s - self._corrupt_s[0]
         if count > 1:
-            self.suspicion = f"garbage on {self._name}: {count} broken packets in {lately_s:.2f} s"
-        if count >= LIMIT and not self.fault:
+            self.suspicion = because(Code.LINE_GARBAGE, line=self._line, count=count, s=lately_s)
+        if count >= LIMIT and self.fault is None:
             self.fault = self.suspicion
 
 
@@ -84,9 +84,9 @@ _REMEMBERED = 500
 class LinkHealth:
     """Statistics of a serial line: round trips, missed responses and packet errors."""
 
-    def __init__(self, name: str) -> None:
-        """`name` identifies the line in messages."""
-        self.packet_errors = PacketErrorMonitor(name)
+    def __init__(self, line: str) -> None:
+        """`line` is the word for the line in reasons."""
+        self.packet_errors = PacketErrorMonitor(line)
         self._trips_ms: deque[float] = deque(maxlen=_REMEMBERED)
         self.cycles = 0
         self.missed = 0
@@ -371,6 +371,8 @@ class Device(Protocol):
     """Device on a serial port; called only by its `DeviceThread`."""
 
     name: str
+    device: str
+    """Word for the device in reasons."""
     baud: int
     health: LinkHealth
     disconnect_reason: str
@@ -397,18 +399,20 @@ class Device(Protocol):
         ...
 
 
-def connection_fault(device: Device, reported_s: float | None, now_s: float) -> str:
-    """Return the connection fault of a device, or "" while reports are recent and the line is
+def connection_fault(device: Device, reported_s: float | None, now_s: float) -> Reason | None:
+    """Return the connection fault of a device, or None while reports are recent and the line is
     clean.
 
     `reported_s` is the time of its latest report, or None if not connected.
     """
     if reported_s is None:
-        return f"{device.name} is not connected: {device.disconnect_reason}"
+        text = device.disconnect_reason
+        return because(Code.DEVICE_DISCONNECTED, device=device.device, text=text)
     errors = device.health.packet_errors
-    if errors.fault or now_s - reported_s <= SILENT_S:
+    if errors.fault is not None or now_s - reported_s <= SILENT_S:
         return errors.fault
-    return errors.suspicion or f"{device.name} has not answered for {SILENT_S * 1000:.0f} ms"
+    silent = because(Code.DEVICE_SILENT, device=device.device, ms=1000.0 * SILENT_S)
+    return errors.suspicion or silent
 
 
 class DeviceThread:
@@ -464,7 +468,7 @@ class DeviceThread:
 
     def _run_cycles(self, transport: SerialTransport) -> None:
         heard_s = time.monotonic()
-        logged = ""
+        logged: Reason | None = None
         while not self._stopping.is_set():
             self._cycle_requested.wait(_IDLE_S)
             self._cycle_requested.clear()
@@ -473,8 +477,9 @@ class DeviceThread:
             elif time.monotonic() - heard_s > _GIVE_UP_S:
                 raise HardwareError(f"{self._device.name} has been silent for {_GIVE_UP_S:g} s")
             fault = connection_fault(self._device, heard_s, time.monotonic())
-            if bool(fault) != bool(logged):
-                _LOG.warning("%s", fault or f"{self._device.name} answers again, over a clean line")
+            if (fault is None) != (logged is None):
+                back = f"{self._device.name} answers again, over a clean line"
+                _LOG.warning("%s", back if fault is None else sentence(fault))
             logged = fault
 
     def _connect(self) -> SerialTransport:

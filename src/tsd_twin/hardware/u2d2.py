@@ -19,9 +19,6 @@ from tsd_twin.dynamixel.packets import ALERT, Status, protocol1, protocol2
 from tsd_twin.dynamixel.servo_models import MODEL_NUMBER, MODELS, ServoModel, span, wrong_setting
 from tsd_twin.hardware.approach import Approach
 from tsd_twin.hardware.joints import (
-    FAR,
-    NO_TORQUE,
-    TOO_HOT,
     JointCommand,
     JointConverter,
     ServoCalibration,
@@ -38,6 +35,8 @@ from tsd_twin.hardware.serial_transport import (
     connection_fault,
 )
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, Reason, Type
+from tsd_twin.messages.sentences import WORDS, sentence
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat
 
@@ -126,11 +125,12 @@ class ServoBus:
     the servos hold their position, and the board stops the robot by shutting off the wheels.
     """
 
-    name = "the servo bus"
+    name = WORDS[Type.DEVICE]["servo_bus"]
+    device = "servo_bus"
     baud = SERVO_BAUD
 
     def __init__(self, joints: JointConverter, calibration: ServoCalibration) -> None:
-        self.health = LinkHealth("the serial line of the servos")
+        self.health = LinkHealth("servo_bus")
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.report: ServoReport | None = None
         self.disconnect_reason = ""
@@ -148,7 +148,7 @@ class ServoBus:
 
     @property
     def far(self) -> int:
-        """Mask of servos without torque, which were not near their neutral position yet."""
+        """Mask of servos without torque, which have not been near their neutral position yet."""
         return self._approach.far
 
     def connect(self, transport: SerialTransport) -> None:
@@ -260,7 +260,7 @@ class ServoBus:
         return GOAL.pack(self._neutral[i] + self._signs[i] * steps)
 
     def _steps(self, i: int, position: int) -> int:
-        """Steps from neutral, as the joints are drawn."""
+        """Return steps from neutral, with the sign of the joint."""
         return self._signs[i] * (position - self._neutral[i])
 
     def _all(self, address: int, data: list[bytes]) -> bytes:
@@ -270,6 +270,9 @@ class ServoBus:
         return 1 << self._ids.index(device)
 
     def _named(self, device: int) -> str:
+        return f"servo {self._servo(device)}"
+
+    def _servo(self, device: int) -> str:
         return self._joints.named(self._bit(device))
 
     def _find(self, transport: SerialTransport, device: int) -> None:
@@ -293,10 +296,10 @@ class ServoBus:
         Raises:
             HardwareError: If a setting is wrong.
         """
-        servo = self._named(device)
+        servo = self._servo(device)
         number = int.from_bytes(self._read(transport, device, MODEL_NUMBER, 2), "little")
         if number not in MODELS:
-            raise HardwareError(wrong_setting(servo, number, MODEL_NUMBER, number))
+            raise HardwareError(sentence(wrong_setting(servo, number, MODEL_NUMBER, number)))
         model = self._models[self._ids.index(device)] = MODELS[number]
         for group in model.reads():
             data = self._read(transport, device, group[0].address, span(group))
@@ -304,7 +307,8 @@ class ServoBus:
                 found = setting.value(data)
                 data = data[setting.size :]
                 if setting.address not in _WRITTEN and not setting.allows(found):
-                    raise HardwareError(wrong_setting(servo, number, setting.address, found))
+                    wrong = wrong_setting(servo, number, setting.address, found)
+                    raise HardwareError(sentence(wrong))
 
     def _set_up(self, transport: SerialTransport, device: int) -> None:
         if (delay := self._read(transport, device, RETURN_DELAY, 1)[0]) != 0:
@@ -317,7 +321,7 @@ class ServoBus:
         self._hold(transport, device)
 
     def _hold(self, transport: SerialTransport, device: int) -> None:
-        """Let a servo near its neutral position hold where it is; others get no torque."""
+        """Hold a servo at its position if it is near neutral; otherwise disable its torque."""
         (position,) = GOAL.unpack(self._read(transport, device, POSITION, GOAL.size))
         i = self._ids.index(device)
         steps = self._steps(i, position)
@@ -409,8 +413,8 @@ class U2D2Hardware:
         self._heartbeat = heartbeat
         self._wheels.set_heartbeat(heartbeat)
 
-    def fault(self, now_s: float) -> str:
-        """Return the fault of the board, the servos or the lines, or ""."""
+    def fault(self, now_s: float) -> Reason | None:
+        """Return the fault of the board, the servos or the lines, or None."""
         return self._wheels.fault(now_s) or self._servo_fault(now_s)
 
     def battery_v(self, now_s: float) -> float | None:
@@ -437,22 +441,22 @@ class U2D2Hardware:
         self._wheels.close()
         self._thread.close()
 
-    def _servo_fault(self, now_s: float) -> str:
+    def _servo_fault(self, now_s: float) -> Reason | None:
         report = self._bus.report
         fault = connection_fault(self._bus, report and report.newest_s, now_s)
-        if fault or report is None:
+        if fault is not None or report is None:
             return fault
         if dead := self._joints.servos & ~report.alive(now_s):
             return self._joints.silent(dead)
         if report.faults:
-            return f"{self._joints.named(report.faults)}: hardware error"
+            return self._joints.about(report.faults, Code.SERVO_ERROR)
         if hot := hot_servos({i: it.temperature_c for i, it in report.present.items()}):
-            return f"{self._joints.named(hot)}: {TOO_HOT}"
+            return self._joints.hot(hot)
         if far := self._bus.far:
-            return f"{self._joints.named(far)}: {FAR}"
+            return self._joints.about(far, Code.SERVO_FAR)
         if report.limp:
-            return f"{self._joints.named(report.limp)}: {NO_TORQUE}"
-        return ""
+            return self._joints.about(report.limp, Code.SERVO_LIMP)
+        return None
 
     def _status(self, report: ServoReport) -> dict[str, Any]:
         alive = report.alive(time.monotonic())

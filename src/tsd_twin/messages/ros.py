@@ -14,12 +14,12 @@ from tsd_twin.lie import SE2, SO3, Array, wrap
 from tsd_twin.messages.cdr_codec import CdrReader, CdrWriter
 
 _COMMANDS_KEPT = 16
-"""Commands whose encoding is kept: more than one process sends at a time."""
+"""Cache size for encoded commands, above the number sent concurrently."""
 
 BASE = "base_link"
-"""Frame of the robot: X forward, Y left, Z up, at the height of the wheel centres."""
+"""Robot frame: X forward, Y left, Z up, at the height of the wheel centres."""
 ODOM = "odom"
-"""World frame of the estimate: its origin is where the pose was last set to zero."""
+"""World frame of the estimate, with its origin where the pose was last set to zero."""
 
 PLANAR = (0, 1, 5)
 """Indices of (vx, vy, omega) in a spatial twist (vx, vy, vz, wx, wy, wz)."""
@@ -30,7 +30,7 @@ _PLANAR_BLOCK, _TURNING_BLOCK = np.ix_(PLANAR, PLANAR), np.ix_(TURNING, TURNING)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwistStamped:
-    """A spatial twist: `twist` (6,) = (vx, vy, vz, wx, wy, wz), m/s and rad/s in `frame`."""
+    """Spatial twist (6,): (vx, vy, vz, wx, wy, wz), m/s and rad/s in `frame`."""
 
     frame: str
     twist: Array
@@ -39,7 +39,7 @@ class TwistStamped:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointState:
-    """Angles and speeds of joints, (n,) each, rad and rad/s; NaN where there is no such value."""
+    """Joint angles and speeds, (n,) each, rad and rad/s; NaN where not applicable."""
 
     names: Sequence[str]
     position_rad: Array
@@ -49,18 +49,18 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometry:
-    """A pose in `odom` and a twist in `base_link`, with covariances.
+    """Pose in `odom` and twist in `base_link`, with covariances.
 
-    Planar, unless `wxyz` is given: then it is the orientation of a sphere that turns in place, the
-    twist its angular velocity, and position and heading mean nothing.
+    Planar unless `wxyz` is set. `wxyz` is the orientation of a sphere that turns in place; the
+    twist is then its angular velocity, and position and heading are unused.
     """
 
     xy_heading: Array
-    """(3,): metres and radians; as decoded from the bus, the heading is in (-pi, pi]."""
+    """(3,): metres and radians; the heading is in (-pi, pi] when decoded from the bus."""
     twist: Array
-    """(3,): vx, vy, omega; of a sphere wx, wy, wz."""
+    """(3,): vx, vy, omega, or wx, wy, wz for a sphere."""
     pose_covariance: Array
-    """(3, 3): of x, y, heading, axes of `odom`; of a sphere of small turns about those axes."""
+    """(3, 3): x, y, heading in `odom`, or small rotations about its axes for a sphere."""
     twist_covariance: Array
     """(3, 3)."""
     stamp_ns: int = 0
@@ -75,25 +75,25 @@ class Odometry:
         twist_covariance: Array,
         stamp_ns: int = 0,
     ) -> Odometry:
-        """Message for a planar pose or an orientation."""
+        """Create a message from a planar pose or an orientation."""
         xy_heading, wxyz = (
             (pose.xy_heading, None) if isinstance(pose, SE2) else (np.zeros(3), pose.wxyz)
         )
         return Odometry(xy_heading, twist, pose_covariance, twist_covariance, stamp_ns, wxyz)
 
     def wrapped(self) -> Odometry:
-        """Return this message with its heading in (-pi, pi], as it is decoded from the bus."""
+        """Return the message with its heading in (-pi, pi], as when decoded from the bus."""
         return replace(self, xy_heading=wrapped_heading(self.xy_heading))
 
 
 def encode_twist(message: TwistStamped) -> bytes:
-    """The CDR of a `geometry_msgs/msg/TwistStamped`."""
+    """Encode a `geometry_msgs/msg/TwistStamped` as CDR."""
     return _twist_cdr(message.frame, np.asarray(message.twist, float).tobytes(), message.stamp_ns)
 
 
 @functools.lru_cache(maxsize=_COMMANDS_KEPT)
 def _twist_cdr(frame: str, twist: bytes, stamp_ns: int) -> bytes:
-    # A motion repeats its command at 50 Hz.
+    # Cached, because motions repeat their command at 50 Hz.
     cdr = CdrWriter()
     cdr.header(stamp_ns, frame)
     cdr.doubles(np.frombuffer(twist))
@@ -101,10 +101,10 @@ def _twist_cdr(frame: str, twist: bytes, stamp_ns: int) -> bytes:
 
 
 def decode_twist(payload: bytes) -> TwistStamped:
-    """Twist in a CDR payload; numbers may be anything, also NaN.
+    """Decode a twist from CDR; values may be NaN.
 
     Raises:
-        MessageError: `shape`, when this is no `geometry_msgs/msg/TwistStamped`.
+        MessageError: If it is not a `geometry_msgs/msg/TwistStamped` (`shape`).
     """
     cdr = CdrReader(payload, "geometry_msgs/msg/TwistStamped")
     stamp_ns, frame = cdr.header()
@@ -114,7 +114,7 @@ def decode_twist(payload: bytes) -> TwistStamped:
 
 
 def encode_joints(message: JointState) -> bytes:
-    """CDR of a `sensor_msgs/msg/JointState`."""
+    """Encode a `sensor_msgs/msg/JointState` as CDR."""
     cdr = CdrWriter()
     cdr.header(message.stamp_ns, BASE)
     cdr.texts(message.names)
@@ -125,10 +125,10 @@ def encode_joints(message: JointState) -> bytes:
 
 
 def decode_joints(payload: bytes) -> JointState:
-    """Joints in a CDR payload.
+    """Decode joints from CDR.
 
     Raises:
-        MessageError: `shape`, when this is no `sensor_msgs/msg/JointState`.
+        MessageError: If it is not a `sensor_msgs/msg/JointState` (`shape`).
     """
     cdr = CdrReader(payload, "sensor_msgs/msg/JointState")
     stamp_ns, _ = cdr.header()
@@ -141,12 +141,12 @@ def decode_joints(payload: bytes) -> JointState:
 
 
 def wrapped_heading(xy_heading: Array) -> Array:
-    """Return (x, y, heading) with the heading in (-pi, pi], the range on every interface."""
+    """Wrap the heading of (x, y, heading) to (-pi, pi], the range used on every interface."""
     return np.array([xy_heading[0], xy_heading[1], wrap(xy_heading[2])])
 
 
 def encode_odometry(message: Odometry) -> bytes:
-    """CDR of a `nav_msgs/msg/Odometry`."""
+    """Encode a `nav_msgs/msg/Odometry` as CDR."""
     x, y, heading = (float(v) for v in message.xy_heading)
     if message.wxyz is None:
         rows = PLANAR
@@ -168,12 +168,12 @@ def encode_odometry(message: Odometry) -> bytes:
 
 
 def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
-    """Planar part of the odometry in a CDR payload; heading in (-pi, pi].
+    """Decode planar odometry from CDR, with the heading in (-pi, pi].
 
-    With `turning`, return the orientation and the angular velocity of a sphere.
+    With `turning`, decode the orientation and angular velocity of a sphere.
 
     Raises:
-        MessageError: `shape`, when this is no `nav_msgs/msg/Odometry`.
+        MessageError: If it is not a `nav_msgs/msg/Odometry` (`shape`).
     """
     cdr = CdrReader(payload, "nav_msgs/msg/Odometry")
     stamp_ns, _ = cdr.header()
@@ -194,7 +194,7 @@ def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
 
 
 def _spatial(covariance: Array, rows: tuple[int, int, int]) -> Array:
-    """Row-major (36,) spatial covariance of a (3, 3) one."""
+    """Embed a (3, 3) covariance in a row-major (36,) spatial one."""
     spatial = np.zeros((6, 6))
     spatial[np.ix_(rows, rows)] = covariance
     return spatial.reshape(36)

@@ -9,16 +9,18 @@ recording is repaired.
 from __future__ import annotations
 
 import os
-import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
 import msgspec
 
-from tsd_twin.errors import RecordingError
+from tsd_twin.errors import MessageError, RecordingError
+from tsd_twin.messages import topics
+from tsd_twin.messages.codes import Code, Reason
 from tsd_twin.messages.requests import Event
+from tsd_twin.messages.status import decode_status
 from tsd_twin.recording.channels import RAW, Entry, robot_of
 from tsd_twin.recording.index import RecordingIndex
 from tsd_twin.safety import Mode
@@ -54,10 +56,9 @@ _KINDS = {
     "lease": EventKind.HAND_OVER,
     "consistency": EventKind.CONSISTENCY,
 }
-_NEW_MODE = re.compile(r"From \w+ to (\w+)")
 _STOPS = frozenset({Mode.STOPPING, Mode.STOPPED})
 _MERGED_S = 2.0
-"""Events with the same kind and rule within this time are merged."""
+"""Events with the same code within this time are merged."""
 
 
 def read_events(index: RecordingIndex) -> list[RecordedEvent]:
@@ -66,12 +67,14 @@ def read_events(index: RecordingIndex) -> list[RecordedEvent]:
     Raises:
         RecordingError: If the file is damaged.
     """
-    topics = {topic for topic in index.topics if "/event/" in topic and not topic.endswith(RAW)}
-    entries = sorted(index.entries(topics), key=_log_ns)
-    return _merged(entries, index.start_ns)
+    kinds = {topic for topic in index.topics if "/event/" in topic and not topic.endswith(RAW)}
+    entries = sorted(index.entries(kinds), key=_log_ns)
+    return _merged(entries, index.start_ns, lambda robot, at_ns: _mode_after(index, robot, at_ns))
 
 
-def _merged(entries: Iterable[Entry], start_ns: int) -> list[RecordedEvent]:
+def _merged(
+    entries: Iterable[Entry], start_ns: int, mode_after: Callable[[str, int], str]
+) -> list[RecordedEvent]:
     found: list[RecordedEvent] = []
     latest: dict[tuple[str, str, str], tuple[int, float]] = {}
     for entry in entries:
@@ -80,25 +83,50 @@ def _merged(entries: Iterable[Entry], start_ns: int) -> list[RecordedEvent]:
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue
         t_s, robot = 1e-9 * (entry.log_ns - start_ns), robot_of(entry.topic)
-        key = (robot, event.kind, event.rule)
+        key = (robot, event.kind, _same(event))
         at, last_s = latest.get(key, (-1, -1.0))
         if at >= 0 and event.kind != "mode" and t_s - last_s < _MERGED_S:
             found[at] = replace(found[at], count=found[at].count + 1)
         else:
             at = len(found)
-            found.append(RecordedEvent(t_s, robot, kind_of(event), event.text))
+            is_old = event.kind == "mode" and event.why is None
+            kind = _of_mode(mode_after(robot, entry.log_ns)) if is_old else kind_of(event)
+            found.append(RecordedEvent(t_s, robot, kind, event.text))
         latest[key] = at, t_s
     return found
 
 
 def kind_of(event: Event) -> EventKind:
     """Return the category of an event."""
-    if event.kind == "mode" and (found := _NEW_MODE.match(event.text)):
-        mode = found[1]
-        if mode == Mode.FAULT:
-            return EventKind.FAULT
-        return EventKind.STOP if mode in _STOPS else EventKind.OTHER
+    if event.why is not None and event.why.code == Code.MODE_CHANGED:
+        return _of_mode(str(event.why.params.get("after", "")))
     return _KINDS.get(event.kind, EventKind.OTHER)
+
+
+def _of_mode(mode: str) -> EventKind:
+    if mode == Mode.FAULT:
+        return EventKind.FAULT
+    return EventKind.STOP if mode in _STOPS else EventKind.OTHER
+
+
+def _mode_after(index: RecordingIndex, robot: str, at_ns: int) -> str:
+    """Return the mode in the status after an event; recordings without codes show it only there."""
+    entry = index.first_after(topics.STATUS.key(robot), at_ns - 1)
+    try:
+        return "" if entry is None else decode_status(entry.data).mode
+    except MessageError:
+        return ""
+
+
+def _same(event: Event) -> str:
+    """Return what repeated events have in common: their code, request and cause."""
+    if event.why is None:
+        return event.rule
+    return " ".join((*_codes(event.why), str(event.why.params.get("request", ""))))
+
+
+def _codes(why: Reason) -> list[str]:
+    return [why.code, *([] if why.cause is None else [why.cause.code])]
 
 
 def _log_ns(entry: Entry) -> int:

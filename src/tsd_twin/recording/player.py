@@ -18,6 +18,7 @@ from tsd_twin.bus import Bus, Publisher, Request
 from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
 from tsd_twin.errors import BusError, RecordingError
 from tsd_twin.messages import topics
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.requests import encode_refusal
 from tsd_twin.messages.status import RECORDING, encode_stamp
 from tsd_twin.messages.topics import Service
@@ -236,7 +237,7 @@ class Replay:
             raise BusError(f"'{replay_id}' is on the bus already: choose another id with --id")
         self._bus, self._recording, self._robot, self._id = bus, recording, robot, replay_id
         self._description = _recorded_description(recording, robot)
-        self._refusal = f"this is a recording of '{robot}': it cannot be driven or stopped"
+        self._refusal = because(Code.RECORDING, robot=robot)
         self._publishers: dict[str, Publisher] = {}
         self._servers = {
             service: bus.queryable(service.key(replay_id), patterns=service is Service.DESC)

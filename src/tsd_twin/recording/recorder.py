@@ -11,9 +11,12 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import msgspec
+
 from tsd_twin.bus import Bus, Publisher
 from tsd_twin.errors import BusError
 from tsd_twin.messages import topics
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.requests import Event, Sample
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.recording.channels import EntryMaker, robot_of
@@ -170,15 +173,13 @@ class Recorder:
             self._report_space()
         if self.file.refused and not self._refused:
             self._refused = True
-            self._say(
-                f"Messages that are too long to record, or of too many topics, are left out: "
-                f"{self.file.refused} so far in {self.file.path.name}."
-            )
+            skipped, file = self.file.refused, self.file.path.name
+            self._say(because(Code.MESSAGES_NOT_RECORDED, count=skipped, file=file))
 
     def _report_full(self, error: OSError) -> None:
         if not self._full:
             self._full = error.strerror or str(error)
-            self._say(f"The recording stands still: {self._full}. Driving goes on.")
+            self._say(because(Code.RECORDING_PAUSED, text=self._full))
             self._folder.remove_oldest()
 
     def _report_space(self) -> None:
@@ -186,18 +187,18 @@ class Recorder:
             return
         lost, self._full = self.file.lost + self._dropped, ""
         self.file.lost = self._dropped = 0
-        self._say(f"The recording goes on: {lost or 'no'} messages are lost.")
+        self._say(because(Code.RECORDING_CONTINUES, lost=lost))
 
-    def _say(self, text: str) -> None:
+    def _say(self, why: Reason) -> None:
         """Notify the terminal and the pages of all robots."""
-        self._notify(text)
-        event = Event("record", text, rule="recording")
+        event = Event.of("record", why, "recording", 0.0)
+        self._notify(event.text)
         for robot, bus in list(self._alive.items()):
             try:
                 if robot not in self._events:
                     key = topics.event_key(robot, event.kind)
                     self._events[robot] = bus.publisher(key, QoS.EVENT)
-                self._events[robot].put(json.dumps(_fields(event)).encode())
+                self._events[robot].put(msgspec.json.encode(event))
             except BusError:
                 return
 
@@ -228,7 +229,3 @@ class Recorder:
             file.close()
         except OSError as error:
             self._notify(f"{file.path} has no index: {error.strerror}.")
-
-
-def _fields(event: Event) -> dict[str, Any]:
-    return {name: getattr(event, name) for name in event.__struct_fields__}

@@ -50,13 +50,10 @@ class WheelSpeedRange:
         rim_mps = self.kinematics.wheel_radius_m * spin_rad_per_s
         return rim_mps * math.sin(self.kinematics.max_tilt_rad)
 
-    def refusal(self, spin_rad_per_s: float) -> str:
-        """Return the reason why a speed is not selectable, as part of a sentence, or ""."""
+    def allows(self, spin_rad_per_s: float) -> bool:
+        """Return whether a speed is selectable."""
         # False for NaN.
-        if self.least_rad_per_s <= spin_rad_per_s <= self.most_rad_per_s:
-            return ""
-        least, most = self.least_rad_per_s / RPM, self.most_rad_per_s / RPM
-        return f"the wheels turn at {least:,.0f} to {most:,.0f} rpm"
+        return self.least_rad_per_s <= spin_rad_per_s <= self.most_rad_per_s
 
     def rate_rad_per_s2(
         self, spin_rad_per_s: float, time_constant_s: float, deceleration_mps2: float

@@ -1,20 +1,21 @@
-"""Two robots under one ROS name, as the graph of ROS shows them: a fault. Pure."""
+"""Fault detection: two robots with the same ROS name in the ROS graph (pure)."""
 
 from __future__ import annotations
 
 import math
 
 from tsd_twin.interop.mapping import CMD_VEL, ODOMETRY, RosNames
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.ros.port import NODE, RosPort
 
 CHECK_S = 0.2
-"""Time between two looks at the graph, which cost some calls of the middleware."""
+"""Interval between graph queries, which cost several middleware calls."""
 READERS = frozenset({NODE, f"{NODE}_stamped"})
-"""Nodes that stand for a robot on a bus, by which topic they read."""
+"""Nodes that represent a bus robot, identified by the topic they read."""
 
 
-def shared_name(port: RosPort, names: RosNames, *, is_shown: bool) -> str:
-    """Return a sentence if another robot has the name of this one; "" if none has.
+def shared_name(port: RosPort, names: RosNames, *, is_shown: bool) -> Reason | None:
+    """Return a reason if another robot has the name of this one; None if none has.
 
     A robot that `is_shown` to ROS has `odom` of our own port; another robot's `odom` has one
     publisher that is not ours.
@@ -23,23 +24,22 @@ def shared_name(port: RosPort, names: RosNames, *, is_shown: bool) -> str:
     publishers = sorted(port.publishers(odom))
     readers = sorted(READERS.intersection(port.subscribers(cmd_vel)))
     if len(publishers) > (0 if is_shown else 1):
-        topic, what = odom, f"is also published by {publishers[-1]}"
-    elif readers:
-        topic, what = cmd_vel, f"is also read by {readers[0]}"
-    else:
-        return ""
-    return f"two robots have the ROS name {topic}, which {what}: end one, or use another --domain"
+        return because(Code.ROS_NAME_PUBLISHED, topic=odom, node=publishers[-1])
+    if readers:
+        return because(Code.ROS_NAME_READ, topic=cmd_vel, node=readers[0])
+    return None
 
 
 class NameWatch:
-    """Newest answer of `shared_name`, which is asked again from time to time."""
+    """Latest result of `shared_name`, refreshed periodically."""
 
     def __init__(self, port: RosPort, names: RosNames, *, is_shown: bool) -> None:
         self._port, self._names, self._is_shown = port, names, is_shown
-        self._checked_s, self._problem = -math.inf, ""
+        self._checked_s = -math.inf
+        self._problem: Reason | None = None
 
-    def problem(self, now_s: float) -> str:
-        """Return the sentence that is true now; "" if no other robot has the name."""
+    def problem(self, now_s: float) -> Reason | None:
+        """Return the reason that is true now; None if no other robot has the name."""
         if now_s - self._checked_s >= CHECK_S:
             self._checked_s = now_s
             self._problem = shared_name(self._port, self._names, is_shown=self._is_shown)

@@ -1,4 +1,4 @@
-"""Lease: the exclusive, timed right to drive, on the robot's clock; and the command gate."""
+"""Leases (exclusive, time-limited control of a robot) and command validation."""
 
 from __future__ import annotations
 
@@ -8,21 +8,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from tsd_twin.errors import MessageError
+from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.errors import RejectedMessage
 from tsd_twin.messages.requests import Command, LeaseReply, LeaseRequest, Sample, decode_command
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import DropCounts
 from tsd_twin.robots import RobotDescription
 
 REQUEST_TIMEOUT_S = 15.0
-"""An unanswered request for the lease expires after this time."""
+"""Timeout of an unanswered request for the lease."""
 RESERVATION_S = 3.0
-"""Time after a grant during which the lease is reserved for the operator who requested it."""
+"""Time after a grant during which the lease is reserved for the requester."""
 DENIED_S = 5.0
-"""Minimum time between a denied request and the next one of the same operator."""
+"""Minimum time before a denied operator may request again."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimedClaim:
-    """A claim of one operator with an expiry time: a pending request, or a reservation."""
+    """Pending request or reservation of an operator, with an expiry time."""
 
     operator: str
     since_s: float
@@ -30,11 +33,11 @@ class TimedClaim:
 
 
 class HandOver:
-    """Hand-over of the lease: one pending request at a time, its grant, denial or expiry.
+    """Handover of the lease between operators, with at most one pending request.
 
-    A request alone changes nothing. A grant ends the lease of the holder and reserves the next one
-    for the operator who requested it, who acquires it like any other lease. So no other client
-    learns its id, and the holder of a lease in force always knows of it.
+    A request alone has no effect. A grant ends the holder's lease and reserves the next one for the
+    requester, who then acquires it as usual. This keeps the new lease id private, and the active
+    holder always knows about the handover.
     """
 
     def __init__(self) -> None:
@@ -43,29 +46,29 @@ class HandOver:
         self._denied: TimedClaim | None = None
 
     def pending_request(self, now_s: float) -> TimedClaim | None:
-        """Pending request for control, if there is one."""
+        """Return the pending request for control, if any."""
         self._pending = _still_valid(self._pending, now_s)
         return self._pending
 
     def reservation(self, now_s: float) -> TimedClaim | None:
-        """Reservation of the next lease, if there is one."""
+        """Return the reservation of the next lease, if any."""
         self._reserved = _still_valid(self._reserved, now_s)
         return self._reserved
 
-    def request_control(self, operator: str, now_s: float) -> str:
-        """Request control; return the reason of a refusal, or "". Requests are idempotent."""
+    def request_control(self, operator: str, now_s: float) -> Reason | None:
+        """Request control; return why it is refused, or None. Requests are idempotent."""
         asked = self.pending_request(now_s)
         self._denied = _still_valid(self._denied, now_s)
         if self._denied is not None and self._denied.operator == operator:
-            return f"control was kept: ask again in {self._denied.until_s - now_s:.0f} s"
+            return because(Code.DENIED_LATELY, s=round(self._denied.until_s - now_s))
         if asked is not None and asked.operator != operator:
-            return f"{asked.operator} asks already"
+            return because(Code.OTHER_REQUEST, asker=asked.operator)
         if asked is None:
             self._pending = TimedClaim(operator, now_s, now_s + REQUEST_TIMEOUT_S)
-        return ""
+        return None
 
-    def withdraw(self, operator: str, now_s: float) -> str:
-        """Withdraw a request or a reservation; return the reason of a refusal, or ""."""
+    def withdraw(self, operator: str, now_s: float) -> Reason | None:
+        """Withdraw a request or a reservation; return why it is refused, or None."""
         asked, reserved = self.pending_request(now_s), self.reservation(now_s)
         if asked is not None and asked.operator == operator:
             self._pending = None
@@ -73,33 +76,33 @@ class HandOver:
             # The grant crossed the withdrawal: free the reservation for other operators.
             self._reserved = None
         else:
-            return f"{operator} does not ask for control"
-        return ""
+            return because(Code.NO_REQUEST_OF, operator=operator)
+        return None
 
-    def deny(self, asker: str | None, now_s: float) -> str:
-        """Deny the request of `asker`; return the reason of a refusal, or ""."""
+    def deny(self, asker: str | None, now_s: float) -> Reason | None:
+        """Deny the request of `asker`; return why it is refused, or None."""
         if refusal := self._not_asked_by(asker, now_s):
             return refusal
         self._pending, self._denied = None, TimedClaim(asker or "", now_s, now_s + DENIED_S)
-        return ""
+        return None
 
-    def grant(self, asker: str | None, now_s: float) -> str:
-        """Reserve the next lease for `asker`; return the reason of a refusal, or ""."""
+    def grant(self, asker: str | None, now_s: float) -> Reason | None:
+        """Reserve the next lease for `asker`; return why it is refused, or None."""
         if refusal := self._not_asked_by(asker, now_s):
             return refusal
         self._pending, self._reserved = None, TimedClaim(asker or "", now_s, now_s + RESERVATION_S)
-        return ""
+        return None
 
     def end(self) -> None:
-        """Clear request and reservation: the requested lease has ended, or there is a new one."""
+        """Clear all claims after the lease has ended or changed hands."""
         self._pending = self._reserved = self._denied = None
 
-    def _not_asked_by(self, asker: str | None, now_s: float) -> str:
+    def _not_asked_by(self, asker: str | None, now_s: float) -> Reason | None:
         asked = self.pending_request(now_s)
         if asked is None:
-            return "no operator has requested control"
+            return because(Code.NO_REQUEST)
         # Another operator may have requested since the holder answered the first.
-        return "" if asked.operator == asker else f"it is {asked.operator} who asks"
+        return None if asked.operator == asker else because(Code.REQUEST_OF, asker=asked.operator)
 
 
 def _still_valid(claim: TimedClaim | None, now_s: float) -> TimedClaim | None:
@@ -107,30 +110,28 @@ def _still_valid(claim: TimedClaim | None, now_s: float) -> TimedClaim | None:
 
 
 TTL_S = 2.0
-"""A lease ends this long after the last counted command or renewal."""
+"""Lease timeout after the last accepted command or renewal."""
 REACTION_S = 0.02
-"""Two control periods: one until the age of a command is noticed, one until the joints get zero."""
+"""Reaction time: one control period to detect the timeout, one to command zero."""
 
 
 @dataclass(slots=True)
 class Lease:
-    """One grant."""
+    """Lease granted to an operator."""
 
     holder: str
     id: bytes
     expires_s: float
     max_age_s: float
     speed_cap_mps: float
-    """Speed limit under this lease; it falls as the allowed age of commands rises."""
+    """Speed limit under this lease; decreases with `max_age_s`."""
     timeout_s: float
-    """A command stays valid for this time after its arrival, and never longer than `max_age_s`
-    after the sending time of the status whose number it carries. A lease for a slow link has a
-    longer timeout: gaps between commands can be as long as the delay.
-    """
+    """Command timeout after arrival, capped at `max_age_s` after the echoed status was sent.
+    Longer for slow links, where gaps between commands can be as long as the delay."""
 
 
 class LeaseManager:
-    """Lease server: grants, renews and ends leases. Time and new ids are arguments."""
+    """Grants, renews and ends leases; time and new ids are passed in."""
 
     def __init__(self, robot: RobotDescription, new_id: Callable[[], bytes]) -> None:
         self._robot = robot
@@ -139,13 +140,13 @@ class LeaseManager:
         self.hand_over = HandOver()
 
     def current(self, now_s: float) -> Lease | None:
-        """Lease in force, if any; an expired one ends here."""
+        """Return the active lease, if any; ends an expired one."""
         if self._lease is not None and now_s >= self._lease.expires_s:
             self._end()
         return self._lease
 
     def answer(self, request: LeaseRequest, now_s: float) -> LeaseReply:
-        """Answer to a request, and act on it."""
+        """Process a request and return the reply."""
         lease = self.current(now_s)
         match request.op:
             case "acquire":
@@ -155,62 +156,65 @@ class LeaseManager:
             case "request":
                 return self._request(request, lease, now_s)
             case "withdraw":
-                return self._done(
-                    lease, self.hand_over.withdraw(request.operator, now_s), "withdrawn"
-                )
+                refusal = self.hand_over.withdraw(request.operator, now_s)
+                return self._done(lease, refusal, because(Code.WITHDRAWN))
             case "renew" | "release" | "grant" | "deny":
                 if lease is None or not held_by(lease, request.operator, request.lease):
-                    return self._refuse(lease, "this lease is not in force")
+                    return self._refuse(lease, because(Code.LEASE_NOT_IN_FORCE))
                 return self._of_holder(request, lease, now_s)
 
     def _of_holder(self, request: LeaseRequest, lease: Lease, now_s: float) -> LeaseReply:
         hand_over = self.hand_over
         match request.op:
             case "release":
-                # A release by the holder grants the pending request.
+                # Releasing the lease grants the pending request.
                 if (asked := hand_over.pending_request(now_s)) is not None:
                     hand_over.grant(asked.operator, now_s)
                     self._lease = None
                 else:
                     self._end()
-                return LeaseReply(False, reason="released", done=True)
+                return self._done(None, None, because(Code.RELEASED))
             case "grant":
                 refusal = hand_over.grant(request.asker, now_s)
                 if not refusal:
                     self._lease = None
-                return self._done(self._lease, refusal, f"control is kept for {request.asker}")
+                reserved = because(Code.RESERVED, operator=request.asker or "")
+                return self._done(self._lease, refusal, reserved)
             case "deny":
-                return self._done(lease, hand_over.deny(request.asker, now_s), "control is kept")
+                refusal = hand_over.deny(request.asker, now_s)
+                return self._done(lease, refusal, because(Code.CONTROL_KEPT))
             case _:
                 lease.expires_s = now_s + TTL_S
                 return self._granted(lease)
 
     def _request(self, request: LeaseRequest, lease: Lease | None, now_s: float) -> LeaseReply:
         if lease is None:
-            return self._refuse(lease, "the robot has no operator: acquire control")
+            return self._refuse(lease, because(Code.NO_OPERATOR))
         if lease.holder == request.operator:
-            return self._refuse(lease, f"{lease.holder} has control already")
+            return self._refuse(lease, because(Code.HAS_CONTROL_ALREADY, holder=lease.holder))
         refusal = self.hand_over.request_control(request.operator, now_s)
-        return self._done(lease, refusal, f"{lease.holder} is asked")
+        return self._done(lease, refusal, because(Code.HOLDER_ASKED, holder=lease.holder))
 
-    def acquire_refusal(self, operator: str | None, now_s: float, *, take_over: bool) -> str:
-        """Why `operator` cannot acquire the lease now, or "".
+    def acquire_refusal(
+        self, operator: str | None, now_s: float, *, take_over: bool
+    ) -> Reason | None:
+        """Why `operator` cannot acquire the lease now, or None.
 
         None is an operator for whom no lease is reserved.
         """
         reserved, lease = self.hand_over.reservation(now_s), self.current(now_s)
         if reserved is not None and reserved.operator != operator:
-            return f"control is kept for {reserved.operator}, for a moment"
+            return because(Code.RESERVED_FOR, operator=reserved.operator)
         if lease is not None and not take_over:
-            return f"{lease.holder} drives; ask for control or take over"
-        return ""
+            return because(Code.DRIVEN_BY, holder=lease.holder)
+        return None
 
     def _end(self) -> None:
         self._lease = None
         self.hand_over.end()
 
     def renew(self, now_s: float) -> None:
-        """Extend the lease in force after a counted command of its holder."""
+        """Extend the active lease after an accepted command."""
         if self._lease is not None:
             self._lease.expires_s = now_s + TTL_S
 
@@ -220,7 +224,7 @@ class LeaseManager:
         limits = self._robot.limits
         wanted = limits.max_command_age_s if request.max_age_s is None else request.max_age_s
         if not math.isfinite(wanted):
-            return self._refuse(lease, "max_age_s must be a finite number")
+            return self._refuse(lease, because(Code.NOT_FINITE, quantity="max_age_s"))
         max_age_s = min(max(wanted, limits.max_command_age_s), limits.max_command_age_ceiling_s)
         self._end()
         self._lease = Lease(
@@ -236,18 +240,20 @@ class LeaseManager:
     def _granted(self, lease: Lease) -> LeaseReply:
         return LeaseReply(True, lease.id.hex(), lease.holder, TTL_S, "", lease.max_age_s, done=True)
 
-    def _done(self, lease: Lease | None, refusal: str, what: str) -> LeaseReply:
+    def _done(self, lease: Lease | None, refusal: Reason | None, done: Reason) -> LeaseReply:
         """Reply to a request that does not grant a lease."""
-        if refusal:
+        if refusal is not None:
             return self._refuse(lease, refusal)
-        return LeaseReply(False, holder=lease.holder if lease else None, reason=what, done=True)
+        holder = lease.holder if lease else None
+        return LeaseReply(False, holder=holder, reason=sentence(done), done=True, why=done)
 
-    def _refuse(self, lease: Lease | None, reason: str) -> LeaseReply:
-        return LeaseReply(False, holder=lease.holder if lease else None, reason=reason)
+    def _refuse(self, lease: Lease | None, why: Reason) -> LeaseReply:
+        holder = lease.holder if lease else None
+        return LeaseReply(False, holder=holder, reason=sentence(why), why=why)
 
 
 def held_by(lease: Lease | None, operator: str | None, lease_hex: str | None) -> bool:
-    """Whether this operator (any, when None) holds exactly this lease."""
+    """Return whether `operator` (None for any) holds exactly this lease."""
     return (
         lease is not None
         and lease_hex is not None
@@ -257,10 +263,10 @@ def held_by(lease: Lease | None, operator: str | None, lease_hex: str | None) ->
 
 
 def speed_cap_mps(robot: RobotDescription, max_age_s: float) -> float:
-    """Top speed at which a robot stops within `limits.stop_allowance_m` after any link failure.
+    """Return the top speed that keeps the stopping distance within `limits.stop_allowance_m`.
 
-    Commands may move it until `max_age_s` after the last status that got through. Then it brakes,
-    later by the reaction of the control loop and by the lag of its joints.
+    After a link failure, commands stay valid until `max_age_s` after the last delivered status.
+    Braking then starts after the reaction time of the loop and the actuator lag.
     """
     limits = robot.limits
     late_s = max_age_s + REACTION_S + robot.lag_s + robot.delay_s
@@ -269,16 +275,16 @@ def speed_cap_mps(robot: RobotDescription, max_age_s: float) -> float:
 
 
 def speed_within(deceleration_mps2: float, late_s: float, allowed_m: float) -> float:
-    """Speed in m/s from which `late_s` of travel and then braking take `allowed_m`.
+    """Return the speed in m/s from which a robot stops within `allowed_m`.
 
-    The positive root of v late + v^2 / (2 a) = d.
+    It travels for `late_s` before braking: the positive root of v late + v^2 / (2 a) = d.
     """
     a, t = deceleration_mps2, late_s
     return -a * t + math.sqrt(a * a * t * t + 2.0 * a * allowed_m)
 
 
 class LeaseEvents:
-    """Event texts of lease changes: requests, hand-overs, and claims that expire."""
+    """Reasons for events of lease changes: requests, hand-overs, and claims that expire."""
 
     def __init__(self, leases: LeaseManager) -> None:
         self._leases = leases
@@ -286,31 +292,32 @@ class LeaseEvents:
         self._pending: TimedClaim | None = None
         self._reserved: TimedClaim | None = None
 
-    def after(self, request: LeaseRequest, before: Lease | None, now_s: float) -> str:
-        """Event text of a request, empty when it changed nothing."""
+    def after(self, request: LeaseRequest, before: Lease | None, now_s: float) -> Reason | None:
+        """Reason for the event of a request, None when it changed nothing."""
         asked, after = self._pending, self._leases.current(now_s)
         self._update(now_s)
         if after is not before:
             return self._of_change(request, before, after)
         if request.op == "deny" and asked is not None and self._pending is None:
-            return f"{request.operator} keeps control, for which {asked.operator} has asked."
+            return because(Code.REQUEST_DENIED, operator=request.operator, asker=asked.operator)
         if request.op == "withdraw" and asked is not None and self._pending is None:
-            return f"{asked.operator} asks for control no longer."
+            return because(Code.REQUEST_WITHDRAWN, operator=asked.operator)
         if self._pending is not None and self._pending is not asked:
-            return f"{self._pending.operator} asks {self._holder} for control."
-        return ""
+            asker = self._pending.operator
+            return because(Code.CONTROL_REQUESTED, operator=asker, holder=self._holder)
+        return None
 
-    def run_out(self, now_s: float) -> str:
-        """Event text of a lease or claim that has expired, empty when none has."""
+    def run_out(self, now_s: float) -> Reason | None:
+        """Reason for the event of a lease or claim that has expired, None when none has."""
         holder, asked, reserved = self._holder, self._pending, self._reserved
         self._update(now_s)
         if holder and not self._holder:
-            return f"Control of {holder} has run out."
+            return because(Code.LEASE_EXPIRED, operator=holder)
         if asked is not None and self._pending is None:
-            return f"{holder} has given no answer to {asked.operator}, who asked for control."
+            return because(Code.REQUEST_EXPIRED, holder=holder, asker=asked.operator)
         if reserved is not None and self._reserved is None:
-            return f"Control was kept for {reserved.operator}, who did not take it."
-        return ""
+            return because(Code.RESERVATION_EXPIRED, operator=reserved.operator)
+        return None
 
     def _update(self, now_s: float) -> None:
         lease = self._leases.current(now_s)
@@ -318,21 +325,28 @@ class LeaseEvents:
         self._pending = self._leases.hand_over.pending_request(now_s)
         self._reserved = self._leases.hand_over.reservation(now_s)
 
-    def _of_change(self, request: LeaseRequest, before: Lease | None, after: Lease | None) -> str:
+    def _of_change(
+        self, request: LeaseRequest, before: Lease | None, after: Lease | None
+    ) -> Reason:
         if after is None:
-            giver = before.holder if before else "The holder"
+            giver = before.holder if before else ""
             if self._reserved is not None:
-                return f"{giver} hands control over to {self._reserved.operator}."
-            return f"{giver} released control."
+                asker = self._reserved.operator
+                return because(Code.LEASE_HANDED_OVER, operator=giver, other=asker)
+            return because(Code.LEASE_RELEASED, operator=giver)
         if before is None or before.holder == after.holder:
-            return f"{after.holder} has control."
-        reason = " ".join(request.reason.split()).rstrip(".")
-        why = f": {reason}" if reason else ""
-        return f"{after.holder} took control over from {before.holder}{why}."
+            return because(Code.LEASE_GRANTED, operator=after.holder)
+        text = " ".join(request.reason.split()).rstrip(".")
+        return because(
+            Code.LEASE_TAKEN_OVER,
+            operator=after.holder,
+            other=before.holder,
+            **({"text": text} if text else {}),
+        )
 
 
 _REMEMBERED = 256
-"""Number of status messages whose sending time is kept: more than a second of them."""
+"""Number of status send times kept (more than a second)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,52 +354,54 @@ class Overaged:
     """Command that echoed a status older than the lease allows."""
 
     echoed_s: float | None
-    """Sending time of that status; None if it is not known any more."""
+    """Send time of that status, or None if no longer known."""
 
 
 class CommandGate:
-    """Filter of velocity commands by lease, order, age and finite numbers.
+    """Validates velocity commands: lease, order, age and finite values.
 
-    A command counts only if its key names one operator, who holds the lease; the lease id is the
-    current one; its number rises; the newest status it has seen was sent less than the allowed age
-    ago, and not before the robot was last armed, became ready, stopped or was disarmed; and its
-    numbers are finite. The echo of the status bounds the age of a command without any agreement
-    between clocks, and drops the bursts of old commands that a stalled link delivers late.
+    A command is accepted if all of these hold:
+    - the operator in its key holds the lease, and the lease id matches;
+    - its sequence number increases, and all values are finite;
+    - the status it echoes was sent within the maximum age, and after the robot last armed, became
+      ready, stopped or disarmed.
 
-    A command of zero counts however old it is, since it can only stop the robot.
+    The echoed status bounds the command's age without synchronized clocks, and rejects the bursts
+    of stale commands that a stalled link delivers. Zero commands are accepted at any age because
+    they can only stop the robot.
     """
 
     def __init__(self) -> None:
         self.accepted = 0
         self.dropped = DropCounts()
         self.echo_s: float | None = None
-        """Age, on arrival, of the status whose number the newest counted command carries."""
+        """Age on arrival of the status echoed by the latest accepted command."""
         self.echoed_s = -math.inf
-        """Sending time of the status whose number the newest counted command carries."""
+        """Send time of the status echoed by the latest accepted command."""
         self.is_late = False
-        """Whether the newest counted command is a zero that is too old for any other command."""
+        """Whether the latest accepted command is a zero older than the maximum age."""
         self.overaged: Overaged | None = None
-        """Newest command whose echo was too old, dropped or a zero; None after a fresh one."""
+        """Latest command with an echo that was too old, or None after a fresh one."""
         self._sent_s: OrderedDict[int, float] = OrderedDict()
         self._seen: tuple[bytes, int] = (b"", -1)
         self._oldest_echo_s = -math.inf
 
     def reject_sent_before(self, now_s: float) -> None:
-        """Drop all commands, under any lease, that echo a status sent before `now_s`.
+        """Reject all commands, under any lease, that echo a status sent before `now_s`.
 
-        A command in transit may be young enough to count, but its operator did not know of the stop
-        or of the arming that happens now, and may have released the stick since.
+        Commands in flight may be fresh enough, but their operator did not know about the current
+        stop or arming, and may have released the stick since.
         """
         self._oldest_echo_s = now_s
 
     def record_status(self, seq: int, now_s: float) -> None:
-        """Remember when status `seq` was sent."""
+        """Record the send time of status `seq`."""
         self._sent_s[seq] = now_s
         while len(self._sent_s) > _REMEMBERED:
             self._sent_s.popitem(last=False)
 
     def validate(self, sample: Sample, lease: Lease | None, now_s: float) -> Command | MessageError:
-        """Command if it counts, else why it does not."""
+        """Return the command if it is accepted, else the error."""
         try:
             command = decode_command(sample)
             self._validate(command, lease, now_s)
@@ -398,28 +414,36 @@ class CommandGate:
 
     def _validate(self, command: Command, lease: Lease | None, now_s: float) -> None:
         if lease is None or command.operator != lease.holder or command.lease != lease.id:
-            holder = "no operator holds" if lease is None else f"{lease.holder} holds"
-            raise MessageError("lease", f"{command.operator} sent a command, {holder} the lease")
+            raise RejectedMessage("lease", _not_holder(command.operator, lease))
         lease_id, newest = self._seen
         if lease_id == command.lease and command.seq <= newest:
-            raise MessageError("order", f"command {command.seq} came after {newest}")
+            late = because(Code.OUT_OF_ORDER, number=command.seq, latest=newest)
+            raise RejectedMessage("order", late)
         sent_s = self._sent_s.get(command.status_seq)
         if sent_s is None or now_s - sent_s > lease.max_age_s:
             self.overaged = Overaged(sent_s)
         problem = self._age_problem(command.status_seq, sent_s, lease, now_s)
-        if problem and command.twist.any():
-            raise MessageError("stale", problem)
-        self.is_late = bool(problem)
-        if not problem:
+        if problem is not None and command.twist.any():
+            raise RejectedMessage("stale", problem)
+        self.is_late = problem is not None
+        if problem is None:
             self.overaged = None
         if sent_s is not None:
             self.echo_s, self.echoed_s = now_s - sent_s, sent_s
 
-    def _age_problem(self, number: int, sent_s: float | None, lease: Lease, now_s: float) -> str:
+    def _age_problem(
+        self, number: int, sent_s: float | None, lease: Lease, now_s: float
+    ) -> Reason | None:
         if sent_s is None:
-            return f"status {number} was not sent lately"
+            return because(Code.UNKNOWN_STATUS, number=number)
         if sent_s < self._oldest_echo_s:
-            return "command was sent before the robot last stopped or was armed"
+            return because(Code.SENT_BEFORE_CHANGE)
         if now_s - sent_s > lease.max_age_s:
-            return f"command is {now_s - sent_s:.2f} s old, {lease.max_age_s:g} s are allowed"
-        return ""
+            return because(Code.TOO_OLD, s=now_s - sent_s, limit_s=lease.max_age_s)
+        return None
+
+
+def _not_holder(operator: str, lease: Lease | None) -> Reason:
+    if lease is None:
+        return because(Code.NO_LEASE, operator=operator)
+    return because(Code.NOT_HOLDER, operator=operator, holder=lease.holder)

@@ -1,33 +1,34 @@
-"""Pauses of the control loop, in which the computer of the robot ran something else.
+"""Detection of control-loop pauses, during which the robot's computer was busy.
 
-A pause looks like silence of others: no command has arrived, no joint was measured. The watch tells
-them apart, so that the reason of a stop names the computer. It decides nothing.
+To the controller, a pause looks like missing commands or measurements. This distinction lets the
+stop reason name the computer; it affects no decision.
 """
 
 from __future__ import annotations
 
 import math
 
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.requests import Event
 
 LATE_S = 0.05
-"""Pauses from this on are reported: five periods, half of the time that makes a fault of them."""
+"""Pauses above this are reported: five periods, half of the fault threshold."""
 _REPORT_S = 1.0
-"""Minimum time between two events, unless the pause is longer than the last reported."""
+"""Minimum time between events, unless the pause exceeds the last reported one."""
 
 
 class LoopWatch:
-    """Watch over the periods of a control loop; time is an argument."""
+    """Monitors the periods of a control loop."""
 
     def __init__(self) -> None:
         self._now_s = math.nan
         self._pause = (-math.inf, -math.inf)
-        """Begin and end of the newest pause."""
+        """Start and end of the latest pause."""
         self._reported_s = -math.inf
         self._reported_pause_s = 0.0
 
     def step(self, now_s: float) -> Event | None:
-        """Note that a period begins; return an event after a pause."""
+        """Record the start of a period; return an event after a pause."""
         before_s, self._now_s = self._now_s, now_s
         if not now_s - before_s >= LATE_S:
             return None
@@ -35,24 +36,20 @@ class LoopWatch:
         if now_s - self._reported_s < _REPORT_S and pause_s <= self._reported_pause_s:
             return None
         self._reported_s, self._reported_pause_s = now_s, pause_s
-        return Event(
-            "loop",
-            f"T{_busy(pause_s)[1:]}.",
-            rule=f"periods of the control loop below {LATE_S * 1000:.0f} ms",
-            robot_s=now_s,
-        )
+        rule = f"periods of the control loop below {LATE_S * 1000:.0f} ms"
+        return Event.of("loop", _busy(pause_s), rule, now_s)
 
-    def explains(self, since_s: float, limit_s: float, now_s: float) -> str:
-        """Return a sentence if the newest pause explains a silence that began at `since_s`.
+    def explains(self, since_s: float, limit_s: float, now_s: float) -> Reason | None:
+        """Return the newest pause if it explains a silence that began at `since_s`, else None.
 
-        It does if, without it, the silence would be no longer than `limit_s`; "" if it does not.
+        It does if, without it, the silence would be no longer than `limit_s`.
         """
         begin_s, end_s = self._pause
         pause_s = end_s - max(begin_s, since_s)
         silence_s = now_s - since_s
         explained = pause_s > 0.0 and silence_s > limit_s >= silence_s - pause_s
-        return _busy(end_s - begin_s) if explained else ""
+        return _busy(end_s - begin_s) if explained else None
 
 
-def _busy(pause_s: float) -> str:
-    return f"the robot's computer was too busy for {pause_s * 1000:.0f} ms"
+def _busy(pause_s: float) -> Reason:
+    return because(Code.LOOP_LATE, ms=1000.0 * pause_s)

@@ -1,6 +1,4 @@
-"""Safety supervisor: modes and their transitions, arming, driving, stopping, the latched stop and
-the heartbeat of the hardware watchdog; time is an argument.
-"""
+"""Safety supervisor: modes, arming, driving, stopping, latched stop and watchdog heartbeat."""
 
 from __future__ import annotations
 
@@ -11,6 +9,8 @@ from enum import StrEnum
 import numpy as np
 
 from tsd_twin.errors import MessageError
+from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.errors import rejection
 from tsd_twin.messages.requests import (
     Command,
     Event,
@@ -20,6 +20,7 @@ from tsd_twin.messages.requests import (
     Sample,
     StopRequest,
 )
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import ArmingStatus
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety.lease import CommandGate, HandOver, Lease, LeaseEvents, LeaseManager, held_by
@@ -27,28 +28,28 @@ from tsd_twin.safety.loop_watch import LoopWatch
 
 
 class Mode(StrEnum):
-    """Modes of a robot; it moves in `driving`, and brakes in `stopping`."""
+    """Robot modes; the robot moves in `driving` and brakes in `stopping`."""
 
     DISARMED = "disarmed"
     """Gimbals neutral, wheels at rest."""
     ARMING = "arming"
-    """Neutral tilt is checked, speed controllers get zero throttle, wheels spin up."""
+    """Neutral tilt is checked, speed controllers receive zero throttle, wheels spin up."""
     READY = "ready"
-    """Wheels spin, tilt is neutral, commands are obeyed."""
+    """Wheels spin, tilt is neutral, commands are accepted."""
     DRIVING = "driving"
-    """A counted command is obeyed."""
+    """Following an accepted command."""
     STOPPING = "stopping"
     """Controlled stop at the deceleration limit."""
     STOPPED = "stopped"
     """Software stop, latched: neutral tilt at servo speed, zero throttle."""
     FAULT = "fault"
-    """As stopped, latched, because something is broken."""
+    """Like stopped and latched, because of a fault."""
 
 
 ARMED = frozenset({Mode.ARMING, Mode.READY, Mode.DRIVING, Mode.STOPPING})
 """Modes in which the wheels may spin."""
 LATCHED = frozenset({Mode.STOPPED, Mode.FAULT})
-"""Modes that only a reset ends."""
+"""Modes left only by a reset."""
 
 TRANSITIONS: dict[tuple[Mode, Mode], str] = {
     (Mode.DISARMED, Mode.ARMING): "arm",
@@ -66,87 +67,84 @@ TRANSITIONS: dict[tuple[Mode, Mode], str] = {
     **{(mode, Mode.STOPPED): "stop" for mode in Mode if mode is not Mode.STOPPED},
     **{(mode, Mode.FAULT): "fault" for mode in ARMED},
 }
-"""All allowed transitions between modes, each with its condition."""
+"""All allowed mode transitions with their triggers."""
 
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """Heartbeat that accompanies each set-point, for hardware with its own command watchdog."""
+    """Heartbeat sent with each setpoint, for hardware with a command watchdog."""
 
     armed: bool
-    """The wheels may spin."""
+    """Whether the wheels may spin."""
     counter: int
-    """Heartbeat counter; the board trips when it stops incrementing.
-
-    While the robot moves, only counted commands increment it, and once the start of a controlled
-    stop. While the robot is at rest with spinning wheels, every step increments it; the state
-    machine ends that mode after 10 s without an operator.
-    """
+    """Heartbeat counter; the board trips if it stops incrementing.
+    While the robot moves, only accepted commands and the start of a controlled stop increment it.
+    At rest with spinning wheels, every step increments it; the supervisor ends that mode after 10 s
+    without an operator."""
     latched: bool = False
-    """A stop or a fault is latched."""
+    """Whether a stop or fault is latched."""
     stopped: bool = False
-    """A stop is latched: whatever else drives the robot must not either."""
+    """Whether a stop is latched, which must also block other command sources."""
 
 
 UNATTENDED_S = 10.0
-"""Without a lease for this long, the wheels spin down."""
+"""The wheels spin down after this time without a lease."""
 QUIET_BEFORE_RESET_S = 0.5
-"""A reset is refused until this time after the last non-zero command."""
+"""Time after the last non-zero command before a reset is accepted."""
 NEUTRAL_S = 1.0
-"""Timeout of arming for the gimbals to reach neutral tilt."""
+"""Arming timeout for the gimbals to reach neutral tilt."""
 SPIN_UP_S = 5.0
 """Timeout of arming for the wheels to reach their speed."""
 _NOT_DRIVABLE = {
-    Mode.DISARMED: "the robot is disarmed: arm it first",
-    Mode.ARMING: "the robot is still arming",
-    Mode.STOPPING: "the robot is coming to rest",
-    Mode.STOPPED: "the robot is stopped: reset first",
-    Mode.FAULT: "the robot is in a fault: reset first",
+    Mode.DISARMED: because(Code.ARM_FIRST),
+    Mode.ARMING: because(Code.STILL_ARMING),
+    Mode.STOPPING: because(Code.COMING_TO_REST),
+    Mode.STOPPED: because(Code.RESET_FIRST, mode=Mode.STOPPED.value),
+    Mode.FAULT: because(Code.RESET_FIRST, mode=Mode.FAULT.value),
 }
 """Reasons why the robot does not move in the other modes."""
-_LOST = "the operator gave up or lost control"
+_LOST = because(Code.CONTROL_LOST)
 _REPORT_S = 0.2
 """Minimum time between two events of one rule about drops or refusals; limits the event rate."""
 
 
 @dataclass(frozen=True, slots=True)
 class SupervisorInputs:
-    """Inputs of the safety state machine from the control loop, one set for each step."""
+    """Inputs from the control loop for one step."""
 
     neutral: bool
-    """All gimbals are measured at neutral tilt; used while arming only."""
+    """Whether all gimbals are at neutral tilt; used while arming only."""
     at_speed: bool
-    """All wheels turn at their set-point; used while arming only."""
+    """Whether all wheels have reached their setpoint; used while arming only."""
     at_rest: bool
     """The twist that is commanded to the joints is zero."""
-    fault: str = ""
-    """Text of the fault, "" when there is none."""
+    fault: Reason | None = None
 
 
 class SafetySupervisor:
-    """Safety state machine of one robot: modes, lease, command gate and latched stop."""
+    """Safety state machine of a robot: modes, lease, command gate and latched stop."""
 
     def __init__(self, robot: RobotDescription, new_lease_id: Callable[[], bytes]) -> None:
         self.mode = Mode.DISARMED
-        self.reason = ""
+        self.why: Reason | None = None
         """Reason why the robot stopped, is stopping, or was disarmed."""
         self.gate = CommandGate()
         self.loop = LoopWatch()
         self.command: Command | None = None
-        """Newest counted command since the robot last came to rest."""
+        """Latest accepted command since the robot last came to rest."""
         self.command_s = -np.inf
         self.command_seq = 0
         self.stops = 0
-        """Number of controlled stops that the robot has started by itself."""
+        """Number of controlled stops initiated by the robot."""
         self._leases = LeaseManager(robot, new_lease_id)
         self._lease_events = LeaseEvents(self._leases)
         self._drove: bytes = b""
         self._stands_until_s = -np.inf
-        """Time at which the newest command expires, unless another counts before."""
+        """Expiry time of the latest command."""
         self._fresh_s = -np.inf
-        """Time of arrival of the newest command that was not too old."""
+        """Arrival time of the latest command within the maximum age."""
         self._echo_ends_first = False
-        """Whether that command expires by the age of its echo, and not by silence."""
+        """Whether that command expires by echo age rather than by timeout."""
         self._hold_s = robot.arming_hold_s
         self._since_s = 0.0
         self._attended_s = -np.inf
@@ -154,14 +152,19 @@ class SafetySupervisor:
         self._spin_up_s: float | None = None
         self._disarm_at_rest = False
         self._heartbeat_count = 0
-        self._fault = ""
+        self._fault: Reason | None = None
         self._reported_s: dict[tuple[str, str], float] = {}
         self._events: list[Event] = []
+
+    @property
+    def reason(self) -> str:
+        """Text of `why`, "" without one."""
+        return sentence(self.why) if self.why else ""
 
     # Requests of operators.
 
     def lease(self, request: LeaseRequest, now_s: float) -> LeaseReply:
-        """Answer a request for the lease; a change of holder stops the robot."""
+        """Process a lease request; a change of holder stops the robot."""
         before = self._leases.current(now_s)
         reply = self._leases.answer(request, now_s)
         after = self._leases.current(now_s)
@@ -170,27 +173,27 @@ class SafetySupervisor:
         if after is not before and self.mode is Mode.DRIVING:
             # Now, not in the next step: a command of the new holder may arrive before that.
             self._transition(Mode.STOPPING, _LOST, now_s)
-        if text := self._lease_events.after(request, before, now_s):
+        if changed := self._lease_events.after(request, before, now_s):
             if request.op in ("request", "withdraw"):  # Allowed to all operators at any rate.
-                self._report_now_and_then("lease", text, request.op, now_s)
+                self._report_now_and_then("lease", changed, request.op, now_s)
             else:
-                self._report("lease", text, "lease", now_s)
-        elif not reply.done and request.op != "peek":
-            self.refuse(f"{request.op} control", reply.reason, now_s)
+                self._report("lease", changed, "lease", now_s)
+        elif reply.why is not None and not reply.done and request.op != "peek":
+            self.refuse(request.op, reply.why, now_s)
         return reply
 
     def arm(self, lease_hex: str, now_s: float) -> Reply:
-        """Begin arming; allowed to the holder of the lease only, from `disarmed` only."""
+        """Start arming; requires the lease and mode `disarmed`."""
         if refusal := self.arm_refusal(lease_hex, now_s):
             return self.refuse("arm", refusal, now_s)
-        self._transition(Mode.ARMING, "armed by the operator", now_s)
+        self._transition(Mode.ARMING, because(Code.ARMED_BY_OPERATOR), now_s)
         return Reply(True)
 
     def disarm(self, lease_hex: str, now_s: float) -> Reply:
-        """Spin down: at once when at rest, after a controlled stop when driving."""
+        """Spin down: immediately at rest, else after a controlled stop."""
         if refusal := self.holder_refusal(lease_hex, now_s):
             return self.refuse("disarm", refusal, now_s)
-        reason = "disarmed by the operator"
+        reason = because(Code.DISARMED_BY_OPERATOR)
         if self.mode in (Mode.ARMING, Mode.READY):
             self._transition(Mode.DISARMED, reason, now_s)
         elif self.mode in (Mode.DRIVING, Mode.STOPPING):
@@ -202,87 +205,87 @@ class SafetySupervisor:
     def stop(self, request: StopRequest, now_s: float) -> Reply:
         """Latch a stop; allowed to every client at any time, without a lease."""
         if self.mode is not Mode.STOPPED:
-            by = request.operator or "an unnamed client"
-            reason = request.reason or f"software stop by {by}"
-            if self.mode is Mode.FAULT:
-                reason += f"; before: {self.reason}"
-            self._transition(Mode.STOPPED, reason, now_s)
+            before = self.why if self.mode is Mode.FAULT else None
+            self._transition(Mode.STOPPED, _stop_reason(request, before), now_s)
         return Reply(True)
 
     def reset(self, lease_hex: str, now_s: float) -> Reply:
-        """Clear a latched stop or fault; the next mode is `disarmed`, never motion."""
+        """Clear a latched stop or fault; the next mode is always `disarmed`."""
         if refusal := self.reset_refusal(lease_hex, now_s):
             return self.refuse("reset", refusal, now_s)
-        self._transition(Mode.DISARMED, "reset by the operator", now_s)
+        self._transition(Mode.DISARMED, because(Code.RESET_BY_OPERATOR), now_s)
         return Reply(True)
 
-    def refuse(self, what: str, reason: str, now_s: float) -> Reply:
+    def refuse(self, request: str, why: Reason, now_s: float) -> Reply:
         """Return a refusal, and report it as a rate-limited event."""
-        text = f"Request to {what} refused: {reason}."
-        self._report_now_and_then("refusal", text, what, now_s)
-        return Reply(False, reason)
+        refused = because(Code.REQUEST_REFUSED, why, request=request)
+        self._report_now_and_then("refusal", refused, request, now_s)
+        return Reply.refused(why)
 
     # Refusals. Requests are decided by these functions, and the status shows their results, so that
-    # both agree. Each returns the reason of the refusal of a request made now, or "".
+    # both agree. Each returns why a request made now is refused, or None.
 
-    def lease_refusal(self, operator: str | None, now_s: float) -> str:
+    def lease_refusal(self, operator: str | None, now_s: float) -> Reason | None:
         """Refusal of acquiring the lease without a take-over, as `operator`.
 
         None is an operator for whom no lease is reserved.
         """
         return self._leases.acquire_refusal(operator, now_s, take_over=False)
 
-    def holder_refusal(self, lease_hex: str, now_s: float) -> str:
+    def holder_refusal(self, lease_hex: str, now_s: float) -> Reason | None:
         """Refusal of any request that requires the lease in force, and of disarming."""
         lease = self._leases.current(now_s)
         if held_by(lease, None, lease_hex):
-            return ""
-        return f"{lease.holder} has control" if lease else "take control first"
+            return None
+        if lease is None:
+            return because(Code.TAKE_CONTROL_FIRST)
+        return because(Code.HELD_BY, holder=lease.holder)
 
-    def arm_refusal(self, lease_hex: str, now_s: float) -> str:
+    def arm_refusal(self, lease_hex: str, now_s: float) -> Reason | None:
         """Refusal of arming."""
         if refusal := self.holder_refusal(lease_hex, now_s) or self.latched_refusal:
             return refusal
-        return self._fault if self.mode is Mode.DISARMED else f"the robot is {self.mode} already"
+        if self.mode is Mode.DISARMED:
+            return self._fault
+        return because(Code.WRONG_MODE, mode=self.mode.value)
 
-    def reset_refusal(self, lease_hex: str, now_s: float) -> str:
+    def reset_refusal(self, lease_hex: str, now_s: float) -> Reason | None:
         """Refusal of a reset."""
         if refusal := self.holder_refusal(lease_hex, now_s):
             return refusal
         if self.mode not in LATCHED:
-            return f"the robot is {self.mode}, not stopped"
+            return because(Code.NOT_LATCHED, mode=self.mode.value)
         if now_s - self._pushed_s < QUIET_BEFORE_RESET_S:
-            return "let go of the stick first"
-        return ""
+            return because(Code.RELEASE_FIRST)
+        return None
 
-    def drive_refusal(self, lease_hex: str, now_s: float) -> str:
+    def drive_refusal(self, lease_hex: str, now_s: float) -> Reason | None:
         """Refusal of motion: a counted non-zero command does not move the robot."""
         if refusal := self.holder_refusal(lease_hex, now_s):
             return refusal
         if self.mode in (Mode.READY, Mode.DRIVING):
-            return ""
+            return None
         # A new holder of the lease starts from standstill, not out of the motion of another.
         goes_on = self.mode is Mode.STOPPING and lease_hex == self._drove.hex()
-        return "" if goes_on and not self._disarm_at_rest else _NOT_DRIVABLE[self.mode]
+        return None if goes_on and not self._disarm_at_rest else _NOT_DRIVABLE[self.mode]
 
     @property
-    def latched_refusal(self) -> str:
+    def latched_refusal(self) -> Reason | None:
         """Refusal of all that requires a reset first."""
-        return _NOT_DRIVABLE[self.mode] if self.mode in LATCHED else ""
+        return _NOT_DRIVABLE[self.mode] if self.mode in LATCHED else None
 
     # Called by the control loop.
 
     def receive(self, sample: Sample, now_s: float) -> None:
-        """Process one command sample from the bus: accept it, or drop and count it."""
+        """Process a command sample from the bus: accept it, or reject and count it."""
         lease = self._leases.current(now_s)
         outcome = self.gate.validate(sample, lease, now_s)
         if isinstance(outcome, MessageError):
-            self._report_now_and_then(
-                "drop", f"A command was dropped: {outcome}.", outcome.reason, now_s
-            )
+            dropped = because(Code.COMMAND_DROPPED, rejection(outcome))
+            self._report_now_and_then("drop", dropped, outcome.reason, now_s)
             return
         if lease is not None and not self.gate.is_late:
-            # A zero that is too old stops the robot, but does not prove a connected sender.
+            # A stale zero stops the robot but does not prove that the sender is connected.
             self._leases.renew(now_s)
             self._heartbeat_count += 1
             oldest_s = self.gate.echoed_s + lease.max_age_s
@@ -293,7 +296,7 @@ class SafetySupervisor:
             self._pushed_s = now_s
             refusal = self.drive_refusal(outcome.lease.hex(), now_s)
             if self.mode is not Mode.DRIVING and not refusal:
-                self._transition(Mode.DRIVING, "", now_s)
+                self._transition(Mode.DRIVING, None, now_s)
         if self.mode is Mode.DRIVING:
             self.command = outcome
 
@@ -301,21 +304,21 @@ class SafetySupervisor:
         """Advance the state machine to `now_s`: expire leases and commands, and change modes."""
         lease = self._watch_lease(now_s)
         self._fault = inputs.fault
-        if inputs.fault and self.mode in ARMED:
+        if inputs.fault is not None and self.mode in ARMED:
             self._transition(Mode.FAULT, inputs.fault, now_s)
         match self.mode:
             case Mode.ARMING:
                 self._step_arming(inputs, now_s)
             case Mode.READY:
                 if now_s - self._attended_s >= UNATTENDED_S:
-                    reason = f"no operator has had control for {UNATTENDED_S:g} s"
-                    self._transition(Mode.DISARMED, reason, now_s)
+                    unattended = because(Code.UNATTENDED, s=UNATTENDED_S)
+                    self._transition(Mode.DISARMED, unattended, now_s)
             case Mode.DRIVING:
                 self._step_driving(lease, inputs, now_s)
             case Mode.STOPPING:
                 if inputs.at_rest:
                     self._transition(
-                        Mode.DISARMED if self._disarm_at_rest else Mode.READY, self.reason, now_s
+                        Mode.DISARMED if self._disarm_at_rest else Mode.READY, self.why, now_s
                     )
             case Mode.DISARMED | Mode.STOPPED | Mode.FAULT:
                 pass
@@ -323,7 +326,7 @@ class SafetySupervisor:
             self._heartbeat_count += 1
 
     def arming(self, now_s: float) -> ArmingStatus | None:
-        """Progress of arming, None in other modes."""
+        """Return the progress of arming, or None in other modes."""
         if self.mode is not Mode.ARMING:
             return None
         if self._spin_up_s is not None:
@@ -332,7 +335,7 @@ class SafetySupervisor:
 
     @property
     def wheels_spin(self) -> bool:
-        """Whether the drive motors are commanded to turn."""
+        """Whether the drive motors are commanded to spin."""
         if self.mode is Mode.ARMING:
             return self._spin_up_s is not None
         return self.mode in ARMED
@@ -348,7 +351,7 @@ class SafetySupervisor:
         )
 
     def lease_in_force(self, now_s: float) -> Lease | None:
-        """Lease in force, if any."""
+        """Return the active lease, if any."""
         return self._leases.current(now_s)
 
     @property
@@ -357,7 +360,7 @@ class SafetySupervisor:
         return self._leases.hand_over
 
     def take_events(self) -> list[Event]:
-        """Events since the last call."""
+        """Return the events since the last call."""
         events, self._events = self._events, []
         return events
 
@@ -367,26 +370,23 @@ class SafetySupervisor:
         lease = self._leases.current(now_s)
         if lease is not None:
             self._attended_s = now_s
-        if text := self._lease_events.run_out(now_s):
-            self._report("lease", text, "lease", now_s)
+        if expired := self._lease_events.run_out(now_s):
+            self._report("lease", expired, "lease", now_s)
         return lease
 
     def _step_arming(self, inputs: SupervisorInputs, now_s: float) -> None:
         if now_s - self._attended_s >= UNATTENDED_S:
-            reason = f"no operator has had control for {UNATTENDED_S:g} s"
-            self._transition(Mode.DISARMED, reason, now_s)
+            self._transition(Mode.DISARMED, because(Code.UNATTENDED, s=UNATTENDED_S), now_s)
         elif self._spin_up_s is None:
             waited_s = now_s - self._since_s
             if not inputs.neutral and waited_s >= NEUTRAL_S:
-                self._transition(
-                    Mode.DISARMED, "not armed: the gimbals are not at neutral tilt", now_s
-                )
+                self._transition(Mode.DISARMED, because(Code.NOT_NEUTRAL), now_s)
             elif inputs.neutral and waited_s >= self._hold_s:
                 self._spin_up_s = now_s
         elif inputs.at_speed:
-            self._transition(Mode.READY, "", now_s)
+            self._transition(Mode.READY, None, now_s)
         elif now_s - self._spin_up_s >= SPIN_UP_S:
-            self._transition(Mode.DISARMED, "not armed: the wheels did not come to speed", now_s)
+            self._transition(Mode.DISARMED, because(Code.NOT_AT_SPEED), now_s)
 
     def _step_driving(self, lease: Lease | None, inputs: SupervisorInputs, now_s: float) -> None:
         if lease is None or self.command is None or lease.id != self.command.lease:
@@ -395,12 +395,12 @@ class SafetySupervisor:
         if now_s > self._stands_until_s:
             self._transition(Mode.STOPPING, self._why_no_command_stands(lease, now_s), now_s)
         elif inputs.at_rest and not self.command.twist.any():
-            self._transition(Mode.READY, "", now_s)
+            self._transition(Mode.READY, None, now_s)
 
-    def _transition(self, mode: Mode, reason: str, now_s: float) -> None:
+    def _transition(self, mode: Mode, why: Reason | None, now_s: float) -> None:
         if (self.mode, mode) not in TRANSITIONS:
             raise AssertionError(f"there is no transition from {self.mode} to {mode}")
-        before, self.mode, self.reason, self._since_s = self.mode, mode, reason, now_s
+        before, self.mode, self.why, self._since_s = self.mode, mode, why, now_s
         self._spin_up_s = None
         if mode is Mode.STOPPING:
             self.stops += 1
@@ -413,32 +413,40 @@ class SafetySupervisor:
         goes_on = mode is Mode.DRIVING or (mode is Mode.READY and before is not Mode.ARMING)
         if not goes_on:
             self.gate.reject_sent_before(now_s)
-        text = f"From {before} to {mode}" + (f": {reason}." if reason else ".")
-        self._report("mode", text, TRANSITIONS[before, mode], now_s)
+        changed = because(Code.MODE_CHANGED, why, before=before.value, after=mode.value)
+        self._report("mode", changed, TRANSITIONS[before, mode], now_s)
 
-    def _why_no_command_stands(self, lease: Lease, now_s: float) -> str:
+    def _why_no_command_stands(self, lease: Lease, now_s: float) -> Reason:
         if self.gate.overaged is not None:
             return self._based_on(self.gate.overaged.echoed_s, lease, now_s)
         if self._echo_ends_first:
             return self._based_on(self.gate.echoed_s, lease, now_s)
-        silence = f"{(now_s - self._fresh_s) * 1000:.0f} ms"
-        return self.loop.explains(self._fresh_s, lease.timeout_s, now_s) or (
-            f"no command for {silence} (limit {lease.timeout_s * 1000:.0f} ms)"
+        return self.loop.explains(self._fresh_s, lease.timeout_s, now_s) or because(
+            Code.NO_COMMAND,
+            ms=1000.0 * (now_s - self._fresh_s),
+            limit_ms=1000.0 * lease.timeout_s,
         )
 
-    def _based_on(self, echoed_s: float | None, lease: Lease, now_s: float) -> str:
-        limit = f"{lease.max_age_s * 1000:.0f} ms"
+    def _based_on(self, echoed_s: float | None, lease: Lease, now_s: float) -> Reason:
+        limit_ms = 1000.0 * lease.max_age_s
         if echoed_s is None:
-            return f"the last command was based on no state of the last {limit}"
-        age = f"{(now_s - echoed_s) * 1000:.0f} ms"
-        return self.loop.explains(echoed_s, lease.max_age_s, now_s) or (
-            f"the last command was based on a state {age} old (limit {limit})"
+            return because(Code.ECHO_UNKNOWN, limit_ms=limit_ms)
+        return self.loop.explains(echoed_s, lease.max_age_s, now_s) or because(
+            Code.ECHO_TOO_OLD, ms=1000.0 * (now_s - echoed_s), limit_ms=limit_ms
         )
 
-    def _report_now_and_then(self, kind: str, text: str, rule: str, now_s: float) -> None:
+    def _report_now_and_then(self, kind: str, why: Reason, rule: str, now_s: float) -> None:
         if now_s - self._reported_s.get((kind, rule), -np.inf) >= _REPORT_S:
             self._reported_s[kind, rule] = now_s
-            self._report(kind, text, rule, now_s)
+            self._report(kind, why, rule, now_s)
 
-    def _report(self, kind: str, text: str, rule: str, now_s: float) -> None:
-        self._events.append(Event(kind, text, rule=rule, robot_s=now_s))
+    def _report(self, kind: str, why: Reason, rule: str, now_s: float) -> None:
+        self._events.append(Event.of(kind, why, rule, now_s))
+
+
+def _stop_reason(request: StopRequest, before: Reason | None) -> Reason:
+    """Reason for a stop; `before` is the fault in which it was requested."""
+    by = {"by": request.operator} if request.operator else {}
+    if request.reason:
+        return because(Code.STOP_WITH_TEXT, before, text=request.reason, **by)
+    return because(Code.STOP_REQUESTED, before, **by)

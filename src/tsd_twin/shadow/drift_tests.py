@@ -358,9 +358,11 @@ class WheelTest:
             percent = _percent(float(share[every]))
             return [Drift("wheels", f"All wheels turn {percent} slower than their set-points.")]
         percent = _percent(float(share[alike].max()))
-        said = " or ".join(_readable(self._names[i]).removesuffix(" wheel") for i in alike)
-        said = said if "wheel" in said else f"the wheel of {said}"
-        text = f"{said[0].upper()}{said[1:]} turns {percent} slower than its set-point."
+        said = " or ".join(_readable(self._names[i].removesuffix("_wheel")) for i in alike)
+        # Joints such as `wheel3` have the word in their names.
+        is_named = any(self._names[i].startswith("wheel") for i in alike)
+        said = said[0].upper() + said[1:] if is_named else f"The wheel of {said}"
+        text = f"{said} turns {percent} slower than its set-point."
         return [Drift(",".join(self._names[i] for i in alike), text)]
 
 

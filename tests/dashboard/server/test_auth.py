@@ -190,14 +190,14 @@ def test_a_viewer_sees_everything_and_every_request_is_refused(served: Site, nam
         for kind in ("arm", "disarm", "reset"):
             assert not page.answer(kind, t=kind)["ok"]
         assert not page.answer("wheel_speed", t="wheel_speed", cruise_speed_rpm=3000.0)["ok"]
-        assert "viewer" in page.take(take_over=True)["reason"]
+        assert page.take(take_over=True)["why"]["code"] == "viewer"
         page.holds = {"vx": 0.5, "vy": 0.0, "omega": 0.0}
         for _ in range(20):
             count = len(page.all("state"))
             page.until(lambda count=count: len(page.all("state")) > count)
         assert page.mode == before
         if name == "guest":
-            assert "viewer" in page.answer("stop", t="stop")["reason"]
+            assert page.answer("stop", t="stop")["why"]["code"] == "viewer"
             assert page.mode == before
 
 
@@ -286,7 +286,7 @@ def test_a_certificate_on_the_bus_bounds_what_its_users_may() -> None:
         with made.page(PAGE, user="desk-alice", cookie=cookie) as page:
             page.until(lambda: page.state)
             assert page.last("welcome")["operator"] == f"desk-alice-{PAGE[:8]}"
-            assert "viewer" in page.take()["reason"]
+            assert page.take()["why"]["code"] == "viewer"
 
 
 DESK = Identity("desk", Role.OPERATOR)

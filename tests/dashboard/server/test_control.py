@@ -31,7 +31,7 @@ def test_commands_of_a_page_without_control_go_nowhere(served: Site) -> None:
                 "t": "reply",
                 "to": button,
                 "ok": False,
-                "reason": "take control first",
+                "why": {"code": "take_control_first"},
             }
 
 
@@ -70,9 +70,9 @@ def test_a_page_that_falls_silent_while_it_drives_is_taken_to_have_let_go(served
         commands = CommandRecorder(served, page)
         served.released.clear()
         page.holds = None
-        reason = page.until(lambda: page.last("released"))["reason"]
+        why = page.until(lambda: page.last("released"))["why"]
         # Which of the two is first depends on how old the status was that the last command echoed.
-        assert reason.startswith(("your page stalled", "the robot is stopping"))
+        assert why["code"] in ("page_stalled", "mode_only")
         page.until(lambda: page.mode == "ready")
         assert is_put_to_rest(commands.take())
         assert served.released == [page.name]
@@ -100,7 +100,8 @@ def test_a_page_that_is_no_longer_in_front_lets_go(served: Site) -> None:
         page.make_ready()
         page.drive()
         page.focus = False
-        assert page.until(lambda: page.last("released"))["reason"] == "the page is not in front"
+        why = page.until(lambda: page.last("released"))["why"]
+        assert why["code"] == "page_not_in_front"
         page.until(lambda: page.mode == "ready")
 
 
@@ -144,10 +145,10 @@ def test_another_gets_control_by_taking_over_only_and_the_holder_is_told(served:
         other.until(lambda: other.state)
         refusal = other.take()
         assert not refusal["ok"]
-        assert page.operator in refusal["reason"]
+        assert page.operator == refusal["why"]["params"]["holder"]
         assert other.take(take_over=True)["ok"]
         page.until(lambda: not page.state["you"])
-        page.until(lambda: "You have lost control" in page.last("event")["text"])
+        page.until(lambda: page.last("event")["why"]["code"] == "control_is_lost")
         other.until(lambda: other.state["you"])
         commands = CommandRecorder(served, page)
         settle(page)

@@ -88,7 +88,7 @@ def test_control_that_is_kept_stays_where_it_is(two: Two) -> None:
         bob.until(lambda: lease(bob)["asked_by"] is None)
         settle(bob)
         assert alice.state["you"]
-        assert "ask again" in press(bob, "request")["reason"]
+        assert press(bob, "request")["why"]["code"] == "denied_lately"
 
 
 def test_a_request_is_withdrawn_by_hand_and_when_its_page_goes(two: Two) -> None:
@@ -131,9 +131,9 @@ def test_nobody_else_answers_and_nobody_else_gets_it(two: Two) -> None:
         alice.make_ready()
         ask(bob, alice)
         carol.until(lambda: carol.state)
-        assert "asks already" in press(carol, "request")["reason"]
+        assert press(carol, "request")["why"]["code"] == "other_request"
         for op in ("grant", "deny"):
-            assert press(carol, op, asker=bob.operator)["reason"] == "take control first"
+            assert press(carol, op, asker=bob.operator)["why"]["code"] == "take_control_first"
             assert not press(alice, op, asker=carol.operator)["ok"]
         assert alice.state["you"]
 
@@ -152,7 +152,7 @@ def test_a_control_that_is_held_before_control_is_taken_does_nothing(two: Two) -
         alice.make_ready()
         bob.until(lambda: bob.state)
         bob.holds = {"vx": 0.2, "vy": 0.0, "omega": 0.0}
-        bob.until(lambda: bob.last("released")["reason"] == "take control first")
+        bob.until(lambda: bob.last("released")["why"]["code"] == "take_control_first")
         commands = CommandRecorder(two.there, bob)
         assert bob.take(take_over=True)["ok"]
         bob.until(lambda: bob.state["you"] and bob.mode == "ready")

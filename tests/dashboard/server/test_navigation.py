@@ -31,6 +31,7 @@ from tsd_twin.dashboard.server.messages_to_page import ActionReply
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SO3
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.status import Refusals, Status, WheelSpeedStatus
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep
 
@@ -149,7 +150,7 @@ def test_let_go_on_the_way_it_stands_and_goes_on_only_when_held_anew(served: Sit
         assert left["number"] > route["number"]
         assert left["length_m"] == pytest.approx(apart_m(page, goal), abs=0.02)
         hold(page, route)  # The way of before.
-        page.until(lambda: "no longer" in page.last("released")["reason"])
+        page.until(lambda: "no longer" in page.last("released")["why"]["params"]["text"])
         settle(page)
         assert not any(command.twist.any() for command in commands.take())
         let_go(page)
@@ -214,7 +215,7 @@ def test_without_control_nothing_is_planned_and_with_it_lost_it_is_forgotten(ser
         page.make_ready()
         plan(page, (0.5, 0.0))
         wish = {"t": "plan", "kind": "to", "points": [[1.0, 0.0]], "on": "floor"}
-        assert other.answer("plan", **wish)["reason"] == "take control first"
+        assert other.answer("plan", **wish)["why"]["code"] == "take_control_first"
         assert other.state["route"] is None
         assert other.take(take_over=True)["ok"]
         page.until(lambda: page.state["route"] is None)
@@ -231,7 +232,7 @@ def test_a_stop_on_another_page_ends_the_way(served: Site) -> None:
         page.make_ready()
         commands = CommandRecorder(served, page)
         hold(page, route)
-        page.until(lambda: "no longer" in page.last("released")["reason"])
+        page.until(lambda: "no longer" in page.last("released")["why"]["params"]["text"])
         settle(page)
         assert not any(command.twist.any() for command in commands.take())
         let_go(page)
@@ -258,7 +259,7 @@ def test_what_cannot_be_planned_is_refused_with_a_reason(
         page.make_ready()
         wish = {"t": "plan", "kind": "to", "points": [[0.5, 0.5]], "on": "floor"} | changed
         page.send(**wish)
-        page.until(lambda: any(word in r["reason"] for r in page.all("reply")))
+        page.until(lambda: any(word in text_of(r) for r in page.all("reply")))
         page.until(lambda: page.state["route"] is None)
 
 
@@ -401,10 +402,10 @@ def test_a_stop_by_anybody_ends_the_way_and_until_the_reset_there_is_no_other(
             desk.step(number, 100.4)
         desk.say(0.0, 100.5, mode)
         desk.request_plan()
-        assert desk.answers[-1] == ActionReply(to="plan", ok=False, reason=f"the robot is {mode}")
-        desk.say(0.0, 100.6, mode, refusals=Refusals(drive="the wheels are loose"))
+        assert desk.answers[-1] == refused(because(Code.MODE_ONLY, mode=mode))
+        desk.say(0.0, 100.6, mode, refusals=Refusals.of({"drive": LOOSE}))
         desk.request_plan()
-        assert desk.answers[-1] == ActionReply(to="plan", ok=False, reason="the wheels are loose")
+        assert desk.answers[-1] == refused(LOOSE)
         assert desk.going.route_state is None
 
     asyncio.run(run())
@@ -441,7 +442,7 @@ def test_a_heading_that_is_no_number_is_refused_in_words() -> None:
         while not desk.answers or desk.answers[-1].ok:
             desk.going.update()
             await asyncio.sleep(0.01)
-        assert "is no number" in desk.answers[-1].reason
+        assert "is no number" in desk.answers[-1].why.params["text"]
 
     asyncio.run(run())
 
@@ -513,3 +514,14 @@ def test_a_line_that_leaves_the_floor_ends_there_and_what_is_no_camera_shows_non
         CameraPose(above, down, 0.8, broken),
     ):
         assert len(floor_points(eye, shares)) == 0
+
+
+LOOSE = because(Code.HARDWARE, text="the wheels are loose")
+
+
+def refused(why: Reason) -> ActionReply:
+    return ActionReply(to="plan", ok=False, why=why)
+
+
+def text_of(reply: dict[str, Any]) -> str:
+    return reply["why"]["params"]["text"] if reply["why"] else ""

@@ -84,7 +84,7 @@ def test_stop_with_a_replay_in_view_stops_the_live_robot(both: TwoBuses, recorde
             "t": "reply",
             "to": "stop",
             "ok": True,
-            "reason": "",
+            "why": None,
         }
         driver.until(lambda: driver.mode == "stopped")
 
@@ -97,7 +97,7 @@ def test_only_stop_reaches_a_robot_whose_id_a_replay_has(both: TwoBuses, recorde
             page.until(lambda: page.state["source"] == "several")
             for request in ({"t": "arm"}, {"t": "reset"}, {"t": "lease", "op": "acquire"}):
                 answer = page.answer(request["t"], **request)
-                assert (answer["ok"], SHARED in answer["reason"]) == (False, True)
+                assert (answer["ok"], answer["why"]["code"]) == (False, "duplicate_id")
             assert {status.mode for status in both.heard} == {"disarmed"}
             assert page.answer("stop", t="stop")["ok"]
             page.until(lambda: both.mode == "stopped")
@@ -120,7 +120,10 @@ def test_every_robot_with_an_id_has_to_confirm_a_stop(both: TwoBuses) -> None:
         token = both.other.declare_token(topics.instance_key("tsd", "f" * 16))
         page.until(lambda: both.served.link.has_duplicate)
         answer = page.answer("stop", t="stop")
-        assert (answer["ok"], answer["reason"]) == (False, "tsd did not acknowledge the stop")
+        assert (answer["ok"], answer["why"]["params"]["text"]) == (
+            False,
+            "tsd did not acknowledge the stop",
+        )
         assert both.mode == "stopped"
         token.close()
         page.until(lambda: not both.served.link.has_duplicate)

@@ -12,7 +12,7 @@ from tsd_twin.messages.requests import Sample, decode_command
 from tsd_twin.messages.status import LeaseStatus
 from tsd_twin.messages.topics import Service
 
-BY_ITSELF = "the robot has stopped by itself"
+BY_ITSELF = "stopped_by_itself"
 
 
 async def say_once_more(session: Session, state: RobotState) -> None:
@@ -37,7 +37,7 @@ def test_a_stop_between_two_states_that_both_say_driving_lets_go() -> None:
             driving = replace(state, status=replace(state.status, mode="driving"))
             served.run(say_once_more(sessions._sessions[page.name], driving))
             page.until(lambda count=before: len(page.all("released")) > count)
-            reasons.append(page.last("released")["reason"])
+            reasons.append(page.last("released")["why"]["code"])
             page.until(lambda: page.mode == "ready")
 
 
@@ -80,6 +80,6 @@ def test_what_is_shown_decides_nothing() -> None:
         assert served.run(show_stopped(served.sessions._sessions[page.name], state))
         page.until(lambda: page.mode == "stopped")
         settle(page)
-        reasons = [message["reason"] for message in page.all("released")[before:]]
+        reasons = [message["why"]["code"] for message in page.all("released")[before:]]
         # A busy machine may let go of a page that is late.
-        assert all("stopped" not in reason and "lost" not in reason for reason in reasons)
+        assert not {"reset_first", "stopped_by_itself", "control_is_lost"}.intersection(reasons)

@@ -59,7 +59,7 @@ def test_anybody_may_stop_and_it_takes_a_reset_and_arming_to_go_on(served: Site)
         page.drive()
         assert bystander.answer("stop", t="stop")["ok"]
         page.until(lambda: page.mode == "stopped")
-        assert bystander.operator in page.state["status"]["stop_reason"]
+        assert page.state["status"]["stop"]["params"]["by"] == bystander.operator
         page.until(lambda: page.last("released"))
         settle(page)
         assert page.mode == "stopped"
@@ -132,7 +132,8 @@ def test_a_message_of_unreasonable_length_closes_the_socket(served: Site) -> Non
 def test_an_unknown_robot_is_refused(served: Site) -> None:
     with served.page() as page:
         page.until(lambda: page.state)
-        assert page.answer("robot", t="robot", id="nobody")["reason"] == "there is no robot nobody"
+        refusal = page.answer("robot", t="robot", id="nobody")
+        assert refusal["why"] == {"code": "unknown_robot", "params": {"robot": "nobody"}}
 
 
 def test_a_panel_whose_choice_is_refused_turns_back_to_the_robot_that_it_drives(
@@ -209,6 +210,7 @@ def test_events_reach_those_who_watch_and_those_who_come_later(served: Site) -> 
             "t": "event",
             "kind": "test",
             "text": "It rains.",
+            "why": {"code": "text", "params": {"text": "It rains."}},
             "robot_s": 1.5,
             "past": False,
             "age_s": 0.0,

@@ -18,8 +18,9 @@ from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.steps import Call, Outcome, Procedure, SendStop, Step, run_async
 from tsd_twin.dashboard.server.messages_from_page import LeaseAction
 from tsd_twin.dashboard.server.messages_to_page import ActionReply
-from tsd_twin.errors import TwinError
-from tsd_twin.messages.requests import HolderRequest, LeaseReply, Reply
+from tsd_twin.errors import PathError, TwinError
+from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.requests import HolderRequest, LeaseReply, Reply, why_of
 from tsd_twin.messages.status import LeaseStatus
 from tsd_twin.messages.topics import Service
 
@@ -29,6 +30,14 @@ _Result = TypeVar("_Result")
 
 _RPC_THREADS = 8
 _STOP_THREADS = 32
+
+
+def reason_of(error: TwinError) -> Reason:
+    """Return the reason of an error: that of the robot if it refused, otherwise the text."""
+    if isinstance(error, ControlDenied | RequestRefused) and isinstance(error.why, Reason):
+        return error.why
+    code = Code.PATH_REFUSED if isinstance(error, PathError) else Code.TEXT
+    return because(code, text=str(error))
 
 
 class RpcExecutor:
@@ -89,7 +98,7 @@ class RpcExecutor:
         """Repeat published stops until every robot acknowledges."""
         replies = await asyncio.gather(*(self.stop(link, operator) for link in links))
         refused = [reply for reply in replies if not reply.ok]
-        return refused[0] if refused else Reply(bool(links), "" if links else "no robot is there")
+        return refused[0] if refused else Reply(True) if links else _NO_ROBOT_THERE
 
     async def _after(self, before: asyncio.Task[Reply], link: RobotMonitor, operator: str) -> Reply:
         await before
@@ -100,7 +109,7 @@ class RpcExecutor:
         try:
             await _run(link, procedures.stop(link.id, operator, ""), self._stop_pool)
         except TwinError as error:
-            return Reply(False, str(error))
+            return Reply.refused(reason_of(error))
         return Reply(True)
 
 
@@ -140,8 +149,9 @@ HEARTBEAT_TIMEOUT_S = 2.0
 """A page without a heartbeat for this time loses the lease."""
 _REQUEST_GRACE_S = 0.3
 """A status received this soon after the request may predate it."""
-_NO_LEASE = Reply(False, "take control first")
-_NO_ROBOT = Reply(False, "no robot is shown")
+_NO_LEASE = Reply.refused(because(Code.TAKE_CONTROL_FIRST))
+_NO_ROBOT = Reply.refused(because(Code.NO_ROBOT_SHOWN))
+_NO_ROBOT_THERE = Reply.refused(because(Code.NO_ROBOT_THERE))
 
 
 class LeaseClient:
@@ -155,7 +165,7 @@ class LeaseClient:
         operator: str,
         executor: RpcExecutor,
         send_reply: Callable[[ActionReply], None],
-        release_controls: Callable[[str], None],
+        release_controls: Callable[[Reason], None],
     ) -> None:
         self.lease: Lease | None = None
         """Lease held by the page."""
@@ -178,9 +188,8 @@ class LeaseClient:
         """
         if self._request is not None and not self._request.done():
             work.close()
-            self._send_reply(
-                ActionReply(to=what, ok=False, reason="the last request is still under way")
-            )
+            under_way = because(Code.REQUEST_UNDER_WAY)
+            self._send_reply(ActionReply(to=what, ok=False, why=under_way))
             return False
         self._request = asyncio.create_task(self._run_request(what, work))
         return True
@@ -189,10 +198,8 @@ class LeaseClient:
         try:
             reply = await work
         except TwinError as error:
-            # If refused, the robot's reason.
-            refused = isinstance(error, ControlDenied | RequestRefused)
-            reply = Reply(False, error.reason if refused else str(error))
-        self._send_reply(ActionReply(to=what, ok=reply.ok, reason=reply.reason))
+            reply = Reply.refused(reason_of(error))
+        self._send_reply(ActionReply(to=what, ok=reply.ok, why=why_of(reply)))
 
     async def close(self) -> None:
         """Finish the running request, which may acquire the lease, then release the lease."""
@@ -202,7 +209,7 @@ class LeaseClient:
 
     # Robot status.
 
-    def lost_lease(self) -> str | None:
+    def lost_lease(self) -> Reason | None:
         """Clear the lease if the robot reports its end; return the reason."""
         lease = self.lease
         if lease is None:
@@ -213,7 +220,7 @@ class LeaseClient:
         if lease.protocol.has_lease:
             return None
         self._forget_lease()
-        return lease.protocol.lost_reason
+        return lease.protocol.lost_why
 
     def on_lease_status(self, lease: LeaseStatus) -> None:
         """Acquire the lease once its holder has granted it, if the page is alive."""
@@ -259,11 +266,11 @@ class LeaseClient:
         reply = await self._executor.run(link, procedures.ask_holder(protocol))
         if reply.done:
             self._pending = _PendingRequest(link, protocol, options, time.monotonic())
-        return Reply(reply.done, reply.reason)
+        return _done(reply)
 
     async def _begin(self, link: RobotMonitor) -> ControlProtocol:
         """Release the current lease and return the protocol for a new one."""
-        self._release_controls("control is asked for")
+        self._release_controls(because(Code.CONTROL_ASKED_FOR))
         await self.release_lease()
         protocol, snapshot = ControlProtocol(link.id, link.robot, self._operator), link.snapshot
         if snapshot.status is not None:
@@ -274,10 +281,10 @@ class LeaseClient:
         """Withdraw the pending request."""
         pending, self._pending = self._pending, None
         if pending is None:
-            return Reply(False, "you do not ask for control")
+            return Reply.refused(because(Code.NOT_ASKING))
         withdrawing = procedures.withdraw_request(pending.protocol)
         reply = await self._executor.run(pending.link, withdrawing)
-        return Reply(False, "the robot does not answer") if reply is None else _done(reply)
+        return Reply.refused(because(Code.NO_ANSWER)) if reply is None else _done(reply)
 
     async def answer_request(self, op: Literal["grant", "deny"], asker: str | None) -> Reply:
         """Grant or deny a pending request; before a grant, release the controls."""
@@ -285,7 +292,7 @@ class LeaseClient:
         if lease is None:
             return _NO_LEASE
         if op == "grant":
-            self._release_controls("control is handed over")
+            self._release_controls(because(Code.CONTROL_HANDED_OVER))
         answering = procedures.answer_request(lease.protocol, grant=op == "grant", asker=asker)
         await self._executor.run(lease.link, answering)
         if op == "grant" and self.lease is lease:
@@ -294,7 +301,7 @@ class LeaseClient:
 
     async def release(self) -> Reply:
         """Release control."""
-        self._release_controls("control was released")
+        self._release_controls(because(Code.CONTROL_RELEASED))
         await self.release_lease()
         return Reply(True)
 
@@ -338,12 +345,10 @@ class LeaseClient:
             renewing = procedures.renew(lease.protocol, lease.link.now_s())
             await self._executor.run(lease.link, renewing)
             await asyncio.sleep(0.5 * RENEW_PERIOD_S)
-        self._release_controls(
-            f"your page was silent for {HEARTBEAT_TIMEOUT_S:g} s, so it lost control: take it again"
-        )
+        self._release_controls(because(Code.PAGE_SILENT, s=HEARTBEAT_TIMEOUT_S))
         self._renewing = None  # Releasing cancels this task.
         await self.release_lease()
 
 
 def _done(reply: LeaseReply) -> Reply:
-    return Reply(reply.done, reply.reason)
+    return Reply(reply.done, reply.reason, reply.why)

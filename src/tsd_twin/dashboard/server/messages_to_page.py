@@ -10,7 +10,8 @@ import msgspec
 from tsd_twin.client.connection import Source
 from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.server.messages_from_page import Message, Triple
-from tsd_twin.messages.requests import Event
+from tsd_twin.messages.codes import Reason
+from tsd_twin.messages.requests import Event, why_of
 from tsd_twin.messages.status import Status
 from tsd_twin.security import Role
 from tsd_twin.shadow import ShadowReport
@@ -160,7 +161,7 @@ class RouteState(msgspec.Struct, frozen=True):
     done_m: float = 0.0
     off_mm: float = 0.0
     """Distance between the robot and its planned position."""
-    reason: str = ""
+    why: Reason | None = None
     """Reason why the run has ended."""
 
 
@@ -292,7 +293,7 @@ class SphereClick(Message, frozen=True, tag="sphere_click"):
 class ControlsReleased(Message, frozen=True, tag="released"):
     """The server has released the controls; the page must centre them before they act again."""
 
-    reason: str
+    why: Reason
 
 
 class ActionReply(Message, frozen=True, tag="reply"):
@@ -300,7 +301,8 @@ class ActionReply(Message, frozen=True, tag="reply"):
 
     to: str
     ok: bool
-    reason: str = ""
+    why: Reason | None = None
+    """Why it was refused."""
 
 
 class RobotEvent(Message, frozen=True, tag="event"):
@@ -308,6 +310,7 @@ class RobotEvent(Message, frozen=True, tag="event"):
 
     kind: str
     text: str
+    why: Reason
     robot_s: float
     past: bool = False
     """Whether it happened before the page selected the robot."""
@@ -320,6 +323,7 @@ class RobotEvent(Message, frozen=True, tag="event"):
         return cls(
             kind=event.kind,
             text=event.text,
+            why=why_of(event) or Reason(event.kind),
             robot_s=round(event.robot_s, 3),
             past=past,
             age_s=round(age_s, 3),

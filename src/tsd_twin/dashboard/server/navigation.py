@@ -20,6 +20,7 @@ from tsd_twin.dashboard.server.messages_from_page import PlanRequest
 from tsd_twin.dashboard.server.messages_to_page import ActionReply, RouteState
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.motion.routes import NavigationGoal
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
 from tsd_twin.motion.trajectory import Trajectory
@@ -62,8 +63,12 @@ class TimedPlan:
             time_s=round(self.trajectory.duration_s, 2),
             done_m=0.0 if step is None else round(step.done_m, 3),
             off_mm=0.0 if step is None else round(1000.0 * min(step.cross_track_m, 1e3), 1),
-            reason="" if step is None else step.reason,
+            why=None if step is None else _ended(step),
         )
+
+
+def _ended(step: ExecutionStep) -> Reason | None:
+    return because(Code.PATH_REFUSED, text=step.reason) if step.reason else None
 
 
 def navigation_goal(request: PlanRequest, points: Array) -> NavigationGoal:
@@ -144,11 +149,11 @@ class NavigationSession:
         """Plan a path for a robot controlled by this page, replacing any previous request."""
         self.clear()
         if link.kinematics.pose_type is not SE2:
-            self._reject("this robot turns in place and follows no path")
+            self._reject(because(Code.NO_PATHS))
             return
         status = link.snapshot.status
         if status is not None and status.mode in LATCHED:
-            self._reject(status.no_drive_reason)
+            self._reject(status.why_no_drive)
             return
         self._link, self._speed_level_percent = link, message.level
         self._start(self._set_goal(message))
@@ -271,10 +276,10 @@ class NavigationSession:
             try:
                 await work
             except PathError as error:
-                self._reject(str(error))
+                self._reject(because(Code.PATH_REFUSED, text=str(error)))
             except Exception:  # The page needs a reply for every error.
                 _LOG.exception("a way was not planned")
-                self._reject("the path could not be planned")
+                self._reject(because(Code.PATH_NOT_PLANNED))
             if self._task is asyncio.current_task():
                 self._task = None
 
@@ -304,6 +309,6 @@ class NavigationSession:
         self._link = self._navigation_goal = self._timed_plan = self._follower = self._step = None
         self._last_route = shown
 
-    def _reject(self, reason: str) -> None:
+    def _reject(self, why: Reason) -> None:
         self._finish(None)
-        self._send_reply(ActionReply(to="plan", ok=False, reason=reason))
+        self._send_reply(ActionReply(to="plan", ok=False, why=why))

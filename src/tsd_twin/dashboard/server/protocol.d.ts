@@ -15,6 +15,13 @@ interface LeaseStatus {
   reserved_s: number;
 }
 
+/** Code of docs/codes.md with its parameters, and the reason behind it. */
+interface Reason {
+  code: string;
+  params?: Record<string, string | number>;
+  cause?: Reason | null;
+}
+
 interface Refusals {
   lease: string | null;
   without_lease: string;
@@ -24,6 +31,7 @@ interface Refusals {
   drive: string | null;
   set_pose: string | null;
   speed: string | null;
+  why: Record<string, Reason>;
 }
 
 interface CommandStatus {
@@ -41,6 +49,7 @@ interface LimitStatus {
   stop_allowance_m: number;
   applied: number;
   reason: string;
+  why: Reason[];
 }
 
 interface ConsistencyStatus {
@@ -86,6 +95,7 @@ interface Status {
   mode: string;
   stop_reason: string;
   stops: number;
+  stop: Reason | null;
   arming: ArmingStatus | null;
   lease: LeaseStatus;
   refusals: Refusals | null;
@@ -192,7 +202,7 @@ interface RouteState {
   time_s: number;
   done_m: number;
   off_mm: number;
-  reason: string;
+  why: Reason | null;
 }
 
 interface RobotState {
@@ -316,20 +326,21 @@ interface ViewChanged {
 
 interface ControlsReleased {
   t: "released";
-  reason: string;
+  why: Reason;
 }
 
 interface ActionReply {
   t: "reply";
   to: string;
   ok: boolean;
-  reason: string;
+  why: Reason | null;
 }
 
 interface RobotEvent {
   t: "event";
   kind: string;
   text: string;
+  why: Reason;
   robot_s: number;
   past: boolean;
   age_s: number;

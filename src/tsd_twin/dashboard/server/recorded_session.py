@@ -49,6 +49,7 @@ from tsd_twin.dashboard.server.session import VIEWER_REFUSAL, PageSession
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.errors import MessageError, RecordingError
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.requests import Reply
 from tsd_twin.recording.events import Mark, RecordedEvent, add_mark
 from tsd_twin.recording.player import Player, RecordedRobot
@@ -58,7 +59,7 @@ PAST_S, PAST_HZ = 20.0, 5.0
 """Duration and rate of the past states sent for plots after a jump."""
 _SETTLED_S = 0.25
 """Time after the last jump before past states are sent."""
-REFUSAL = "this is a recording: press L for the live robots"
+REFUSAL = because(Code.RECORDING_SHOWN)
 _DECODER = msgspec.json.Decoder(RecordedPageMessage)
 _STATE_EVERY = 2
 """Frames per state."""
@@ -170,7 +171,7 @@ class RecordedSession(PageSession):
             case AddMark():
                 self._mark(message.note)
             case StudentRequest():
-                self._send(ActionReply(to="student", ok=False, reason=REFUSAL))
+                self._send(ActionReply(to="student", ok=False, why=REFUSAL))
             case SelectRobot() | SelectPlotFields() | ShowMap() | SetView():
                 self._show_otherwise(message)
             case ShowShadow():
@@ -219,10 +220,10 @@ class RecordedSession(PageSession):
         try:
             message = decode_page_message(text)
         except MessageError as error:
-            self.reject(str(error))
+            self.reject(error)
             return
         tag = str(message.__struct_config__.tag)
-        self._send(ActionReply(to=tag, ok=False, reason=REFUSAL))
+        self._send(ActionReply(to=tag, ok=False, why=REFUSAL))
 
     def _stop(self) -> None:
         if self.principal.may_stop:
@@ -231,11 +232,11 @@ class RecordedSession(PageSession):
             self._refuse_stop()
 
     def _mark(self, note: str) -> None:
-        refusal = "a mark is being written" if self._marking else ""
+        refusal = because(Code.MARK_UNDER_WAY) if self._marking else None
         if self.principal.identity.role is Role.VIEWER:
             refusal = VIEWER_REFUSAL
         if refusal:
-            self._send(ActionReply(to="mark", ok=False, reason=refusal))
+            self._send(ActionReply(to="mark", ok=False, why=refusal))
             return
         self._marking = True
         self._start(self._add_mark(note))
@@ -246,7 +247,7 @@ class RecordedSession(PageSession):
         try:
             await asyncio.to_thread(add_mark, player.path, Mark(log_ns, note, self._operator))
         except RecordingError as error:
-            self._send(ActionReply(to="mark", ok=False, reason=str(error)))
+            self._send(ActionReply(to="mark", ok=False, why=because(Code.TEXT, text=str(error))))
             return
         finally:
             self._marking = False

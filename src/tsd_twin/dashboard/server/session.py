@@ -58,7 +58,10 @@ from tsd_twin.dashboard.server.socket_limits import SendQueue
 from tsd_twin.dashboard.server.student import StudentSession
 from tsd_twin.dashboard.server.teleop import TeleopController
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.requests import Event, Reply
+from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.errors import rejection
+from tsd_twin.messages.requests import Event, Reply, why_of
+from tsd_twin.messages.sentences import full_sentence
 from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.security import Role
@@ -68,7 +71,7 @@ _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Servi
     DisarmRequest: Service.DISARM,
     ResetRequest: Service.RESET,
 }
-VIEWER_REFUSAL = "a viewer only watches"
+VIEWER_REFUSAL = because(Code.VIEWER)
 _MAX_CONCURRENT_STOPS = 2
 """A second stop starts after the first, so a third would add nothing."""
 
@@ -93,14 +96,14 @@ class PageSession:
         self._shows_map = False
         self._stopping: set[asyncio.Task[None]] = set()
 
-    def reject(self, reason: str) -> None:
+    def reject(self, error: MessageError) -> None:
         """Count an invalid message and reply to it."""
         self.rejected += 1
         if self.rejected == 1:
-            self._send(ActionReply(to="message", ok=False, reason=reason))
+            self._send(ActionReply(to="message", ok=False, why=rejection(error)))
 
     def _refuse_stop(self) -> None:
-        self._send(ActionReply(to="stop", ok=False, reason=VIEWER_REFUSAL))
+        self._send(ActionReply(to="stop", ok=False, why=VIEWER_REFUSAL))
 
     def _acknowledge_stop(self, stop: Callable[[], Awaitable[Reply]]) -> None:
         """Send the robot's reply to the page, unless two of its stops are already running."""
@@ -111,7 +114,7 @@ class PageSession:
 
     async def _stop_and_answer(self, stop: Callable[[], Awaitable[Reply]]) -> None:
         reply = await stop()
-        self._send(ActionReply(to="stop", ok=reply.ok, reason=reply.reason))
+        self._send(ActionReply(to="stop", ok=reply.ok, why=why_of(reply)))
 
     def _send(self, message: Any) -> None:
         self.send_queue.put(encode_message(message))
@@ -142,7 +145,7 @@ class Session(PageSession):
         self._executor = executor
         self._on_released, self._on_chosen = on_released, on_chosen
         self._lease_client = LeaseClient(
-            self._operator, executor, self._send, lambda reason: self._teleop.release(reason)
+            self._operator, executor, self._send, lambda why: self._teleop.release(why)
         )
         self._teleop = TeleopController(
             self._lease_client,
@@ -200,7 +203,7 @@ class Session(PageSession):
         try:
             message = decode_page_message(text)
         except MessageError as error:
-            self.reject(str(error))
+            self.reject(error)
             return
         match message:
             case StopCommand():
@@ -228,7 +231,7 @@ class Session(PageSession):
         try:
             self._dispatch(message)
         except MessageError as error:
-            self.reject(str(error))
+            self.reject(error)
 
     def _dispatch(self, message: PageMessage) -> None:
         match message:
@@ -259,7 +262,7 @@ class Session(PageSession):
             ):
                 self._show(message)
             case LeaseAction() if self._role is Role.VIEWER:
-                self._send(ActionReply(to="lease", ok=False, reason=VIEWER_REFUSAL))
+                self._send(ActionReply(to="lease", ok=False, why=VIEWER_REFUSAL))
             case LeaseAction():
                 self._on_lease_action(message)
             case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
@@ -313,7 +316,7 @@ class Session(PageSession):
         self.send_queue.acknowledge(message.seen)
         self._send(HeartbeatReply(sent_ms=message.sent_ms))
         if not message.focus:
-            self._teleop.release("the page is not in front")
+            self._teleop.release(because(Code.PAGE_NOT_IN_FRONT))
 
     def _stop(self) -> None:
         """Publish a stop for the selected robot, release the controls, then await acknowledgement.
@@ -327,7 +330,7 @@ class Session(PageSession):
         links = self._directory.links_to_stop(self.robot_id)
         for link in links:
             link.send_stop(procedures.stop_payload(self._operator))
-        self._teleop.release("software stop")
+        self._teleop.release(because(Code.STOP_PRESSED))
         self._teleop.navigation.clear()
         self._acknowledge_stop(lambda: self._executor.stop_all(links, self._operator))
 
@@ -364,8 +367,8 @@ class Session(PageSession):
     async def _select_robot(self, robot_id: str) -> Reply:
         if self._directory.view(robot_id) is None:
             self._restore_panel()
-            return Reply(False, f"there is no robot {robot_id}")
-        self._teleop.release("another robot is shown")
+            return Reply.refused(because(Code.UNKNOWN_ROBOT, robot=robot_id))
+        self._teleop.release(because(Code.OTHER_ROBOT_SHOWN))
         self._teleop.navigation.clear()
         await self._lease_client.release_lease()
         self._ago_s = None
@@ -382,10 +385,10 @@ class Session(PageSession):
         if self.robot_id is None:
             return
         if (lost := self._lease_client.lost_lease()) is not None:
-            self._teleop.release(f"control is lost: {lost}")
-            self._send(
-                RobotEvent(kind="lease", text=f"You have lost control: {lost}.", robot_s=0.0)
-            )
+            why = because(Code.CONTROL_IS_LOST, lost)
+            self._teleop.release(why)
+            text = full_sentence(why)
+            self._send(RobotEvent(kind="lease", text=text, why=why, robot_s=0.0))
         self._lease_client.on_lease_status(status.lease)
         self._teleop.decide(self.robot_id, status)
 

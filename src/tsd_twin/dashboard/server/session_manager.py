@@ -18,6 +18,7 @@ from tsd_twin.dashboard.server.map_data import MapData
 from tsd_twin.dashboard.server.messages_to_page import PanelSliders, SphereClick, encode_message
 from tsd_twin.dashboard.server.robot_directory import RobotClients, RobotDirectory
 from tsd_twin.dashboard.server.session import Session
+from tsd_twin.errors import MessageError
 from tsd_twin.messages.requests import Event, Reply
 
 
@@ -238,7 +239,7 @@ class SessionManager:
                     if message.type is WSMsgType.TEXT:
                         session.receive(message.data)
                     else:
-                        session.reject("shape: messages are text")
+                        session.reject(MessageError("shape", "messages are text"))
         finally:
             delivering.cancel()
             await asyncio.gather(delivering, return_exceptions=True)

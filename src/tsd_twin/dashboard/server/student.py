@@ -88,7 +88,7 @@ def answer(request: StudentRequest) -> StudentReply:
         if request.toml:
             toml = variant_toml(request.base, changed)
     except RobotFileError as error:
-        problem = str(error).removeprefix(f"{request.base}: ")
+        problem = error.problem
     return StudentReply(
         number=request.number,
         base=request.base,

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 from tsd_twin.client import ClientError
 from tsd_twin.client.protocol import REST
-from tsd_twin.dashboard.server.lease import Lease, LeaseClient
+from tsd_twin.dashboard.server.lease import Lease, LeaseClient, reason_of
 from tsd_twin.dashboard.server.messages_from_page import (
     ClearPlan,
     DriveCommand,
@@ -24,6 +24,7 @@ from tsd_twin.dashboard.server.messages_from_page import (
 from tsd_twin.dashboard.server.messages_to_page import ActionReply, ControlsReleased
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.errors import MessageError, PathError
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.ros import BASE
 from tsd_twin.messages.status import Status
 from tsd_twin.motion.tracking import ExecutionPhase
@@ -33,6 +34,7 @@ COMMAND_TIMEOUT_S = 0.2
 """A page that sends no command for this time has released the controls."""
 
 
+_TAKE_CONTROL = because(Code.TAKE_CONTROL_FIRST)
 ZERO_PERIOD_S = 0.02
 ZERO_REPEATS = 25
 """Maximum resends of an unacknowledged zero command."""
@@ -137,19 +139,19 @@ class TeleopController:
             case PlanRequest() | SetSpeedLevel() | ClearPlan():
                 self._handle_plan_message(message)
 
-    def release(self, reason: str = "", *, must_recentre: bool = True) -> None:
+    def release(self, why: Reason | None = None, *, must_recentre: bool = True) -> None:
         """Stop the motion of the page if a control is held; every end of a motion is handled here.
 
         With `must_recentre`, the page must centre its controls before they act again; this is not
-        needed if the page itself has released them. `reason` is shown on the page.
+        needed if the page itself has released them. `why` is shown on the page.
         """
         self.navigation.pause()
         deadman = self._deadman
         was_held = deadman.force_release() if must_recentre else deadman.on_release()
         if was_held and self._lease_client.lease is not None:
             self._send_zero(self._lease_client.lease, ZERO_REPEATS, None)
-        if was_held and reason:
-            self._send_message(ControlsReleased(reason=reason))
+        if was_held and why is not None:
+            self._send_message(ControlsReleased(why=why))
             self._on_released()
 
     def close(self) -> None:
@@ -162,10 +164,10 @@ class TeleopController:
     def decide(self, robot_id: str, status: Status) -> None:
         """Handle a new status: release controls if the robot no longer moves, and plan at rest."""
         if status.mode not in DRIVABLE_MODES:
-            self.release(status.no_drive_reason)
+            self.release(status.why_no_drive)
         if self._stops[0] == robot_id and self._stops[1] != status.stops:
             # A stop can be shorter than the time between two states.
-            self.release("the robot has stopped by itself")
+            self.release(because(Code.STOPPED_BY_ITSELF))
         self._stops = (robot_id, status.stops)
         if self._lease_client.lease is None:
             self.navigation.clear()
@@ -197,7 +199,7 @@ class TeleopController:
                 twist, frame = step.twist.tolist(), BASE
             self._send(lease, twist, frame, message.seen)
         except (PathError, ClientError) as error:
-            self.release(str(error))
+            self.release(reason_of(error))
             return
         if self._watchdog is None:
             self._start_watchdog(COMMAND_TIMEOUT_S)
@@ -236,15 +238,15 @@ class TeleopController:
         match message:
             case PlanRequest() if lease is None:
                 self.navigation.clear()
-                self._send_message(ActionReply(to="plan", ok=False, reason="take control first"))
+                self._send_message(ActionReply(to="plan", ok=False, why=_TAKE_CONTROL))
             case PlanRequest() if lease is not None:
-                self.release("another path is planned")
+                self.release(because(Code.PATH_REPLANNED))
                 self.navigation.request_plan(lease.link, message)
             case SetSpeedLevel():
                 self.navigation.set_speed_level(message.level)
             case _:
                 if self.navigation.is_following:
-                    self.release("the path is given up")
+                    self.release(because(Code.PATH_GIVEN_UP))
                 self.navigation.clear()
 
     def _lease_to_move(self) -> Lease | None:
@@ -252,19 +254,19 @@ class TeleopController:
         lease = self._lease_client.lease
         if lease is None:
             if self._deadman.refuse_command():  # Held during a handover: must not start motion.
-                self._send_message(ControlsReleased(reason="take control first"))
+                self._send_message(ControlsReleased(why=_TAKE_CONTROL))
             return None
         if not self._deadman.on_command(time.monotonic()):
             return None
         max_age_s = lease.protocol.max_age_s
         if time.monotonic() - lease.link.snapshot.received_s > max_age_s:
             # The robot stops, and may be ready again before its next status arrives.
-            self.release(f"the robot was silent for {max_age_s:g} s")
+            self.release(because(Code.ROBOT_SILENT, s=max_age_s))
             return None
         status = lease.link.snapshot.status
         if status is None or status.mode not in DRIVABLE_MODES:
             # A control held while the robot becomes ready must not start motion.
-            self.release(status.no_drive_reason if status else "the robot is silent")
+            self.release(status.why_no_drive if status else because(Code.ROBOT_SILENT))
             return None
         return lease
 
@@ -278,7 +280,7 @@ class TeleopController:
             return
         silent_s = self._deadman.silence_s(time.monotonic())
         if silent_s >= COMMAND_TIMEOUT_S:
-            self.release(f"your page stalled for {COMMAND_TIMEOUT_S:g} s, so the robot stopped")
+            self.release(because(Code.PAGE_STALLED, s=COMMAND_TIMEOUT_S))
         else:
             self._start_watchdog(COMMAND_TIMEOUT_S - silent_s)
 

@@ -5,6 +5,7 @@ import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { SpringControl } from "./held_controls.js";
 import { showsRecording } from "./permission.js";
+import { words } from "./reasons.js";
 
 const STICK_MARGIN_PX = 22; // Half of the knob: it stays inside.
 const TURN_MARGIN_PX = 28;
@@ -196,7 +197,9 @@ function explainLevel(limits, robot) {
     : `from which the robot stops within ${fixed(limits.stop_allowance_m, 2)} m if the link fails.`;
   return (
     `${what} 100 % is ${fixed(limits.speed_mps, 2)} m/s, ${stop}` +
-    (limits.reason ? ` Slower than usual: ${limits.reason}.` : "")
+    (limits.why?.length
+      ? ` Slower than usual: ${limits.why.map((why) => words(why)).join("; ")}.`
+      : "")
   );
 }
 

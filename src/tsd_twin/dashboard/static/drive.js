@@ -6,11 +6,14 @@
 // goes out every 20 ms, and sooner when a control moves, but never within 10 ms of the last one: the
 // gateway limits how many a page may send. Nothing is ever queued.
 
-import { againNotice, sentence } from "./format.js";
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
-import { LATCHED, notDrive, notStop } from "./permission.js";
+import { LATCHED, notStop, whyNotDrive } from "./permission.js";
+import { againNotice, isToldElsewhere, notice } from "./reasons.js";
 import { noteMotion } from "./reload_note.js";
+
+/** @typedef {import("./permission.js").Refusal} Refusal */
+/** @typedef {import("./reasons.js").Notice} Notice */
 
 /** Whether the robot moves, or comes to rest. @param {RobotState} state */
 const isMoving = ({ status }) => status.mode === "driving" || status.mode === "stopping";
@@ -21,9 +24,6 @@ const STOP_RETRY_MS = 200;
 const STOP_CONFIRM_MS = 600;
 const STOP_RETRY_LIMIT_MS = 5000;
 const STATES_IN_FLIGHT = 20; // A second of them.
-// Ends of a motion that the page tells elsewhere: on the card of a stop, and by an event.
-const TOLD_ELSEWHERE =
-  /^(software stop|control is lost|the robot is (stopped|stopping|coming to rest|fault|in a fault))/i;
 
 export class Drive {
   /** @param {Link} link */
@@ -32,7 +32,7 @@ export class Drive {
     this.level = 50;
     /** @type {"base_link" | "odom"} */
     this.frame = "base_link";
-    /** @type {(text: string, isTrue?: () => boolean) => void} */
+    /** @type {(notice: Notice, isTrue?: () => boolean) => void} */
     this.onMessage = () => {};
     /** @type {MotionSource[]} */
     this._sources = [];
@@ -47,9 +47,10 @@ export class Drive {
     this._stop = null; // Until it is confirmed.
     link.on("state", (state) => this._checkState(state));
     link.on("beat", () => this._retryStop());
-    link.on("down", () => this.release("The connection is lost.", false, () => !link.connected));
-    link.on("released", ({ reason }) => {
-      this.release(TOLD_ELSEWHERE.test(reason) ? "" : againNotice(sentence(reason)), true);
+    const lost = notice("The connection is lost.");
+    link.on("down", () => this.release(lost, false, () => !link.connected));
+    link.on("released", ({ why }) => {
+      this.release(isToldElsewhere(why) ? null : againNotice(why), true);
     });
     link.on("reply", ({ to, ok }) => {
       if (to === "stop" && ok) this._confirmStop();
@@ -129,23 +130,28 @@ export class Drive {
     this._notify();
   }
 
-  /** A control is held that cannot drive now: release it and say why. @param {string} reason */
-  _refuse(reason) {
-    const isTrue = () => notDrive(this.link) === reason;
-    this.release(TOLD_ELSEWHERE.test(reason) ? "" : againNotice(reason), false, isTrue);
+  /** A control is held that cannot drive now: release it and say why. @param {Refusal} refusal */
+  _refuse({ why, text }) {
+    const message = isToldElsewhere(why) ? null : againNotice(why, text);
+    this.release(message, false, this._isStill(why.code));
+  }
+
+  /** @param {string} code @returns {() => boolean} */
+  _isStill(code) {
+    return () => whyNotDrive(this.link)?.why.code === code;
   }
 
   /**
    * Back to the centre with everything; to drive again, a control must be used anew.
-   * @param {string} [message] @param {boolean} [byServer] @param {() => boolean} [isTrue]
+   * @param {Notice | null} [message] @param {boolean} [byServer] @param {() => boolean} [isTrue]
    */
-  release(message = "", byServer = false, isTrue = undefined) {
+  release(message = null, byServer = false, isTrue = undefined) {
     const wasHeld = this.held;
     for (const source of this._sources) source.cancel();
     if (this.held) this._finish();
     else if (byServer) this.link.send({ t: "release" });
     this._notify();
-    if (message && (wasHeld || byServer)) this.onMessage(message, isTrue);
+    if (message !== null && (wasHeld || byServer)) this.onMessage(message, isTrue);
   }
 
   /** Whether the robot has not confirmed a stop in time, and the operator has not acknowledged that. */
@@ -162,7 +168,7 @@ export class Drive {
   stop() {
     const reason = notStop(this.link);
     if (reason !== null) {
-      this.onMessage(reason);
+      this.onMessage(notice(reason));
       return;
     }
     const now = performance.now();
@@ -175,10 +181,10 @@ export class Drive {
   }
 
   _start() {
-    const reason = notDrive(this.link);
-    if (reason !== null) {
+    const refusal = whyNotDrive(this.link);
+    if (refusal !== null) {
       for (const source of this._sources) source.cancel();
-      this.onMessage(reason, () => notDrive(this.link) === reason);
+      this.onMessage(notice(refusal.text), this._isStill(refusal.why.code));
       return;
     }
     this._timer = setInterval(() => this._send(), PERIOD_MS);
@@ -192,9 +198,9 @@ export class Drive {
   }
 
   _send() {
-    const reason = notDrive(this.link);
-    if (reason !== null) {
-      this._refuse(reason);
+    const refusal = whyNotDrive(this.link);
+    if (refusal !== null) {
+      this._refuse(refusal);
       return;
     }
     const now = performance.now();
@@ -211,11 +217,11 @@ export class Drive {
 
   /** @param {RobotState} state */
   _checkState(state) {
-    const reason = this.held ? notDrive(this.link) : null;
+    const refusal = this.held ? whyNotDrive(this.link) : null;
     const isLatched = LATCHED.has(state.status.mode);
-    if (reason !== null && isLatched)
+    if (refusal !== null && isLatched)
       this.release(); // A card tells the rest.
-    else if (reason !== null) this._refuse(reason);
+    else if (refusal !== null) this._refuse(refusal);
     // A recorded state confirms nothing now, and states of several robots may be of any.
     if (isLatched && state.source === "robot" && !this._isOld(state)) this._confirmStop();
     this._notify();

@@ -3,7 +3,7 @@
 
 import { Button } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
-import { withNames } from "./format.js";
+import { nameOf, words } from "./reasons.js";
 
 const NO_REASON = "no reason given";
 const FAR_MS = 120; // From here on commands would be late too often for the usual age limit.
@@ -45,10 +45,10 @@ export class HandOver {
     );
     this.element = el("div", this._said, this._card);
     link.on(["state", "beat", "down"], () => this._draw());
-    link.on("reply", ({ to, ok, reason }) => {
+    link.on("reply", ({ to, ok, why }) => {
       if (to !== "lease" || !this._asking) return;
       this._asking = false;
-      if (!ok) this.takeOver(`You cannot ask now: ${reason}. `);
+      if (!ok) this.takeOver(`You cannot ask now: ${why ? words(why) : "it was refused"}. `);
     });
     link.on("down", () => (this._asking = false));
   }
@@ -89,7 +89,7 @@ export class HandOver {
     const holder = this._link.state?.status.lease.holder ?? null;
     if (holder === null) return;
     this._notices.ask(
-      `${why}${withNames(holder)} drives and loses control. The robot comes to rest.`,
+      `${why}${nameOf(holder)} drives and loses control. The robot comes to rest.`,
       "Take over",
       "Reason, for all to see (you may leave it empty)",
       (reason) => this.acquire(reason || NO_REASON),
@@ -130,8 +130,8 @@ export class HandOver {
     setText(
       this._text,
       holds
-        ? `${withNames(asker)} asks for control.`
-        : `You have asked ${withNames(lease.holder ?? "")} for control.`,
+        ? `${nameOf(asker)} asks for control.`
+        : `You have asked ${nameOf(lease.holder ?? "")} for control.`,
     );
     setText(this._then, holds ? "You drive on until you hand over." : "Waiting for the answer.");
     setText(this._count, `${Math.ceil(lease.asks_for_s)} s`);

@@ -2,6 +2,7 @@
 
 import { el, isVisible, setText } from "./dom.js";
 import { clock, fixed } from "./format.js";
+import { sentence, words } from "./reasons.js";
 import { known } from "./link.js";
 import { quantityOf } from "./plot_fields.js";
 
@@ -48,10 +49,10 @@ export class Health {
   }
 
   /** @param {RobotEvent & { atMs: number }} event */
-  _add({ kind, text, robot_s: seconds, atMs }) {
+  _add({ kind, why, robot_s: seconds, atMs }) {
     const title = seconds > 0 ? `${fixed(seconds, 1)} s on the clock of the robot` : null;
     const time = el("span.value.time", { title }, clock(atMs));
-    this._log.prepend(el("li", { "data-kind": kind }, time, el("span", text)));
+    this._log.prepend(el("li", { "data-kind": kind }, time, el("span", sentence(why))));
     this._log.children[LINES]?.remove();
   }
 
@@ -143,7 +144,7 @@ function sections(link, { status, age_ms: age, robot_ms: robot, shadow }) {
     Control: {
       holder: lease.holder ?? "none",
       "lease ends in": lease.holder === null ? "–" : `${fixed(lease.remaining_s, 1)} s`,
-      "speed limit": `${fixed(limits.speed_mps, 2)} m/s${limits.reason ? `: ${limits.reason}` : ""}`,
+      "speed limit": `${fixed(limits.speed_mps, 2)} m/s${(limits.why ?? []).map((why) => `: ${words(why)}`).join("")}`,
       "applied of the command": `${fixed(100 * limits.applied, 0)} %`,
       "permitted command age": milliseconds(limits.max_command_age_s),
       "stop distance without link": link.robot?.not_promised.length

@@ -10,7 +10,7 @@ const SHOWN_MS = 6000;
 const READ_MS = 2000; // One that is no longer true stays for so long, so that it can be read.
 const AT_ONCE = 3;
 
-/** @typedef {{ untilMs: number, readMs: number, isTrue: () => boolean }} Shown */
+/** @typedef {{ key: string, untilMs: number, readMs: number, isTrue: () => boolean }} Shown */
 
 export class Notices {
   /** @param {Link} link */
@@ -35,15 +35,18 @@ export class Notices {
   }
 
   /**
-   * Say something, for as long as it is true; the same sentence again only stays longer.
-   * @param {string} text @param {() => boolean} [isTrue]
+   * Say something, for as long as it is true; the same again only stays longer.
+   * @param {string} text @param {() => boolean} [isTrue] @param {string} [key] What is the same.
    */
-  say(text, isTrue = () => true) {
+  say(text, isTrue = () => true, key = text) {
     const nowMs = performance.now();
-    const same = [...this._shown.keys()].find((toast) => toast.textContent === text);
+    const same = [...this._shown].find(([, shown]) => shown.key === key)?.[0];
     const toast = same ?? el("div.toast.surface", text);
-    this._shown.set(toast, { untilMs: nowMs + SHOWN_MS, readMs: nowMs + READ_MS, isTrue });
-    if (same) return;
+    this._shown.set(toast, { key, untilMs: nowMs + SHOWN_MS, readMs: nowMs + READ_MS, isTrue });
+    if (same) {
+      setText(same, text); // Its numbers may have changed.
+      return;
+    }
     for (const oldest of [...this._shown.keys()].slice(0, -AT_ONCE)) this._remove(oldest);
     this._list.append(toast);
   }
@@ -89,20 +92,6 @@ export class Notices {
     this._question.replaceChildren(dialog);
     refuse.button.focus({ focusVisible: false });
   }
-}
-
-/**
- * What of a robot's events is worth a sentence; the rest stands in the log of the Health tab.
- * @param {RobotEvent} event @param {string | undefined} operator
- */
-export function isNotable({ kind, text }, operator) {
-  if (kind === "id" || kind === "description") return true;
-  if (kind === "lease" && text.includes(` asks ${operator} `)) return false; // A notice says it.
-  if (kind === "lease")
-    return operator === undefined || !text.startsWith(operator) || text.includes(" took ");
-  return (
-    kind === "mode" && /to (stopping|disarmed):/.test(text) && !text.includes("by the operator")
-  );
 }
 
 /** Alarm of a stop that the robot has not confirmed: until it does, or until it is acknowledged. */

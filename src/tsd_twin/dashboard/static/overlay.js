@@ -9,7 +9,6 @@ import { Joystick, SpeedLevel, StopButton, TurnSlider } from "./dock.js";
 import { Drive } from "./drive.js";
 import { FloorMap } from "./map.js";
 import { FirstSteps } from "./first_steps.js";
-import { isAgain, noticeOf, sentence } from "./format.js";
 import { Gamepad } from "./gamepad.js";
 import { HandOver } from "./handover.js";
 import { KeySheet } from "./key_sheet.js";
@@ -17,12 +16,13 @@ import { Keyboard } from "./keyboard.js";
 import { kindOf } from "./kinds.js";
 import { known, Link } from "./link.js";
 import { ModuleInset } from "./module_inset.js";
-import { isNotable, Notices, StaleBanner, StopAlarm } from "./notices.js";
+import { Notices, StaleBanner, StopAlarm } from "./notices.js";
 import { typedName } from "./operator_name.js";
 import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
 import { LATCHED, notDrive, SHOWS_RECORDING, showsRecording } from "./permission.js";
 import { PoseReadout } from "./pose_readout.js";
+import { isNotable, noticeOf, sentence } from "./reasons.js";
 import { takeMotionNote } from "./reload_note.js";
 import { SphereGoTo } from "./sphere.js";
 import { StatusBar } from "./status_bar.js";
@@ -140,21 +140,21 @@ const keys = new Keyboard(drive, {
 for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphereGoTo, waypoints])
   drive.add(source);
 drive.onChange(draw);
-drive.onMessage = (text, isTrue) => {
-  if (!isAgain(text) || isFirstToTell()) notices.say(text, untilLatched(isTrue));
+drive.onMessage = ({ text, again, key }, isTrue) => {
+  if (!again || isFirstToTell()) notices.say(text, untilLatched(isTrue), key);
 };
 link.on(["state", "beat"], draw);
 link.on("event", (event) => {
   if (event.past || !isNotable(event, link.welcome?.operator)) return;
-  if (event.kind === "lease" && / took control over /.test(event.text))
+  if (event.why.code === "lease_taken_over")
     takenMs = performance.now(); // With the reason, so that the loss is not told again.
   else if (event.kind === "lease" && performance.now() - takenMs < TOLD_MS) return;
-  const text = noticeOf(event, link.state?.you ?? false);
+  const { text, again, key } = noticeOf(event, link.state?.you ?? false);
   const isTrue = () => event.kind !== "mode" || !isLatched();
-  if (!isAgain(text) || isFirstToTell()) notices.say(text, isTrue);
+  if (!again || isFirstToTell()) notices.say(text, isTrue, key);
 });
-link.on("reply", ({ to, ok, reason }) => {
-  if (!ok && to !== "stop") notices.say(sentence(reason || "the request was refused"));
+link.on("reply", ({ to, ok, why }) => {
+  if (!ok && to !== "stop") notices.say(why ? sentence(why) : "The request was refused.");
   if (ok && to === "stop" && showsRecording(link)) notices.say("The live robots are stopped.");
 });
 card.onReset = () => {

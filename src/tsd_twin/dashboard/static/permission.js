@@ -1,8 +1,8 @@
 // Permission checks: each returns the reason of a refusal as a sentence, or null. The robot's status
 // has the reasons of the robot; the page adds the link, the role and that it is not in control.
 
-import { sentence } from "./format.js";
 import { known } from "./link.js";
+import { sentence } from "./reasons.js";
 
 const MOVABLE = new Set(["ready", "driving"]);
 export const LATCHED = new Set(["stopped", "fault"]);
@@ -29,46 +29,79 @@ export function notConnected(link) {
   return link.isLoading() ? "Connecting to the dashboard" : "No connection to the dashboard";
 }
 
-/** @param {Link} link */
+/**
+ * @typedef {{ why: Reason, text: string }} Refusal A reason with its sentence; the codes of the page
+ *   are its own.
+ */
+
+/** @param {string} code @param {string} text @returns {Refusal} */
+export function ofPage(code, text) {
+  return { why: { code }, text };
+}
+
+/** @param {Reason} why @returns {Refusal} */
+function ofRobot(why) {
+  return { why, text: sentence(why) };
+}
+
+/** @param {Link} link @returns {Refusal | null} */
 function notAllowed(link) {
-  if (!link.connected) return `${notConnected(link)}.`;
-  if (link.robot === null) return "No robot is on the bus.";
-  if (link.isStale()) return "The robot has gone silent.";
-  if (watches(link)) return WATCHES;
-  return showsRecording(link) ? REPLAY : null;
+  if (!link.connected) return ofPage("not_connected", `${notConnected(link)}.`);
+  if (link.robot === null) return ofPage("no_robot", "No robot is on the bus.");
+  if (link.isStale()) return ofPage("gone_silent", "The robot has gone silent.");
+  if (watches(link)) return ofPage("watches", WATCHES);
+  return showsRecording(link) ? ofPage("replay", REPLAY) : null;
 }
 
-/** Null also for robots that send no reasons. @param {Link} link @param {keyof Refusals} request */
+/** Null also for robots that send no reasons. @param {Link} link @param {string} request */
 function robotRefusal(link, request) {
-  const reason = known(link.state).status.refusals?.[request];
-  return reason ? sentence(reason) : null;
+  const why = known(link.state).status.refusals?.why?.[request];
+  return why ? ofRobot(why) : null;
 }
 
-/** For what requires control. @param {Link} link @param {keyof Refusals} request */
+/** For what requires control. @param {Link} link @param {string} request */
 function notNow(link, request) {
-  const reason = notAllowed(link);
-  if (reason !== null) return reason;
+  const refusal = notAllowed(link);
+  if (refusal !== null) return refusal;
   if (known(link.state).you) return robotRefusal(link, request);
-  return robotRefusal(link, "without_lease") ?? "Take control first.";
+  return robotRefusal(link, "without_lease") ?? ofRobot({ code: "take_control_first" });
+}
+
+/** @param {Link} link */
+export function whyNotDrive(link) {
+  const refusal = notNow(link, "drive");
+  if (refusal !== null) return refusal;
+  // A control that is held while the robot comes to rest moves it only when it is used anew.
+  const mode = known(link.state).status.mode;
+  return MOVABLE.has(mode) ? null : ofRobot({ code: "mode_only", params: { mode } });
+}
+
+/** @param {Link} link */
+export function whyNotPlan(link) {
+  const refusal = notNow(link, "disarm");
+  if (refusal !== null) return refusal;
+  // A path can be planned before the robot is armed; a latched stop ends it.
+  return LATCHED.has(known(link.state).status.mode) ? whyNotDrive(link) : null;
+}
+
+/** @param {Refusal | null} refusal */
+export function textOf(refusal) {
+  return refusal?.text ?? null;
 }
 
 /** @param {Link} link */
 export function notDrive(link) {
-  const reason = notNow(link, "drive");
-  if (reason !== null) return reason;
-  // A control that is held while the robot comes to rest moves it only when it is used anew.
-  const mode = known(link.state).status.mode;
-  return MOVABLE.has(mode) ? null : sentence(`the robot is ${mode}`);
+  return textOf(whyNotDrive(link));
 }
 
 /** @param {Link} link */
 export function notTake(link) {
-  const reason = notAllowed(link);
-  if (reason !== null) return reason;
+  const refusal = notAllowed(link);
+  if (refusal !== null) return refusal.text;
   const { holder, reserved_for: reserved } = known(link.state).status.lease;
   // Who is in control can release it, and others can ask the holder.
   if (holder !== null || reserved === link.welcome?.operator) return null;
-  return robotRefusal(link, "lease");
+  return textOf(robotRefusal(link, "lease"));
 }
 
 /** @param {Link} link */
@@ -79,28 +112,25 @@ export function notStop(link) {
 
 /** @param {Link} link */
 export function notArm(link) {
-  return notNow(link, "arm");
+  return textOf(notNow(link, "arm"));
 }
 
 /** @param {Link} link */
 export function notSetWheelSpeed(link) {
-  return notNow(link, "speed");
+  return textOf(notNow(link, "speed"));
 }
 
 /** @param {Link} link */
 export function notPlan(link) {
-  const reason = notNow(link, "disarm");
-  if (reason !== null) return reason;
-  // A path can be planned before the robot is armed; a latched stop ends it.
-  return LATCHED.has(known(link.state).status.mode) ? notDrive(link) : null;
+  return textOf(whyNotPlan(link));
 }
 
 /** @param {Link} link */
 export function notDisarm(link) {
-  return notNow(link, "disarm");
+  return textOf(notNow(link, "disarm"));
 }
 
 /** @param {Link} link */
 export function notReset(link) {
-  return notNow(link, "reset");
+  return textOf(notNow(link, "reset"));
 }

@@ -2,10 +2,11 @@
 
 import { Button, tooltip } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
-import { fixed, withNames } from "./format.js";
+import { fixed } from "./format.js";
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
 import { notArm, notConnected, notDisarm, notTake } from "./permission.js";
+import { nameOf } from "./reasons.js";
 
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
 
@@ -127,9 +128,9 @@ export class StatusBar {
     const [name, does] = you
       ? ["you", "drive"]
       : holder !== null
-        ? [withNames(holder), "drives"]
+        ? [nameOf(holder), "drives"]
         : kept !== null
-          ? ["kept for", withNames(kept)]
+          ? ["kept for", nameOf(kept)]
           : ["control", "is free"];
     setText(this._name, name);
     setText(this._does, does);

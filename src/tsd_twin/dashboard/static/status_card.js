@@ -2,8 +2,9 @@
 
 import { LongPressButton } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
-import { clock, duration, stopReason } from "./format.js";
+import { clock, duration } from "./format.js";
 import { notReset, showsRecording } from "./permission.js";
+import { stopReason } from "./reasons.js";
 
 /** @type {Record<string, string>} */
 const PHASES = {
@@ -90,7 +91,7 @@ export class StatusCard {
 
   /** @param {Status} status */
   _drawLatched(status) {
-    setText(this._text, stopReason(status.stop_reason, this._link.welcome?.operator));
+    setText(this._text, stopReason(status.stop, this._link.welcome?.operator));
     const refusal = notReset(this._link);
     this.reset.allow(refusal);
     setText(this._next, refusal ?? "Hold for one second, then arm.");

@@ -7,7 +7,8 @@ import { fixed } from "./format.js";
 import { HoldToRunButton, PointerCapture } from "./held_controls.js";
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
-import { LATCHED, notDrive, notPlan } from "./permission.js";
+import { LATCHED, ofPage, textOf, whyNotDrive, whyNotPlan } from "./permission.js";
+import { notice, words } from "./reasons.js";
 
 const MODE_HINTS = {
   to: "Click on the floor; drag to set the heading",
@@ -35,7 +36,7 @@ function statusOf(route, mode) {
     planned: `${length}, ${fixed(route.time_s, 1)} s`,
     going: `${fixed(route.done_m, 2)} of ${length}`,
     arrived: `Arrived, ${fixed(route.off_mm, 0)} mm off`,
-    ended: `Ended: ${route.reason}`,
+    ended: `Ended: ${route.why ? words(route.why) : ""}`,
   }[route.phase];
 }
 
@@ -178,7 +179,7 @@ export class Waypoints {
     tooltip.attach(this._choices.draw, () => "Drive along a line that you draw");
     tooltip.attach(
       this.button,
-      () => this._notGo() ?? "Hold this, or G. Let go and the robot stops.",
+      () => textOf(this._whyNotGo()) ?? "Hold this, or G. Let go and the robot stops.",
     );
     tooltip.attach(this._close, () => "Delete the path (Esc)");
     this._hold = new HoldToRunButton(this.button, "KeyG", () => this._pressed());
@@ -215,11 +216,12 @@ export class Waypoints {
 
   /** Ask for a path. @param {PlanRequest} wish */
   plan(wish) {
-    const reason = notPlan(this._link);
-    if (reason === null) this._link.send({ t: "plan", ...wish, level: this._drive.level });
+    const refusal = whyNotPlan(this._link);
+    if (refusal === null) this._link.send({ t: "plan", ...wish, level: this._drive.level });
     else {
       if (this.route !== null) this._link.send({ t: "clear_plan" }); // It is not what is wanted now.
-      this._drive.onMessage(reason, () => notPlan(this._link) === reason);
+      const isStill = () => whyNotPlan(this._link)?.why.code === refusal.why.code;
+      this._drive.onMessage(notice(refusal.text), isStill);
     }
   }
 
@@ -260,10 +262,11 @@ export class Waypoints {
       this._number = null;
       this._drive.changed();
     } else if (!this.held) {
-      const reason = this._notGo();
-      if (reason !== null) {
+      const refusal = this._whyNotGo();
+      if (refusal !== null) {
         this.cancel();
-        this._drive.onMessage(reason, () => this._notGo() === reason);
+        const isStill = () => this._whyNotGo()?.why.code === refusal.why.code;
+        this._drive.onMessage(notice(refusal.text), isStill);
         return;
       }
       this._number = this.route?.number ?? null;
@@ -272,13 +275,15 @@ export class Waypoints {
     this._show();
   }
 
-  _notGo() {
-    const reason = notDrive(this._link);
-    if (reason !== null) return reason;
+  /** @returns {import("./permission.js").Refusal | null} */
+  _whyNotGo() {
+    const refusal = whyNotDrive(this._link);
+    if (refusal !== null) return refusal;
     if (this.held) return null;
     if (this._drive.held || this._link.state?.status.mode === "driving")
-      return "The robot still moves: let go of the other controls.";
-    return this.route?.phase === "planned" ? null : "There is no path: click on the floor first.";
+      return ofPage("still_moves", "The robot still moves: let go of the other controls.");
+    if (this.route?.phase === "planned") return null;
+    return ofPage("no_path", "There is no path: click on the floor first.");
   }
 
   _check() {
@@ -311,7 +316,7 @@ export class Waypoints {
     setText(this._status, statusOf(route, this.mode));
     // Twenty numbers a second are not to be read out.
     setAttribute(this._status, "aria-live", route?.phase === "going" ? "off" : "polite");
-    setAttribute(this.button, "aria-disabled", this._notGo() === null ? null : "true");
+    setAttribute(this.button, "aria-disabled", textOf(this._whyNotGo()) === null ? null : "true");
     this.button.toggleAttribute("data-held", this.held);
     this._row.toggleAttribute("data-plain", route === null || isOver);
     const done = route && route.length_m > 0 ? route.done_m / route.length_m : 0;

@@ -1,0 +1,23 @@
+"""Errors of messages from the bus, with the reason that a robot gives for dropping them."""
+
+from __future__ import annotations
+
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.sentences import sentence
+
+
+class RejectedMessage(MessageError):  # noqa: N818  Reads as what happened.
+    """A message that cannot be read or does not count; `why` is the reason for people."""
+
+    def __init__(self, counted_as: str, why: Reason) -> None:
+        """`counted_as` is the name under which the status counts it."""
+        super().__init__(counted_as, sentence(why))
+        self.why = why
+
+
+def rejection(error: MessageError) -> Reason:
+    """Reason why a message does not count."""
+    if isinstance(error, RejectedMessage):
+        return error.why
+    return because(Code.BAD_SHAPE, detail=str(error))
