@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -74,6 +74,7 @@ def rolling(drive: SingularityKinematics, points: Array, joints: Array) -> Array
 
 
 @calm
+@example(np.array([[-0.0, 0.0], [0.0, 1.0]]), np.array([0.0, 0.02, 0.0]))
 @given(layouts(), twists())
 def test_wheels_roll_with_the_body_at_every_position(points: Array, twist: Array) -> None:
     drive = drive_at(points)

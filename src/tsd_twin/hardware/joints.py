@@ -195,24 +195,24 @@ class ThrottleLaw(Protocol):
 
 
 _RADIO_ROBOT = "tsd"
-"""Robot that the firmware's `robot.h` is made from."""
+"""Robot whose geometry `robot.h` in the firmware contains."""
 _RADIO_TOLERANCE = 0.1
-"""Largest difference of a tilt, relative to the largest tilt: what calibration may change."""
+"""Maximum tilt difference relative to the largest tilt, to allow for calibration."""
 
 
 def check_radio_geometry(robot: SingularityDescription) -> None:
     """Check that the board can drive a robot by radio control.
 
-    The firmware has the geometry and wheel speed of one robot compiled in. From the PC it drives
-    any robot, since goals of gimbals come from there.
+    The geometry and wheel speed of one robot are compiled into the firmware. Under PC control
+    it drives any robot, because the PC sends the gimbal goals.
 
     Raises:
-        HardwareError: If modules or wheel speed of the robot are others.
+        HardwareError: If module positions or wheel speed of the robot differ.
     """
     compiled = description_of_kind(load_robot(_RADIO_ROBOT), SingularityDescription).kinematics()
     drive, twists = robot.kinematics(), np.eye(3)
     ours, theirs = drive.axles(twists), compiled.axles(twists)
-    # One metre a second and one turn at the pivots ask for tilts of a similar size.
+    # 1 m/s and 1 rad/s require tilts of similar size.
     if ours.shape == theirs.shape:
         off = np.abs(ours - theirs).max(axis=(1, 2))
         if (off <= _RADIO_TOLERANCE * np.abs(theirs).max(axis=(1, 2))).all():

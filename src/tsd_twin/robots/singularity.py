@@ -111,7 +111,8 @@ class SingularityGeometry(Table, frozen=True, kw_only=True, tag="singularity", t
     def directions_deg(self) -> list[float]:
         """Azimuth of each module, from X forward towards Y left."""
         if self.positions:
-            return [math.degrees(math.atan2(p.y_m, p.x_m)) for p in self.positions]
+            # Adding 0.0 removes the sign of -0.0, which would turn the module.
+            return [math.degrees(math.atan2(p.y_m + 0.0, p.x_m + 0.0)) for p in self.positions]
         return [] if isinstance(self.azimuths_deg, UnsetType) else self.azimuths_deg
 
     @property

@@ -1,1 +1,1 @@
-"""Sessions of pages: what a page shows of one robot, by its kind."""
+"""Per-kind parts of page sessions: telemetry, panels and the Student tab."""
