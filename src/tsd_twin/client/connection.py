@@ -33,7 +33,7 @@ from tsd_twin.messages.requests import (
     duplicate_id_text,
     encode_refusal,
 )
-from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry, warm_up
+from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry
 from tsd_twin.messages.status import Refusals, Status, decode_stamp, decode_status
 from tsd_twin.messages.topics import QoS, Service, Topic
 from tsd_twin.robots import RobotDescription
@@ -306,7 +306,6 @@ class RobotMonitor(RobotConnection):
         self.snapshot = Snapshot()
         self.round_trips = RoundTrips()
         """Measured round-trip times."""
-        warm_up()  # On this thread: the first page shall not wait for it.
         self._frozen: Status | None = None
         self._streams: dict[str, tuple[Topic, Callable[[bytes], Any]]] = {
             "joints": (topics.JOINTS, decode_joints),

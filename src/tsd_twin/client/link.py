@@ -30,7 +30,7 @@ from tsd_twin.messages.ros import JointState, Odometry, decode_joints
 from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import Topic
 from tsd_twin.robots import RobotDescription
-from tsd_twin.security import certificate_identity, client_settings
+from tsd_twin.security import client_settings
 
 _FIRST_STATE_S = 3.0
 
@@ -351,9 +351,7 @@ def _config(
 ) -> tuple[Config, str]:
     if zenoh_config is not None:
         config = from_file(str(zenoh_config))
-        operator = (
-            certificate_identity(config.certificate).name if config.certificate else _OPERATOR
-        )
+        operator = _operator_in(config.certificate) if config.certificate else _OPERATOR
         return as_client(config, _PATIENCE_S), operator
     endpoints = [endpoint] if isinstance(endpoint, str) else list(endpoint or [DEFAULT_ENDPOINT])
     config = client_config(endpoints)
@@ -376,5 +374,10 @@ def _with_certificate(config: Config, certificate: Path) -> tuple[Config, str]:
         if not file.is_file():
             raise BusError(f"the certificate needs {file}, which is not there")
     settings = client_settings(json.loads(config.json5), name)
-    operator = certificate_identity(certificate).name
-    return Config(json.dumps(settings), config.where, files), operator
+    return Config(json.dumps(settings), config.where, files), _operator_in(certificate)
+
+
+def _operator_in(certificate: Path) -> str:
+    from tsd_twin.security import certificate_identity  # Late, because it needs the extra `tls`.
+
+    return certificate_identity(certificate).name

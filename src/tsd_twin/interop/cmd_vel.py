@@ -14,7 +14,8 @@ from enum import StrEnum
 import msgspec
 
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.ros import BASE, ODOM, decode_cdr, decode_twist
+from tsd_twin.messages.ros import BASE, ODOM, decode_twist
+from tsd_twin.messages.ros_types import decode_cdr
 from tsd_twin.safety import Mode
 
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"

@@ -27,16 +27,8 @@ from tsd_twin.interop.frames import (
 )
 from tsd_twin.messages import topics
 from tsd_twin.messages.requests import Event, decode_json
-from tsd_twin.messages.ros import (
-    BASE,
-    ODOM,
-    decode_cdr,
-    decode_joints,
-    encode_cdr,
-    make_header,
-    make_message,
-    stamp_ns,
-)
+from tsd_twin.messages.ros import BASE, ODOM, decode_joints
+from tsd_twin.messages.ros_types import decode_cdr, encode_cdr, make_header, make_message, stamp_ns
 from tsd_twin.messages.status import Status, decode_status
 from tsd_twin.messages.topics import Topic
 from tsd_twin.safety import LATCHED, Mode

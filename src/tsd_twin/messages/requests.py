@@ -18,8 +18,8 @@ from msgspec import Meta
 
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages import ros
-from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, decode_twist
+from tsd_twin.messages.cdr import CdrReader, CdrWriter
+from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, decode_twist, wrapped_heading
 from tsd_twin.messages.topics import Service
 
 _ATTACHMENT = struct.Struct("<Q16sQ")
@@ -85,7 +85,6 @@ def _checked_twist(payload: bytes) -> TwistStamped:
     return message
 
 
-_TYPE = "geometry_msgs/msg/PoseStamped"
 _LENGTH_OFF = 1e-3
 """Tolerance of the length of a quaternion; a larger deviation is not rounding."""
 _UPRIGHT = math.cos(math.radians(30.0))
@@ -113,9 +112,11 @@ class PoseStamped:
 
 def encode_pose(message: PoseStamped) -> bytes:
     """CDR of a pose."""
-    pose = ros.make_pose(message.position_m, message.wxyz)
-    header = ros.make_header(message.stamp_ns, message.frame)
-    return ros.encode_cdr(ros.make_message(_TYPE, header=header, pose=pose))
+    w, x, y, z = message.wxyz
+    cdr = CdrWriter()
+    cdr.header(message.stamp_ns, message.frame)
+    cdr.doubles([*message.position_m, x, y, z, w])
+    return cdr.payload()
 
 
 def decode_pose(payload: bytes) -> PoseStamped:
@@ -124,14 +125,11 @@ def decode_pose(payload: bytes) -> PoseStamped:
     Raises:
         MessageError: `shape`, when this is no `geometry_msgs/msg/PoseStamped`.
     """
-    raw = ros.decode_cdr(payload, _TYPE)
-    at, turn = raw.pose.position, raw.pose.orientation
-    return PoseStamped(
-        frame=raw.header.frame_id,
-        position_m=np.array([at.x, at.y, at.z]),
-        wxyz=np.array([turn.w, turn.x, turn.y, turn.z]),
-        stamp_ns=ros.stamp_ns(raw),
-    )
+    cdr = CdrReader(payload, "geometry_msgs/msg/PoseStamped")
+    stamp_ns, frame = cdr.header()
+    pose = cdr.doubles(7)
+    cdr.end()
+    return PoseStamped(frame, position_m=pose[:3], wxyz=pose[[6, 3, 4, 5]], stamp_ns=stamp_ns)
 
 
 def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
@@ -157,7 +155,7 @@ def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
         raise MessageError("quaternion", "a robot on a floor stands upright")
     heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     x_m, y_m, _ = message.position_m
-    return SE2(ros.wrapped_heading(np.array([x_m, y_m, heading]))), message.stamp_ns
+    return SE2(wrapped_heading(np.array([x_m, y_m, heading]))), message.stamp_ns
 
 
 LeaseId: TypeAlias = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]

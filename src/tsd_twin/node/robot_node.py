@@ -30,7 +30,7 @@ from tsd_twin.errors import BusError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.requests import Description, Event, duplicate_id_text
-from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry, warm_up
+from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry
 from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.robots import RobotDescription
@@ -316,7 +316,6 @@ class RobotNode:
             raise BusError(
                 f"a robot with the id '{robot_id}' is on the bus already: choose another"
             )
-        warm_up()  # The control loop must not wait for it when the first subscriber comes.
         self._bus = bus
         self._id = robot_id
         self._io = io

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-import tomlkit
 
-from tsd_twin.errors import RobotFileError
+from tsd_twin.errors import RobotFileError, needs_extra
 from tsd_twin.robots.description import Problem, RobotDescription, Table
 from tsd_twin.robots.kinds import DESCRIPTIONS, Knob, kind_of
 from tsd_twin.robots.plausibility import range_problems
@@ -268,6 +267,9 @@ def variant_toml(base: str, changes: Mapping[str, float]) -> str:
     """
     robot = variant(base, changes)
     before = knobs_of(base_robot(base))
+    with needs_extra("The file of a changed robot", "dashboard"):
+        import tomlkit
+
     document: Any = tomlkit.parse(read_description(base))
     document["name"] = f"my-{robot.name}"
     document["title"] = f"{robot.title}, changed"

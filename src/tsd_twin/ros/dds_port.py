@@ -21,7 +21,7 @@ from tsd_twin.interop.mapping import (
     RosQoS,
     RosTopic,
 )
-from tsd_twin.messages.ros import TRIGGER
+from tsd_twin.messages.ros_types import TRIGGER
 from tsd_twin.ros.arrivals import Origin
 from tsd_twin.ros.port import ADAPTER, UNTOLD, Endpoints, Inputs, types_of
 

@@ -32,8 +32,8 @@ from tsd_twin.interop.mapping import (
     RosTopic,
 )
 from tsd_twin.lie import Array
-from tsd_twin.messages.ros import (
-    BASE,
+from tsd_twin.messages.ros import BASE
+from tsd_twin.messages.ros_types import (
     decode_cdr,
     encode_cdr,
     make_header,

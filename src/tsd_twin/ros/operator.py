@@ -25,7 +25,8 @@ from tsd_twin.interop.driver import RobotDriver
 from tsd_twin.interop.fleet import frames_of
 from tsd_twin.interop.mapping import CMD_VEL, INITIAL_POSE, READ, RosNames, RosTopic
 from tsd_twin.messages.requests import encode_pose
-from tsd_twin.messages.ros import ODOM, decode_cdr, stamp_ns
+from tsd_twin.messages.ros import ODOM
+from tsd_twin.messages.ros_types import decode_cdr, stamp_ns
 from tsd_twin.ros.arrivals import Arrival, Arrivals, Echoes, OnePublisher, Origin
 from tsd_twin.ros.port import UNTOLD, decode_pose_input
 

@@ -21,7 +21,8 @@ from tsd_twin.interop.mapping import (
     RosTopic,
 )
 from tsd_twin.messages.requests import PoseStamped
-from tsd_twin.messages.ros import ODOM, decode_cdr, stamp_ns
+from tsd_twin.messages.ros import ODOM
+from tsd_twin.messages.ros_types import decode_cdr, stamp_ns
 from tsd_twin.ros.arrivals import Origin
 
 NODE = "tsd_ros"

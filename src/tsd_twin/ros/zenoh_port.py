@@ -26,7 +26,7 @@ from tsd_twin.interop.mapping import (
     RosTopic,
 )
 from tsd_twin.messages.requests import Sample
-from tsd_twin.messages.ros import TRIGGER, encode_trigger_response, type_hash
+from tsd_twin.messages.ros_types import TRIGGER, encode_trigger_response, type_hash
 from tsd_twin.messages.topics import QoS
 from tsd_twin.ros.arrivals import Origin
 from tsd_twin.ros.port import ADAPTER, Endpoints, Inputs, types_of
