@@ -125,9 +125,8 @@ def _packages(extra: str) -> list[str]:
         requirements = metadata.requires("tsd-twin") or []
     except metadata.PackageNotFoundError:
         return []
-    marked = re.compile(rf"\bextra\s*==\s*[\"']{extra}[\"']")
-    parts = (text.split(";") for text in requirements)
-    return [re.split(r"[^\w.-]", name)[0] for name, *marker in parts if marked.search(str(marker))]
+    marked = re.compile(rf"([\w.-]+).*;.*\bextra\s*==\s*[\"']{extra}[\"']")
+    return [found[1] for text in requirements if (found := marked.match(text))]
 
 
 def _is_installed(package: str) -> bool:

@@ -1,6 +1,12 @@
-"""Models of robots, generated from their descriptions: meshes, kinematic tree, URDF."""
+"""Models of robots, generated from their descriptions: meshes, kinematic tree, URDF.
+
+URDF of shipped robots are files; everything that draws needs the packages of the extra `models`.
+"""
 
 from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from tsd_twin.models.files import (
     glb,
@@ -20,7 +26,9 @@ from tsd_twin.models.links import (
     draw_parts,
     kinematic_tree,
 )
-from tsd_twin.models.solids import Link, Material, Part, Parts
+
+if TYPE_CHECKING:
+    from tsd_twin.models.solids import Link, Material, Part, Parts
 
 __all__ = [
     "BASE",
@@ -42,3 +50,9 @@ __all__ = [
     "urdf",
     "write_model",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in ("Link", "Material", "Part", "Parts"):
+        raise AttributeError(f"module 'tsd_twin.models' has no attribute '{name}'")
+    return getattr(importlib.import_module("tsd_twin.models.solids"), name)

@@ -11,7 +11,6 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 import numpy as np
-from manifold3d import Manifold, Mesh
 
 from tsd_twin.errors import MeshError
 from tsd_twin.lie import Array
@@ -27,12 +26,13 @@ from tsd_twin.models.links import (
     masses_kg,
     roll_pitch_yaw,
 )
-from tsd_twin.models.solids import Link, Material, Part, Parts
 from tsd_twin.robots import RobotDescription, SphereDescription, load_robot, robot_names
 from tsd_twin.robots.description import Colour, Positive, Share
 
 if TYPE_CHECKING:
     import trimesh  # Imported where it is used, as in `solids`.
+
+    from tsd_twin.models.solids import Link, Part, Parts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,6 +244,7 @@ def glb(parts: Iterable[Part]) -> bytes:
 def _shaded(part: Part) -> trimesh.Trimesh:
     """Mesh with a normal for each corner, vertices split where edges are sharp."""
     import trimesh
+    from manifold3d import Manifold, Mesh
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
@@ -343,6 +344,8 @@ def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
         MeshError: a file is missing or unreadable, a mesh is not a closed solid, a link is bare, or
             of no such kind.
     """
+    from tsd_twin.models.solids import Material, Part  # Late, because it needs the extra `models`.
+
     try:
         entries = msgspec.json.decode((folder / _LIST).read_bytes(), type=list[_Entry])
     except (OSError, msgspec.MsgspecError) as error:

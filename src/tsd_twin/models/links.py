@@ -7,14 +7,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from tsd_twin.errors import RobotFileError
+from tsd_twin.errors import RobotFileError, needs_extra
 from tsd_twin.lie import SO3, Array
-from tsd_twin.models.solids import Link, Parts
 from tsd_twin.robots import RobotDescription, implementation, kind_of
+
+if TYPE_CHECKING:
+    from tsd_twin.models.solids import Link, Parts
 
 BASE = "base_link"
 """The link that all others hang on, and that the parts of kind `chassis` belong to."""
@@ -164,7 +166,8 @@ def chassis_mass_kg(
 
 def _model(robot: RobotDescription) -> Any:
     """Module with the model of this kind of robot."""
-    return implementation(kind_of(robot).model)
+    with needs_extra(f"A model of {robot.name}", "models"):
+        return implementation(kind_of(robot).model)
 
 
 def draw_parts(robot: RobotDescription) -> Parts:
