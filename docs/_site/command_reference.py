@@ -32,7 +32,7 @@ class _Complete(Exception):  # noqa: N818
 def programs() -> dict[str, str]:
     """Return the module of each program."""
     project = tomllib.loads(_PYPROJECT.read_text(encoding="utf-8"))["project"]
-    return {name: entry.partition(":")[0] for name, entry in project["scripts"].items()}
+    return {name: name.replace("-", "_") for name in project["scripts"]}
 
 
 @cache  # A program adds its flags to one parser: it can do so once in a process.

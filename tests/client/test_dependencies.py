@@ -26,7 +26,6 @@ sys.meta_path.insert(0, Gate())
 import tsd_mock
 import tsd_twin
 
-names = [getattr(tsd_twin, name) for name in dir(tsd_twin.client)]
 for kind in ("tsd", "omni4", "kiwi", "mecanum"):
     with tsd_twin.SimulatedRobot(kind, seed=0) as robot, robot.control() as base:
         base.drive(vx_mps=0.2, duration_s=0.5)
