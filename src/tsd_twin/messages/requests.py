@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.cdr import CdrReader, CdrWriter
+from tsd_twin.messages.cdr_codec import CdrReader, CdrWriter
 from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, decode_twist, wrapped_heading
 from tsd_twin.messages.topics import Service
 

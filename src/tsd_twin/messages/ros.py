@@ -11,7 +11,7 @@ import numpy as np
 
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, SO3, Array, wrap
-from tsd_twin.messages.cdr import CdrReader, CdrWriter
+from tsd_twin.messages.cdr_codec import CdrReader, CdrWriter
 
 _COMMANDS_KEPT = 16
 """Commands whose encoding is kept: more than one process sends at a time."""

@@ -14,7 +14,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.cdr import LARGEST
+from tsd_twin.messages.cdr_codec import LARGEST
 
 
 def make_message(type_name: str, **fields: Any) -> Any:

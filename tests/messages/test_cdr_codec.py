@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import Array
-from tsd_twin.messages.cdr import CdrReader, CdrWriter
+from tsd_twin.messages.cdr_codec import CdrReader, CdrWriter
 from tsd_twin.messages.requests import PoseStamped, decode_pose, encode_pose
 from tsd_twin.messages.ros import (
     JointState,
