@@ -52,6 +52,10 @@ PLANTED_BYTES = 300_000_000
 _WORKERS = 2
 _HELD_S = 1.5
 """Time for which a page shows a file."""
+LONGEST_S = 300.0
+"""Time until each file has been opened, beyond that of the first presses."""
+SCAN_S = 20.0
+"""Two readings at once, each of which has a budget of 10 s of a processor for each request."""
 
 
 def rows(files: int = FILES) -> Iterator[Row]:
@@ -70,9 +74,10 @@ def rows(files: int = FILES) -> Iterator[Row]:
         worst = sorted(took_s, key=lambda path: took_s[path])[-WORST:]
         yield Row(
             f"{files} damaged recordings, read as a page does",
-            "< 10 s of CPU each",
+            f"< {SCAN_S:g} s each",
             f"{refused} refused, worst {took_s[worst[-1]]:.1f} s" if worst else "none",
-            all(taken_s < 20.0 for taken_s in took_s.values()),
+            all(taken_s < SCAN_S for taken_s in took_s.values()),
+            size=max(took_s.values(), default=0.0),
         )
         for path in took_s.keys() - set(worst):
             path.unlink()
@@ -96,6 +101,7 @@ def planted(endpoint: str, folder: Path) -> Iterator[Row]:
         f"recorder <= {GROWTH_MB:g} MB",
         f"{grown_mb:.0f} MB",
         grown_mb <= GROWTH_MB,
+        size=grown_mb,
     )
 
 
@@ -158,25 +164,34 @@ def opened(endpoint: str, folder: Path, files: list[Path]) -> Iterator[Row]:
                 stdout=subprocess.PIPE,
                 text=True,
             )
-            took_ms = presses(page, watch, DRIVES)
+            shown = list[str]()
+            reader = threading.Thread(target=shown.extend, args=(opener.stdout or (),))
+            reader.start()
+            took_ms, start_s = presses(page, watch, DRIVES), time.monotonic()
+            while len(shown) < len(files) and time.monotonic() < start_s + LONGEST_S:
+                took_ms += presses(page, watch, 1)  # Each file is opened at least once.
             opener.terminate()
-            rounds = len((opener.communicate()[0] or "").splitlines())
+            opener.wait()
+            reader.join()
         finally:
             page.close()
         grown_mb = peak_mb(started) - before_mb
     p99 = sorted(took_ms)[-1 - len(took_ms) // 100]
     yield Row(
-        f"{len(files)} of the worst opened {rounds} times, {len(took_ms)} times STOP elsewhere",
+        f"{len(files)} of the worst opened, STOP elsewhere",
         f"at the robot p99 <= {STOP_MS:g} ms",
-        f"p50 {statistics.median(took_ms):.0f}, p99 {p99:.0f}, most {max(took_ms):.0f} ms "
-        f"(calm p50 {statistics.median(calm_ms):.0f}, most {max(calm_ms):.0f})",
-        p99 <= STOP_MS and rounds > 0,
+        f"p50 {statistics.median(took_ms):.0f}, p99 {p99:.0f}, most {max(took_ms):.0f} ms of "
+        f"{len(took_ms)} (calm p50 {statistics.median(calm_ms):.0f}, most {max(calm_ms):.0f}), "
+        f"{len(set(shown))} files opened {len(shown)} times",
+        p99 <= STOP_MS and len(set(shown)) == len(files),
+        size=p99,
     )
     yield Row(
         "the same: memory of the dashboard",
         f"grows by < {GROWTH_MB:g} MB",
         f"{grown_mb:.0f} MB",
         grown_mb < GROWTH_MB,
+        size=grown_mb,
     )
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import signal
 import statistics
 import struct
 import sys
@@ -27,10 +28,11 @@ import numpy as np
 import zenoh
 
 import tsd_twin
-from attack.distances import quick_description
+from attack.distances import BEYOND_S, HASTE, REPEATED_S, quick_description
 from attack.live import program
 from attack.table import Row
 from attack.track import TruthRecorder
+from tests.app.conftest import Program
 from tests.support.ros_nodes import TWIST, TWIST_STAMPED, ForeignNode, foreign_hash, ros_router
 from tests.support.ros_robot import ForeignRobot
 from tsd_twin import robots
@@ -44,14 +46,17 @@ PERIOD_S = 0.05
 DRAIN = 3.0
 """Rate at which a link delivers what it held back."""
 PUSH_S = 1.0
-DELAY_S = 2.0
+DELAY_S = 3.0
+FAST_S = 2.0
+"""Time to learn a clock and to reach the speed limit."""
 WATCHED_S = 0.4
 PAUSED_S = 0.6
 """After arming, or a twist would have to pause."""
 MOST_OTHERS = 70
 MOVED_M = 0.01
-PLAIN, ECHO = 0, 1
-"""Domains of the two adapters; the second one requires the echo of `odom`."""
+PLAIN, ECHO, CROWDED = 0, 1, 2
+"""Domains of adapters: `ECHO` requires the echo of `odom`, `CROWDED` is opened for each case, since
+publishers are remembered for a minute."""
 
 
 class Publisher:
@@ -99,7 +104,8 @@ class Stage:
     endpoint: str
     robot: RobotDescription
     truth: TruthRecorder
-    folder: Path
+    adapter: Program | None = None
+    """Process of the adapter in `PLAIN`."""
 
     @property
     def push(self) -> np.ndarray:
@@ -107,6 +113,14 @@ class Stage:
         drive, twist = self.robot.kinematics(), np.zeros(6)
         twist[drive.twist_axes[0]] = self.robot.limits.speed_mps / drive.twist_scale_m
         return twist
+
+    @contextlib.contextmanager
+    def shown(self, domain: int, *flags: str) -> Generator[Program]:
+        """Show the robot in a domain of ROS."""
+        to = ("--connect", self.endpoint, "--ros-connect", f"tcp/127.0.0.1:{self.port}")
+        with program("tsd_ros", *to, "--domain", str(domain), *flags) as started:
+            started.ready()
+            yield started
 
     @contextlib.contextmanager
     def armed(self, domain: int = PLAIN) -> Generator[None]:
@@ -149,36 +163,69 @@ def _new(stage: Stage) -> float:
 
 
 def _evicted(stage: Stage) -> float:
-    publisher = _known(stage)
-    with stage.armed():
+    with stage.shown(CROWDED), stage.armed(CROWDED):
+        publisher = _known(stage, CROWDED)
         for _ in range(MOST_OTHERS):
-            Publisher(stage).send(np.zeros(6))
-        time.sleep(0.2)
+            Publisher(stage, CROWDED).send(np.zeros(6))
+        time.sleep(PAUSED_S)
         start_s = time.monotonic()
         publisher.drain(stage.push, 4.0, 2.0, 0.0)
         return stage.moved_since(start_s)
 
 
 def _known_stalls(stage: Stage) -> float:
-    publisher = _known(stage)
     with stage.armed():
+        publisher = _known(stage)
         start_s = time.monotonic()
         publisher.drain(stage.push, 4.0, 2.0, 0.0)
         return stage.moved_since(start_s)
 
 
 def _clock_set(stage: Stage) -> float:
-    publisher = _known(stage)
     with stage.armed():
+        publisher = _known(stage)
         start_s = time.monotonic()
         publisher.drain(stage.push, 2.0, 0.4, 2.0)
         return stage.moved_since(start_s)
 
 
-def _known(stage: Stage) -> Publisher:
-    publisher = Publisher(stage)
-    publisher.live(np.zeros(6), 0.8)
+def _known(stage: Stage, domain: int = PLAIN) -> Publisher:
+    """Return a publisher whose clock is known: it has driven the robot, and has let go.
+
+    Raises:
+        TimeoutError: If it moves nothing, so that the attack would show nothing.
+    """
+    publisher, start_s = Publisher(stage, domain), time.monotonic()
+    publisher.live(stage.push, PUSH_S)
+    publisher.send(np.zeros(6))
+    if stage.moved_since(start_s) < MOVED_M:
+        raise TimeoutError("a known publisher moves nothing")
+    time.sleep(PAUSED_S)
     return publisher
+
+
+def _hangs(stage: Stage) -> float:
+    """Let the adapter hang while it repeats the last twist; return the distance from that twist.
+
+    Raises:
+        TimeoutError: If the robot was not at full speed.
+    """
+    assert stage.adapter is not None
+    publisher, pid = Publisher(stage), stage.adapter.process.pid
+    with stage.armed():
+        publisher.live(HASTE * stage.push, FAST_S)
+        speed_mps = stage.truth.status.limits.speed_mps
+        publisher.send(HASTE * stage.push)
+        given_s = time.monotonic()
+        time.sleep(REPEATED_S)
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            time.sleep(stage.robot.limits.max_command_age_s + BEYOND_S)
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        if not stage.truth.track.was_fast_at(given_s, speed_mps):
+            raise TimeoutError("never at full speed")
+        return stage.moved_since(given_s)
 
 
 def _echo(stage: Stage, delay_s: float = 0.0) -> float:
@@ -251,11 +298,16 @@ class Case:
 CASES = (
     Case("live", "a new publisher without delay", _live, moves=True),
     Case("new", "a new publisher behind a stalled link: twists 2 to 4 s old", _new),
-    Case("evicted", "the same, known before 70 other publishers came", _evicted),
     Case("known", "a known publisher, twists 2 to 4 s old", _known_stalls),
+    Case("evicted", "the same, and 70 other publishers came meanwhile", _evicted),
     Case("clock", "its clock is set 2 s forward as its link stalls", _clock_set),
+    Case("hang", "last twist, adapter SIGSTOP 0.17 s later", _hangs),
     Case("echo", "--require-echo, without delay", _echo, moves=True),
-    Case("delay", "--require-echo, 2 s late, after the release", lambda it: _echo(it, DELAY_S)),
+    Case(
+        "delay",
+        f"--require-echo, {DELAY_S:g} s late, after the release",
+        lambda it: _echo(it, DELAY_S),
+    ),
     Case("collide", "a robot of the same ROS name is imported and driven", _collide, stands=True),
 )
 
@@ -269,18 +321,17 @@ def _on_stage(name: str) -> Generator[Stage]:
         router, port = opened.enter_context(ros_router())
         flags = ("--listen", "tcp/127.0.0.1:0", "--robot", str(folder / f"{name}.toml"))
         endpoint = opened.enter_context(program("tsd_mock", *flags)).ready().split()[-1]
-        for domain, more in ((PLAIN, ()), (ECHO, ("--require-echo",))):
-            to = ("--connect", endpoint, "--ros-connect", f"tcp/127.0.0.1:{port}")
-            adapter = program("tsd_ros", *to, "--domain", str(domain), *more)
-            opened.enter_context(adapter).ready()
         bus = opened.enter_context(Bus(client_config([endpoint])))
         bus.wait_for_peer(5.0)
         truth = TruthRecorder(bus, robot.name, robot.kinematics())
-        yield Stage(router, port, endpoint, robot, truth, folder)
+        stage = Stage(router, port, endpoint, robot, truth)
+        stage.adapter = opened.enter_context(stage.shown(PLAIN))
+        opened.enter_context(stage.shown(ECHO, "--require-echo"))
+        yield stage
 
 
 def rows(names: Sequence[str] = (), cases: Sequence[str] = (), runs: int = 1) -> Iterator[Row]:
-    """Yield a row for each robot and case; one run of all cases takes some 20 s."""
+    """Yield a row for each robot and case; one run of all cases takes some 60 s."""
     chosen = [case for case in CASES if case.name in (cases or [each.name for each in CASES])]
     for name in names or robots.robot_names():
         with _on_stage(name) as stage:
@@ -291,18 +342,18 @@ def rows(names: Sequence[str] = (), cases: Sequence[str] = (), runs: int = 1) ->
 def _row(stage: Stage, case: Case, runs: int) -> Row:
     allowed_m = MOVED_M if case.stands else stage.robot.limits.stop_allowance_m
     ways_m, failure = list[float](), ""
-    text = f"{stage.robot.name}: {case.text}"
+    name = stage.robot.name
     promise = "moves it" if case.moves else f"moves it by at most {allowed_m:.2f} m"
     try:
         ways_m = [case.run(stage) for _ in range(runs)]
     except (TwinError, TimeoutError, AssertionError) as error:
         failure = f"{type(error).__name__}: {error}"[:80]
     if failure:
-        return Row(text, promise, failure, False)
+        return Row(case.text, promise, failure, False, name)
     worst_m = min(ways_m) if case.moves else max(ways_m)
     held = worst_m > MOVED_M if case.moves else worst_m <= allowed_m
     measured = f"{worst_m:.3f} m, median {statistics.median(ways_m):.3f} of {runs}"
-    return Row(text, promise, measured, held)
+    return Row(case.text, promise, measured, held, name, -worst_m if case.moves else worst_m)
 
 
 def main() -> None:

@@ -136,7 +136,8 @@ def test_without_a_camera_nothing_moves(start: Start, tmp_path: Path) -> None:
         assert lab.wait() != 0
         assert f"no pose measurements on twin/{node.id}/sensor/pose" in lab.sentence
         assert "\n" not in lab.sentence
-        assert {event["kind"] for event in alice.events} <= {"pose"}
+        # A loop that was held up warns of that.
+        assert {event["kind"] for event in alice.events} <= {"pose", "loop"}
         assert alice.status.mode == "disarmed"
 
 

@@ -156,8 +156,9 @@ def test_it_is_driven_under_our_limits_and_cmd_vel_ends_with_zeros_and_silence(
         assert steps.max() < 0.5 * 0.08, "faster than its acceleration"
         zeros = [vx for _, vx, _, _ in heard[-ZEROS:]]
         assert zeros == [0.0] * len(zeros)
-        gap_s = np.median(np.diff([at_s for at_s, *_ in heard]))
-        assert gap_s == pytest.approx(0.02, abs=0.006)
+        # The mean, because a busy machine delivers several at once.
+        period_s = (heard[-1][0] - heard[0][0]) / (len(heard) - 1)
+        assert period_s == pytest.approx(0.02, abs=0.006)
         assert robot.state.odom.pose == pytest.approx(cart.pose, abs=0.03)
         assert robot.state.mode == "ready"
         with pytest.raises(TwinError, match="cannot drive sideways"):

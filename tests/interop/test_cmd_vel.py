@@ -85,6 +85,17 @@ def test_zeros_take_no_lease_and_keep_none() -> None:
     assert operator.state is State.FREE
 
 
+@given(st.floats(0.0, IDLE_S), st.booleans())
+def test_a_conflict_ends_the_lease_also_while_driving(now_s: float, drives: bool) -> None:
+    operator = holder()
+    if drives:
+        operator.on_twist(PUSH, now_s, MINE, now_s)
+    actions = operator.poll(now_s, MINE, "two robots have one name")
+    assert actions == [GiveBack(), Say("the robot is disarmed: two robots have one name")]
+    assert operator.state is State.FREE
+    assert not operator.poll(now_s, FREE, "two robots have one name")
+
+
 @given(st.floats(), st.integers(0, 5), st.booleans())
 def test_only_finite_numbers_of_a_plausible_size_move_it(
     number: float, axis: int, held: bool

@@ -154,11 +154,18 @@ class ForeignNode:
 
     def call(self, service: str) -> tuple[bool, str]:
         """Call a service, as the client of rmw_zenoh does, once the adapter offers it."""
+        (answer,) = self.call_all(service)
+        return answer
+
+    def call_all(self, service: str) -> list[tuple[bool, str]]:
+        """Call a service that several adapters may offer; return all their answers."""
         end_s = time.monotonic() + PATIENCE_S
         while not (found := self._ask(service)):
             assert time.monotonic() < end_s, f"no {service}: {self.said}"
             time.sleep(0.1)
-        (sample,) = found
+        return [self._answer(each) for each in found]
+
+    def _answer(self, sample: zenoh.Sample) -> tuple[bool, str]:
         sequence, source_ns, _, echoed = struct.unpack("<qqB16s", sample.attachment.to_bytes())
         assert (sequence, echoed) == (self._sequence, _GID)
         assert abs(time.time_ns() - source_ns) < 10**9

@@ -372,13 +372,18 @@ class CmdVelOperator:
         """Note that a motion has ended, because the robot has stopped by itself or is silent."""
         return self._drop(now_s, reason)
 
-    def poll(self, now_s: float, view: RobotView) -> list[Action]:
-        """Return what is due without a message: hand-over, and the end of an unused lease.
+    def poll(self, now_s: float, view: RobotView, conflict: str = "") -> list[Action]:
+        """Return the actions due without a message: handover, and the end of a lease.
 
-        Called several times within `HELD_UP_S`.
+        `conflict` is the reason why this adapter must not operate the robot, if there is one. The
+        lease ends then, and when it has not been used for `IDLE_S`. Called several times within
+        `HELD_UP_S`.
         """
         self._note_hold_up(now_s)
         self._polled_s = now_s
+        if self.state is State.HELD and conflict:
+            self.released()
+            return [GiveBack(), *self._say(now_s, f"the robot is disarmed: {conflict}")]
         if self.state is not State.HELD or now_s - self._driven_s < AT_REST_S:
             return []
         if view.asked_by is not None and view.holder == self.operator:

@@ -63,13 +63,16 @@ class RobotDriver:
         machine: CmdVelOperator,
         say: Callable[[str], None],
         trip_s: Callable[[], float] = lambda: 0.0,
+        conflict: Callable[[float], str] = lambda _: "",
     ) -> None:
         """Drive one robot for one publisher.
 
         `machine` may have served an earlier driver; `say` shows the publisher a sentence; `trip_s`
-        returns the round-trip time to the publisher, 0 if unknown.
+        returns the round-trip time to the publisher, 0 if unknown; `conflict` returns the reason
+        why this adapter must not operate the robot at a time, or "".
         """
         self.machine = machine
+        self._conflict = conflict
         self._robot, self._say, self._trip_s = robot, say, trip_s
         machine.max_age_s = self._max_age_s()
         self._turning = robot.description.kinematics().pose_type is SO3
@@ -281,7 +284,8 @@ class RobotDriver:
             control = self._control
             if control is not None and not control.is_held:
                 self._note_loss(control)
-            self._perform(self.machine.poll(self._robot.time_s, self._view()))
+            now_s = self._robot.time_s
+            self._perform(self.machine.poll(now_s, self._view(), self._conflict(now_s)))
 
     def _start(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import stat
 import struct
 import zlib
 from collections.abc import Collection, Generator, Iterator
@@ -150,6 +151,8 @@ class RecordFile:
         """
         self.path = path
         with readable(path):
+            if not stat.S_ISREG(path.stat().st_mode):
+                raise RecordingError(f"{path} is not a file")  # Opening a pipe waits for a writer.
             self._file = path.open("rb")
         try:
             with readable(path):

@@ -72,6 +72,7 @@ interface LoopStatus {
   hz: number;
   overruns: number;
   jitter_p99_ms: number;
+  longest_ms: number;
 }
 
 interface ArmingStatus {
