@@ -52,7 +52,9 @@ joints = st.integers(0, 9).flatmap(
     )
 )
 squares = vectors(9).map(lambda values: values.reshape(3, 3))
-odometry = st.builds(Odometry, vectors(3), vectors(3), squares, squares, stamps)
+finite = st.floats(allow_nan=False, allow_infinity=False)
+xy_headings = st.lists(finite, min_size=3, max_size=3).map(np.array)
+odometry = st.builds(Odometry, xy_headings, vectors(3), squares, squares, stamps)
 messages: st.SearchStrategy[tuple[str, bytes]] = st.one_of(
     twists.map(lambda message: (TWIST, encode_twist(message))),
     joints.map(lambda message: (JOINTS, encode_joints(message))),
