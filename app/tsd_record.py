@@ -20,7 +20,7 @@ from tsd_twin.bus import (
     clients_of,
     from_file,
 )
-from tsd_twin.errors import TwinError
+from tsd_twin.errors import TwinError, needs_extra
 from tsd_twin.recording import (
     ALLOWED,
     EVERYTHING,
@@ -149,7 +149,8 @@ def export_file(args: argparse.Namespace) -> None:
             print(line)
     if args.html or args.picture:
         # The scene takes a second to import: recording does without it.
-        from tsd_twin.dashboard import recording_page
+        with needs_extra("A page or picture", "dashboard"):
+            from tsd_twin.dashboard import recording_page
 
         if args.html:
             print(recording_page.to_html(part, Path(args.html)))
