@@ -35,7 +35,7 @@ PARSER = program.parser(
 
 
 def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
-    """Connected hardware interface."""
+    """Return the connected hardware interface."""
     if not args.port:
         raise HardwareError("--port is missing: 'tsd-bridge --list' shows what ports there are")
     if args.setup:
@@ -54,7 +54,7 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
 
 
 class _List(argparse.Action):
-    """Prints the ports and ends, as `--version` does."""
+    """Prints the ports and exits, like `--version`."""
 
     def __call__(self, *_: object) -> None:
         print("\n".join(serial_ports()) or "no serial ports: is the board plugged in?")
@@ -62,7 +62,7 @@ class _List(argparse.Action):
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     PARSER.add_argument("--list", action=_List, nargs=0, help="show the serial ports and end")
     PARSER.add_argument(
         "--port", metavar="PORT", help="device, or a URL of pyserial, of the controller board"

@@ -16,7 +16,7 @@ from tsd_twin.security import AUTHORITY, ROBOT, CertificateRequest, KeyFolder, R
 SOON = timedelta(days=30)
 
 PROGRAMS = {Role.SENSOR: "its program", Role.RECORDER: "tsd-record"}
-"""Programs to run with a certificate, where it is not the dashboard."""
+"""Programs other than the dashboard that use a certificate."""
 
 PARSER = program.parser(
     "tsd-certs",
@@ -32,7 +32,7 @@ PARSER = program.parser(
 
 
 def make(args: argparse.Namespace) -> None:
-    """Create missing files, and print which to copy to which machine."""
+    """Create missing files, and print which files to copy to which machine."""
     now = datetime.now(UTC)
     folder = KeyFolder(args.folder)
     identities = [security.client(name, Role.OPERATOR) for name in args.operator]
@@ -54,7 +54,7 @@ def make(args: argparse.Namespace) -> None:
 
 
 def report(folder: KeyFolder, now: datetime) -> list[str]:
-    """Report: new files, identities, and the files to copy to each machine."""
+    """Return a report: new files, identities, and the files to copy to each machine."""
     lines = [f"made {shown(folder.made)}" if folder.made else "everything is there already"]
     lines += ["", f"robot {', '.join(folder.hosts())}{term(folder, ROBOT, now)}"]
     lines += copying(folder, ROBOT, "tsd-mock")
@@ -70,7 +70,7 @@ def report(folder: KeyFolder, now: datetime) -> list[str]:
 
 
 def term(folder: KeyFolder, name: str, now: datetime) -> str:
-    """Expiry of a certificate, with a remedy when it is near."""
+    """Return the expiry of a certificate, with a remedy if it is near."""
     end = folder.end_of(name)
     text = f", until {end:%F}"
     if end - now < SOON:
@@ -79,7 +79,7 @@ def term(folder: KeyFolder, name: str, now: datetime) -> str:
 
 
 def copying(folder: KeyFolder, name: str, command: str) -> list[str]:
-    """Files to copy to one machine, and the command to run there."""
+    """Return the files to copy to a machine, and the command to run there."""
     settings = folder.settings_file(name)
     return [
         f"  copy to its machine  {shown(folder.files_of(name))}",
@@ -93,7 +93,7 @@ def shown(files: Sequence[Path]) -> str:
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     PARSER.add_argument("folder", type=Path, help="where the files are, or shall be")
     PARSER.add_argument(
         "--robot-host",

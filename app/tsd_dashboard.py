@@ -70,10 +70,10 @@ def serve(args: argparse.Namespace) -> None:
 
 
 def rules_of(args: argparse.Namespace) -> AccessSettings:
-    """Access settings from the flags.
+    """Return the access settings from the flags.
 
     Raises:
-        TwinError: one flag needs another, or a file cannot be used.
+        TwinError: If a flag requires another, or a file cannot be used.
     """
     names: list[str] = list(args.allow_host)
     context = None
@@ -95,7 +95,7 @@ def rules_of(args: argparse.Namespace) -> AccessSettings:
 
 
 def open_bus(args: argparse.Namespace) -> str:
-    """Warning that the bus is open to every program, although the page has a login."""
+    """Return a warning that the bus is open to all programs, although the page has a login."""
     where = args.zenoh_config or ", ".join(args.connect or [DEFAULT_ENDPOINT])
     return (
         f"WARNING: --users guards this page only. The bus at {where} has no certificates: any "
@@ -105,7 +105,7 @@ def open_bus(args: argparse.Namespace) -> str:
 
 
 def url(args: argparse.Namespace, rules: AccessSettings, port: int) -> str:
-    """URL of the page on this machine."""
+    """Return the URL of the page on this machine."""
     scheme = "http" if rules.tls is None else "https"
     host = f"[{args.host}]" if ":" in args.host else args.host
     return f"{scheme}://{host}:{port}/"
@@ -137,7 +137,7 @@ def add_access_flags() -> None:
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     program.add_client_flags(PARSER)
     PARSER.add_argument(
         "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"

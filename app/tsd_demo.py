@@ -36,7 +36,7 @@ PAGE_PORT = 8080
 ALONE = ("--listen", "tcp/127.0.0.1:0")
 """Bus flags of robots that are reached through the first one."""
 SPACING_M = 1.0
-"""Between robots that start side by side."""
+"""Distance between robots that start side by side."""
 
 PARSER = program.parser(
     "tsd-demo",
@@ -56,11 +56,11 @@ PARSER = program.parser(
 
 
 def demonstrate(args: argparse.Namespace) -> None:
-    """Start all processes, and end all when one ends or a signal comes."""
+    """Start all processes, and stop all if one ends or a signal arrives."""
     stop = program.stop_event(args)
     link = LinkSpec.parse(args.link) if args.link else None
     chosen = cast_of(args.robot or ["tsd"], args.id, camera=args.camera)
-    # Over TCP, whatever a bad link loses holds up all that comes after it.
+    # Over TCP, each loss on a bad link would delay everything after it.
     protocol, kind = ("udp", socket.SOCK_DGRAM) if link else ("tcp", socket.SOCK_STREAM)
     bus_port = free_port(args.bus_port, BUS_PORT, kind)
     page_port = free_port(args.port, PAGE_PORT)
@@ -92,7 +92,7 @@ def demonstrate(args: argparse.Namespace) -> None:
         *(["--record-dir", str(folder)] if folder else []),
     ]
     with contextlib.ExitStack() as running:
-        # The first robot routes for the others, so all are on one bus.
+        # The first robot routes for the others, so that all share one bus.
         doors = [["--listen", listening], *([*ALONE, "--connect", listening] for _ in chosen[1:])]
         robots_ready = [
             running.enter_context(start_program([*role, *door, *more], stop))
@@ -114,7 +114,7 @@ def demonstrate(args: argparse.Namespace) -> None:
         wait_for_robots(url, len(chosen), stop)
         program.say_ready(f"{url} with the bus at {endpoint}; Ctrl-C ends all")
         if not args.no_browser:
-            # A browser may hold its own console for as long as it runs.
+            # A browser may block its console while it runs.
             threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
         stop.wait()
 
@@ -125,7 +125,7 @@ def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> 
     With `camera`, planar robots have an overhead camera.
 
     Raises:
-        TwinError: a robot cannot be read, or one id is asked for several.
+        TwinError: If a description cannot be read, or an id is given for several robots.
     """
     if robot_id and len(names) > 1:
         raise TwinError("--id is for one robot; several are called by their names")
@@ -133,7 +133,7 @@ def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> 
         topics.checked(robot_id)
     described = [
         robots.load_robot(name) for name in names
-    ]  # An invalid file is reported before any process starts.
+    ]  # Report invalid files before any process starts.
     moving = [robot.kinematics().pose_type is SE2 for robot in described]
     places = free_places(moving)
     ids: list[str] = []
@@ -151,23 +151,23 @@ def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> 
 
 
 def free_places(drives: list[bool]) -> list[str]:
-    """Return start poses without overlap; spheres have none."""
+    """Return start poses without overlap; spheres have no start pose."""
     first = 0 if all(drives) else 1
     spots = iter(range(first, first + len(drives)))
     return [spot(next(spots)) if moves else "" for moves in drives]
 
 
 def spot(number: int) -> str:
-    """Place on a line across the robots' way: the middle, left, right, farther left..."""
+    """Return a place on a line across the driving direction: middle, left, right, and outwards."""
     side = (number + 1) // 2 * (1 if number % 2 else -1)
     return f"0,{SPACING_M * side:g},0" if number else ""
 
 
 def record_folder(chosen: Path | None) -> Path | None:
-    """Return the folder for recordings; None when the default one cannot be written to.
+    """Return the folder for recordings, or None if the default one is not writable.
 
     Raises:
-        TwinError: the chosen one cannot be written to.
+        TwinError: If the chosen folder is not writable.
     """
     folder = chosen or default_folder()
     try:
@@ -187,7 +187,7 @@ def record_folder(chosen: Path | None) -> Path | None:
 def recorder(
     folder: Path, keep_gb: float, endpoint: str, stop: threading.Event
 ) -> Generator[Subprocess]:
-    """Run a recorder beside the robots; driving goes on when it ends."""
+    """Run a recorder in addition to the robots; they keep running if it ends."""
     command = ["tsd_record", "--dir", str(folder), "--keep-gb", str(keep_gb), "--connect", endpoint]
     ended = threading.Event()
 
@@ -203,7 +203,7 @@ def recorder(
 
 @contextlib.contextmanager
 def linked(link: LinkSpec | None, endpoint: str, stop: threading.Event) -> Generator[str]:
-    """Yield the endpoint of the robot for the dashboard: behind an emulated link, if requested."""
+    """Yield the dashboard's endpoint of the robot, behind an emulated link if requested."""
     if link is None:
         yield endpoint
         return
@@ -212,10 +212,10 @@ def linked(link: LinkSpec | None, endpoint: str, stop: threading.Event) -> Gener
 
 
 def wait_for_robots(url: str, count: int, stop: threading.Event) -> None:
-    """Wait until the dashboard sees the robots, since a page without them is no demo.
+    """Wait until the dashboard shows all robots.
 
     Raises:
-        TwinError: it took too long.
+        TwinError: If this takes too long.
     """
     end_s = time.monotonic() + PATIENCE_S
     while not stop.wait(0.05):
@@ -228,7 +228,7 @@ def wait_for_robots(url: str, count: int, stop: threading.Event) -> None:
 
 
 class Subprocess:
-    """A running child process; its output is forwarded, and its `ready:` line is stored."""
+    """Running child process; forwards its output and stores its `ready:` line."""
 
     def __init__(self, name: str, process: subprocess.Popen[str], stop: threading.Event) -> None:
         self._name = name
@@ -240,16 +240,16 @@ class Subprocess:
         threading.Thread(target=self._read, args=(process.stdout,), daemon=True).start()
 
     def wait_for(self) -> str:
-        """Wait for the `ready:` line of the program, and return it.
+        """Wait for the program's `ready:` line and return it.
 
         Raises:
-            TwinError: it ended, or took too long.
+            TwinError: If the program ended or took too long.
         """
         if not self._ready.wait(PATIENCE_S):
             raise TwinError(f"{self._name} was not ready within {PATIENCE_S:g} s")
         if not self._line:
             if self._process.wait(PATIENCE_S) == 0:
-                sys.exit(0)  # A signal ended it while starting, as by Ctrl-C.
+                sys.exit(0)  # Ended by a signal while starting, such as Ctrl-C.
             raise TwinError(f"{self._name} ended before it was ready; see above")
         return self._line
 
@@ -259,15 +259,15 @@ class Subprocess:
                 self._line = line.strip()
                 self._ready.set()
         self._ready.set()
-        self._stop.set()  # The parent ends when one of its programs ends.
+        self._stop.set()  # The parent ends if one of its programs ends.
 
 
 @contextlib.contextmanager
 def start_program(arguments: list[str], stop: threading.Event) -> Generator[Subprocess]:
-    """Context manager that runs one of the project's programs and ends it on exit."""
-    # Its own process group: Ctrl-C reaches the parent only, which ends the children in order. When
-    # the parent is killed, the broken pipe ends them.
-    process = subprocess.Popen(  # noqa: S603  The program is ours, the flags went through argparse.
+    """Run one of the project's programs, and end it on exit."""
+    # In a separate process group: Ctrl-C reaches only the parent, which ends the children in order.
+    # If the parent is killed, the broken pipe ends them.
+    process = subprocess.Popen(  # noqa: S603  Own program with parsed flags.
         [sys.executable, "-m", *arguments, "--until-eof"],
         stdout=subprocess.PIPE,
         stdin=subprocess.PIPE,
@@ -286,16 +286,16 @@ def start_program(arguments: list[str], stop: threading.Event) -> Generator[Subp
 
 
 def free_port(chosen: int | None, usual: int, kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """Chosen port if it is free; when none was chosen the usual one, or any free one.
+    """Return the chosen port if it is free; by default the usual port, or any free one.
 
     Raises:
-        TwinError: the chosen port is in use, or is none.
+        TwinError: If the chosen port is in use or invalid.
     """
     anywhere = random.sample(ANY_PORTS, 32)
     for port in anywhere if chosen == 0 else (chosen,) if chosen else (usual, *anywhere):
         with socket.socket(type=kind) as probe:
             if kind is socket.SOCK_STREAM:
-                # As servers do, so that a port that was in use a minute ago counts as free.
+                # As servers do, so that a recently used port counts as free.
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind(("127.0.0.1", port))
@@ -306,7 +306,7 @@ def free_port(chosen: int | None, usual: int, kind: socket.SocketKind = socket.S
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     program.add_robot_flags(PARSER, several=True)
     PARSER.add_argument(
         "--port", type=flag_types.PORT, help=f"of the page; default {PAGE_PORT}, or any free one"

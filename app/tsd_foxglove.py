@@ -21,7 +21,7 @@ _LOG = logging.getLogger(__name__)
 PORT = 8765
 OPERATOR = "foxglove"
 SHORTEST_TOKEN = 24
-"""Characters of a token: no client guesses one."""
+"""Minimum length of a token, which makes guessing infeasible."""
 
 PARSER = program.parser(
     "tsd-foxglove",
@@ -42,7 +42,7 @@ def serve(args: argparse.Namespace) -> None:
     """Run until SIGINT or SIGTERM.
 
     Raises:
-        TwinError: a package, file or port cannot be used.
+        TwinError: If a package, file or port cannot be used.
     """
     load_sdk()
     stop = program.stop_event(args)
@@ -75,10 +75,10 @@ def serve(args: argparse.Namespace) -> None:
 
 
 def access_of(args: argparse.Namespace) -> Access:
-    """Access settings from the flags.
+    """Return the access settings from the flags.
 
     Raises:
-        TwinError: one flag needs another, or a file cannot be used.
+        TwinError: If a flag requires another, or a file cannot be used.
     """
     if (args.tls_cert is None) != (args.tls_key is None):
         raise TwinError("--tls-cert and --tls-key go together: name both, or neither")
@@ -91,10 +91,10 @@ def access_of(args: argparse.Namespace) -> Access:
 
 
 def token_of(file: Path) -> str:
-    """Return the token in a file; a file that is missing is made.
+    """Return the token in a file; create the file if it is missing.
 
     Raises:
-        TwinError: it cannot be used, others can read it, or the token is short.
+        TwinError: If the file cannot be used, is readable by others, or its token is too short.
     """
     try:
         if not file.exists():
@@ -111,7 +111,7 @@ def token_of(file: Path) -> str:
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     program.add_client_flags(PARSER)
     PARSER.add_argument(
         "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"

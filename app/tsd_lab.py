@@ -42,7 +42,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     papers.ATLAS,
     rerun_experiment.EXPERIMENT,
 )
-"""What `tsd-lab` can do; one more is one more file and one more row."""
+"""Experiments of `tsd-lab`, one module each."""
 
 __all__ = ["EXPERIMENTS", "Experiment", "Output"]
 
@@ -61,7 +61,7 @@ PARSER = program.parser(
 
 
 def experiment(args: argparse.Namespace) -> None:
-    """Run one experiment, print what it found and where the files are."""
+    """Run an experiment; print its results and the written files."""
     out = Output(args.out, quiet=args.quiet)
     try:
         lines = args.experiment.run(args, out)
@@ -74,7 +74,7 @@ def experiment(args: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     commands = PARSER.add_subparsers(metavar="EXPERIMENT", required=True)
     for each in EXPERIMENTS:
         parser = commands.add_parser(

@@ -31,7 +31,7 @@ def simulate(args: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     PARSER.add_argument(
         "--link",
         required=True,

@@ -1,4 +1,4 @@
-"""`tsd-mock`: robot node with a simulated robot; its bus interface equals that of a real one."""
+"""`tsd-mock`: robot node with a simulated robot; same bus interface as a real one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tsd_twin.simulation import BoardModel, Camera, CameraNoise, StuckJoint, Wea
 from tsd_twin.simulation.robot import USUAL_LEAN_DEG
 
 _LOOK_S = 0.01
-"""Time between two looks for poses of the simulated robot."""
+"""Polling period of the camera for poses of the simulated robot."""
 
 PARSER = program.parser(
     "tsd-mock",
@@ -44,9 +44,9 @@ PARSER = program.parser(
 
 
 class OverheadCamera:
-    """Simulated camera: publishes the true pose on `sensor/pose`, delayed and with noise.
+    """Simulated camera: publishes the true pose on `sensor/pose`, with delay and noise.
 
-    It uses the bus only, as the computer of a real camera would; use it as a context manager.
+    It uses only the bus, like the computer of a real camera. Use it as a context manager.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class OverheadCamera:
 
 
 def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
-    """Simulated joints, behind a simulated board."""
+    """Return simulated joints behind a simulated board."""
     pose = pose_at(robot, args)
     jams = [StuckJoint.parse(text, robot) for text in args.jam]
     wear = [Wear.parse(text, robot) for text in args.wear]
@@ -101,15 +101,15 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
 
 
 def pose_at(robot: RobotDescription, args: argparse.Namespace) -> SE2 | None:
-    """Start pose from `--at`, if given."""
+    """Return the start pose from `--at`, if given."""
     return start_pose(args.at, robot) if args.at else None
 
 
 def start_pose(text: str, robot: RobotDescription) -> SE2:
-    """Pose that `--at` asks for.
+    """Parse the start pose of `--at`.
 
     Raises:
-        TwinError: it is no x, y and heading, or the robot has no such pose.
+        TwinError: If the text is not x, y and heading, or the robot has no planar pose.
     """
     if robot.kinematics().pose_type is not SE2:
         raise TwinError(f"--at: {robot.name} stays where it is, only its sphere turns")
@@ -125,10 +125,10 @@ def start_pose(text: str, robot: RobotDescription) -> SE2:
 def companion(
     bus: Bus, robot_id: str, robot: RobotDescription, args: argparse.Namespace
 ) -> Companion:
-    """Simulated camera of `--camera`.
+    """Return the simulated camera of `--camera`.
 
     Raises:
-        TwinError: there is nothing that it could see move.
+        TwinError: If the robot does not move.
     """
     if not args.camera:
         return contextlib.nullcontext()
@@ -138,7 +138,7 @@ def companion(
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     PARSER.add_argument("--seed", type=flag_types.SEED, default=0, help="of the noise; default 0")
     PARSER.add_argument(
         "--noise",

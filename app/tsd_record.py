@@ -1,4 +1,4 @@
-"""`tsd-record`: recorder of all robots on a bus, and export of what it has recorded."""
+"""`tsd-record`: recorder of all robots on a bus, and export of its recordings."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from tsd_twin.recording.reader import FolderReader
 GB = 1_000_000_000
 
 PATIENCE_S = 3.0
-"""Timeout of one attempt to reach a robot."""
+"""Timeout of a connection attempt."""
 
 PARSER = program.parser(
     "tsd-record",
@@ -58,10 +58,10 @@ PARSER = program.parser(
 
 
 def record(args: argparse.Namespace) -> None:
-    """Record until a signal.
+    """Record until a signal arrives.
 
     Raises:
-        TwinError: the folder cannot be used.
+        TwinError: If the folder cannot be used.
     """
     stop = program.stop_event(args)
     folder = RecordingFolder(args.dir, round(args.keep_gb * GB))
@@ -86,10 +86,10 @@ def record(args: argparse.Namespace) -> None:
 
 
 def sessions(args: argparse.Namespace) -> list[Config]:
-    """Return the configuration of a session for each robot.
+    """Return a session configuration for each robot.
 
     Raises:
-        TwinError: a configuration cannot be used.
+        TwinError: If a configuration cannot be used.
     """
     if args.zenoh_config:
         return clients_of(from_file(args.zenoh_config), PATIENCE_S)
@@ -97,7 +97,7 @@ def sessions(args: argparse.Namespace) -> list[Config]:
 
 
 class Tap:
-    """Session with one robot, which is opened when the robot is there."""
+    """Session with a robot, opened once the robot is available."""
 
     def __init__(
         self, recorder: Recorder, config: Config, keys: Sequence[str], stop: threading.Event
@@ -105,7 +105,7 @@ class Tap:
         self._recorder, self._config, self._keys, self._stop = recorder, config, keys, stop
         self._bus: Bus | None = None
         self.error: TwinError | None = None
-        """Why it cannot be opened; it has set `stop` then."""
+        """Reason why the session cannot be opened; `stop` is then set."""
         self._thread = threading.Thread(target=self._open)
         self._thread.start()
 
@@ -120,7 +120,7 @@ class Tap:
                     self._stop.set()
 
     def close(self) -> None:
-        """Close the session; one that is being opened is waited for."""
+        """Close the session, after waiting for an attempt to open it."""
         self._thread.join()
         if self._bus is not None:
             self._bus.close()
@@ -132,10 +132,10 @@ def notify(text: str) -> None:
 
 
 def export_file(args: argparse.Namespace) -> None:
-    """Write parts of a recording.
+    """Export parts of a recording.
 
     Raises:
-        TwinError: nothing was asked for.
+        TwinError: If no output is requested.
     """
     if not (args.out or args.csv or args.html or args.picture):
         raise TwinError(
@@ -159,10 +159,10 @@ def export_file(args: argparse.Namespace) -> None:
 
 
 def list_recordings(args: argparse.Namespace) -> None:
-    """Print start, duration, robots and marks of all recordings in the folder, the newest last.
+    """Print start, duration, robots and marks of all recordings in the folder, latest last.
 
     Raises:
-        TwinError: there is no such folder.
+        TwinError: If the folder does not exist.
     """
     if not args.dir.is_dir():
         raise TwinError(f"{args.dir} is no folder")
@@ -182,7 +182,7 @@ def mark(args: argparse.Namespace) -> None:
     """Attach a note to a time of a recording.
 
     Raises:
-        TwinError: the time is no part of it, or the mark cannot be written.
+        TwinError: If the time is out of range, or the mark cannot be written.
     """
     index = RecordingIndex(Path(args.file))
     duration_s = 1e-9 * (index.end_ns - index.start_ns)
@@ -194,7 +194,7 @@ def mark(args: argparse.Namespace) -> None:
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     program.add_client_flags(PARSER)
     PARSER.add_argument(
         "--dir",

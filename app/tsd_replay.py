@@ -31,7 +31,7 @@ def replay(args: argparse.Namespace) -> None:
     """Send the recording until its end or a signal.
 
     Raises:
-        TwinError: the file cannot be used, or the id is taken.
+        TwinError: If the file cannot be used, or the id is taken.
     """
     stop = program.stop_event(args)
     recording = open_recording(args.file)
@@ -46,9 +46,9 @@ def replay(args: argparse.Namespace) -> None:
 
 
 def session(args: argparse.Namespace) -> Bus:
-    """Open the bus: beside a running robot, or one of its own."""
+    """Open a bus, or join the bus of a running robot."""
     if args.connect:
-        # A client sees the peers of a robot, and they see it.
+        # A client sees a robot's peers, and they see the client.
         return Bus(as_client(client_config([args.connect]), PATIENCE_S))
     return Bus(node_config([args.listen]))
 
@@ -57,7 +57,7 @@ def chosen_robot(recording: Recording, chosen: str | None) -> str:
     """Return the robot to replay.
 
     Raises:
-        TwinError: there are several, or none.
+        TwinError: If the choice is missing or ambiguous.
     """
     if chosen is not None:
         return chosen
@@ -68,7 +68,7 @@ def chosen_robot(recording: Recording, chosen: str | None) -> str:
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     PARSER.add_argument("file", metavar="FILE", type=Path, help="a recording of tsd-record")
     PARSER.add_argument("--robot", metavar="ID", help="robot in the recording, when it has several")
     PARSER.add_argument("--id", help=f"id on the bus; default: that of the robot and {SUFFIX}")

@@ -38,9 +38,9 @@ from tsd_twin.security import Role
 
 OPERATOR = "ros"
 ROUTER = "tcp/127.0.0.1:7447"
-"""Where rmw_zenohd listens."""
+"""Default endpoint of rmw_zenohd."""
 NODE_ENDPOINT = "tcp/127.0.0.1:7448"
-"""Where the bus of an imported robot listens: beside the router of ROS."""
+"""Default endpoint of an imported robot's bus, next to the router's port."""
 _PATIENCE_S = 3.0
 _USUAL = ImportLimits()
 _LAST_DOMAIN = 232
@@ -66,7 +66,7 @@ def serve(args: argparse.Namespace) -> None:
     """Run until SIGINT or SIGTERM.
 
     Raises:
-        TwinError: a file, an endpoint or a port cannot be used.
+        TwinError: If a file, an endpoint or a port cannot be used.
     """
     stop = program.stop_event(args)
     if args.imported is not None:
@@ -105,10 +105,10 @@ def serve(args: argparse.Namespace) -> None:
 
 
 def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
-    """Run the node of a robot that has ROS topics only until `stop` is set.
+    """Run the node of a robot that has only ROS topics until `stop` is set.
 
     Raises:
-        TwinError: a file, an endpoint or a port cannot be used, or a limit is not plausible.
+        TwinError: If a file, an endpoint or a port cannot be used, or a limit is implausible.
     """
     name = topics.checked(args.imported)
     if args.view_only:
@@ -117,7 +117,7 @@ def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
         args.import_speed, args.import_turn_rate, args.import_acceleration,
         sideways=args.import_drive == "omni",
     )  # fmt: skip
-    describe(name, "", limits)  # A limit that is not plausible is told before anything is opened.
+    describe(name, "", limits)  # Report implausible limits before opening anything.
     domain = domain_of(args)
     open_port, where, _ = ports(args, domain, endpoints(stamped=args.stamped))
     names = RosNames(args.import_namespace.strip("/"), shared=bool(args.import_namespace))
@@ -149,10 +149,10 @@ def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
 
 
 def domain_of(args: argparse.Namespace) -> int:
-    """Return the domain of ROS.
+    """Return the ROS domain.
 
     Raises:
-        TwinError: ROS_DOMAIN_ID is none.
+        TwinError: If ROS_DOMAIN_ID is invalid.
     """
     if args.domain is not None:
         return args.domain
@@ -165,10 +165,10 @@ def domain_of(args: argparse.Namespace) -> int:
 def ports(
     args: argparse.Namespace, domain: int, ends: Endpoints = ADAPTER
 ) -> tuple[OpenPort, str, Callable[[], None]]:
-    """Return what opens ports, where they are, and what ends them all.
+    """Return a function that opens ports, their endpoint, and a function that closes them.
 
     Raises:
-        TwinError: no router answers, or rclpy is not there.
+        TwinError: If no router answers, or rclpy is missing.
     """
     if args.rmw == "dds":
         check_ros(ends)
@@ -189,14 +189,14 @@ def ports(
 
 
 def ros_config(args: argparse.Namespace) -> Config:
-    """Return the configuration of a session to the router of ROS: a client reaches all nodes."""
+    """Return the configuration of a client session to the ROS router, which reaches all nodes."""
     if args.ros_zenoh_config:
         return as_client(from_file(args.ros_zenoh_config), _PATIENCE_S)
     return as_client(client_config([args.ros_connect]), _PATIENCE_S)
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     program.add_client_flags(PARSER)
     program.add_adapter_flags(PARSER, OPERATOR)
     made = PARSER.add_argument_group("ROS", "docs/ros2.md goes step by step.")

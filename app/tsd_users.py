@@ -28,7 +28,7 @@ PARSER = program.parser(
 
 
 def change(args: argparse.Namespace) -> None:
-    """Apply the flags to the file, and list its users."""
+    """Apply the flags to the file and list its users."""
     file: Path = args.file
     users = Users.load_any(file) if file.exists() else Users({})
     if args.remove:
@@ -48,10 +48,10 @@ def change(args: argparse.Namespace) -> None:
 
 
 def password_for(name: str) -> str:
-    """Ask for a new password twice, without an echo; or take a line from standard input.
+    """Ask for a new password twice, without echo, or read a line from standard input.
 
     Raises:
-        TwinError: the two differ, or there is none.
+        TwinError: If the passwords differ or the input has ended.
     """
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip("\r\n")
@@ -65,7 +65,7 @@ def password_for(name: str) -> str:
 
 
 def main() -> None:
-    """Read the flags and run."""
+    """Parse the flags and run."""
     PARSER.add_argument("file", type=Path, help="where the users are, or shall be")
     what = PARSER.add_mutually_exclusive_group()
     what.add_argument("--operator", metavar="NAME", help="add a user who sees, drives and stops")

@@ -1,1 +1,1 @@
-"""Attacks on live processes, each with the guarantee that it tests."""
+"""Attacks on live processes, each with the guarantee it tests."""

@@ -1,4 +1,4 @@
-"""Run all attacks, or the parts that are named, against live processes.
+"""Run all attacks, or the named parts, against live processes.
 
 Each part is a module of this package with a function `rows()` that yields one `Row` per attack.
 """
@@ -27,7 +27,7 @@ PARTS: tuple[str, ...] = (
 
 
 def main() -> None:
-    """Print rows as they come and their summary; exit with 1 when a guarantee did not hold."""
+    """Print rows and a summary; exit with 1 if a guarantee did not hold."""
     parser = argparse.ArgumentParser(
         prog="make attack",
         description="Attack live processes on this machine and compare with what is promised.",
@@ -57,7 +57,7 @@ def main() -> None:
 
 
 def rows_of(part: str) -> Iterator[Row]:
-    """Rows of a part; one that ends early leaves a row that did not hold."""
+    """Yield the rows of a part; an early end yields a row that did not hold."""
     try:
         yield from importlib.import_module(f"attack.{part}").rows()
     except (AssertionError, OSError, TwinError) as error:

@@ -1,4 +1,4 @@
-"""Operators by other ways than the page: a script with the client library, a Foxglove client."""
+"""Operators other than the page: a script with the client library, and a Foxglove client."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ class ScriptOperator:
         self.pid = self._program.process.pid
 
     def get_ready(self, max_age_s: float) -> None:
-        """Take control under a lease, and arm."""
+        """Take control with a lease, and arm."""
         self._do("ready", max_age_s)
 
     def push(self, x: float) -> None:
-        """Refresh a velocity 50 times a second."""
+        """Refresh a velocity at 50 Hz."""
         self._do("push", x)
 
     def release(self) -> float:
@@ -74,7 +74,7 @@ class ScriptOperator:
 
 
 class FoxgloveOperator:
-    """Client of `tsd-foxglove`, which is a process, over an emulated link."""
+    """Client of a `tsd-foxglove` process, over an emulated link."""
 
     def __init__(self, endpoint: str, turning: bool, status: Callable[[], Status]) -> None:
         self._status, self._axis = status, "angular" if turning else "linear"
@@ -105,7 +105,7 @@ class FoxgloveOperator:
         """Take control and arm, then pause, as the adapter requires.
 
         Raises:
-            TimeoutError: the robot does not become ready.
+            TimeoutError: If the robot does not become ready.
         """
         end_s = time.monotonic() + PATIENCE_S
         while not self._is_ready():
@@ -116,7 +116,7 @@ class FoxgloveOperator:
         time.sleep(PAUSE_S + 0.1)
 
     def push(self, x: float) -> None:
-        """Publish a twist 50 times a second."""
+        """Publish a twist at 50 Hz."""
         with self._lock:
             self._x = x
 
@@ -162,7 +162,7 @@ class FoxgloveOperator:
         return True
 
     def _read(self) -> None:
-        # The library answers pings while this reads.
+        # The library answers pings during this loop.
         with contextlib.suppress(ConnectionClosed, OSError):
             for message in self._socket:
                 if isinstance(message, str) and '"advertiseServices"' in message:

@@ -25,7 +25,7 @@ STILL_M = 0.001
 
 
 def rows() -> Iterator[Row]:
-    """Hold one command back over STOP, reset and arm, and send it to the armed robot."""
+    """Delay a command past STOP, reset and arm, and send it to the armed robot."""
     for name in robots.robot_names():
         flags = ("--robot", name, "--listen", "tcp/127.0.0.1:0", "--until-eof")
         program = Program(["tsd_mock", *flags])
@@ -45,7 +45,7 @@ def rows() -> Iterator[Row]:
 
 
 def _late_command(endpoint: str, name: str) -> tuple[float, float]:
-    """Travel after the late command, and the time from STOP until it was sent."""
+    """Return the travel after the late command, and its delay since STOP."""
     drive = robots.load_robot(name).kinematics()
     raw = UncheckedOperator(endpoint, name)
     bus = Bus(client_config([endpoint]))
@@ -84,7 +84,7 @@ def _late_command(endpoint: str, name: str) -> tuple[float, float]:
 
 
 def _top(payload: bytes, name: str) -> tuple[float, ...]:
-    """Return x and y of a robot; of a sphere its quaternion."""
+    """Return x and y of a robot, or the quaternion of a sphere."""
     truth = decode_odometry(payload, turning=name == "atlas")
     if truth.wxyz is not None:
         return tuple(truth.wxyz.tolist())

@@ -1,7 +1,7 @@
 """Attacks on discovery: forged robots, descriptions, key patterns, duplicate ids, links and
 clocks."""
 
-# zenoh leaves some of its types open.
+# Some types of zenoh are incomplete.
 # pyright: reportUnknownMemberType=false
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ int clock_gettime(clockid_t id, struct timespec *t)
     return failed;
 }
 """
-"""A wall clock that jumps by three or six hours every other second."""
+"""Library for a wall clock that jumps by three or six hours every other second."""
 
 
 def rows() -> Iterator[Row]:
-    """Yield one row for each attack."""
-    with ThreadPoolExecutor(1) as aside:  # It waits for its link most of the time.
+    """Yield one row per attack."""
+    with ThreadPoolExecutor(1) as aside:  # This part mostly waits for its link.
         far = aside.submit(_far)
         yield from _at_a_dashboard()
         yield _living()
@@ -134,7 +134,7 @@ def _descriptions(hostile: ForgedRobots, port: int) -> Iterator[Row]:
 
 
 def _folder(hostile: ForgedRobots, port: int) -> Row:
-    """Let `body.meshes` name a pipe, which shows whether it was opened."""
+    """Set `body.meshes` to a pipe, which shows whether it was opened."""
     with tempfile.TemporaryDirectory() as folder:
         pipe = Path(folder, "parts.json")
         os.mkfifo(pipe)
@@ -144,7 +144,7 @@ def _folder(hostile: ForgedRobots, port: int) -> Row:
         opened = False
         end_s = time.monotonic() + 3.0
         while time.monotonic() < end_s and not opened:
-            with suppress(OSError):  # No reader.
+            with suppress(OSError):  # The pipe has no reader.
                 os.close(os.open(pipe, os.O_WRONLY | os.O_NONBLOCK))
                 opened = True
             time.sleep(0.01)
@@ -159,7 +159,7 @@ def _folder(hostile: ForgedRobots, port: int) -> Row:
 def _nested_json(port: int) -> Row:
     page = Page(port, PAGE)
     try:
-        page.send(t="robot", id="tsd")  # The forged robots before it in the menu send nothing.
+        page.send(t="robot", id="tsd")  # Forged robots precede it in the menu.
         page.until(lambda: page.state)
         for text in ("[" * 8000, '{"t": "drive", "a": ' + '{"a": ' * 2000):
             page.send_raw(text)
@@ -303,7 +303,7 @@ def _keep_driving(pilot: BusOperator, x: float = 0.2) -> tuple[threading.Thread,
 
 
 def _far() -> Row:
-    """Drive over 900 ms there and back, and fall silent at the full speed of that lease."""
+    """Drive over a link with a round trip of 900 ms, and fall silent at the lease's top speed."""
     flags = ("--listen", "tcp/127.0.0.1:0", "--link", "delay=450ms", "--target")
     with mock() as robot, program("tsd_link", *flags, robot.endpoint) as link:
         far = behind(link.ready().split()[-1])
@@ -312,7 +312,7 @@ def _far() -> Row:
             pilot.ask(Service.ARM, lease=pilot.lease)
             pilot.drive((0.0, 0.0, 0.0), until=lambda: pilot.status.mode == "ready")
             pilot.drive((1.0, 0.0, 0.0), 4.0)
-            # What is under way still arrives: the way counts from the last command that did.
+            # Commands in flight still arrive, so measure from the last delivered one.
             near.wait_until(lambda: near.status.command.age_s not in (None, 0.0))
             seconds_until(lambda: (near.status.command.age_s or 0.0) > 0.1, 3.0)
             seen = near.status

@@ -1,4 +1,4 @@
-"""Stopping distance of each shipped robot from full speed after a fault, beside the guaranteed one.
+"""Stopping distances of each shipped robot from full speed after a fault, and the guaranteed ones.
 
 `python -m attack.distances --runs 10 --robots tsd,kiwi --causes downlink --leases 0.25`
 """
@@ -33,37 +33,38 @@ MAX_AGES_S = (0.25, 0.5, 1.0)
 HASTE = 2.0
 """Commanded speed, as a multiple of the speed limit, so that the robot drives at its limit."""
 BEYOND_S = 0.6
-"""Faults last for the age that a command may have, and this: by then the robot has to stand."""
+"""Faults last for the maximum command age plus this time, by which the robot must be at rest."""
 WATCHED_S = 0.4
-"""For how long it is watched after the fault is over."""
+"""Observation time after the end of the fault."""
 REPEATED_S = 0.17
-"""For so long the program repeats the last input before it is stopped, too."""
+"""Time for which the program repeats the last input before it is stopped too."""
 PHASE_S = 0.1
-"""Faults come at any moment between two messages."""
+"""Faults start at a random phase between two messages."""
 
 
 Fault = Callable[[Scene], tuple[float, float]]
-"""Breaks something, and returns when that began and when it is over, on the monotonic clock."""
+"""Causes a fault; returns its start and end, monotonic time."""
 
 
 ATTEMPTS = 8
-"""To have a robot at full speed when the fault comes, also on a busy machine."""
+"""Attempts to reach full speed before the fault, even on a busy machine."""
 
 
 @dataclass(frozen=True)
 class Cause:
-    """One kind of fault."""
+    """Type of fault."""
 
     name: str
     text: str
     operator: str
-    """Kind of operator: `page`, `raw` (unchecked), `script`, `foxglove`, or `node`: unchecked, and
-    the board outlives the node."""
+    """Kind of operator: `page`, `raw` (unchecked), `script`, `foxglove`, or `node`: unchecked, with
+    a board that outlives the node.
+    """
     fault: Fault = field(repr=False)
 
 
 def stalled(*directions: Direction) -> Fault:
-    """Fault of a link that stalls and then delivers all held packets."""
+    """Return a fault that stalls a link, which then delivers all delayed packets."""
 
     def fault(scene: Scene) -> tuple[float, float]:
         assert scene.link is not None
@@ -71,7 +72,7 @@ def stalled(*directions: Direction) -> Fault:
         at_s = time.monotonic()
         scene.link.stall(length_s, directions)
         if isinstance(scene.operator, UncheckedOperator):
-            # It commands through the stall, and ends before the link delivers again.
+            # It sends commands during the stall, and ends before the link delivers again.
             time.sleep(length_s - 0.1)
             scene.operator.release()
         return at_s, at_s + length_s
@@ -80,19 +81,19 @@ def stalled(*directions: Direction) -> Fault:
 
 
 def killed(pid: Callable[[Scene], int]) -> Fault:
-    """Fault of a process that is killed."""
+    """Return a fault that kills a process."""
 
     def fault(scene: Scene) -> tuple[float, float]:
         at_s = time.monotonic()
         os.kill(pid(scene), signal.SIGKILL)
-        # Until then a command that was sent before could still count.
+        # Until then, an earlier command could still be accepted.
         return at_s, at_s + scene.max_age_s + BEYOND_S
 
     return fault
 
 
 def hung(pid: Callable[[Scene], int], length_s: float | None = None) -> Fault:
-    """Fault of a process that hangs and then resumes."""
+    """Return a fault that suspends a process and then resumes it."""
 
     def fault(scene: Scene) -> tuple[float, float]:
         one = pid(scene)
@@ -110,7 +111,7 @@ def hung(pid: Callable[[Scene], int], length_s: float | None = None) -> Fault:
 
 
 def repeats_then_hangs(scene: Scene) -> tuple[float, float]:
-    """Fault of a program that hangs while it repeats its last input, from that input."""
+    """Suspend a program while it repeats its last input; the fault starts with that input."""
     operator = scene.operator
     assert isinstance(operator, ScriptOperator | FoxgloveOperator)
     given_s = operator.release()
@@ -124,7 +125,7 @@ def repeats_then_hangs(scene: Scene) -> tuple[float, float]:
 
 
 def pings_lost(scene: Scene) -> tuple[float, float]:
-    """Fault of the link from the adapter to its client, which goes on publishing."""
+    """Stall the link from the adapter to its client, which continues publishing."""
     assert isinstance(scene.operator, FoxgloveOperator)
     length_s, at_s = scene.max_age_s + BEYOND_S, time.monotonic()
     scene.operator.link.stall(length_s, (Direction.DOWN,))
@@ -172,7 +173,7 @@ CAUSES: Mapping[str, Cause] = {
 
 @dataclass(frozen=True)
 class Task:
-    """Task of one process: faults to measure on one robot under one lease."""
+    """Task of a process: faults to measure on a robot with a lease."""
 
     robot: str
     max_age_s: float
@@ -182,7 +183,7 @@ class Task:
 
 @dataclass
 class Result:
-    """Distances after one cause."""
+    """Distances for a cause."""
 
     cause: str
     speed_mps: float = 0.0
@@ -191,7 +192,7 @@ class Result:
 
 
 def measure(task: Task) -> list[Result]:
-    """Do all runs of a task; rows after a failure are marked as not measured."""
+    """Run a task; after a failure, its remaining results are marked as not measured."""
     robot, text = quick_description(task.robot)
     kind = CAUSES[task.causes[0]].operator
     opened = with_board if kind == "node" else on_a_link
@@ -218,7 +219,7 @@ def measure(task: Task) -> list[Result]:
 def _run(
     scene: Scene, cause: Cause, robot: RobotDescription, result: Result, phase_s: float
 ) -> None:
-    """Add one distance; what stopped the robot before the fault is no measurement of it."""
+    """Add a distance; runs with a stop before the fault are repeated."""
     twist_scale_m, why = robot.kinematics().twist_scale_m, ""
     for _ in range(ATTEMPTS):
         if scene.start_node is not None:
@@ -242,9 +243,9 @@ def _run(
 
 
 def _get_fast(scene: Scene, twist_scale_m: float) -> float:
-    """Drive until the robot is as fast as the lease allows, and return that, m/s."""
+    """Drive until the robot reaches the speed limit of its lease; return the limit, m/s."""
     scene.operator.get_ready(scene.max_age_s)
-    time.sleep(0.15)  # A status of before the lease knows nothing of its cap.
+    time.sleep(0.15)  # An earlier status does not include the lease's speed limit.
     status = scene.status()
     if status.mode != "ready" or status.lease.holder is None:
         raise TimeoutError(f"the robot is {status.mode}, and has given control away")
@@ -254,7 +255,7 @@ def _get_fast(scene: Scene, twist_scale_m: float) -> float:
 
 
 def quick_description(name: str) -> tuple[RobotDescription, str]:
-    """Shipped robot whose speed controllers arm at once, and its text."""
+    """Return a shipped robot whose speed controllers arm immediately, and its text."""
     text = robots.read_description(name)
     if robots.parse_description(text, name).arming_hold_s > 0.1:
         text = text.replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
@@ -268,7 +269,7 @@ def rows(
     runs: int = 1,
     together: int = 4,
 ) -> Iterator[Row]:
-    """Yield a row for each robot, lease and cause; one run of each takes some 200 s."""
+    """Yield a row per robot, lease and cause; one run of all takes about 200 s."""
     chosen = [CAUSES[name] for name in causes or CAUSES]
     kinds = {
         kind: tuple(c.name for c in chosen if c.operator == kind)
@@ -281,7 +282,7 @@ def rows(
         for name in names or robots.robot_names()
         for max_age_s in ([_default_age_s(name)] if kind == "foxglove" else leases)
     ]
-    # Not forked: a process that has opened a bus has threads.
+    # Spawn, because a process that has opened a bus has threads and cannot be forked.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(together, mp_context=context) as pool:
         for task, results in zip(tasks, pool.map(measure, tasks), strict=True):
@@ -290,12 +291,12 @@ def rows(
 
 
 def _default_age_s(name: str) -> float:
-    """Age under the lease of an adapter next to its client."""
+    """Return the maximum command age with the lease of an adapter next to its client."""
     return robots.load_robot(name).limits.max_command_age_s
 
 
 def row(task: Task, result: Result) -> Row:
-    """Worst of all runs beside the promise in the description of the robot."""
+    """Return the worst of all runs, with the guarantee in the robot's description."""
     allowed_m = robots.load_robot(task.robot).limits.stop_allowance_m
     cause = CAUSES[result.cause].text
     text = f"{cause}, lease {task.max_age_s:g} s"
@@ -309,7 +310,7 @@ def row(task: Task, result: Result) -> Row:
 
 
 def main() -> None:
-    """Print the table as it comes; exit with 1 when a promise was broken."""
+    """Print the table row by row; exit with 1 if a guarantee was violated."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=10, help="of each; default 10")
     parser.add_argument("--robots", default=",".join(robots.robot_names()), help="default: all")

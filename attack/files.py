@@ -1,6 +1,6 @@
-"""Attacks by recordings: a page opens the worst of many damaged files while another presses STOP.
+"""Attacks by recordings: a page opens damaged files while another presses STOP.
 
-`python -m attack.files --files 1000` prints the rows of this part alone, with so many files.
+`python -m attack.files --files 1000` prints only the rows of this part, with this number of files.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from tsd_twin.recording.remote import ReaderProcesses, RemoteFolderReader, Remot
 
 FILES = 1000
 WORST = 8
-"""Damaged files that pages open, those that took longest to read."""
+"""Number of damaged files opened by pages, those with the longest reading time."""
 DRIVES, PRESSES = 25, 10
 GROWTH_MB = 64.0
 STOP_MS = 50.0
@@ -53,13 +53,13 @@ _WORKERS = 2
 _HELD_S = 1.5
 """Time for which a page shows a file."""
 LONGEST_S = 300.0
-"""Time until each file has been opened, beyond that of the first presses."""
+"""Timeout for opening every file at least once."""
 SCAN_S = 20.0
-"""Two readings at once, each of which has a budget of 10 s of a processor for each request."""
+"""Two concurrent reads, each limited to 10 s of CPU time per request."""
 
 
 def rows(files: int = FILES) -> Iterator[Row]:
-    """Yield one row for each attack."""
+    """Yield one row per attack."""
     with tempfile.TemporaryDirectory() as place, ExitStack() as stack:
         folder = Path(place, "recordings")
         folder.mkdir()
@@ -106,19 +106,19 @@ def planted(endpoint: str, folder: Path) -> Iterator[Row]:
 
 
 def peak_mb(started: Program) -> float:
-    """Return the largest memory of a process."""
+    """Return the peak memory of a process."""
     status = Path(f"/proc/{started.process.pid}/status").read_text("ascii")
     (line,) = (line for line in status.splitlines() if line.startswith("VmHWM:"))
     return int(line.split()[1]) / 1e3
 
 
 def forget_peak(started: Program) -> None:
-    """Let `peak_mb` count from now."""
+    """Reset the peak of `peak_mb`."""
     Path(f"/proc/{started.process.pid}/clear_refs").write_text("5", "ascii")
 
 
 def scanned(honest: Path, folder: Path, files: int) -> tuple[dict[Path, float], int]:
-    """Make damaged files; return the time that each takes to be read, and how many are refused."""
+    """Make damaged files; return the reading time of each, and the number of rejected ones."""
     processes, refused = ReaderProcesses(), list[Path]()
 
     def scan(seed: int) -> tuple[Path, float]:
@@ -135,10 +135,10 @@ def scanned(honest: Path, folder: Path, files: int) -> tuple[dict[Path, float], 
 
 
 def read(path: Path, processes: ReaderProcesses) -> None:
-    """Read of a file what a page shows.
+    """Read a file like a page.
 
     Raises:
-        RecordingError: If it is refused.
+        RecordingError: If the file is rejected.
     """
     with contextlib.closing(RemoteFolderReader(processes)) as folder:
         folder.listing(path)
@@ -196,7 +196,7 @@ def opened(endpoint: str, folder: Path, files: list[Path]) -> Iterator[Row]:
 
 
 class StopWatch:
-    """Client on the bus of a robot that sees each STOP when the robot does."""
+    """Client on a robot's bus that receives each STOP at the same time as the robot."""
 
     def __init__(self, endpoint: str) -> None:
         self._bus = Bus(as_client(client_config([endpoint]), 10.0))
@@ -216,7 +216,7 @@ class StopWatch:
             self._seen.set()
 
     def press_ms(self, page: Page) -> float:
-        """Press STOP in a page; return the time until it is at the robot."""
+        """Press STOP in a page; return the time until it arrives at the robot."""
         before = len(page.all("reply"))
         self._seen.clear()
         start_s = time.monotonic()
@@ -238,12 +238,12 @@ def presses(page: Page, watch: StopWatch, drives: int) -> list[float]:
             took_ms.append(watch.press_ms(page))
             time.sleep(0.05)
         page.let_go()
-        time.sleep(0.6)  # A reset is refused for half a second.
+        time.sleep(0.6)  # A reset is refused for 0.5 s.
     return took_ms
 
 
 def open_pages(port: int, names: list[str]) -> None:
-    """Open each file as a page does, again and again; print a line for each."""
+    """Open each file like a page, repeatedly; print a line for each."""
     while True:
         for name in names:
             for path in ("recordings", f"recordings/{name}/path"):
@@ -277,7 +277,7 @@ def show(port: int, page: str, name: str) -> None:
 
 
 def main() -> None:
-    """Print the rows; or be the other page."""
+    """Print the rows, or run as the other page."""
     parser = argparse.ArgumentParser(prog="python -m attack.files")
     parser.add_argument("--files", type=int, default=FILES, help="damaged files")
     parser.add_argument("--open", nargs="+", metavar="PORT FILE", help=argparse.SUPPRESS)

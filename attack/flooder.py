@@ -1,8 +1,8 @@
 """Load generator of ten viewers that flood the dashboard.
 
-`python -m attack.flooder PORT SECONDS COOKIE [COOKIE ...]`: each cookie is one viewer, with
-a socket that sends as fast as the gateway accepts it, and reconnects whenever it is cut off. Prints
-the number of cut-offs and of frames sent.
+`python -m attack.flooder PORT SECONDS COOKIE [COOKIE ...]`: each cookie is one viewer, with a
+socket that sends as fast as the gateway accepts, and reconnects after each disconnection. Prints
+the number of disconnections and of frames sent.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from websockets.frames import Frame, Opcode
 from websockets.sync.client import connect
 
 FRAMES = 200
-"""Frames that go out with one call."""
+"""Frames sent per call."""
 FLOODS: tuple[tuple[Opcode, bytes], ...] = (
     (Opcode.TEXT, b'{"t":"panel_released"}'),
     (Opcode.TEXT, b'{"t":"panel_released"}'),
@@ -34,11 +34,11 @@ FLOODS: tuple[tuple[Opcode, bytes], ...] = (
     (Opcode.TEXT, b'{"t":"plan","kind":"to","points":[[0.5,0.5]],"on":"picture"}'),
     (Opcode.PING, b"x"),
 )
-"""Messages of the viewers, one each; or fragments, whose message never ends."""
+"""One message type per viewer; or fragments of a message that never ends."""
 
 
 def flood(port: int, cookie: str, number: int, end_s: float, counts: Counter[str]) -> None:
-    """Send until the time is over."""
+    """Send until `end_s`."""
     opcode, payload = FLOODS[number % len(FLOODS)]
     fragments = opcode is Opcode.CONT
     begin = Frame(Opcode.TEXT, b"", fin=False).serialize(mask=True) if fragments else b""
@@ -67,9 +67,9 @@ def flood(port: int, cookie: str, number: int, end_s: float, counts: Counter[str
 
 
 def main(port: int, seconds: float, cookies: list[str]) -> None:
-    """Flood with all of them at once."""
+    """Flood with all viewers simultaneously."""
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # Disconnections are expected.
-    os.nice(19)  # They represent other machines, which use no processor time of this one.
+    os.nice(19)  # Low priority, because they represent other machines without load on this one.
     counts: Counter[str] = Counter()
     end_s = time.monotonic() + seconds
     threads = [

@@ -33,13 +33,13 @@ from tsd_twin.security import Role, Users
 
 VIEWERS = 10
 STOPS = 200
-"""Enough for a 99th percentile that is the third worst."""
+"""Sufficient for a 99th percentile at the third-worst value."""
 FLOOD_S = 18.0
 DRIVE_S = 4.0
 CAMERAS, BURST = 20_000, 250
-"""Malformed camera messages, and how many of them on one socket: below what cuts it off."""
+"""Number of malformed camera messages, and per socket: below the disconnection limit."""
 GROWTH_MB = 24.0
-"""Buffers of the allocator settle within this."""
+"""Allowed growth, within which the allocator's buffers settle."""
 
 
 @dataclass
@@ -50,7 +50,7 @@ class Scene:
     port: int
 
     def cookie(self, name: str) -> str:
-        """Log in."""
+        """Log in and return the cookie."""
         return cookie_of(self.port, name)
 
     @property
@@ -66,7 +66,7 @@ class Scene:
 
 @contextlib.contextmanager
 def scene() -> Generator[Scene]:
-    """Start both; end them afterwards."""
+    """Start both processes; end them on exit."""
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         description, file = Path(folder, "quick.toml"), Path(folder, "users.toml")
         description.write_text(QUICK, encoding="utf-8")
@@ -92,7 +92,7 @@ def page_of(scene: Scene, name: str) -> Page:
 
 
 def rows() -> Generator[Row]:
-    """Run the attacks; yield one row for each."""
+    """Run the attacks; yield one row each."""
     with scene() as it:
         guests = [it.cookie(f"guest{number}") for number in range(VIEWERS)]
         driver, stopper = page_of(it, "alice"), page_of(it, "bob")
@@ -101,7 +101,7 @@ def rows() -> Generator[Row]:
         finally:
             driver.close()
             stopper.close()
-        guests = [it.cookie(f"guest{number}") for number in range(VIEWERS)]  # Those stay out.
+        guests = [it.cookie(f"guest{number}") for number in range(VIEWERS)]  # The old are blocked.
         yield from unreadable(it, guests)
 
 
@@ -153,7 +153,7 @@ def flooded(scene: Scene, driver: Page, stopper: Page, guests: list[str]) -> Gen
 
 
 def until(end_s: float, count: int) -> Generator[int]:
-    """Count, for as long as there is time."""
+    """Count up to `count` or until `end_s`."""
     for number in range(count):
         if time.monotonic() > end_s:
             return
@@ -161,7 +161,7 @@ def until(end_s: float, count: int) -> Generator[int]:
 
 
 def drive(page: Page) -> tuple[int, int]:
-    """Hold the stick for a while; return how many commands counted, of how many that were due."""
+    """Hold the stick; return the number of accepted and of due commands."""
     count = len(page.all("state"))
     page.until(lambda: len(page.all("state")) > count)
     before = page.state["status"]["command"]["accepted"]
@@ -169,7 +169,7 @@ def drive(page: Page) -> tuple[int, int]:
     page.holds = {"vx": 0.1, "vy": 0.0, "omega": 0.5}
     while (held_s := time.monotonic() - begin_s) < DRIVE_S:
         time.sleep(0.05)
-        if page.all("released"):  # As a person does: centre it and push again.
+        if page.all("released"):  # Like a person: centre the stick and push again.
             page.messages[:] = [m for m in page.messages if m["t"] != "released"]
             page.send(t="release")
     page.holds = None
@@ -179,17 +179,17 @@ def drive(page: Page) -> tuple[int, int]:
 
 
 def sent(held_s: float) -> int:
-    """Return how many commands a page sends in this time, which oversleeps a little each time."""
+    """Return the number of commands a page sends in this time, with slightly late timers."""
     return int(held_s / 0.021)
 
 
 def share(counted: int, due: int) -> tuple[str, bool, str, float]:
-    """Last four fields of a row: nineteen of twenty commands must be accepted."""
+    """Return the last four fields of a row: 95 % of the commands must be accepted."""
     return f"{counted} of {due}", counted >= 0.95 * due, "", -counted / due
 
 
 def stop_s(page: Page) -> float:
-    """Press STOP, and return how long its acknowledgement took."""
+    """Press STOP; return the time until its acknowledgement."""
     before = len(page.all("reply"))
     begin_s = time.monotonic()
     page.send(t="stop")
@@ -200,7 +200,7 @@ def stop_s(page: Page) -> float:
 
 
 def malformed(dice: random.Random) -> bytes:
-    """Malformed camera message, a different one each time."""
+    """Return a random malformed camera message."""
     wild: list[Any] = [
         "x" * dice.randrange(4000),
         [dice.random()] * dice.randrange(4, 400),
@@ -217,8 +217,8 @@ def malformed(dice: random.Random) -> bytes:
 
 
 def unreadable(scene: Scene, guests: list[str]) -> Generator[Row]:
-    """Send cameras that viser cannot read."""
-    dice = random.Random(10)  # noqa: S311  What was sent can be sent again.
+    """Send camera messages that viser cannot parse."""
+    dice = random.Random(10)  # noqa: S311  Reproducible messages.
     cameras(scene, guests, dice, CAMERAS // 20)
     rss_mb, stderr = scene.rss_mb, scene.stderr_bytes
     cameras(scene, guests, dice, CAMERAS)
@@ -234,7 +234,7 @@ def unreadable(scene: Scene, guests: list[str]) -> Generator[Row]:
 
 
 def cameras(scene: Scene, guests: list[str], dice: random.Random, count: int) -> None:
-    """Send so many, on one socket after the other."""
+    """Send `count` malformed messages, on one socket after the other."""
     for number in range(count // BURST):
         with (
             connect(

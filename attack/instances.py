@@ -1,4 +1,4 @@
-"""A robot and a replay of it on two buses, with one dashboard: Arm, driving and STOP.
+"""A robot and its replay on two buses, with one dashboard: Arm, driving and STOP.
 
 `python -m attack.instances --runs 10 --robots tsd,kiwi`
 """
@@ -37,7 +37,7 @@ UNMOVED_M = 0.001
 
 @dataclass
 class Stage:
-    """A live robot, a dashboard that joins its bus and another, and a page that drives."""
+    """Live robot, dashboard on its bus and a second one, and a page that drives."""
 
     robot: RobotDescription
     live: TruthRecorder
@@ -47,7 +47,7 @@ class Stage:
     replay_endpoint: str
 
     def replay(self, replay_id: str) -> contextlib.AbstractContextManager[object]:
-        """Replay the recording on the other bus."""
+        """Replay the recording on the second bus."""
         flags = ("--listen", self.replay_endpoint, "--id", replay_id, "--loop")
         return _ready("tsd_replay", str(self.recording), *flags)
 
@@ -55,7 +55,7 @@ class Stage:
         """Wait for the driver's page or the live robot.
 
         Raises:
-            TimeoutError: If the condition stays false.
+            TimeoutError: If the condition remains false.
         """
         end_s = time.monotonic() + PATIENCE_S
         while not condition():
@@ -81,7 +81,7 @@ def staged(name: str, folder: Path) -> Generator[Stage]:
     file.close()
     with contextlib.ExitStack() as stack:
         enter = stack.enter_context
-        # The replay of a moment ago leaves a free port, which the dashboard knows.
+        # A finished replay determines a free port that the dashboard knows.
         with _ready("tsd_replay", str(recording), "--listen", ANY_PORT) as line:
             (replay_endpoint,) = re.findall(r"tcp/[\d.:]+", line)
         line = enter(_ready("tsd_mock", "--listen", ANY_PORT, "--robot", str(toml), "--id", name))
@@ -122,7 +122,7 @@ def stop_with_replay_in_view(stage: Stage) -> float:
 
 
 def _get_fast(stage: Stage) -> None:
-    """Drive at the speed limit; a robot that a busy machine has stopped is driven again.
+    """Drive at the speed limit; retry if a busy machine stops the robot.
 
     Raises:
         TimeoutError: If it is stopped each time.
@@ -146,7 +146,7 @@ def arm_with_shared_id(stage: Stage) -> float:
     """Arm, hold the stick and press STOP while a replay has the robot's id; return the travel, m.
 
     Raises:
-        AssertionError, TimeoutError: If it arms, or the live robot is not stopped.
+        AssertionError, TimeoutError: If the robot arms, or the live robot is not stopped.
     """
     driver, live = stage.driver, stage.live
     driver.until(lambda: driver.take(take_over=True)["ok"])
@@ -171,7 +171,7 @@ def arm_with_shared_id(stage: Stage) -> float:
 
 
 def rows(names: Sequence[str] = (), runs: int = 1) -> Iterator[Row]:
-    """Yield two rows for each robot; a run takes some 10 s."""
+    """Yield two rows per robot; a run takes about 10 s."""
     for name in names or robots.robot_names():
         allowed_m = robots.load_robot(name).limits.stop_allowance_m
         attacks = (
@@ -198,7 +198,7 @@ def rows(names: Sequence[str] = (), runs: int = 1) -> Iterator[Row]:
 
 
 def main() -> None:
-    """Print each row once it is measured; exit with 1 if a promise was broken."""
+    """Print each row when measured; exit with 1 if a guarantee was violated."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=10, help="of each; default 10")
     parser.add_argument("--robots", default=",".join(robots.robot_names()), help="default: all")

@@ -25,7 +25,7 @@ PATIENCE_S = 20.0
 
 
 def seconds_until(condition: Callable[[], Any], patience_s: float = PATIENCE_S) -> float:
-    """Return how long something took to become true; infinity when it did not in time."""
+    """Return the time until a condition holds, or infinity after a timeout."""
     start_s = time.monotonic()
     while time.monotonic() - start_s < patience_s:
         if condition():
@@ -36,7 +36,7 @@ def seconds_until(condition: Callable[[], Any], patience_s: float = PATIENCE_S) 
 
 @contextmanager
 def program(*arguments: str, preload: str = "") -> Generator[Program]:
-    """Run one of the programs; `preload` is a library that takes the place of parts of libc."""
+    """Run one of the programs; `preload` is a library that replaces parts of libc."""
     if preload:
         os.environ["LD_PRELOAD"] = preload
     try:
@@ -51,7 +51,7 @@ def program(*arguments: str, preload: str = "") -> Generator[Program]:
 
 @contextmanager
 def mock(*flags: str, preload: str = "") -> Generator[RunningNode]:
-    """Run a simulated robot as a user would; bus and joints are those of its process."""
+    """Run a simulated robot like a user; bus and joints are in its process."""
     with program("tsd_mock", "--listen", "tcp/127.0.0.1:0", *flags, preload=preload) as started:
         endpoint = started.ready().split()[-1]
         robot_id = flags[flags.index("--id") + 1] if "--id" in flags else "tsd"
@@ -59,7 +59,7 @@ def mock(*flags: str, preload: str = "") -> Generator[RunningNode]:
 
 
 def behind(endpoint: str, robot_id: str = "tsd") -> RunningNode:
-    """Connection data of a robot that is reached at an endpoint."""
+    """Return the connection data of a robot at an endpoint."""
     nothing = cast("Any", None)
     return RunningNode(
         robot_id,
@@ -73,7 +73,7 @@ def behind(endpoint: str, robot_id: str = "tsd") -> RunningNode:
 
 @contextmanager
 def dashboard(endpoint: str, preload: str = "") -> Generator[tuple[Program, int]]:
-    """Run a dashboard; yields its process and its port."""
+    """Run a dashboard; yield its process and port."""
     flags = ("--port", "0", "--connect", endpoint)
     with program("tsd_dashboard", *flags, preload=preload) as started:
         (url,) = re.findall(r"http://\S+", started.ready())
@@ -81,13 +81,13 @@ def dashboard(endpoint: str, preload: str = "") -> Generator[tuple[Program, int]
 
 
 def shown(port: int) -> set[str]:
-    """Robots that a dashboard knows."""
+    """Return the robots known to a dashboard."""
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/healthz", timeout=5.0) as answer:
         return set(json.load(answer)["robots"])
 
 
 def threads_of(started: Program) -> int:
-    """Return how many threads a process has."""
+    """Return the number of threads of a process."""
     status = Path(f"/proc/{started.process.pid}/status").read_text("ascii")
     (line,) = (line for line in status.splitlines() if line.startswith("Threads:"))
     return int(line.split()[1])
@@ -95,14 +95,14 @@ def threads_of(started: Program) -> int:
 
 @contextmanager
 def operator(node: RunningNode, name: str = "alice") -> Generator[BusOperator]:
-    """Operator whose robot is armed and ready."""
+    """Yield an operator whose robot is armed and ready."""
     with BusOperator(node, name) as pilot:
         pilot.get_ready()
         yield pilot
 
 
 class ForgedRobots:
-    """Forged robots of one bus session: liveliness tokens and arbitrary descriptions."""
+    """Forged robots in a bus session: liveliness tokens and arbitrary descriptions."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
@@ -118,7 +118,7 @@ class ForgedRobots:
         self._stack.close()
 
     def announce(self, robot_id: str, *, silent: bool = False) -> None:
-        """Announce a robot that does not exist; `silent`: with a queryable that never answers."""
+        """Announce a non-existent robot; if `silent`, with a queryable that never answers."""
         if silent:
             self._silent.append(self._bus.queryable(Service.DESC.key(robot_id)))
         self._bus.declare_token(topics.alive_key(robot_id))

@@ -175,7 +175,7 @@ def _names(site: _Site) -> Iterator[Row]:
 
 
 def _crowd(site: _Site) -> Iterator[Row]:
-    time.sleep(6.0)  # The address waits for what the malformed bodies have cost it.
+    time.sleep(6.0)  # The malformed bodies have rate-limited the address.
     cookie = _cookie(site)
     with _driving(Page(site.port, _PAGE, user="alice", cookie=cookie)) as page:
         calm = _accepted_per_s(page)
@@ -371,7 +371,7 @@ def _under_load(site: _Site, host: str, port: int) -> Row:
 
 @contextmanager
 def _loaded(port: int, host: str, cookie: str, trusting: ssl.SSLContext) -> Generator[list[int]]:
-    """Ask for a script on a few connections, again and again; yield how often on each."""
+    """Request a script repeatedly on a few connections; yield the number per connection."""
     done, ended = [0] * _CLIENTS, threading.Event()
 
     def request_scripts(client: int) -> None:
@@ -446,11 +446,11 @@ def _driving(page: Page) -> Generator[Page]:
 
 
 def _accepted_per_s(page: Page) -> float:
-    """Return how many commands counted, 1/s."""
+    """Return the rate of accepted commands, 1/s."""
     first, start_s = page.state["status"]["command"]["accepted"], time.monotonic()
     while time.monotonic() - start_s < _MEASURE_S:
         time.sleep(0.1)
-        if page.mode == "ready":  # Released on a busy machine: centre the controls first.
+        if page.mode == "ready":  # Released on a busy machine, so centre the controls first.
             held, page.holds = page.holds, None
             time.sleep(0.2)
             page.holds = held

@@ -1,8 +1,8 @@
 """Robot in two processes, node and controller board, so that the hardware outlives its node.
 
-`python -m attack.machine board ROBOT FOLDER` simulates the robot behind its board in real time, and
-prints how far it has gone. `python -m attack.machine node ROBOT FOLDER` runs a robot node that
-reaches it through a socket in FOLDER. Both end with their standard input.
+`python -m attack.machine board ROBOT FOLDER` simulates the robot and its board in real time, and
+prints the driven distance. `python -m attack.machine node ROBOT FOLDER` runs a robot node that
+connects to it through a socket in FOLDER. Both end with their standard input.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ _BOARD, _NODE = "board.sock", "node.sock"
 
 
 class SocketHardware:
-    """Hardware interface of a node: the joints of a robot behind a socket."""
+    """Hardware interface of a node, connected to a simulated board by a socket."""
 
     def __init__(self, folder: Path) -> None:
         self._socket = _bound(folder / _NODE)
         self._board = str(folder / _BOARD)
 
     def read(self, now_s: float) -> Array | None:  # noqa: ARG002  The shape.
-        """Newest measurement (n,) that has come since the last call; None without one."""
+        """Return the latest measurement (n,) since the last call, or None."""
         blocks = _waiting(self._socket)
         return _numbers(blocks[-1]) if blocks else None
 
     def write(self, setpoint: Array, now_s: float) -> None:  # noqa: ARG002  The shape.
-        """Send a set-point (n,); a board that is too slow loses it, and the next one follows."""
+        """Send a setpoint (n,); if the board is too slow, it is lost and the next one follows."""
         with contextlib.suppress(BlockingIOError):
             self._socket.sendto(_block(setpoint), self._board)
 
@@ -77,7 +77,7 @@ def run_board(robot: RobotDescription, folder: Path) -> None:
             next_s = max(next_s + PERIOD_S, now_s)
             measured, truth = board.read(now_s), board.truth(now_s)
             if measured is not None:
-                # There may be no node, or a new one that has not opened its end yet.
+                # There may be no node, or a new one that has not opened its socket yet.
                 with contextlib.suppress(OSError):
                     link.sendto(_block(measured), str(folder / _NODE))
             way_m, speed_mps = odometer.update(truth.pose, truth.twist)
@@ -101,7 +101,7 @@ def _stop_at_the_end(stop: threading.Event) -> None:
 
 
 def _bound(path: Path) -> socket.socket:
-    path.unlink(missing_ok=True)  # That of a node that was killed.
+    path.unlink(missing_ok=True)  # Left by a node that was killed.
     bound = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     bound.bind(str(path))
     bound.setblocking(False)
@@ -125,7 +125,7 @@ def _numbers(block: bytes) -> Array:
 
 
 def main(what: str, path: str, folder: str) -> None:
-    """Run one of the two."""
+    """Run the board or the node."""
     text = Path(path).read_text(encoding="utf-8")
     robot = robots.parse_description(text, path)
     if what == "board":

@@ -31,11 +31,11 @@ class Operator(Protocol):
     """Interface of a test operator: acquire control, hold the stick, release it."""
 
     def get_ready(self, max_age_s: float) -> None:
-        """Take control under a lease, and arm."""
+        """Take control with a lease, and arm."""
         ...
 
     def push(self, x: float) -> None:
-        """Hold the stick: the first number of the twist, the others zero."""
+        """Hold the stick: first component of the twist, the others zero."""
         ...
 
     def release(self) -> object:
@@ -48,9 +48,9 @@ class Operator(Protocol):
 
 
 class UncheckedOperator:
-    """Bus client without client-side checks: its commands carry the newest status, however old.
+    """Bus client without client-side checks: commands echo the latest status, however old.
 
-    It ignores the mode and a missing status, and sends no zero at the end.
+    It ignores the mode and a missing status, and sends no final zero.
     """
 
     def __init__(self, endpoint: str, robot_id: str) -> None:
@@ -58,7 +58,7 @@ class UncheckedOperator:
         if not self._bus.wait_for_peer(PATIENCE_S):
             raise TimeoutError(f"no robot answers at {endpoint}")
         self._link = _linked(self._bus, robot_id)
-        # It hears of no status: it never gives up the lease by itself.
+        # Not fed with statuses, so that it never gives up the lease.
         self._driver: ControlProtocol | None = None
         self._x: float | None = None
         self._ends = threading.Event()
@@ -67,7 +67,7 @@ class UncheckedOperator:
 
     @property
     def status(self) -> Status | None:
-        """Newest status."""
+        """Latest status."""
         return self._link.snapshot.status
 
     @property
@@ -77,10 +77,10 @@ class UncheckedOperator:
 
     @property
     def driver(self) -> ControlProtocol:
-        """The lease that it holds.
+        """Current lease.
 
         Raises:
-            TimeoutError: it has never become ready.
+            TimeoutError: If it has never become ready.
         """
         if self._driver is None:
             raise TimeoutError("it has no lease")
@@ -92,7 +92,7 @@ class UncheckedOperator:
         self._ask(LeaseRequest(op="renew", operator="raw", lease=lease))
 
     def call(self, service: Service, request: msgspec.Struct) -> None:
-        """Call a service, whatever it answers."""
+        """Call a service and ignore the response."""
         self._link.call(service, msgspec.json.encode(request), 1.0)
 
     def _ask(self, request: LeaseRequest) -> LeaseReply:
@@ -102,10 +102,10 @@ class UncheckedOperator:
         return decode_json(answer, LeaseReply, "a reply")
 
     def get_ready(self, max_age_s: float) -> None:
-        """Take control under a lease, and arm; ask again as long as the robot is not ready.
+        """Take control with a lease, and arm; retry until the robot is ready.
 
         Raises:
-            TimeoutError: it does not become ready.
+            TimeoutError: If the robot does not become ready.
         """
         deadline_s = time.monotonic() + PATIENCE_S
         lease = LeaseRequest(op="acquire", operator="raw", take_over=True, max_age_s=max_age_s)
@@ -121,7 +121,7 @@ class UncheckedOperator:
         renewal = LeaseRequest(op="renew", operator="raw", lease=reply.lease)
         steps = {"stopped": Service.RESET, "fault": Service.RESET, "disarmed": Service.ARM}
         while True:
-            # A status that was in transit when the lease was granted does not show it.
+            # A status in flight when the lease was granted does not show it.
             status = self.status if time.monotonic() - granted_s > 0.15 else None
             if status is not None and status.mode == "ready" and status.lease.holder == "raw":
                 return
@@ -157,7 +157,7 @@ class UncheckedOperator:
 
 
 class PageBehindGateway:
-    """Operator at a page of a dashboard, each a process; both are restarted when they have died."""
+    """Operator at a page of a dashboard, both processes that are restarted after a crash."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
@@ -165,7 +165,7 @@ class PageBehindGateway:
         self._page: PretendPage | None = None
 
     def get_ready(self, max_age_s: float) -> None:
-        """Take control under a lease, and arm, with new processes where the last have died."""
+        """Take control with a lease, and arm; restart processes that have ended."""
         if self._dashboard is None or self._dashboard.process.poll() is not None:
             self.close()
             flags = ("--port", "0", "--connect", self._endpoint)
@@ -186,12 +186,12 @@ class PageBehindGateway:
     def release(self) -> None:
         """Release the stick, if the page is still running."""
         if self._page is not None and self._page.process.poll() is None:
-            # A page whose gateway has died ends by itself.
+            # A page whose gateway has died ends automatically.
             with contextlib.suppress(BrokenPipeError, AssertionError):
                 self._page.do("release")
 
     def close(self) -> None:
-        """End both."""
+        """End both processes."""
         self._close_page()
         if self._dashboard is not None:
             with contextlib.suppress(ProcessLookupError):
@@ -206,19 +206,19 @@ class PageBehindGateway:
 
     @property
     def gateway_pid(self) -> int:
-        """Process of the dashboard."""
+        """Process id of the dashboard."""
         assert self._dashboard is not None
         return self._dashboard.process.pid
 
     @property
     def page_pid(self) -> int:
-        """Process of the page."""
+        """Process id of the page."""
         assert self._page is not None
         return self._page.process.pid
 
 
 def _linked(bus: Bus, robot_id: str) -> RobotMonitor:
-    """Link to a robot, as soon as it is known to be there."""
+    """Return a link to a robot as soon as it is available."""
     deadline_s = time.monotonic() + PATIENCE_S
     while True:
         try:

@@ -1,4 +1,4 @@
-"""Test set-ups for faults: a robot with a link, dashboard, page, node and board."""
+"""Test setups for faults: a robot with a link, dashboard, page, node and board."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ANY_PORT = "tcp/127.0.0.1:0"
 
 @dataclass
 class Scene:
-    """Test set-up: a robot, its operator, and the parts that can fail."""
+    """Test setup: a robot, its operator, and the parts that can fail."""
 
     track: DistanceLog
     operator: Operator
@@ -96,7 +96,7 @@ class NoOperator:
     """Placeholder operator before the first node runs."""
 
     def get_ready(self, max_age_s: float) -> None:
-        """Refuse."""
+        """Raise an error."""
         raise AssertionError(f"no node, no lease of {max_age_s:g} s")
 
     def push(self, x: float) -> None:

@@ -1,7 +1,7 @@
-"""Script with the client library: `python -m attack.script ENDPOINT ROBOT`, driven by lines.
+"""Script with the client library: `python -m attack.script ENDPOINT ROBOT`, controlled by lines.
 
-`ready AGE` takes control under a lease and arms, `push X` refreshes a velocity 50 times a second,
-`release` gives no further input. Each is answered by the time of the last input.
+`ready AGE` takes control with a lease and arms, `push X` refreshes a velocity at 50 Hz, `release`
+gives no further input. Each is answered with the time of the last input.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ class Script:
         self._x: float | None = None
         self._lock = threading.Lock()
         self.given_s = -math.inf
-        """When the last velocity was set."""
+        """Time of the last velocity."""
         threading.Thread(target=self._run, daemon=True).start()
 
     def act(self, word: str, *values: float) -> None:
-        """Act on one line."""
+        """Execute one line."""
         if word == "ready":
             self._get_ready(*values)
         with self._lock:

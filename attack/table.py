@@ -8,20 +8,20 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """Result of one attack."""
+    """Result of an attack."""
 
     attack: str
-    """Case: what was done, in one line that is the same at each repetition."""
+    """Case in one line, identical for all repetitions."""
     promise: str
     """Guarantee to test, with its unit."""
     measured: str
-    """What happened, with its unit."""
+    """Measurement, with its unit."""
     held: bool
     """Whether the guarantee held."""
     robot: str = ""
-    """Robot that was attacked; nothing when no robot matters."""
+    """Attacked robot, or "" if irrelevant."""
     size: float = 0.0
-    """What was measured, as a number; the larger, the worse."""
+    """Measurement as a number; larger is worse."""
 
     def __str__(self) -> str:
         """Format the row for a terminal."""
@@ -31,9 +31,9 @@ class Row:
 
 
 def summary(results: Iterable[tuple[str, Row]]) -> Iterator[str]:
-    """Yield one line for each case of each part and robot: its worst repetition.
+    """Yield one line per part, robot and case, with the worst repetition.
 
-    A repetition that did not hold is worse than one that did.
+    Repetitions that did not hold are worse than those that did.
     """
     cases: dict[tuple[str, str, str], list[Row]] = {}
     for part, row in results:

@@ -1,4 +1,4 @@
-"""Distance driven by a robot, from ground truth, without the emulated link."""
+"""Driven distance of a robot, from ground truth without the emulated link."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ PATIENCE_S = 20.0
 
 
 class Odometer:
-    """Odometer: integrates the distance driven on the floor, or the motion of the top of a
-    sphere."""
+    """Integrates the distance driven on the floor, or the motion of the top of a sphere."""
 
     def __init__(self, drive: Kinematics[Any]) -> None:
         self.twist_scale_m = drive.twist_scale_m
@@ -31,9 +30,9 @@ class Odometer:
         self._way_m = 0.0
 
     def update(self, pose: SE2 | SO3, twist: Array) -> tuple[float, float]:
-        """Update with the true pose and twist (3,); return the distance, m, and the speed, m/s.
+        """Update with the true pose and twist (3,); return distance (m) and speed (m/s).
 
-        Rotation counts as speed: a robot that only turns is not at rest.
+        Rotation counts as speed, so a robot that only turns is not at rest.
         """
         if self._pose is not None:
             self._way_m += self.twist_scale_m * float(np.hypot(*_between(self._pose, pose)))
@@ -42,7 +41,7 @@ class Odometer:
 
 
 def _between(before: SE2 | SO3, after: SE2 | SO3) -> Array:
-    """Return (2,): metres along the floor, or radians about X and Y of the base of a sphere."""
+    """Return (2,): metres along the floor, or radians about X and Y of a sphere's base."""
     if isinstance(before, SE2) and isinstance(after, SE2):
         return (after.xy_heading - before.xy_heading)[:2]
     if isinstance(before, SO3) and isinstance(after, SO3):
@@ -51,12 +50,12 @@ def _between(before: SE2 | SO3, after: SE2 | SO3) -> Array:
 
 
 def _is_about(speed_mps: float, wanted_mps: float) -> bool:
-    """Return whether a speed is as wanted, within the loss of one servo step."""
+    """Return whether a speed is reached, within the loss of a single servo step."""
     return speed_mps >= 0.97 * wanted_mps - 0.01
 
 
 class DistanceLog:
-    """Log of distance and speed over time, on the robot's clock, which is that of this machine."""
+    """Log of distance and speed over time, on the robot's clock, which is this machine's clock."""
 
     def __init__(self) -> None:
         self._news = threading.Condition()
@@ -75,17 +74,17 @@ class DistanceLog:
     def until(
         self, condition: Callable[[], bool], what: str, patience_s: float = PATIENCE_S
     ) -> None:
-        """Wait until new samples make a condition true.
+        """Wait until new samples satisfy a condition.
 
         Raises:
-            TimeoutError: it never does.
+            TimeoutError: If it is never satisfied.
         """
         with self._news:
             if not self._news.wait_for(condition, patience_s):
                 raise TimeoutError(f"never {what}, {self._speeds_mps[-1:]} m/s")
 
     def until_fast(self, speed_mps: float) -> None:
-        """Wait until the robot has had a speed for some samples."""
+        """Wait until the robot has had a speed for several samples."""
         self.until(
             lambda: _is_about(min(self._speeds_mps[-6:], default=0.0), speed_mps),
             f"{speed_mps:.2f} m/s",
@@ -106,7 +105,7 @@ class DistanceLog:
             return _is_about(self._speeds_mps[i - 1], speed_mps)
 
     def distance_since(self, time_s: float) -> float:
-        """Distance since a time, m, with linear interpolation between samples."""
+        """Return the distance since a time, m, with linear interpolation between samples."""
         with self._news:
             times_s, ways_m = self._times_s, self._ways_m
             i = max(1, bisect_left(times_s, time_s))
@@ -116,7 +115,7 @@ class DistanceLog:
 
 
 class TruthRecorder:
-    """Subscriber of truth and status of a simulated robot on its own bus; fills a `DistanceLog`."""
+    """Records truth and status of a simulated robot in a `DistanceLog`, bypassing the link."""
 
     def __init__(self, bus: Bus, robot_id: str, drive: Kinematics[Any]) -> None:
         self.track = DistanceLog()

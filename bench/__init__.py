@@ -1,1 +1,1 @@
-"""Benchmarks of speed and memory, each beside a peer or a lower bound measured in the same run."""
+"""Benchmarks of speed and memory, compared with a peer or a lower bound in the same run."""

@@ -1,4 +1,4 @@
-"""`make bench`: all rows, or those of the parts that are named."""
+"""`make bench`: run all benchmarks, or only the named ones."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PARTS = (
 
 
 def main() -> None:
-    """Print the table as it comes."""
+    """Print each row when it is available."""
     parser = argparse.ArgumentParser(prog="make bench", description=__doc__)
     parser.add_argument("parts", nargs="*", choices=[*PARTS, []], help=", ".join(PARTS))
     parser.add_argument(
@@ -42,7 +42,7 @@ def main() -> None:
             print(row, flush=True)
             missed += not row.met
     print(f"{missed} missed" if missed else "all met")
-    sys.exit(0)  # A shared machine is noisy: a missed limit fails no build.
+    sys.exit(0)  # Always succeed, because shared machines are noisy.
 
 
 if __name__ == "__main__":

@@ -1,5 +1,4 @@
-"""Benchmark of the bridge with the compiled firmware behind a pty: cycle time and processor
-load."""
+"""Benchmark of the bridge with the compiled firmware behind a pty: cycle time and CPU load."""
 
 from __future__ import annotations
 
@@ -25,7 +24,7 @@ _MEDIAN_MS, _P99_MS, _SHARE = 4.0, 8.0, 15.0
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Run at 100 Hz, disarmed: cycles do not depend on the source of commands."""
+    """Run at 100 Hz, disarmed, because cycle times do not depend on the command source."""
     with tempfile.TemporaryDirectory() as folder:
         port = str(Path(folder) / "port")
         with (
@@ -45,7 +44,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def _watch(pid: int, endpoint: str, measured_s: float) -> tuple[float, Status]:
-    """Share of a core that a bridge takes, and its newest status."""
+    """Return a bridge's CPU load, and its latest status."""
     latest: list[bytes] = []
     with Bus(client_config([endpoint])) as bus:
         bus.subscribe(topics.STATUS.key("tsd"), lambda sample: latest.append(sample.payload))

@@ -1,4 +1,4 @@
-"""Benchmark of command latency through the node, against a bare ping over the same bus."""
+"""Benchmark of command latency through the node, compared with a bare ping over the same bus."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SMALLEST = 20
 _PERIOD_S = 0.02
 _HALF_CONTROL_PERIOD_MS = 5.0
 _ADAPTER_SHARE = 15.0
-"""Percent of a core, with every topic of one robot subscribed."""
+"""CPU load in percent of a core, with all topics of a robot subscribed."""
 
 _ECHO = """
 import sys, threading
@@ -41,7 +41,7 @@ with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure at the 50 Hz that a page sends at."""
+    """Measure at 50 Hz, the rate of a page."""
     count = _SMALLEST if smallest else _COMMANDS
     with program([sys.executable, "-c", _ECHO]) as endpoint, Bus(client_config([endpoint])) as bus:
         ping_ms = pings(bus, count)
@@ -88,7 +88,7 @@ def pings(bus: Bus, count: int) -> list[float]:
 
 
 def commands(bus: Bus, count: int) -> list[float]:
-    """Return times from the put of a command to the set-point that shows it, at 50 Hz."""
+    """Return times from the put of a command to the resulting setpoint, at 50 Hz."""
     robot = "tsd"
     seen_seq, seen_mode = 0, ""
     came = watch_setpoint(bus)
@@ -121,7 +121,7 @@ def commands(bus: Bus, count: int) -> list[float]:
 def adapter_rows(
     adapter: str, source: str, plain_ms: list[float], twist_ms: list[float], load: float
 ) -> Iterator[Row]:
-    """Rows of an adapter: delay beside that of the client library, and processor load."""
+    """Return rows for an adapter: latency compared with the client library, and CPU load."""
     for name, share in (("p50", 0.5), ("p99", 0.99)):
         plain = percentile(plain_ms, share)
         yield Row(
@@ -136,14 +136,14 @@ def adapter_rows(
 
 
 def client_commands(bus: Bus, endpoint: str, count: int) -> list[float]:
-    """Return times from `set_velocity` of the client to the set-point that shows it, at 50 Hz."""
+    """Return times from the client's `set_velocity` to the resulting setpoint, at 50 Hz."""
     came = watch_setpoint(bus)
     with tsd_twin.connect(endpoint) as robot, robot.control("bench") as base:
         return paced_speeds(lambda vx_mps: base.set_velocity(vx_mps=vx_mps), came, count)
 
 
 def watch_setpoint(bus: Bus) -> threading.Event:
-    """Event that is set when the set-point moves: each command asks for another speed."""
+    """Return an event that is set when the setpoint changes; each command changes the speed."""
     came = threading.Event()
     last = [0.0]
 
@@ -158,8 +158,8 @@ def watch_setpoint(bus: Bus) -> threading.Event:
 
 
 def paced_speeds(send: Callable[[float], object], came: threading.Event, count: int) -> list[float]:
-    """Return how long the answers to speeds in turn take, in ms, once the robot is up to speed."""
-    # Small steps, which the limiter passes on whole, so that one set-point shows each.
+    """Return the response times to alternating speeds, ms, once the robot is up to speed."""
+    # Use small steps that the limiter passes unchanged, so that one setpoint shows each.
     speeds = itertools.cycle([0.40, 0.42])
 
     def send_next() -> None:
@@ -173,7 +173,7 @@ def paced_speeds(send: Callable[[float], object], came: threading.Event, count: 
 
 
 def paced(send: Callable[[], None], came: threading.Event, count: int) -> list[float]:
-    """Return how long each of many answers takes, in ms, at 50 Hz with a phase that wanders."""
+    """Return many response times, ms, at 50 Hz with a drifting phase."""
     times_ms: list[float] = []
     random = np.random.default_rng(0)
     for _ in range(count):
@@ -198,7 +198,7 @@ def until(condition: Callable[[], bool], patience_s: float = 20.0) -> None:
 
 
 class program:  # noqa: N801  It is used as a function.
-    """A process that prints `ready: ... <address>` and ends with its standard input."""
+    """Process that prints `ready: ... <address>` and ends with its standard input."""
 
     def __init__(self, command: list[str]) -> None:
         self._command = command

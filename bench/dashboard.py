@@ -1,4 +1,4 @@
-"""Benchmark of the dashboard's load with one viewer and with twenty, while the robot drives."""
+"""Benchmark of the dashboard's load with one and with twenty viewers, while the robot drives."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PROTOCOL = Subprotocol("viser-v1.1.1")
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure the real processes, then the scene alone from set to socket."""
+    """Measure the real processes, then only the scene from setting a pose to the socket."""
     seconds, frames = _SMALLEST if smallest else (_SECONDS, _FRAMES)
     loads = ((1, 15.0), (20, 40.0))[: 1 if smallest else None]
     mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
@@ -51,7 +51,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def load(pid: int, url: str, viewers: int, seconds: float) -> tuple[float, dict[str, float]]:
-    """Share of a core, in percent, and what each viewer was sent."""
+    """Return the CPU load in percent of a core, and the data sent to each viewer."""
     command = [sys.executable, "-m", "bench.viewers", url, str(viewers), str(seconds), "drive"]
     watching = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert watching.stdout is not None
@@ -91,7 +91,7 @@ def latencies(frames: int) -> tuple[float, list[float]]:
 
 
 def timed(port: int, node: str, move: Callable[[float], None], frames: int) -> list[float]:
-    """Return how long each new position takes from here to a socket in another process, in ms."""
+    """Return the latencies of new positions to a socket in another process, ms."""
     spawn = mp.get_context("spawn")
     ours, theirs = spawn.Pipe()
     reader = spawn.Process(target=receive, args=(port, viser_compat.access_key(), node, theirs))
@@ -109,7 +109,7 @@ def timed(port: int, node: str, move: Callable[[float], None], frames: int) -> l
 
 
 def receive(port: int, key: str, node: str, pipe: Connection) -> None:
-    """Note when each position arrives; positions are numbered by where they are."""
+    """Record the arrival of each position; positions identify the steps."""
     got_s: dict[int, float] = {}
     url = f"ws://127.0.0.1:{port}"
     headers = {viser_compat.KEY_HEADER: key}
@@ -126,7 +126,7 @@ def receive(port: int, key: str, node: str, pipe: Connection) -> None:
             try:
                 frame = socket.recv(timeout=0.2)
             except TimeoutError:
-                if not said_ready:  # The scene itself has come in.
+                if not said_ready:  # The initial scene has been received.
                     pipe.send("ready")
                     said_ready = True
                 continue

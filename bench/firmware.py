@@ -18,7 +18,7 @@ _BYTE_CYCLES, _ROOM_CYCLES, _STACK = 160, 320, 600
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure a minute of driving; `smallest`: a second."""
+    """Measure a minute of driving, or a second if `smallest`."""
     driven_s = _SMALLEST_S if smallest else _DRIVEN_S
     bench = Bench(build())
     pilot = bench.pilot(receiver=True).get_ready()

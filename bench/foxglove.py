@@ -1,4 +1,4 @@
-"""`tsd-foxglove`: delay of a twist, beside the client library in the same run, and its load."""
+"""`tsd-foxglove`: latency of a twist, compared with the client library, and CPU load."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CALL, _PUBLISH, _RESPONSE = 2, 1, 3
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure with one robot, and one client that subscribes to everything."""
+    """Measure with one robot and a client that subscribes to everything."""
     count = _SMALLEST if smallest else _COMMANDS
     mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
     with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
@@ -38,7 +38,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def foxglove_commands(bus: Bus, url: str, pid: int, count: int) -> tuple[list[float], float]:
-    """Return times from a published twist to the set-point that shows it, and processor share."""
+    """Return times from a published twist to the resulting setpoint, and CPU load."""
     came = watch_setpoint(bus)
     with connect(url, subprotocols=[Subprotocol("foxglove.sdk.v1")]) as socket:
         arm = _subscribe_to_all(socket)
@@ -70,7 +70,7 @@ def foxglove_commands(bus: Bus, url: str, pid: int, count: int) -> tuple[list[fl
 
 
 def _subscribe_to_all(socket: Connection) -> int:
-    """Subscribe to every topic; return the number of the service `arm`."""
+    """Subscribe to all topics; return the id of the service `arm`."""
     known: set[int] = set()
     while True:
         text = socket.recv()

@@ -1,4 +1,4 @@
-"""Processor load of an idle node, and of a dashboard without viewers."""
+"""CPU load of an idle node, and of a dashboard without viewers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure a robot alone, then a dashboard beside it that has no page open."""
+    """Measure a robot alone, then together with a dashboard that has no open page."""
     times_s = (_SMALLEST_S, _SMALLEST_S) if smallest else (_SETTLE_S, _SECONDS)
     bare = program([sys.executable, "-c", _FLOOR])
     with bare:
@@ -47,12 +47,12 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def share_of_a_core(pid: int, settle_s: float, seconds: float) -> float:
-    """Processor time of a process in percent of one core, measured once it has settled."""
+    """Return the CPU load of a process in percent of a core, after a settling time."""
     return shares_of_a_core([pid], settle_s, seconds)[0]
 
 
 def shares_of_a_core(pids: Sequence[int], settle_s: float, seconds: float) -> list[float]:
-    """Processor times of processes over the same time, in percent of one core."""
+    """Return the CPU loads of processes over the same time, in percent of a core."""
     processes = [psutil.Process(pid) for pid in pids]
     time.sleep(settle_s)
     for process in processes:

@@ -1,4 +1,4 @@
-"""Benchmark of inverse kinematics, against a compiled swerve library called once per twist."""
+"""Benchmark of inverse kinematics, compared with a compiled swerve library called per twist."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SMALLEST = 1_000, 20
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure a million twists at once, and one at a time."""
+    """Measure a million twists in a batch, and individual calls."""
     number, calls = _SMALLEST if smallest else (_TWISTS, _CALLS)
     drive = description_of_kind(robots.load_robot("tsd"), SingularityDescription).kinematics()
     peer = SwerveDrive3Kinematics(*[Translation2d(x, y) for x, y in drive.pivots_m])
@@ -27,7 +27,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     one = twists[0]
     vx, vy, omega = (float(v) for v in one)
     peer_us = each_us(lambda: peer.toSwerveModuleStates(ChassisSpeeds(vx, vy, omega)), calls)
-    drive.inverse(twists)  # Warm-up call, so that the memory pages of the result exist.
+    drive.inverse(twists)  # Warm up, so that the memory pages of the result exist.
     batch_us = each_us(lambda: drive.inverse(twists), 3) / number
     single_us = each_us(lambda: drive.inverse(one), calls)
     comparison = f"wpimath {peer_us:.2f} us a twist"
@@ -38,7 +38,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def each_us(call: Callable[[], object], times: int) -> float:
-    """Time of a call, the best of five rounds: noise only ever adds."""
+    """Return the time of a call, the best of five rounds, because noise only adds."""
     best = math.inf
     for _ in range(5):
         start = time.perf_counter()

@@ -1,4 +1,4 @@
-"""Benchmark of display latency in a real browser, with the scene and without it."""
+"""Benchmark of display latency in a real browser, with and without the scene."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SIZE: ViewportSize = {"width": 1280, "height": 720}
 _LONGEST_S = "600"
 _TO_REACH_MS = 200.0
 _LEAST, _TRIES = 10, 8
-"""Fewest states that make a figure, and times for which they are waited for."""
+"""Minimum number of states for a result, and maximum attempts."""
 _NOTES = """
 window.shownMs = {};
 const nextFrame = requestAnimationFrame.bind(window);
@@ -40,12 +40,12 @@ window.WebSocket = class extends Plain {
   }
 };
 """
-"""Notes when the frame after the one with each state begins: the browser has taken that to show."""
+"""Records the start of the frame after each state, by which time the browser has shown it."""
 HIDE = "document.querySelector('canvas[data-engine]').style.display = 'none'"
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure the page as it is, then without what viser draws: what is left is ours."""
+    """Measure the page with and without viser's canvas; the rest is our code."""
     mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
     page = [sys.executable, "-m", "tsd_dashboard", "--port", "0", "--until-eof"]
     with program(mock) as endpoint, program([*page, "--connect", endpoint]) as url:
@@ -68,7 +68,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def delays_ms(endpoint: str, url: str, seconds: float) -> tuple[list[float], list[float]]:
-    """Latency of each state from the bus to the screen, with the scene and without."""
+    """Return the latencies of states from the bus to the screen, with and without the scene."""
     sent_ms: dict[int, float] = {}
 
     def on_status(sample: Sample) -> None:
@@ -89,11 +89,11 @@ def delays_ms(endpoint: str, url: str, seconds: float) -> tuple[list[float], lis
 
 
 def watch(page: Page, sent_ms: dict[int, float], seconds: float) -> list[float]:
-    """Delays of all states that were said within some seconds and shown at all."""
+    """Return the latencies of all displayed states sent within `seconds`."""
     page.wait_for_timeout(_SETTLED_MS)
     page.evaluate("window.shownMs = {}")
     delays: list[float] = []
-    for _ in range(_TRIES):  # A browser that is slow may have shown nothing yet.
+    for _ in range(_TRIES):  # A slow browser may not have displayed anything yet.
         page.wait_for_timeout(1000.0 * seconds)
         shown_ms: dict[str, float] = page.evaluate("window.shownMs")
         delays = [at - sent_ms[int(seen)] for seen, at in shown_ms.items() if int(seen) in sent_ms]

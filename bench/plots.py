@@ -1,4 +1,4 @@
-"""Benchmark of the Plots tab: ten minutes of eight fields, beside the page with another tab."""
+"""Benchmark of the Plots tab: ten minutes of eight fields, compared with another tab."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ window.WebSocket = class extends Plain {
   }
 };
 """
-"""Puts a past of the robot before its first state, instead of waiting for ten minutes."""
+"""Inserts a history before the robot's first state, instead of waiting for ten minutes."""
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
@@ -74,7 +74,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 @contextmanager
 def opened(url: str, samples: int) -> Generator[Page]:
-    """A page of a robot that has a past, without its scene."""
+    """Open the page of a robot with a history, without its scene."""
     settings = json.dumps({"windowS": 600, "fields": {"tsd": FIELDS}})
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
@@ -90,7 +90,7 @@ def opened(url: str, samples: int) -> Generator[Page]:
 
 
 def loads(page: Page, tab: str, dashboard: int, seconds: float) -> tuple[float, float]:
-    """Return processor time of browser and dashboard in percent of a core, with a tab open."""
+    """Return the CPU load of browser and dashboard in percent of a core, with a tab open."""
     page.get_by_role("tab", name=tab).click(timeout=PATIENCE_MS)
     page.wait_for_timeout(_SETTLED_MS)
     browser = [one for one in psutil.Process().children(recursive=True) if "chrom" in one.name()]
@@ -102,7 +102,7 @@ def loads(page: Page, tab: str, dashboard: int, seconds: float) -> tuple[float, 
 
 
 def times_s(processes: list[psutil.Process]) -> float:
-    """Return the processor time that processes have used; those that have ended use no more."""
+    """Return the CPU time of the running processes."""
     total_s = 0.0
     for process in processes:
         if process.is_running():

@@ -1,6 +1,6 @@
-"""Processor load and disk space of a recorder, and each put of the bus looked for in its files.
+"""CPU load and disk usage of a recorder, and completeness of its files.
 
-`python -m bench.recording --seconds 3600` takes an hour; `--kills 20` kills a recorder as often.
+`python -m bench.recording --seconds 3600` takes an hour; `--kills 20` kills a recorder 20 times.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _TURNS = 3
 _FEW_COMMANDS = 20
 _BEGUN_BYTES = 5000
 _LEG_S = 3.0
-"""Time of one velocity; each fifth is a rest."""
+"""Duration of each velocity; every fifth is a rest."""
 _BEFORE_RESET_S = 1.0
-"""A robot refuses the reset of a stop that has only just begun."""
+"""A robot refuses to reset a stop that has just begun."""
 
 _FLOOR = """
 import sys
@@ -54,9 +54,9 @@ with Bus(clients_of(client_config([sys.argv[1]]), 3.0)[0]) as bus:
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure while one robot is driven: noise makes its numbers as hard to compress as real ones.
+    """Measure while a robot is driven; noise makes its data as hard to compress as real data.
 
-    The bare subscriber and the recorder listen one after the other to the same robot.
+    The bare subscriber and the recorder listen to the same robot, one after the other.
     """
     settle_s, seconds = (_SMALLEST_S, _SMALLEST_S) if smallest else (_SETTLE_S, _SECONDS)
     yield from measure(settle_s, seconds, seconds)
@@ -65,7 +65,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
-    """Measure a bare subscriber, then a recorder for `seconds`, each beside a dashboard."""
+    """Measure a bare subscriber, then a recorder for `seconds`, each together with a dashboard."""
     mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
     with (
         mock as endpoint,
@@ -85,7 +85,7 @@ def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
             minutes = (time.monotonic() - start_s) / 60.0
             grown_mb = _size_mb(folder) - before
             puts.close()
-            time.sleep(settle_s)  # The recorder may have a put later than the subscriber.
+            time.sleep(settle_s)  # The recorder may receive a put later than the subscriber.
         counted, missing, where = puts.total, *puts.missing_in(Path(folder))
     yield Row("recorder of one robot, of one core", load, 6.0, "%", f"subscriber {floor:.1f} %")
     about = f"{grown_mb:.1f} MB in {minutes:.1f} min, {driven.stops} stops"
@@ -96,7 +96,7 @@ def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
 
 
 def beside(settle_s: float, seconds: float, *, smallest: bool = False) -> Iterator[Row]:
-    """Measure node, dashboard and commands in turns without and beside a recorder."""
+    """Measure node, dashboard and commands, alternating without and with a recorder."""
     count, turns = (_FEW_COMMANDS, 1) if smallest else (_COMMANDS, _TURNS)
     mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
     with mock as endpoint, tempfile.TemporaryDirectory() as folder:
@@ -111,7 +111,7 @@ def beside(settle_s: float, seconds: float, *, smallest: bool = False) -> Iterat
                     return [*loads, percentile(client_commands(bus, endpoint, count), 0.5)]
 
             without, during = [once()], list[list[float]]()
-            for _ in range(turns):  # A turn without one at either end: a machine warms up.
+            for _ in range(turns):  # Start and end without a recorder, because a machine warms up.
                 with program([*_run("tsd_record"), "--connect", endpoint, "--dir", folder]):
                     during.append(once())
                 without.append(once())
@@ -136,7 +136,7 @@ def _spread(values: list[float], digits: int) -> str:
 
 
 def kill(count: int) -> Iterator[Row]:
-    """Kill recorders at random moments, and measure what was lost, read by code of others."""
+    """Kill recorders at random moments, and measure the loss with third-party readers."""
     mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
     chance, killed_ns = np.random.default_rng(1), dict[Path, int]()
     with mock as endpoint, tempfile.TemporaryDirectory() as folder, _driven(endpoint):
@@ -150,14 +150,14 @@ def kill(count: int) -> Iterator[Row]:
                 killed_ns[Path(path)] = time.time_ns()
                 recorder.process.kill()
         with program(record):
-            pass  # It completes them.
+            pass  # The recorder repairs the files.
         lost_s = [1e-9 * (at_ns - _last_state_ns(path)) for path, at_ns in killed_ns.items()]
     about = f"{count} kills, median {np.median(lost_s):.2f} s; read by mcap and rosbags"
     yield Row("lost by kill -9 of a recorder, worst", max(lost_s), 1.0, "s", about)
 
 
 def _last_state_ns(path: Path) -> int:
-    """Return when the last state in a file was received, by two readers that are not ours."""
+    """Return the time of the last state in a file, according to two third-party readers."""
     with path.open("rb") as file:
         times_ns = [
             message.log_time
@@ -181,7 +181,7 @@ def _size_mb(folder: str) -> float:
 
 
 class _Puts:
-    """All that is put on a bus, noted by a subscriber that shares no code with the recorder."""
+    """All puts on a bus, counted by a subscriber that shares no code with the recorder."""
 
     def __init__(self, endpoint: str) -> None:
         config: Any = zenoh.Config()
@@ -205,7 +205,9 @@ class _Puts:
         self._session.close()
 
     def missing_in(self, folder: Path) -> tuple[int, str]:
-        """Return how many are in no file of a folder with the same key and payload, and when."""
+        """Return the number of puts missing in a folder's files, by key and payload, and their
+        times.
+        """
         missing = self._seen.copy()
         for path in folder.glob("*.mcap"):
             with path.open("rb") as file:
@@ -236,14 +238,14 @@ class _Puts:
 
 
 class _driven:  # noqa: N801  It is used as a function.
-    """A robot that is driven meanwhile, with another velocity every few seconds, and rests."""
+    """Robot driven with a random velocity every few seconds and rests in between."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
         self._stop, self._drives = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._drive)
         self.stops = 0
-        """How often the robot stopped by itself, as it does on a machine that is busy."""
+        """Number of automatic stops, which occur on a busy machine."""
 
     def __enter__(self) -> _driven:
         self._thread.start()
@@ -260,7 +262,7 @@ class _driven:  # noqa: N801  It is used as a function.
         with tsd_twin.connect(self._endpoint) as robot:
             while not self._stop.is_set():
                 with (
-                    contextlib.suppress(tsd_twin.TwinError),  # It stopped by itself.
+                    contextlib.suppress(tsd_twin.TwinError),  # It stopped automatically.
                     robot.control("bench", arm=False) as base,
                 ):
                     if robot.state.mode in ("stopped", "fault"):
@@ -291,7 +293,7 @@ class _driven:  # noqa: N801  It is used as a function.
 
 
 def main() -> None:
-    """Measure for a time that is given."""
+    """Measure for the given time."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--kills", type=int, default=0)

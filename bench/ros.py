@@ -1,4 +1,4 @@
-"""`tsd-ros`: delay of a twist, beside the client library in the same run, and its load."""
+"""`tsd-ros`: latency of a twist, compared with the client library, and CPU load."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _GID = bytes(range(16))
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure with one robot, and one node that subscribes to everything."""
+    """Measure with one robot and a node that subscribes to everything."""
     count = _SMALLEST if smallest else _COMMANDS
     mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
     with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
@@ -42,7 +42,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def ros_commands(bus: Bus, router: Bus, pid: int, count: int) -> tuple[list[float], float]:
-    """Return times from a published twist to the set-point that shows it, and processor share."""
+    """Return times from a published twist to the resulting setpoint, and CPU load."""
     came, shown = watch_setpoint(bus), threading.Event()
     for row in PUBLISHED:
         name = row.name if row.name.startswith("/") else f"/{row.name}"

@@ -1,4 +1,4 @@
-"""Seek in a recording of an hour: time to the state of the robot at any time, and memory."""
+"""Seeking in a recording of an hour: time until a robot's state is available, and memory."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ from tsd_twin.recording.player import Player
 START_NS = 1_700_000_000_000_000_000
 _PERIOD_NS = 20_000_000
 _CHUNK = 20
-"""Periods in a chunk, as the recorder flushes."""
+"""Periods per chunk, as the recorder flushes."""
 _EVENT_EVERY = 1500
 _LIMITS = LimitStatus(1.0, 3.0, 0.25)
 _SEEKS = 500
 _PAGES = 5
 _BETWEEN_S = 0.05
-"""As a page sends them while its cursor is dragged."""
+"""Seek period of a page while its cursor is dragged."""
 _PATIENCE_S = 30.0
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure 500 random seeks in a file written by the recorder's own writer, in virtual time."""
+    """Measure 500 random seeks in a file written by the recorder's writer, in virtual time."""
     seconds, seeks = (20, 20) if smallest else (3600, _SEEKS)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "hour.mcap"
@@ -70,7 +70,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def _page_rows(folder: Path, seeks: int) -> Iterator[Row]:
-    """Seek in the sockets of five pages, one after the other and all in turn."""
+    """Seek in the sockets of five pages, first in one page and then in turn."""
     run = [sys.executable, "-m"]
     page = [*run, "tsd_dashboard", "--port", "0", "--until-eof", "--record-dir", str(folder)]
     with program([*run, "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]) as endpoint:
@@ -80,7 +80,7 @@ def _page_rows(folder: Path, seeks: int) -> Iterator[Row]:
             process, random = psutil.Process(dashboard.process.pid), np.random.default_rng(2)
             times_s = random.uniform(1.0, pages[0].duration_s, size=(3, seeks)).round(3).tolist()
             taken_ms = [pages[0].seek_ms(t_s) for t_s in times_s[0]]
-            # In turn, as below: only so the caches of all of them are full at once.
+            # In turn as below, so that the caches of all pages are full at the same time.
             for number, t_s in enumerate(times_s[1]):
                 pages[number % len(pages)].seek_ms(t_s)
             before = process.memory_info().rss
@@ -106,7 +106,7 @@ class RecordedPage:
         )
 
     def seek_ms(self, t_s: float) -> float:
-        """Show a time, and return how long it took until its state was here."""
+        """Show a time; return the time until its state arrives."""
         start_s = time.perf_counter()
         self._socket.send(msgspec.json.encode({"t": "seek", "t_s": t_s}).decode())
         self._until(lambda message: message["t"] == "cursor" and abs(message["t_s"] - t_s) < 1e-3)
@@ -132,7 +132,7 @@ def _seek_ms(player: Player, t_s: float) -> float:
 
 
 def write(path: Path, seconds: int) -> None:
-    """Write a recording of a robot that drives, with noise that no compression makes small."""
+    """Write a recording of a driving robot, with incompressible noise."""
     text = robots.read_description("tsd")
     joints = [joint.name for joint in robots.parse_description(text, "bench").kinematics().joints]
     file, random = RecordingFile(path), np.random.default_rng(1)

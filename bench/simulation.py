@@ -34,7 +34,7 @@ _LEASE = bytes(16)
 
 @dataclass(frozen=True)
 class Size:
-    """How much is driven."""
+    """Amount of driving."""
 
     rounds: int = 10
     steps: int = 600
@@ -44,7 +44,7 @@ class Size:
     idle_s: float = 120.0
     driven_s: float = 3600.0
     settled_s: float = 60.0
-    """After this, what is left is counted for the first time."""
+    """Time after which the remaining objects are first counted."""
 
 
 FULL = Size()
@@ -72,13 +72,13 @@ class VirtualRobot:
         self.controller.serve(service, msgspec.json.encode(request), self.now_s)
 
     def tick(self, samples: list[Sample]) -> None:
-        """Let one control period pass."""
+        """Run one control period."""
         self.now_s += PERIOD_S
         setpoint = self.controller.step(self.now_s, self.io.read(self.now_s), samples)
         self.io.write(setpoint, self.now_s)
 
     def command(self, twist: Array) -> Sample:
-        """Command that counts now."""
+        """Return a command that is accepted now."""
         self.seq += 1
         self.controller.record_status_sent(self.seq, self.now_s)
         return Sample(
@@ -89,12 +89,12 @@ class VirtualRobot:
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure one robot, a batch, the core alone, squares, and what it leaves behind."""
+    """Measure a robot, a batch, the core alone, squares, and memory growth."""
     size = SMALLEST if smallest else FULL
     robot = VirtualRobot()
     twist = np.array([0.6, 0.1, 0.0, 0.0, 0.0, 0.8])
     rounds = [drive(robot, twist, size.steps) for _ in range(size.rounds)]
-    # The best round: noise on a shared machine only ever adds.
+    # Use the best round, because noise on a shared machine only adds.
     core_s, all_s = (min(times) for times in zip(*rounds, strict=True))
     share = 100 * core_s / PERIOD_S
     yield Row("core step, share of the period", share, 1.0, "%", "10 ms")
@@ -121,11 +121,11 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def drive(robot: VirtualRobot, twist: Array, steps: int) -> tuple[float, float]:
-    """Time of a period in the core alone, and with the plant, in a round of driving."""
+    """Return the time per period in the core alone, and with the plant, while driving."""
     in_core_s = 0.0
     start = time.perf_counter()
     for step in range(steps):
-        samples = [robot.command(twist)] if step % 2 == 0 else []  # 50 Hz, as a page sends.
+        samples = [robot.command(twist)] if step % 2 == 0 else []  # 50 Hz, like a page.
         robot.now_s += PERIOD_S
         measured = robot.io.read(robot.now_s)
         before = time.perf_counter()
@@ -139,16 +139,16 @@ _DRIVE_S = 2.0
 
 
 def twists(drives: int) -> list[list[float]]:
-    """Return twists of drives of which most are within the limits."""
+    """Return twists for drives, mostly within the limits."""
     return (
         np.random.default_rng(0).uniform([-0.5, -0.5, -1.5], [0.5, 0.5, 1.5], (drives, 3)).tolist()
     )
 
 
 def driven(drives: int) -> float:
-    """Return how many times faster than the clock `SimulatedRobot` drives, in drives of 2 s.
+    """Return the real-time factor of `SimulatedRobot`, in drives of 2 s.
 
-    By processor time, like `idle` and `plant_alone`: none of them waits for anything.
+    Measured in CPU time, like `idle` and `plant_alone`, because none of them waits.
     """
     with SimulatedRobot("tsd") as robot, robot.control("bench") as base:
         began_s, start = robot.time_s, time.process_time()
@@ -158,7 +158,7 @@ def driven(drives: int) -> float:
 
 
 def idle(duration_s: float) -> float:
-    """Return how many times faster than the clock a `SimulatedRobot` is that is not armed."""
+    """Return the real-time factor of a disarmed `SimulatedRobot`."""
     with SimulatedRobot("tsd") as robot:
         start = time.process_time()
         robot.sleep(duration_s)
@@ -166,8 +166,8 @@ def idle(duration_s: float) -> float:
 
 
 def plant_alone(drives: int) -> float:
-    """Return the same for simulated joints that follow such twists without a controller."""
-    robot = VirtualRobot()  # Its wheels spin: they are armed.
+    """Return the real-time factor of simulated joints that follow twists without a controller."""
+    robot = VirtualRobot()  # Armed, because its wheels spin.
     simulated, kinematics = robot.io, robot.controller.kinematics
     periods = round(_DRIVE_S / PERIOD_S)
     start = time.process_time()
@@ -181,7 +181,7 @@ def plant_alone(drives: int) -> float:
 
 
 def batch(robots_at_once: int) -> float:
-    """Return robot-seconds a second: limits, inverse, plant, forward and pose for all of them."""
+    """Return robot-seconds per second: limits, inverse, plant, forward and pose for all robots."""
     robot = robots.load_robot("tsd")
     drive, limiter = robot.kinematics(), TwistLimiter(robot.kinematics(), robot.limits)
     simulation = simulate(robot, (robots_at_once,))
@@ -198,7 +198,7 @@ def batch(robots_at_once: int) -> float:
 
 
 def squares(runs: int) -> float:
-    """Seconds that so many squares take, as `tsd-lab budget` drives them."""
+    """Return the duration of `runs` squares, driven like in `tsd-lab budget`."""
     robot = description_of_kind(robots.load_robot("tsd"), SingularityDescription)
     random = np.random.default_rng(0)
     reference = unlimited_trajectory(Route(named_path("square")))
@@ -210,7 +210,7 @@ def squares(runs: int) -> float:
 
 
 def growth(robot: VirtualRobot, twist: Array, size: Size) -> int:
-    """Return how many objects a long drive leaves beyond what its beginning leaves."""
+    """Return the number of objects that a long drive adds after its first part."""
     early = 0
     for step in range(round(size.driven_s / PERIOD_S)):
         robot.tick([robot.command(twist)] if step % 2 == 0 else [])

@@ -1,7 +1,7 @@
-"""`make soak`: robot and dashboard as real processes, driven and visited until the time is over.
+"""`make soak`: drive and visit robot and dashboard, as real processes, for a given time.
 
-Ends with a non-zero code when one of them dies or grows, when connecting gets slow, when a viewer
-is cut off, or when no client gets to drive.
+Exits with a non-zero code if a process dies or grows, connecting becomes slow, a viewer is
+disconnected, or no client gets to drive.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from bench.visits import drivers, visit, visitors
 
 HALF_AN_HOUR_S = 1800.0
 SHORTEST_S = 15.0
-"""Three drivers, each of whom has to take control and arm."""
+"""Time for three drivers to take control and arm."""
 SLACK_MB = 16.0
-"""What a process may gain after warm-up, however long it runs: allocators, caches, threads."""
+"""Allowed growth of a process after warm-up, for allocators, caches and threads."""
 CONNECT_S = 1.0
 
 _VISITORS = 3
@@ -38,7 +38,7 @@ Processes = dict[str, subprocess.Popen[str]]
 
 
 class CutShortError(Exception):
-    """The soak cannot continue; the text gives the reason."""
+    """Raised if the soak cannot continue; contains the reason."""
 
 
 @dataclass
@@ -52,7 +52,7 @@ class Record:
 
 
 def main() -> None:
-    """Start both, soak, judge."""
+    """Start both processes, run the soak and evaluate it."""
     parser = argparse.ArgumentParser(prog="make soak", description=__doc__)
     parser.add_argument("--seconds", type=float, default=HALF_AN_HOUR_S)
     seconds: float = parser.parse_args().seconds
@@ -80,10 +80,10 @@ def main() -> None:
 
 
 async def soak(url: str, processes: Processes, seconds: float) -> Record:
-    """Run drivers and visitors against both processes, and return the measurements.
+    """Run drivers and visitors against both processes; return the measurements.
 
     Raises:
-        CutShortError: a process ended, or a page was cut off.
+        CutShortError: If a process ended or a page was disconnected.
     """
     record = Record()
     over = asyncio.create_task(observe(processes, seconds, record))
@@ -94,7 +94,8 @@ async def soak(url: str, processes: Processes, seconds: float) -> Record:
     try:
         done, _ = await asyncio.wait([over, *people], return_when=asyncio.FIRST_COMPLETED)
         if over not in done:
-            # People stop only when they are stopped. That a process has ended says more about it.
+            # People only stop when cancelled, unless a process has ended, which is more
+            # informative.
             await asyncio.wait([over], timeout=2 * _SAMPLE_S)
         if over.done():
             over.result()
@@ -111,10 +112,10 @@ async def soak(url: str, processes: Processes, seconds: float) -> Record:
 
 
 async def observe(processes: Processes, seconds: float, record: Record) -> None:
-    """Note how large each process is, for as long as all live.
+    """Record the size of each process while all are alive.
 
     Raises:
-        CutShortError: one has ended.
+        CutShortError: If a process ended.
     """
     start_s = time.monotonic()
     insides = {name: psutil.Process(process.pid) for name, process in processes.items()}
@@ -124,16 +125,16 @@ async def observe(processes: Processes, seconds: float, record: Record) -> None:
                 raise CutShortError(f"{name} ended with {process.returncode} after {now_s:.0f} s")
             with contextlib.suppress(
                 psutil.NoSuchProcess
-            ):  # It ended just now: see the next round.
+            ):  # It just ended, see the next iteration.
                 size_mb = insides[name].memory_info().rss / 1e6
                 record.rss_mb.setdefault(name, []).append(size_mb)
         await asyncio.sleep(_SAMPLE_S)
 
 
 def verdict(record: Record, warm_up: float) -> Iterator[Row]:
-    """Return what has to hold, when a share of the time is taken for warm-up.
+    """Return the requirements, with `warm_up` as the fraction of the time for warm-up.
 
-    A process that ended, or a page that was cut off, is not among them: it ends the soak earlier.
+    Ended processes and disconnected pages are not included, because they end the soak earlier.
     """
     for name, sizes_mb in record.rss_mb.items():
         start_mb, end_mb = start_and_end(sizes_mb, warm_up)
@@ -149,9 +150,9 @@ def verdict(record: Record, warm_up: float) -> Iterator[Row]:
 
 
 def start_and_end(sizes: Sequence[float], warm_up: float) -> tuple[float, float]:
-    """Least of the first and of the last quarter of what follows the warm-up.
+    """Return the minimum of the first and of the last quarter after the warm-up.
 
-    The least is what is held; what is more waits to be collected.
+    The minimum excludes memory that waits for collection.
     """
     warm = sizes[int(len(sizes) * warm_up) :]
     quarter = max(len(warm) // 4, 1)

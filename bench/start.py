@@ -12,7 +12,7 @@ from bench.table import Row
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure `tsd-demo` on a warm install, comparison a bare interpreter that imports the same."""
+    """Measure `tsd-demo` on a warm install, compared with an interpreter with the same imports."""
     demo_s = min(until_ready() for _ in range(1 if smallest else 3))
     code = "import viser, zenoh, aiohttp, trimesh, rosbags.typesys"
     start = time.perf_counter()
@@ -22,7 +22,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def until_ready() -> float:
-    """Time until the demo prints that it is ready."""
+    """Return the time until the demo is ready."""
     start = time.perf_counter()
     folder = tempfile.TemporaryDirectory()
     demo = subprocess.Popen(

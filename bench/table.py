@@ -10,19 +10,19 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """One line of the table."""
+    """Row of the table."""
 
     what: str
     measured: float
     limit: float
     unit: str
     comparison: str
-    """Peer or lower bound that the limit comes from, measured in the same run."""
+    """Peer or lower bound for the limit, measured in the same run."""
     at_least: bool = False
 
     @property
     def met(self) -> bool:
-        """Whether the limit is kept."""
+        """Whether the limit is met."""
         return self.measured >= self.limit if self.at_least else self.measured <= self.limit
 
     def __str__(self) -> str:
@@ -35,5 +35,5 @@ class Row:
 
 
 def percentile(values: Sequence[float], share: float) -> float:
-    """Percentile of many values."""
+    """Return a percentile of many values."""
     return statistics.quantiles(values, n=1000, method="inclusive")[round(share * 1000) - 1]

@@ -1,6 +1,7 @@
-"""Load generator of viewers: `python -m bench.viewers URL COUNT SECONDS [drive|watch]`.
+"""Load generator for viewers: `python -m bench.viewers URL COUNT SECONDS [drive|watch]`.
 
-Prints what each was sent, as JSON. With `drive` the first one takes control and drives a circle.
+Prints the received data of each viewer as JSON. With `drive`, the first viewer takes control and
+drives a circle.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class Tally:
 
 
 async def main(url: str, count: int, seconds: float, what: str) -> None:
-    """Connect all viewers, wait until the robot drives, count."""
+    """Connect all viewers, wait until the robot drives, and count."""
     tallies = [Tally() for _ in range(count)]
     driving = asyncio.Event()
     tasks = [
@@ -43,7 +44,7 @@ async def main(url: str, count: int, seconds: float, what: str) -> None:
     ]
     async with asyncio.timeout(60):
         await driving.wait()
-    await asyncio.sleep(_WARM_UP_S)  # The scene itself, half a megabyte, is not what is counted.
+    await asyncio.sleep(_WARM_UP_S)  # Exclude the initial scene of half a megabyte.
     for tally in tallies:
         tally.counting = True
     print("counting", flush=True)
@@ -62,7 +63,7 @@ async def main(url: str, count: int, seconds: float, what: str) -> None:
 
 
 async def view(url: str, tally: Tally, driving: asyncio.Event, *, drives: bool) -> None:
-    """Run one page: a socket for the scene and one for the controls."""
+    """Run a page: one socket for the scene and one for the controls."""
     page = secrets.token_hex(8)
     base = url.replace("http://", "ws://")
     async with (
@@ -79,7 +80,7 @@ async def view(url: str, tally: Tally, driving: asyncio.Event, *, drives: bool) 
 
 
 async def watch(scene: ClientConnection, tally: Tally) -> None:
-    """Count what the scene costs."""
+    """Count the data of the scene."""
     async for frame in scene:
         if tally.counting:
             tally.scene += len(frame)
@@ -89,7 +90,7 @@ async def watch(scene: ClientConnection, tally: Tally) -> None:
 async def operate(
     teleop: ClientConnection, tally: Tally, driving: asyncio.Event, *, drives: bool
 ) -> None:
-    """Send beats as a page does, and drive a circle if `drives`."""
+    """Send heartbeats like a page, and drive a circle if `drives`."""
     seen: dict[str, Any] = {"seen": 0, "mode": "", "you": False}
     asked: set[str] = set()
 
@@ -103,7 +104,7 @@ async def operate(
                 tally.teleop += len(text)
             message = json.loads(text)
             if message["t"] == "released":
-                await send(t="release")  # As a page does whose controls have sprung back.
+                await send(t="release")  # Like a page whose controls have sprung back.
             if message["t"] != "state":
                 continue
             seen["seen"], seen["mode"] = message["seen"], message["status"]["mode"]
@@ -119,7 +120,7 @@ async def operate(
 async def send_commands(
     send: Callable[..., Awaitable[None]], seen: dict[str, Any], *, drives: bool
 ) -> None:
-    """Send a beat ten times a second, and commands fifty times."""
+    """Send heartbeats at 10 Hz and commands at 50 Hz."""
     for tick in itertools.count():
         if tick % 5 == 0:
             await send(t="heartbeat", seen=seen["seen"], sent_ms=0.0, focus=True)
@@ -129,7 +130,7 @@ async def send_commands(
 
 
 def next_request(state: dict[str, Any], asked: set[str]) -> dict[str, Any] | None:
-    """Return what to ask for next on the way to driving, once each."""
+    """Return the next request towards driving, each only once."""
     for wanted, request in (
         (not state["you"], {"t": "lease", "op": "acquire"}),
         (state["you"] and state["status"]["mode"] == "disarmed", {"t": "arm"}),

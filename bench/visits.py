@@ -25,15 +25,15 @@ _PATIENCE_S = 30.0
 
 
 class CutOffError(Exception):
-    """The server closed a page that was to stay."""
+    """Raised if the server closes a page prematurely."""
 
 
 @contextlib.asynccontextmanager
 async def visit(url: str) -> AsyncGenerator[tuple[ClientConnection, ClientConnection, float]]:
-    """Open a page, and yield its sockets and how long it took to see all there is, in seconds."""
+    """Open a page; yield its sockets and the time until everything was received, s."""
     page, base = secrets.token_hex(8), url.replace("http://", "ws://")
     start_s = time.perf_counter()
-    # Without a bound on what waits to be read: a full queue hides the answer to a goodbye.
+    # Unbounded queue, because a full queue hides the response to a close frame.
     unbounded = partial(connect, compression=None, max_size=None, max_queue=None)
     async with (
         unbounded(f"{base}viser/{page}", subprotocols=[_PROTOCOL]) as scene,
@@ -46,7 +46,7 @@ async def visit(url: str) -> AsyncGenerator[tuple[ClientConnection, ClientConnec
 
 
 async def replayed(scene: ClientConnection) -> None:
-    """Read until all has been sent that there was to see."""
+    """Read until the initial scene is complete."""
     async for frame in scene:
         assert isinstance(frame, bytes)
         if any(message["type"] == "ReplayDoneMessage" for message in decoded(frame)):
@@ -55,7 +55,7 @@ async def replayed(scene: ClientConnection) -> None:
 
 
 async def drivers(url: str, each_s: float, drove: list[bool]) -> None:
-    """Drive one after the other, and note of each whether the robot did."""
+    """Drive repeatedly, and record each time whether the robot moved."""
     while True:
         driving = asyncio.Event()
         async with visit(url) as (scene, teleop, _took_s):
@@ -87,7 +87,7 @@ async def stay(
     """Keep a page open for a duration.
 
     Raises:
-        CutOffError: the server closed it before.
+        CutOffError: If the server closes it earlier.
     """
     ways = [
         asyncio.create_task(watch(scene, Tally())),

@@ -1,4 +1,4 @@
-"""The robot of `tsd-demo` drives half a metre ahead, then turns on the spot."""
+"""Drive the robot of `tsd-demo` forward by 0.5 m, then turn in place."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The robot of `tsd-demo` visits the corners of a square and looks at its centre from each."""
+"""Visit the corners of a square with the robot of `tsd-demo`, facing its centre at each."""
 
 import math
 import sys

@@ -1,4 +1,4 @@
-"""The robot of `tsd-demo` follows a figure of eight; how far it was off the line is printed."""
+"""Follow a figure of eight with the robot of `tsd-demo`, and print the path error."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The robot of `tsd-demo` drives a circle; `state.png` shows its speed and its gimbal angles."""
+"""Drive a circle with the robot of `tsd-demo`, and plot speed and gimbal angles in `state.png`."""
 
 import sys
 

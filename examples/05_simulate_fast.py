@@ -1,4 +1,4 @@
-"""A thousand robots with noisy motors drive two metres at once; their spread is printed."""
+"""Drive a thousand robots with noisy motors two metres at once, and print their spread."""
 
 import time
 
@@ -16,7 +16,7 @@ twist = np.zeros((COUNT, 3))
 began_s = time.perf_counter()
 for tick in range(round(9.0 / PERIOD_S)):
     now_s = tick * PERIOD_S
-    # Speed controllers want to see zero throttle for two seconds, then the wheels spin up.
+    # Speed controllers require zero throttle for two seconds; then the wheels spin up.
     twist[:, 0] = 0.5 if 4.0 <= now_s < 8.0 else 0.0
     setpoint = kinematics.inverse(twist)
     if now_s < 2.5:

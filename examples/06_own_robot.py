@@ -1,4 +1,4 @@
-"""A robot of one's own, described in `06_own_robot.toml`, drives an S in virtual time."""
+"""Drive a custom robot, described in `06_own_robot.toml`, along an S in virtual time."""
 
 from pathlib import Path
 

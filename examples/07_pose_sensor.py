@@ -1,4 +1,4 @@
-"""A custom pose sensor corrects a robot's estimate; its error is printed without and with it."""
+"""Correct a robot's estimate with a custom pose sensor; print its error without and with it."""
 
 import math
 
@@ -8,7 +8,7 @@ import tsd_twin
 
 
 def error_mm(robot: tsd_twin.SimulatedRobot) -> float:
-    """Return how far the estimate is from the truth."""
+    """Return the distance between estimate and ground truth."""
     state = robot.state
     assert state.truth is not None  # noqa: S101  A simulated robot knows it.
     return 1000.0 * math.dist(state.odom.pose[:2], state.truth.pose[:2])

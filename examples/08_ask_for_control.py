@@ -1,4 +1,4 @@
-"""Alice drives the robot of `tsd-demo`; Bob asks for control, gets it, and drives it back."""
+"""Alice drives the robot of `tsd-demo`; Bob requests control, receives it, and drives back."""
 
 import sys
 import threading
@@ -7,7 +7,7 @@ import tsd_twin
 
 
 def bob() -> None:
-    """Ask for control, as a second program would."""
+    """Request control, like a second program."""
     with tsd_twin.connect(*sys.argv[1:]) as robot, robot.request_control("bob") as base:
         print(f"{base.operator} has control")
         base.drive(vx_mps=-0.3, duration_s=1.0)

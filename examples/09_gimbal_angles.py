@@ -1,4 +1,4 @@
-"""No robot is needed: `gimbals.png` shows the gimbal angles for driving in every direction."""
+"""Plot the gimbal angles for driving in every direction in `gimbals.png`; needs no robot."""
 
 import matplotlib as mpl
 import numpy as np

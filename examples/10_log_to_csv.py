@@ -1,4 +1,4 @@
-"""The robot of `tsd-demo` is watched for two seconds; `log.csv` has its pose and its joints."""
+"""Log pose and joints of the robot of `tsd-demo` to `log.csv` for two seconds."""
 
 import csv
 import sys

@@ -1,4 +1,4 @@
-"""Draws the way of each robot in a recording of tsd-record, and prints how far it drove."""
+"""Plot the path of each robot in a recording of tsd-record, and print its length."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Prints when and why the robots in a recording stopped, and what they were told before."""
+"""Print when and why the robots in a recording stopped, and their last command."""
 
 import sys
 

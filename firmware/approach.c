@@ -4,7 +4,7 @@
 #include "servos.h"
 #include "table.h"
 
-#define STEP_MS 3  // One step of 0.088 degrees in each.
+#define STEP_MS 3  // One step of 0.088 degrees per STEP_MS.
 
 static uint8_t since_step_ms;
 
@@ -21,11 +21,11 @@ void approach_tick(const int16_t *goals, bool slow) {
     if (!slow) {
       *goal = goals[i];
     } else if (!(table.servo_torque & 1 << i)) {
-      *goal = table.position[i];  // When it gets torque, it stays there.
+      *goal = table.position[i];  // With torque on, it holds this position.
     } else if (step) {
       *goal = one_step(*goal, goals[i]);
     } else {
-      // Until the next step.
+      // Wait for the next step.
     }
   }
 }

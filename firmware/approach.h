@@ -1,12 +1,12 @@
-// How gimbals get to their goals: at once while wheels may spin, slowly when nobody drives.
+// Approach of the gimbals to their goals: immediate while wheels may spin, slow without a source.
 #ifndef APPROACH_H
 #define APPROACH_H
 
 #include <stdbool.h>
 #include <stdint.h>
 
-// To be called each millisecond: passes `goals`, steps from neutral, on to the servos. When `slow`,
-// a servo begins where it is measured, and moves by 29 degrees in a second.
+// Call every millisecond: applies `goals`, steps from neutral. If `slow`, a servo starts at its
+// measured position and moves at 29 degrees per second.
 void approach_tick(const int16_t *goals, bool slow);
 
 #endif

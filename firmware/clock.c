@@ -5,7 +5,7 @@
 static volatile uint8_t pending;
 
 HAL_INTERRUPT(tick) {
-  // More than this late, the watchdog is about to end it.
+  // If it is later than this, the watchdog is about to reset the chip.
   if (pending != 255) pending++;
   hal_wake();
 }
@@ -25,7 +25,7 @@ bool clock_tick(void) {
 
 uint16_t clock_half_us(void) {
   uint16_t now = 0;
-  // Interrupts read the same timer, through the same hidden byte.
+  // Interrupts read the same timer through the same hidden byte.
   HAL_ATOMIC { now = hal_half_us(); }
   return now;
 }

@@ -1,4 +1,4 @@
-// Time: a tick each millisecond, and a free-running count of half microseconds.
+// Time: a tick per millisecond, and a free-running count of half microseconds.
 #ifndef CLOCK_H
 #define CLOCK_H
 
@@ -7,10 +7,10 @@
 
 void clock_start(void);
 
-// Takes one tick that has not been taken yet. Ticks that the main loop is late for are not lost.
+// Takes a pending tick. Ticks are not lost if the main loop is late.
 bool clock_tick(void);
 
-// Half microseconds; wraps after 32 ms. Compare differences, and only of less than that.
+// Half microseconds; wraps after 32 ms. Compare only differences smaller than that.
 uint16_t clock_half_us(void);
 
 #endif

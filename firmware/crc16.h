@@ -1,4 +1,4 @@
-// The sum of Protocol 2.0: polynomial 0x8005, most significant bit first, start 0.
+// CRC of Protocol 2.0: polynomial 0x8005, most significant bit first, start 0.
 #ifndef CRC16_H
 #define CRC16_H
 

@@ -4,9 +4,9 @@
 #include "hal.h"
 #include "table.h"
 
-#define LONGEST 4400  // As the limit of pulse_high.
+#define LONGEST 4400  // Upper limit of pulse_high.
 
-// Runs before memory is set up: the first pulse comes within microseconds of a reset.
+// Runs before memory is set up, so that the first pulse starts within microseconds of a reset.
 void esc_start(void) { hal_esc_start(CT_ZERO_THROTTLE); }
 
 static uint16_t stretched(uint16_t throttle, uint16_t low, uint16_t high) {
@@ -15,11 +15,12 @@ static uint16_t stretched(uint16_t throttle, uint16_t low, uint16_t high) {
 }
 
 void esc_put(void) {
-  // The timer takes new widths over between pulses; written between pulses, they need not wait
-  // in it for one that is under way.
+  // The timer applies new widths between pulses. Writing between pulses avoids waiting for a pulse
+  // in progress.
   if (hal_esc_phase() <= LONGEST) return;
   for (uint8_t i = 0; i < CT_ESCS; i++) {
-    // A division takes 40 us: once for each throttle. The ends change at zero throttle only.
+    // A division takes 40 us, so do it once per throttle. The pulse range changes only at zero
+    // throttle.
     static uint16_t before[CT_ESCS], half_us[CT_ESCS];
     uint16_t throttle = table.throttle_out[i];
     if (throttle == CT_ZERO_THROTTLE) {
@@ -27,7 +28,7 @@ void esc_put(void) {
     } else if (throttle != before[i]) {
       half_us[i] = stretched(throttle, table.pulse_low[i], table.pulse_high[i]);
     } else {
-      // As before.
+      // Unchanged.
     }
     before[i] = throttle;
     hal_esc_put(i, half_us[i]);

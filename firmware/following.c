@@ -13,7 +13,7 @@ static uint8_t turn;
 static uint8_t far_turns[CT_SERVOS], off_turns[CT_SERVOS];
 static uint8_t stuck;
 
-// Steps that its present speed does not make up for within 0.3 s.
+// Steps of error that the present speed will not eliminate within 0.3 s.
 static int32_t error(uint8_t i) {
   int32_t off = (int32_t)servo_command.goal[i] - table.position[i];
   int32_t toward = off < 0 ? -table.velocity[i] : table.velocity[i];
@@ -26,7 +26,7 @@ static bool lasts(bool now, uint8_t *turns, uint8_t most) {
   } else if (*turns < most) {
     (*turns)++;
   } else {
-    // Long enough.
+    // The maximum is reached.
   }
   return *turns == most;
 }

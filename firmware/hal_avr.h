@@ -1,5 +1,4 @@
-// The hardware of hal.h on the ATmega2560 of an Arduino Mega, at 16 MHz. README.md has the pins for
-// people.
+// Implementation of hal.h on the ATmega2560 of an Arduino Mega at 16 MHz. README.md lists the pins.
 #ifndef HAL_AVR_H
 #define HAL_AVR_H
 
@@ -49,7 +48,7 @@ HAL void hal_sleep(void) {
   cli();
   if (!(GPIOR0 & 1)) {
     sleep_enable();
-    sei();  // Takes effect after the next instruction: nothing can come between.
+    sei();  // Takes effect after the next instruction, so no interrupt can occur in between.
     sleep_cpu();
     sleep_disable();
   }
@@ -90,7 +89,7 @@ HAL void hal_bus_mode(hal_bus_t mode) {
   if (mode == BUS_SENDING) UCSR1B = _BV(UDRIE1) | _BV(TXEN1);
   if (mode == BUS_LISTENING) UCSR1B = _BV(RXCIE1) | _BV(RXEN1) | _BV(TXEN1);
   if (mode == BUS_ENDING) {
-    // A gap between bytes has raised this flag already; only the end of the last one counts.
+    // A gap between bytes may have set this flag already; only the end of the last byte counts.
     UCSR1A = _BV(U2X1) | _BV(TXC1);
     UCSR1B = _BV(TXCIE1) | _BV(TXEN1);
   }
@@ -115,7 +114,7 @@ HAL void hal_esc_start(uint16_t half_us) {
   OCR4A = OCR4B = OCR4C = half_us - 1;
   ICR4 = ESC_PERIOD;
   TCCR4A = _BV(COM4A1) | _BV(COM4B1) | _BV(COM4C1) | _BV(WGM41);
-  TCNT4 = ESC_PERIOD - 1;  // The first pulse begins now, not in 20 ms.
+  TCNT4 = ESC_PERIOD - 1;  // Start the first pulse now instead of in 20 ms.
   TCCR4B = _BV(WGM43) | _BV(WGM42) | _BV(CS41);  // Fast PWM up to ICR4, 16 MHz / 8.
 }
 
@@ -127,12 +126,13 @@ HAL void hal_esc_put(uint8_t i, uint16_t half_us) {
   if (i == 2) OCR4C = half_us - 1;
 }
 
-// Receiver: six wires on PK0 to PK5 (A8 to A13), pin change interrupt 2; or serial on PJ0 (D15, RX3).
+// Receiver: six wires on PK0 to PK5 (A8 to A13), pin change interrupt 2; or serial on PJ0 (D15,
+// RX3).
 #define RADIO_BAUD 100000UL
 _Static_assert(BAUD_REACHED(RADIO_BAUD) == RADIO_BAUD, "exact with 16 MHz");
 
 HAL void hal_receiver_start(void) {
-  PORTK |= HAL_RECEIVER_PINS;  // Pull-ups: a wire that came off makes no pulses.
+  PORTK |= HAL_RECEIVER_PINS;  // Pull-ups, so that a disconnected wire makes no pulses.
   PORTJ |= _BV(PJ0);
   PCMSK2 = HAL_RECEIVER_PINS;
   UCSR3A = _BV(U2X3);
@@ -154,7 +154,7 @@ HAL void hal_adc_start(void) {
 }
 
 HAL void hal_adc_convert(hal_adc_t input) {
-  ADMUX = _BV(REFS0) | input;  // Against the supply of 5 V.
+  ADMUX = _BV(REFS0) | input;  // Relative to the 5 V supply.
   ADCSRA |= _BV(ADSC);
 }
 

@@ -7,8 +7,8 @@
 #include "table.h"
 
 #define BETWEEN_BYTES_MS 10
-#define DISTURBED_MS 50  // As long as a servo may be silent.
-#define AT_A_TIME 32  // Bytes; a line that never pauses must not keep the safety rules waiting.
+#define DISTURBED_MS 50  // Equal to the maximum age of a servo response.
+#define AT_A_TIME 32  // Bytes per call, so that a continuous stream cannot delay the safety rules.
 
 static decoder_t decoder;
 static uint8_t silent_ms;
@@ -25,7 +25,8 @@ static void answer(answer_t error, const uint8_t *data, uint8_t length) {
   static uint8_t parameters[1 + PACKET_READ_LONGEST], out[PACKET_ROOM];
   parameters[0] = error;
   if (length) memcpy(parameters + 1, data, length);
-  // Without room the PC has asked again before it was answered: it gets the first answers.
+  // If the buffer is full, the PC has repeated requests before a response; it gets the first
+  // responses.
   host_line_send(out, packet_write(out, CT_BOARD_ID, PACKET_STATUS, parameters, 1 + length));
 }
 
@@ -55,7 +56,7 @@ static answer_t write(const packet_t *packet) {
 }
 
 static void handle(const packet_t *packet) {
-  // What others answer is none of ours, and a broadcast is answered when it is a ping.
+  // Ignore packets for other devices; answer broadcasts only if they are pings.
   bool broadcast = packet->id == PACKET_BROADCAST && packet->instruction == PACKET_PING;
   if (packet->id != CT_BOARD_ID && !broadcast) return;
   switch (packet->instruction) {

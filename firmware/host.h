@@ -1,18 +1,18 @@
-// The board as device 200 of the PC: answers ping, read and write.
+// Device 200 on the line to the PC: answers ping, read and write.
 #ifndef HOST_H
 #define HOST_H
 
 #include <stdbool.h>
 
-// Handles some of what came; returns whether there is more.
+// Handles some of the received bytes; returns whether there are more.
 bool host_poll(void);
 
-// To be called each millisecond: gives up on packets that were cut.
+// Call every millisecond: abandons incomplete packets.
 void host_tick(void);
 
 void host_start(void);
 
-// Bytes from the PC were lost or wrong within the last 50 ms.
+// Whether bytes from the PC were lost or corrupt within the last 50 ms.
 bool host_disturbed(void);
 
 #endif

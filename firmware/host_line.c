@@ -4,13 +4,13 @@
 
 #include "hal.h"
 
-// As long as an index can count: it wraps by itself. Bytes that come while 256 wait spoil those,
-// and the sums of their packets with them.
+// 256 bytes, so that an 8-bit index wraps automatically. If 256 bytes are pending, further bytes
+// overwrite them, and their packets fail the CRC.
 static uint8_t in[256], out[256];
 static volatile uint8_t in_head, out_tail, status;
 static uint8_t in_tail, out_head;
 
-// Short: a byte comes every 160 cycles, on this line and on that of the servos, and two wait.
+// Keep it short: on each of the two lines a byte arrives every 160 cycles, and two are buffered.
 HAL_INTERRUPT(host_byte) {
   status |= hal_host_flags();
   uint8_t head = in_head;

@@ -1,4 +1,4 @@
-// UART0, the line to the PC: bytes in and out, by interrupts.
+// UART0, the line to the PC: interrupt-driven input and output.
 #ifndef HOST_LINE_H
 #define HOST_LINE_H
 
@@ -9,10 +9,10 @@ void host_line_start(void);
 bool host_line_receive(uint8_t *byte);
 bool host_line_waiting(void);
 
-// Sends all of it, or nothing when there is no room.
+// Sends all bytes, or nothing if there is not enough room.
 void host_line_send(const uint8_t *bytes, uint8_t length);
 
-// Whether bytes came faster than they were fetched, since the last call.
+// Whether received bytes were lost since the last call.
 bool host_line_overrun(void);
 
 #endif

@@ -1,5 +1,5 @@
-// From a twist to gimbal angles: the same equations as kinematics/singularity.py, for the radio
-// control. The PC does its own.
+// Inverse kinematics, from twist to gimbal angles, for the radio control. Same equations as
+// kinematics/singularity.py, which the PC uses.
 #ifndef KINEMATICS_H
 #define KINEMATICS_H
 
@@ -11,10 +11,10 @@ typedef struct {
   float omega;  // Counter-clockwise [rad/s].
 } twist_t;
 
-// Scales a twist as a whole until no module tilts beyond its limit.
+// Scales a twist so that no module exceeds its tilt limit.
 twist_t kinematics_limit(twist_t twist);
 
-// Goals of one module, alpha and beta, in servo steps from neutral.
+// Goals of a module, alpha and beta, in servo steps from neutral.
 void kinematics_module(twist_t twist, uint8_t module, int16_t *goals);
 
 #endif

@@ -1,10 +1,10 @@
-// The program: what is done once, and again and again.
+// The program: start and main loop.
 #ifndef MAIN_H
 #define MAIN_H
 
 void main_start(void);
 
-// Once through the loop, at the end of which the board sleeps.
+// One iteration of the main loop, which ends with sleep.
 void main_turn(void);
 
 #endif

@@ -10,13 +10,13 @@
 extern uint16_t manual_throttle[CT_ESCS];
 extern int16_t manual_goal[CT_SERVOS];
 
-// The stick for the speed of the wheels is at its end: taking over moves nothing.
+// Whether the speed stick is at its low end, so that taking over moves nothing.
 bool manual_speed_is_zero(void);
 
-// Begins at rest.
+// Starts at rest.
 void manual_begin(void);
 
-// To be called each millisecond while the radio control has the robot.
+// Call every millisecond while the radio control drives.
 void manual_tick(void);
 
 #endif

@@ -4,11 +4,11 @@
 #include "table.h"
 #include "watchdog.h"
 
-#define CELLS 16     // In turn: each is written at every 16th power-up.
-#define FIRST_CELL 128  // In EEPROM, behind the setup: of each cell a number and its complement.
+#define CELLS 16     // Used in turn, so that each is written at every 16th power-up.
+#define FIRST_CELL 128  // In EEPROM, after the setup. A cell contains a number and its complement.
 #define CELL_SIZE 4
 
-// Not cleared at the start: another number each time power comes, should EEPROM fail.
+// Not cleared at a reset, so that the number changes at each power-up even if EEPROM fails.
 static HAL_KEPT uint16_t draws;
 
 static uint16_t word(uint16_t address) {
@@ -22,7 +22,7 @@ static void put_word(uint16_t address, uint16_t value) {
 
 static uint16_t address_of(uint16_t starts) { return FIRST_CELL + starts % CELLS * CELL_SIZE; }
 
-// The newest number of a cell; one whose complement differs was not written to its end.
+// Latest number in the cells; a cell with a wrong complement was not completely written.
 static uint16_t newest(void) {
   uint16_t found = 0;
   bool any = false;
@@ -38,7 +38,7 @@ static uint16_t newest(void) {
 
 void nonce_start(void) {
   uint16_t starts = newest();
-  // Other resets leave what the draws were.
+  // Other resets keep the draws.
   if (watchdog_memory.resets == 0) {
     starts++;
     put_word(address_of(starts), starts);

@@ -1,5 +1,5 @@
-// Number of a session: a command that arms, or is a beat, has to carry it. What was recorded in
-// another session therefore arms nothing when it is sent again.
+// Session number, which commands that arm or count as a heartbeat must contain. Replaying commands
+// recorded in an earlier session therefore cannot arm.
 #ifndef NONCE_H
 #define NONCE_H
 
@@ -7,13 +7,13 @@
 
 #include "control_table.h"
 
-// Counts a power-up in EEPROM, and draws the first.
+// Counts a power-up in EEPROM and draws the first number.
 void nonce_start(void);
 
-// Draws another into table.nonce; no earlier one comes again.
+// Draws a new number into table.nonce; numbers do not repeat.
 void nonce_draw(void);
 
-// Whether the command is of this session.
+// Whether the command belongs to this session.
 bool nonce_is(const control_table_t *wanted);
 
 #endif

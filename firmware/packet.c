@@ -5,7 +5,7 @@
 #include "crc16.h"
 
 #define HEADER 7  // FF FF FD 00, id, length (2).
-#define SHORTEST 3  // Instruction and sum.
+#define SHORTEST 3  // Instruction and CRC.
 
 static const uint8_t START[] = {0xff, 0xff, 0xfd, 0x00};
 
@@ -21,7 +21,7 @@ static void drop(decoder_t *decoder, uint8_t count) {
   decoder->needed = HEADER;
 }
 
-// Bytes before the first that may begin a packet.
+// Number of bytes before the first possible packet start.
 static uint8_t before_start(const decoder_t *decoder) {
   uint8_t at = 0;
   for (; at < decoder->length; at++) {
@@ -31,13 +31,13 @@ static uint8_t before_start(const decoder_t *decoder) {
   return at;
 }
 
-// Bytes of the whole packet that begins the buffer; 0 when its length is absurd.
+// Size of the packet at the start of the buffer; 0 if its length is invalid.
 static uint8_t whole(const decoder_t *decoder) {
   uint16_t length = decoder->bytes[5] | (uint16_t)decoder->bytes[6] << 8;
   return length < SHORTEST || length > PACKET_LONGEST - HEADER ? 0 : HEADER + length;
 }
 
-// Removes the stuffing, in place; returns how many bytes are left.
+// Removes the byte stuffing in place; returns the remaining length.
 static uint8_t unstuffed(uint8_t *data, uint8_t length) {
   uint8_t *end = data + length, *at = data;
   while ((at = memchr(at, START[2], end - at))) {
@@ -48,7 +48,7 @@ static uint8_t unstuffed(uint8_t *data, uint8_t length) {
   return end - data;
 }
 
-// Stuffs what looks like a header, in place; returns how many bytes it is then.
+// Stuffs header-like bytes in place; returns the new length.
 static uint8_t stuffed(uint8_t *data, uint8_t length) {
   uint8_t *end = data + length, *at = data;
   while ((at = memchr(at, START[2], end - at))) {

@@ -1,4 +1,4 @@
-// Packets of Protocol 2.0, to and from bytes; both the PC and the servos speak it.
+// Encoding and decoding of Protocol 2.0 packets, for the PC and the servos.
 // Source: Robotis e-Manual, "DYNAMIXEL Protocol 2.0".
 #ifndef PACKET_H
 #define PACKET_H
@@ -9,7 +9,7 @@
 #include "control_table.h"
 
 #define PACKET_BROADCAST 0xfe
-#define PACKET_ALERT 0x80  // In the error of a status: the device reports a hardware error.
+#define PACKET_ALERT 0x80  // Error bit of a status: the device reports a hardware error.
 
 typedef enum {
   PACKET_PING = 0x01,
@@ -19,8 +19,8 @@ typedef enum {
   PACKET_SYNC_WRITE = 0x83,
 } instruction_t;
 
-// The longest packet that is understood, and room for the longest that is made: a read of
-// PACKET_READ_LONGEST bytes, stuffed as much as can be.
+// Longest received packet, and room for the longest sent packet: a read of PACKET_READ_LONGEST
+// bytes with maximum stuffing.
 #define PACKET_LONGEST 160
 #define PACKET_READ_LONGEST 160
 #define PACKET_ROOM (PACKET_READ_LONGEST + PACKET_READ_LONGEST / 3 + 14)
@@ -37,31 +37,32 @@ typedef struct {
 typedef struct {
   uint8_t bytes[PACKET_LONGEST];
   uint8_t length;
-  uint8_t needed;  // Bytes before there is anything to look at.
-  uint8_t done;    // Bytes of the packet that was taken last.
+  uint8_t needed;  // Bytes required before the next check.
+  uint8_t done;    // Bytes of the last packet taken.
   uint16_t crc_errors;
 } decoder_t;
 
 void decoder_clear(decoder_t *decoder);
 
-// Takes a byte; returns whether there is anything to look at. Short, and here: a byte comes every
-// 160 cycles. There is always room: a packet that would not fit is given up at its length.
+// Adds a byte; returns whether decoder_take must be called. Short and inline, because a byte
+// arrives every 160 cycles. There is always room, because packets that would not fit are rejected
+// by their length.
 static inline bool decoder_push(decoder_t *decoder, uint8_t byte) {
   decoder->bytes[decoder->length++] = byte;
   return decoder->length >= decoder->needed;
 }
 
-// There is something to look at.
+// Whether decoder_take must be called.
 static inline bool decoder_pending(const decoder_t *decoder) {
   return decoder->length >= decoder->needed;
 }
 
-// Looks at the first header: takes its packet, or gives it up, so that a call never checks more than
-// one sum. Call it while something is pending, and at other times in between: bytes may be headers
-// in headers. The packet stays as it is until the next call.
+// Checks the first header and takes or rejects its packet, so that each call computes at most one
+// CRC. Call it while it is pending; extra calls are allowed. Repetition is required because headers
+// can be nested. The packet is valid until the next call.
 bool decoder_take(decoder_t *decoder, packet_t *packet);
 
-// Gives up on the packet that has begun, if any, so that the bytes behind its header are searched.
+// Abandons the packet in progress, if any, so that the bytes after its header are searched.
 bool decoder_give_up(decoder_t *decoder);
 
 // Writes a packet to `out`, which has PACKET_ROOM bytes, and returns its length.

@@ -8,11 +8,11 @@
 #define DIVIDER 4  // 30 and 10 kilo-ohm.
 #define FULL_SCALE 1023UL
 #define DRIVE_LEAST_MV 5000
-#define EMPTY_MS 1000  // A motor that starts pulls it down for less.
+#define EMPTY_MS 1000  // Longer than the voltage drop at a motor start.
 
-// In turn, one each millisecond. Ground between two inputs empties the sampling capacitor: an input
-// whose wire is off reads nearly 0, and not what the other has. The bandgap has a high impedance: its
-// first conversion is not used.
+// One input per millisecond, in turn. Converting ground in between discharges the sampling
+// capacitor, so that a disconnected input reads nearly 0 instead of the previous voltage. The
+// bandgap has a high impedance, so its first conversion is discarded.
 static const hal_adc_t INPUTS[] = {ADC_GROUND,  ADC_DRIVE,   ADC_GROUND,
                                    ADC_BATTERY, ADC_BANDGAP, ADC_BANDGAP};
 #define TURNS (sizeof INPUTS / sizeof INPUTS[0])
@@ -24,7 +24,7 @@ void power_start(void) {
   hal_adc_convert(INPUTS[turn]);
 }
 
-// Of inputs over a divider; `sum` is that of SAMPLES.
+// Voltage of an input with a divider; `sum` is the sum of SAMPLES conversions.
 static uint16_t millivolts(uint16_t sum) {
   return sum * ((uint32_t)table.supply_mv * DIVIDER) / (FULL_SCALE * SAMPLES);
 }
@@ -42,7 +42,7 @@ static void measure(void) {
       table.supply_mv = bandgap ? table.bandgap_mv * (FULL_SCALE * SAMPLES) / bandgap : 0;
       table.drive_mv = millivolts(drive);
       table.battery_mv = millivolts(battery);
-      // Without a battery it would be no news.
+      // Without a battery, a low drive voltage proves nothing.
       if (table.drive_mv < DRIVE_LEAST_MV && table.battery_mv >= DRIVE_LEAST_MV) {
         watchdog_memory.stop_proven = true;
       }
@@ -54,7 +54,7 @@ static void measure(void) {
 }
 
 bool power_drive(void) {
-  // A share of the battery's, so that neither a low battery nor the reference decides.
+  // Relative to the battery, so that neither a low battery nor the reference matters.
   return table.drive_mv >= DRIVE_LEAST_MV && table.drive_mv / 3 >= table.battery_mv / 4;
 }
 

@@ -1,4 +1,4 @@
-// Voltages of the battery and of the drive, each over a divider, and of the board.
+// Voltages of battery and drive (with dividers) and of the board.
 #ifndef POWER_H
 #define POWER_H
 
@@ -6,13 +6,13 @@
 
 void power_start(void);
 
-// To be called each millisecond: brings table.battery_mv and table.drive_mv up to date.
+// Call every millisecond: updates table.battery_mv and table.drive_mv.
 void power_tick(void);
 
-// The speed controllers have power: the voltage behind the contactor is there.
+// Whether the speed controllers have power, measured behind the contactor.
 bool power_drive(void);
 
-// Too low to arm; too low to go on, for a second.
+// Too low to arm; too low for a second, which trips.
 bool power_low(void);
 bool power_empty(void);
 

@@ -1,5 +1,5 @@
-// MX-64 with its factory firmware, Protocol 1.0. Source: Robotis e-Manual, "MX-64" and
-// "DYNAMIXEL Protocol 1.0".
+// MX-64 with its factory firmware, Protocol 1.0. Source: Robotis e-Manual, "MX-64" and "DYNAMIXEL
+// Protocol 1.0".
 #include <string.h>
 
 #include "control_table.h"
@@ -9,14 +9,14 @@
 #define BROADCAST 0xfe
 #define TORQUE_ENABLE 24
 #define GOAL_POSITION 30
-#define TORQUE_LIMIT 34  // And position (2), speed (2), load (2), voltage, temperature.
+#define TORQUE_LIMIT 34  // Followed by position (2), speed (2), load (2), voltage, temperature.
 #define MOVING 10
 #define CURRENT 68
 #define FAULTS 0x25  // Overload, overheating, input voltage.
 
 enum { PING = 1, READ = 2, WRITE = 3, SYNC_WRITE = 0x83 };
 
-// FF FF, id, length, error, parameters, sum.
+// FF FF, id, length, error, parameters, checksum.
 static uint8_t reply[6 + MOVING];
 static uint8_t length;
 
@@ -83,7 +83,7 @@ static void report_moving(const uint8_t *data, servo_report_t *report) {
   int32_t magnitude = ((int32_t)(speed & 0x3ff) * 1992) >> 8;  // 0.114 turns a minute
   report->shut_down = !u16(data);
   report->position = u16(data + 2);
-  report->velocity = speed & 0x400 ? -magnitude : magnitude;  // This bit: clockwise.
+  report->velocity = speed & 0x400 ? -magnitude : magnitude;  // This bit means clockwise.
   report->voltage = data[8];
   report->temperature = data[9];
 }

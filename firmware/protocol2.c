@@ -1,4 +1,4 @@
-// MX-64 with the firmware of Protocol 2.0. Source: Robotis e-Manual, "MX-64(2.0)".
+// MX-64 with Protocol 2.0 firmware. Source: Robotis e-Manual, "MX-64(2.0)".
 #include <string.h>
 
 #include "packet.h"
@@ -7,8 +7,8 @@
 
 #define TORQUE_ENABLE 64
 #define GOAL_POSITION 116
-#define VELOCITY 128  // And position (4).
-#define CURRENT 126   // And velocity (4), position (4), ..., voltage (2), temperature.
+#define VELOCITY 128  // Followed by position (4).
+#define CURRENT 126   // Followed by velocity (4), position (4), ..., voltage (2), temperature.
 #define STATE 21
 #define MOST_SPEED 100000
 #define MOST_STEPS 1000000000
@@ -45,7 +45,7 @@ static uint8_t set_goals(uint8_t *out, uint8_t mask, const uint16_t *goals) {
 
 static reply_t receive(uint8_t byte, uint8_t id) {
   if (!decoder_push(&decoder, byte)) return REPLY_NONE;
-  // Noise before it may look like a header.
+  // Preceding noise may look like a header.
   while (!decoder_take(&decoder, &reply)) {
     if (!decoder_pending(&decoder)) return REPLY_NONE;
   }
@@ -61,7 +61,7 @@ static int32_t i32(const uint8_t *bytes) {
   return (uint16_t)i16(bytes) | (uint32_t)(uint16_t)i16(bytes + 2) << 16;
 }
 
-// A servo may report anything; what is reckoned with it must not overflow.
+// A servo may report anything; bound the values so that calculations cannot overflow.
 static int32_t within(int32_t value, int32_t most) {
   return value > most ? most : value < -most ? -most : value;
 }

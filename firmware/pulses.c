@@ -8,10 +8,10 @@
 #define WIRES 6
 #define SHORTEST_US 800
 #define LONGEST_US 2200
-#define EDGES 32  // A frame has twelve, also a receiver with noise on its wires; one stays free.
+#define EDGES 32  // A frame has twelve, even with noise on the wires; one entry remains free.
 
-// Edges are noted at once, and measured later: bytes of both lines wait meanwhile, and six pulses may
-// end in one moment.
+// The interrupt only records edges; they are measured later, because bytes from both lines are
+// waiting, and six pulses may end simultaneously.
 static struct {
   uint16_t half_us;
   uint8_t pins;
@@ -19,7 +19,7 @@ static struct {
 static volatile uint8_t head, tail;
 static volatile bool full;
 
-static uint8_t high, known;  // Bit i: wire i was high at its last edge; that was at `since[i]`.
+static uint8_t high, known;  // Bit i: level of wire i after its last edge, at `since[i]`.
 static uint16_t since[WIRES];
 
 HAL_INTERRUPT(receiver) {
@@ -46,7 +46,7 @@ static void measure(uint8_t pins, uint16_t half_us, heard_t hear) {
   }
 }
 
-// The timer wraps: a wire that was high for long must not look like a pulse later.
+// The timer wraps, so forget edges of wires that were high for too long to be a pulse.
 void pulses_forget(void) {
   uint16_t now = clock_half_us();
   for (uint8_t i = 0; i < WIRES; i++) {
@@ -56,10 +56,10 @@ void pulses_forget(void) {
 
 void pulses_tick(heard_t hear) {
   if (full) {
-    // The tail first: the interrupt says it again when there is no room.
+    // Empty the queue first; the interrupt sets `full` again if there is no room.
     tail = head;
     full = false;
-    // What is high now has been so for a time that is not known.
+    // The start times of pulses in progress are unknown.
     high = hal_receiver_pins();
     known = 0;
   }

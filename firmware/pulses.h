@@ -1,13 +1,13 @@
-// A receiver with a wire for each channel: a pulse of 1 to 2 ms in 20 ms.
+// Receiver with one wire per channel: a pulse of 1 to 2 ms every 20 ms.
 #ifndef PULSES_H
 #define PULSES_H
 
 #include "receiver.h"
 
-// To be called each millisecond: tells of each new pulse.
+// Call every millisecond: reports each new pulse.
 void pulses_tick(heard_t hear);
 
-// To be called each 5 ms.
+// Call every 5 ms.
 void pulses_forget(void);
 
 #endif

@@ -10,7 +10,7 @@
 #define PERIOD_MS 5
 #define OLDEST (100 / PERIOD_MS)
 
-// What both kinds of receiver send: channels of SBUS, then wires with pulses.
+// Channels of both types of receiver: SBUS channels, then wires with pulses.
 #define WIRES_FROM CT_RECEIVER_CHANNELS
 
 static uint8_t frame_age, age[CT_RC_CHANNELS];  // [PERIOD_MS]
@@ -51,7 +51,7 @@ static void grow_older(void) {
     if (expires(&age[i])) table.channel[WIRES_FROM + i] = 0;
   }
   pulses_forget();
-  changed = true;  // Or the setup may have.
+  changed = true;  // The setup may have changed.
 }
 
 static void map_channels(void) {
@@ -66,7 +66,7 @@ static void map_channels(void) {
   }
 }
 
-// What nothing has come for is looked at less often: this runs in between the requests of the servos.
+// Checks for silence run less often, because this function runs between servo requests.
 void receiver_tick(void) {
   if (!sbus_tick(hear_channel)) forget_channels();
   pulses_tick(hear_wire);

@@ -12,6 +12,11 @@
 #define ROBOT_ACCELERATION 4.0f  // [m/s2]
 #define ROBOT_ANGULAR_ACCELERATION 20.0f  // [rad/s2]
 
+// A servo of the second temperature slows the robot down, until all are below the first. [deg C]
+#define ROBOT_WARM_C 65
+#define ROBOT_HOT_C 70
+#define ROBOT_SLOW_SHARE 0.5f
+
 // Pulses that turn the wheels at cruising speed. [0.5 us]
 static const uint16_t ROBOT_CRUISE_THROTTLE[] = {2414, 2411, 2417};
 

@@ -1,4 +1,4 @@
-"""Generator of `robot.h`: the parameters of the robot for driving by radio control.
+"""Generator of `robot.h`: robot parameters for driving by radio control.
 
 python firmware/robot.py > firmware/robot.h
 """
@@ -10,12 +10,13 @@ import sys
 
 import numpy as np
 
+from tsd_twin.control.faults import HOT_C, WARM_C
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
 from tsd_twin.simulation import Motors
 
 
 def header() -> str:
-    """Text of `robot.h`, made from the description `tsd`."""
+    """Return the text of `robot.h`, generated from the description `tsd`."""
     robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     drive = robot.kinematics()
     motors = Motors.of(robot)
@@ -45,6 +46,11 @@ def header() -> str:
 #define ROBOT_TURN_RATE {limits.turn_rate_rad_per_s}f  // [rad/s]
 #define ROBOT_ACCELERATION {limits.acceleration_mps2}f  // [m/s2]
 #define ROBOT_ANGULAR_ACCELERATION {limits.angular_acceleration_rad_per_s2}f  // [rad/s2]
+
+// A servo of the second temperature slows the robot down, until all are below the first. [deg C]
+#define ROBOT_WARM_C {WARM_C:.0f}
+#define ROBOT_HOT_C {HOT_C:.0f}
+#define ROBOT_SLOW_SHARE {robot.battery.low_speed_share}f
 
 // Pulses that turn the wheels at cruising speed. [0.5 us]
 static const uint16_t ROBOT_CRUISE_THROTTLE[] = {{{", ".join(map(str, throttles))}}};

@@ -17,21 +17,21 @@
 #include "watchdog.h"
 
 #define ALL_SERVOS ((1 << CT_SERVOS) - 1)
-#define STOP 2  // In `arm`.
+#define STOP 2  // Value of `arm`.
 #define TAKE_OVER_MS 500
 #define RISE_MS 10
 
-// What was written to `arm` last. A board that has just started takes it for 1: who goes on
-// sending 1 as before does not arm it.
+// Last value written to `arm`. Initially 1, so that a PC that keeps sending 1 does not arm a board
+// that was just reset.
 static bool arm_was_written = true;
-// Since the last beat. Counted up instead of compared with a clock: nothing can wrap.
+// Time since the last heartbeat. Counting up instead of comparing with a clock cannot wrap.
 static uint16_t beat_age_ms;
-// Zero throttle at speed controllers with power, since they got it and since the last source left.
+// Duration of zero throttle since the speed controllers got power and the last source lost control.
 static uint16_t zero_throttle_ms;
-static uint16_t rest_ms;  // Since the last throttle, or the start.
+static uint16_t rest_ms;  // Time since the last throttle or the start.
 static bool manual_before;
-static bool stopped;  // By the PC, also under radio control.
-static uint16_t asking_ms;  // The radio control waits for as long for upright gimbals.
+static bool stopped;  // By the PC; also applies to the radio control.
+static uint16_t asking_ms;  // Time left for the radio control to wait for upright gimbals.
 static bool asks_to_take_over;
 static uint16_t most_throttle[CT_ESCS] = {CT_ZERO_THROTTLE, CT_ZERO_THROTTLE, CT_ZERO_THROTTLE};
 static uint8_t rise_ms;
@@ -107,8 +107,8 @@ static bool goals_zero(void) {
 
 static bool held(void) { return zero_throttle_ms >= CT_DEFAULT(esc_hold_ms); }
 
-// Reason against any source of joint commands: all that concerns the robot is here, so that no
-// source has fewer rules. A source may have more, of what it commands.
+// Reason to refuse any source of joint commands. All conditions of the robot are here, so that they
+// apply to every source; a source may have further conditions on its commands.
 static refusal_code_t refusal_to_anybody(void) {
   if (stopped) return REFUSAL_STOPPED;
   if (!setup_known()) return REFUSAL_SETUP;
@@ -138,7 +138,7 @@ static refusal_code_t refusal_to_pc(void) {
 
 static refusal_code_t refusal_to_radio(bool takes_over) {
   refusal_code_t refusal = refusal_to_anybody();
-  // The speed controllers had power all the time, and its stick says zero throttle.
+  // The speed controllers had power all the time, and the speed stick is at zero throttle.
   if (takes_over && refusal == REFUSAL_ESC_HOLD) refusal = REFUSAL_NONE;
   if (refusal) return refusal;
   if (table.servos_expected != ALL_SERVOS) return REFUSAL_RC_WITHOUT_SERVOS;
@@ -151,7 +151,7 @@ static void give_to(board_code_t mode) {
   table.trip = TRIP_NONE;
 }
 
-// Takes the block over; only then it counts.
+// Stores the command block; only then it applies.
 static void take(const control_table_t *wanted) {
   table.heartbeat = wanted->heartbeat;
   table.torque = wanted->torque;
@@ -169,7 +169,7 @@ static void ask_to_arm(bool edge, bool beat) {
       return;
     }
   }
-  nonce_draw();  // Sent again, it must not arm later either.
+  nonce_draw();  // Repeating this request must not arm the board later.
 }
 
 static void stop(void) {
@@ -204,7 +204,7 @@ static trip_code_t reason_to_trip(void) {
   if (receiver_kills()) return TRIP_KILL;
   if (!power_drive()) return TRIP_DRIVE;
   if (power_empty()) return TRIP_BATTERY;
-  // A line that keeps the board busy keeps it from its servos: they are not to blame.
+  // A line that keeps the board busy also blocks servo communication, so do not blame the servos.
   if (!servos_well()) return host_disturbed() ? TRIP_LINE : TRIP_SERVO;
   if (!servos_hold()) return host_disturbed() ? TRIP_LINE : TRIP_TORQUE;
   if (servos_hot()) return TRIP_HOT;
@@ -214,8 +214,9 @@ static trip_code_t reason_to_trip(void) {
   return TRIP_NONE;
 }
 
-// The radio control gets the robot when its switch is moved, and loses it when it is moved back.
-// A switch that stands at "manual" when the receiver is first heard has to be moved there again.
+// The radio control takes over when its switch is moved to manual, and loses control when it is
+// moved back. If the switch is at manual when the receiver is first received, it must be moved
+// there again.
 static void look_at_switch(bool takes_over) {
   bool manual = receiver_manual(), edge = manual && !manual_before;
   manual_before = manual || !receiver_present();
@@ -232,11 +233,11 @@ static void look_at_switch(bool takes_over) {
     manual_begin();
     give_to(BOARD_RC);
   }
-  // Gimbals that the PC had tilted get upright first.
+  // Wait for gimbals tilted by the PC to become upright.
   if (table.refusal != REFUSAL_NOT_NEUTRAL) asking_ms = 0;
 }
 
-// What no source may exceed now: the limit, and so much more than before.
+// Current upper bound for all sources: the limit, and the allowed increase.
 static void limit_throttles(void) {
   if (++rise_ms < RISE_MS) return;
   rise_ms = 0;
@@ -246,7 +247,7 @@ static void limit_throttles(void) {
   }
 }
 
-// Passes permitted commands on: without a source, zero throttle and gimbals to neutral.
+// Applies permitted commands; without a source, zero throttle and neutral gimbals.
 static void put_out(void) {
   bool pc = table.mode == BOARD_ARMED, rc = table.mode == BOARD_RC;
   int16_t limit = table.goal_limit;
@@ -271,8 +272,8 @@ static void put_out(void) {
   hal_light(pc || rc);
 }
 
-// Speed controllers that just got power may take any throttle for one to spin up to, or for the
-// start of their calibration: from then on they get 2 s of zero throttle first.
+// Speed controllers that just got power may interpret any throttle as a speed or as the start of
+// their calibration, so they first get 2 s of zero throttle.
 static void hold_zero_throttle(void) {
   if (!power_drive()) {
     zero_throttle_ms = 0;

@@ -1,4 +1,4 @@
-// Who has the joints, and what they get. Everything that moves the robot passes here.
+// Arbitration of joint control. All outputs that move the robot pass through here.
 #ifndef SAFETY_H
 #define SAFETY_H
 
@@ -8,14 +8,14 @@
 
 void safety_start(void);
 
-// A command block was written; returns whether it is of this session and in its order. With 0 in
-// `arm` it disarms in any case.
+// Handles a command block; returns whether it has this session's number and is in order. `arm` 0
+// always disarms.
 bool safety_command(const control_table_t *wanted);
 
-// Without a source, and the wheels have run down: it may be set up.
+// Whether no source is active and the wheels have run down, so that the setup may be written.
 bool safety_at_rest(void);
 
-// To be called each millisecond: trips, hands on what may pass, and kicks the watchdog.
+// Call every millisecond: trips, applies permitted commands, and kicks the watchdog.
 void safety_tick(void);
 
 #endif

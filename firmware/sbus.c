@@ -6,12 +6,12 @@
 #define MISSED 0x04
 #define FAILSAFE 0x08
 #define SKIPPED (SBUS_FRAME + 1)
-#define PAUSE_MS 2  // Between frames are 4 ms at least, between bytes none.
+#define PAUSE_MS 2  // Minimum pause between frames is 4 ms; bytes have no pause.
 #define ROOM 64     // More than two frames.
 
 void sbus_clear(sbus_decoder_t *decoder) { decoder->count = SKIPPED; }
 
-// Channels are 11 bits each, the lowest first.
+// Channels have 11 bits each, lowest first.
 static uint16_t channel(const uint8_t *data, uint8_t index) {
   uint8_t bit = index * 11 % 8, at = index * 11 / 8;
   uint32_t bits = data[at] | (uint32_t)data[at + 1] << 8;
@@ -21,7 +21,7 @@ static uint16_t channel(const uint8_t *data, uint8_t index) {
 
 static sbus_frame_t frame(const uint8_t *bytes, heard_t hear) {
   uint8_t flags = bytes[SBUS_FRAME - 2], last = bytes[SBUS_FRAME - 1];
-  // The second version has more kinds of frames.
+  // SBUS2 has further types of frames.
   if (last != 0 && (last & 0xcf) != 0x04) return SBUS_NONE;
   if (flags & FAILSAFE) return SBUS_FAILSAFE;
   if (flags & MISSED) return SBUS_NONE;

@@ -1,4 +1,4 @@
-// What a servo reports, whatever it speaks, and how it must be set.
+// Reports and required settings of servos, independent of the protocol.
 #ifndef SERVO_H
 #define SERVO_H
 
@@ -6,16 +6,16 @@
 #include <stdint.h>
 
 typedef struct {
-  int32_t position;  // [step], 0 to 4095 in a turn.
+  int32_t position;  // [step], 4096 per turn.
   int32_t velocity;  // [step/s]
   int16_t current;   // [mA]
   uint8_t voltage;   // [0.1 V]
   uint8_t temperature;  // [deg C]
-  bool shut_down;    // It has taken its torque away.
+  bool shut_down;    // The servo has switched off its torque.
 } servo_report_t;
 
-// A register with the values that it may have: with another the servo does not go where its goal
-// is, as soon as it can. Neighbours are read together, with the first of them.
+// Register with its allowed values; with others, the servo would not move straight to its goal.
+// Adjacent registers are read together, with the first of them.
 typedef struct {
   uint8_t address, size, read;
   int16_t least, most;
@@ -28,33 +28,33 @@ typedef struct {
   uint8_t count;
 } servo_model_t;
 
-// NULL when there is none of this number.
+// Returns NULL if the number is unknown.
 const servo_model_t *servo_model(uint16_t number);
 
 typedef enum { REPLY_NONE, REPLY_OK, REPLY_FAULT, REPLY_BROKEN } reply_t;
 
-// Neighbouring registers, none of them reserved: what a servo answers for those is not documented.
+// Adjacent registers without reserved ones, whose response is not documented.
 typedef struct {
   uint8_t address, size;
 } registers_t;
 
-// One protocol with the registers of its MX-64. Requests are written to the line and their length
-// is returned; `receive` takes one byte and says whether the reply of servo `id` is complete.
+// A protocol with the registers of its MX-64. Requests are written to a buffer, and their length is
+// returned; `receive` takes a byte and returns whether the reply of servo `id` is complete.
 typedef struct {
   uint8_t (*ping)(uint8_t *out, uint8_t id);
   uint8_t (*set_torque)(uint8_t *out, uint8_t id, bool on);
   uint8_t (*read)(uint8_t *out, uint8_t id, registers_t registers);
-  // `goals` of the servos with the ids of the table, those in `mask`; 0 when there are none.
+  // Goals of the servos in `mask`, with the ids of the table; 0 if `mask` is empty.
   uint8_t (*set_goals)(uint8_t *out, uint8_t mask, const uint16_t *goals);
   reply_t (*receive)(uint8_t byte, uint8_t id);
-  // The registers in the reply to a `read` of `size`; NULL when it has another size.
+  // Registers in the reply to a `read` of `size`, or NULL if its size differs.
   const uint8_t *(*data)(uint8_t size);
-  // Fill in what the registers `moving` and `state` say.
+  // Fill in the values of the registers `moving` and `state`.
   void (*report_moving)(const uint8_t *data, servo_report_t *report);
   void (*report_state)(const uint8_t *data, uint16_t current_unit, servo_report_t *report);
-  void (*listen)(void);  // Forgets what came before.
+  void (*listen)(void);  // Discards previous bytes.
   registers_t moving;    // Read in each cycle.
-  registers_t state;     // Read now and then.
+  registers_t state;     // Read occasionally.
   registers_t torque;
 } protocol_t;
 

@@ -6,12 +6,12 @@ static uint8_t request[SERVO_LINE_ROOM];
 static volatile uint8_t sent, length;
 static volatile bool sending;
 
-// As long as an index can count.
+// 256 bytes, so that an 8-bit index wraps.
 static uint8_t in[256];
 static volatile uint8_t in_head;
 static uint8_t in_tail;
 
-// As short as that of the other line. A byte that is broken breaks the sum of its packet.
+// As short as the interrupt of the other line. A corrupt byte fails the checksum of its packet.
 HAL_INTERRUPT(bus_byte) {
   uint8_t head = in_head;
   in[head] = hal_bus_receive();
@@ -27,7 +27,7 @@ HAL_INTERRUPT(bus_empty) {
 }
 
 HAL_INTERRUPT(bus_sent) {
-  hal_bus_drive(false);  // The servos wait two bits at least; this takes less.
+  hal_bus_drive(false);  // Servos wait at least two bits; this takes less.
   sending = false;
   hal_bus_mode(BUS_LISTENING);
   hal_wake();
@@ -38,7 +38,7 @@ void servo_line_start(void) { hal_bus_start(); }
 uint8_t *servo_line_request(void) { return request; }
 
 void servo_line_send(uint8_t count) {
-  in_tail = in_head;  // What is late belongs to an older request.
+  in_tail = in_head;  // Late bytes belong to an earlier request.
   sent = 0;
   length = count;
   sending = true;

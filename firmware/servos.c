@@ -9,14 +9,14 @@
 #include "servo_line.h"
 #include "table.h"
 
-#define ALIVE_MS 50   // As control_table.h says.
-#define GONE_MS 200   // Then it is looked for by ping, in both protocols.
-#define TORQUE_CYCLES 7  // One of them is left for another request, while armed.
-#define LATE_MS 8        // Of a cycle: another request might not end in it.
+#define ALIVE_MS 50   // As documented in control_table.h.
+#define GONE_MS 200   // A servo silent for this time is pinged with both protocols.
+#define TORQUE_CYCLES 7  // While armed, one of them is used for another request.
+#define LATE_MS 8        // Too late in a cycle to finish another request.
 #define SHORT_CYCLES 50
-#define TORQUE_MS 150    // Older than two rounds, what a servo said of its torque is not known.
+#define TORQUE_MS 150    // Maximum age of a torque report, more than two rounds.
 
-// The longest reply, 48 bytes of 10 bits, after a return delay of 500 us; in half microseconds.
+// Longest reply (48 bytes of 10 bits) after a return delay of 500 us; half microseconds.
 #define TIMEOUT_HALF_US ((uint16_t)(2 * (800 + 480000000UL / SERVO_BAUD)))
 _Static_assert(SERVO_BAUD >= 250000, "six servos do not fit into a cycle below this");
 
@@ -33,27 +33,27 @@ static uint8_t step = REST;
 static uint8_t cycle_ms;
 static bool due;
 
-// The request under way.
+// Current request.
 static const protocol_t *protocol;
 static uint8_t servo, id;
 static bool listening;
-static bool renumbered;  // Since the cycle began: what it still asks for is of no use.
+static bool renumbered;  // The ids changed during this cycle, so its responses are ignored.
 static uint8_t question;
 static uint16_t listening_since;
 
 static servo_report_t reports[CT_SERVOS];
 static uint8_t age_ms[CT_SERVOS], torque_age_ms[CT_SERVOS];
-static uint8_t to_tell;  // Bit i: servo i has to be told whether to hold.
+static uint8_t to_tell;  // Bit i: the torque command must be sent to servo i.
 static uint8_t told_torque;
 
-// The request beside goals and positions, one in each cycle: which, and to which servo.
+// The additional request of each cycle, after goals and positions: its type and servo.
 static uint8_t more, more_to, torque_turn, state_turn, setting_turn, since_other, others;
 static bool more_due;
-static uint8_t short_cycles;  // Cycles to come that have no time of their own for it.
-static const servo_model_t *model[CT_SERVOS];  // NULL: not read.
-static uint8_t setting[CT_SERVOS];  // Next one to be read.
-static uint8_t probe;  // Next servo to look for, and in which protocol.
-static uint8_t right[CT_SERVOS];    // Settings in a row that had the required value.
+static uint8_t short_cycles;  // Remaining cycles that have no time for it.
+static const servo_model_t *model[CT_SERVOS];  // NULL if not read.
+static uint8_t setting[CT_SERVOS];  // Next setting to read.
+static uint8_t probe;  // Next servo and protocol to ping.
+static uint8_t right[CT_SERVOS];    // Consecutive settings with the required value.
 
 void servos_start(void) { servo_line_start(); }
 
@@ -63,7 +63,7 @@ static const protocol_t *spoken_by(uint8_t i) {
   return table.servo_protocol & bit(i) ? &PROTOCOL_2 : &PROTOCOL_1;
 }
 
-// Sends what was written to the line, if it is anything.
+// Sends the request in the line's buffer, if any.
 static bool send(uint8_t length) {
   if (!length) return false;
   protocol->listen();
@@ -82,7 +82,7 @@ static bool send_goals(const protocol_t *to, uint8_t mask) {
 
 static void turn_to(uint8_t i, uint8_t what, const protocol_t *spoken) {
   servo = i;
-  id = table.servo_id[i];  // It stays that of the answer, should the table change meanwhile.
+  id = table.servo_id[i];  // Id of the request; the table may change before the response.
   question = what;
   protocol = spoken;
 }
@@ -99,7 +99,7 @@ static uint8_t first(uint8_t mask) {
   return i;
 }
 
-// Next of the servos in `mask` after `i`; `i` when it is empty.
+// Next servo in `mask` after `i`, or `i` if the mask is empty.
 static uint8_t after(uint8_t i, uint8_t mask) {
   uint8_t next = i;
   do {
@@ -108,8 +108,8 @@ static uint8_t after(uint8_t i, uint8_t mask) {
   return next;
 }
 
-// Decides about the request beside goals and positions: mostly whether a servo holds. The others
-// are what a servo has to be told, settings, those that were not checked yet first, and state.
+// Chooses the additional request of this cycle, usually a torque check. The others are torque
+// commands, settings (unchecked servos first) and state.
 static void choose_more(void) {
   bool armed = table.mode != BOARD_DISARMED;
   uint8_t told = to_tell & table.servo_found, unchecked = table.servo_found & ~table.servo_checked;
@@ -134,7 +134,7 @@ static void choose_more(void) {
   }
 }
 
-// What a servo is asked for to check its settings: first which model it is.
+// Next registers to read for checking the settings, beginning with the model number.
 static registers_t next_settings(uint8_t i) {
   if (!model[i]) return MODEL_NUMBER;
   const setting_t *of = &model[i]->settings[setting[i]];
@@ -152,8 +152,8 @@ static bool ask_more(void) {
   return send(to->set_torque(servo_line_request(), id, torque));
 }
 
-// After goals and positions, when the cycle has time for it. With servos that answer late it has
-// none at times: for a while the request then takes the place of the position of its servo.
+// Additional request after goals and positions, if there is time. With slow servos the time may be
+// too short; then it replaces the position request of its servo for a while.
 static bool ask_more_at_last(void) {
   if (!more_due) return false;
   if (table.mode != BOARD_DISARMED && cycle_ms >= LATE_MS) {
@@ -163,13 +163,13 @@ static bool ask_more_at_last(void) {
   return ask_more();
 }
 
-// The position of a servo that is not asked for it in this cycle, by its velocity.
+// Extrapolates the position of a servo that is not read in this cycle.
 static void reckon(uint8_t i) {
   reports[i].position += reports[i].velocity / (1000 / SERVOS_CYCLE_MS);
   gimbals_report(i, &reports[i]);
 }
 
-// Asks where a servo is; of those that are missing one in each cycle whether it is there.
+// Requests the position of a servo, or pings one missing servo per cycle.
 static bool ask(uint8_t i) {
   if (short_cycles && more_due && i == more_to) {
     reckon(i);
@@ -230,7 +230,7 @@ static void found(uint8_t i) {
   to_tell |= bit(i);
   model[i] = NULL;
   setting[i] = right[i] = 0;
-  age_ms[i] = 0;  // Without a position it is looked for again, in both protocols.
+  age_ms[i] = 0;  // If it never reports a position, it is pinged again with both protocols.
 }
 
 static void take_moving(uint8_t i, const uint8_t *data) {
@@ -252,7 +252,7 @@ static void take_torque(uint8_t i, bool on) {
   if (on != told) {
     to_tell |= bit(i);
   } else {
-    to_tell &= ~bit(i);  // Also of one that does not answer what it is told.
+    to_tell &= ~bit(i);  // Even if the servo does not respond to the command.
   }
 }
 
@@ -283,7 +283,7 @@ static void take_setting(uint8_t i, const setting_t *of, const uint8_t *data) {
   if (right[i] == model[i]->count) table.servo_checked |= bit(i);
 }
 
-// Those of one read.
+// Processes the settings from one read.
 static void take_settings(uint8_t i, const uint8_t *data) {
   const setting_t *first = &model[i]->settings[setting[i]], *of = first;
   uint8_t at = 0;
@@ -342,13 +342,13 @@ static void take_reply(reply_t reply) {
   }
 }
 
-// Whether the request under way is over, with or without a reply.
+// Whether the current request is finished, with or without a reply.
 static bool over(void) {
   if (!listening) {
     listening = true;
     listening_since = clock_half_us();
   }
-  if (step < ASK) return true;  // Broadcasts are not answered.
+  if (step < ASK) return true;  // Broadcasts have no reply.
   uint8_t byte = 0;
   while (servo_line_receive(&byte)) {
     reply_t reply = protocol->receive(byte, id);

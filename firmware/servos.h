@@ -1,4 +1,4 @@
-// The six gimbal servos: finds them, gives them goals and reads them, once in each cycle.
+// The six gimbal servos: finds them, sends goals and reads measurements, once per cycle.
 #ifndef SERVOS_H
 #define SERVOS_H
 
@@ -9,7 +9,7 @@
 
 #define SERVOS_CYCLE_MS 10
 
-// What the safety rules let through: steps from neutral, and the mask of servos that hold.
+// Output of the safety rules: goals in steps from neutral, and mask of servos with torque.
 typedef struct {
   int16_t goal[CT_SERVOS];
   uint8_t torque;
@@ -19,13 +19,13 @@ extern servo_command_t servo_command;
 
 void servos_start(void);
 
-// To be called before the ids in the table change: forgets what it knew of the servos.
+// Call before the ids in the table change: discards all knowledge about the servos.
 void servos_renumber(void);
 
-// Goes on with the request that is under way; to be called whenever something happened.
+// Continues the current request; call after every event.
 void servos_poll(void);
 
-// To be called each millisecond.
+// Call every millisecond.
 void servos_tick(void);
 
 #endif

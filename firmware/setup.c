@@ -15,7 +15,7 @@ typedef struct __attribute__((packed)) {
 #define SUMMED (sizeof(image_t) - sizeof(uint16_t))
 
 static image_t image;
-static uint8_t stored = sizeof(image_t);  // Bytes of the image that are in EEPROM.
+static uint8_t stored = sizeof(image_t);  // Bytes of the image stored in EEPROM so far.
 static bool known;
 
 static uint8_t *in_table(void) { return (uint8_t *)&table + CT_SETUP; }
@@ -39,7 +39,7 @@ void setup_written(void) {
 }
 
 void setup_tick(void) {
-  // A write takes 3 ms in the background; waiting for it would hold up everything else.
+  // A write takes 3 ms in the background; waiting for it would block everything else.
   if (stored == sizeof image || !hal_eeprom_ready()) return;
   hal_eeprom_write(stored, ((const uint8_t *)&image)[stored]);
   stored++;

@@ -1,20 +1,20 @@
-// How the robot is built, kept in EEPROM: after a reset with spinning wheels the gimbals have to
-// find neutral before its position can be calibrated.
+// Setup of the robot in EEPROM. After a reset with spinning wheels, the gimbals must find neutral
+// before the PC can write it.
 #ifndef SETUP_H
 #define SETUP_H
 
 #include <stdbool.h>
 
-// Loads it into the table, if there is one.
+// Loads the setup into the table, if stored.
 void setup_start(void);
 
-// The setup in the table is valid: loaded, or written since.
+// Whether the setup in the table is valid: loaded, or written since.
 bool setup_known(void);
 
-// Begins to store the setup of the table.
+// Starts to store the setup in the table.
 void setup_written(void);
 
-// To be called each millisecond: stores a byte now and then.
+// Call every millisecond: stores one byte at a time.
 void setup_tick(void);
 
 #endif

@@ -42,7 +42,7 @@ static bool inside(uint16_t address, uint16_t length, uint16_t block, uint16_t s
   return address >= block && address < block + size && length <= block + size - address;
 }
 
-// At another zero throttle wheels may spin: it is changed only without power at the controllers.
+// Changing zero throttle could spin the wheels, so it requires speed controllers without power.
 static bool changes_pulses(const control_table_t *wanted) {
   return memcmp(wanted->pulse_low, table.pulse_low, sizeof table.pulse_low) != 0;
 }
@@ -54,7 +54,7 @@ static bool all_differ(const uint8_t *ids) {
   return true;
 }
 
-// At rest a stick is between its ends: a centre beside them drives off with sticks at rest.
+// A centre outside the stick's ends would drive the robot with the sticks at rest.
 static bool sticks_end_where_they_can(const control_table_t *wanted) {
   for (uint8_t i = 0; i < CT_STICKS; i++) {
     uint16_t low = wanted->stick_low[i], high = wanted->stick_high[i];
@@ -65,7 +65,7 @@ static bool sticks_end_where_they_can(const control_table_t *wanted) {
   return true;
 }
 
-// Servos stand elsewhere than it was known.
+// The servos' known positions become invalid.
 static bool moves_neutral(const control_table_t *wanted) {
   return wanted->reverse != table.reverse ||
          memcmp(wanted->servo_id, table.servo_id, sizeof table.servo_id) != 0 ||

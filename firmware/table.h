@@ -1,4 +1,4 @@
-// The control table as the PC sees it; control_table.h is made from its definition.
+// Control table as seen by the PC; control_table.h is generated from its definition.
 #ifndef TABLE_H
 #define TABLE_H
 
@@ -14,10 +14,10 @@ enum {
 };
 #define CT_DEFAULT(name) CT_DEFAULT_##name
 
-// Everything in it is touched by the main loop only.
+// Accessed by the main loop only.
 extern control_table_t table;
 
-// What a status packet says.
+// Error of a status packet.
 typedef enum {
   ANSWER_OK = 0,
   ANSWER_INSTRUCTION = 2,
@@ -28,8 +28,8 @@ typedef enum {
 
 void table_start(void);
 
-// Takes all of a write, or nothing of it. The command block has to be written whole: no half of
-// one command is ever put out with half of another.
+// Applies a write completely or not at all. The command block must be written as a whole, so that
+// parts of different commands are never combined.
 answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length);
 
 #endif

@@ -6,13 +6,13 @@
 
 #define MAGIC 0x7d5a
 
-// Not cleared at the start.
+// Not cleared at a reset.
 HAL_KEPT memory_t watchdog_memory;
 static HAL_KEPT uint8_t cause;
 
 _Static_assert(CT_DEFAULT(watchdog_ms) == HAL_WATCHDOG_MS, "as the table says");
 
-// After a watchdog reset the watchdog runs on, at 16 ms.
+// After a watchdog reset the watchdog keeps running, with 16 ms.
 void watchdog_start(void) {
   cause = hal_reset_cause();
   hal_watchdog_start();

@@ -1,4 +1,4 @@
-// The watchdog of the chip, and what is remembered over a reset.
+// Watchdog of the chip, and variables that survive a reset.
 #ifndef WATCHDOG_H
 #define WATCHDOG_H
 
@@ -7,28 +7,28 @@
 
 #include "hal.h"
 
-// Since power came.
+// Since power-on.
 typedef struct {
   uint16_t magic;
   uint16_t trips;
   uint16_t resets;
   bool receiver_seen;
-  bool stop_proven;     // The stop circuit was seen open.
-  bool wheels_may_spin;  // A throttle was put out, less than the time ago that they run down in.
-  uint8_t servos_near;  // Bit i: servo i was seen near its neutral.
+  bool stop_proven;     // The stop circuit was open at least once.
+  bool wheels_may_spin;  // A throttle was output within the run-down time of the wheels.
+  uint8_t servos_near;  // Bit i: servo i was near its neutral.
 } memory_t;
 
 extern memory_t watchdog_memory;
 
 HAL_AT_RESET void watchdog_start(void);
 
-// Why the board started.
+// Cause of the last reset.
 uint8_t watchdog_reset_cause(void);
 
-// Counts this start; forgets all when power came.
+// Counts this start; clears everything after power-on.
 void watchdog_remember(void);
 
-// To be called by the safety rules only: a loop that spins without them is hung.
+// Call from the safety rules only, because a loop without them counts as hung.
 void watchdog_kick(void);
 
 #endif

@@ -1,9 +1,8 @@
-"""Make the pictures of README and docs anew, from the programs as they are: `make pictures`.
+"""Generate the pictures of README and docs from the current programs: `make pictures`.
 
-Pages are photographed in Chromium, which draws on the processor: nothing else should run. Parts:
-`drive` (the moving picture), `page`, `robots`, `ros`, `lab` and `drawings`; all unless some are
-named. Two pictures of docs/lab.md are not made: `lab_zero` and `lab_calibrate_drive` come from
-guided drives.
+Pages are captured in Chromium, which renders on the CPU, so nothing else should run. Parts: `drive`
+(the animation), `page`, `robots`, `ros`, `lab` and `drawings`; by default all. Two pictures of
+docs/lab.md are not generated: `lab_zero` and `lab_calibrate_drive` require guided drives.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ ROBOTS = {
     "mecanum": "Wheels",
     "atlas": "Sphere",
 }
-"""The tab that shows the joints of each robot."""
+"""Tab with the joints of each robot."""
 LAB = {
     "lab_motors": "motors",
     "lab_square_open": "square --seed 3",
@@ -63,25 +62,25 @@ LAB = {
     "lab_omni_paths": "omni-paths",
     "lab_atlas": "atlas",
 }
-"""The experiment that draws each picture, as docs/lab.md has it."""
+"""Experiment for each picture, as listed in docs/lab.md."""
 
 WIDTH_PX, FRAMES_PER_S, MOST_BYTES = 800, 10, 3_000_000
 DRIVE_S = 7.0
 _TRIES = 8
 MESSAGES_MS = 8000
-"""Time after which the messages of the page are gone."""
+"""Time until the page's messages have disappeared."""
 MOVING = re.compile("[1-9]")
-"""In the text of a speed."""
+"""Matches a non-zero speed."""
 FONTS = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
 <fontconfig><include>/etc/fonts/fonts.conf</include>
 <match target="pattern"><edit name="family" mode="prepend" binding="strong">
 <string>DejaVu Sans Condensed</string></edit></match></fontconfig>"""
-"""As wide as the fonts of most desktops; a bare system has a wider one only."""
+"""Same width as the fonts of most desktops; a bare system has only a wider one."""
 
 
 @contextlib.contextmanager
 def demo(*flags: str) -> Generator[str]:
-    """Context manager that runs a demo, and returns the address of its page."""
+    """Run a demo and yield the address of its page."""
     command = [sys.executable, "-m", "tsd_demo", "--no-browser", "--until-eof", "--port", "0"]
     with subprocess.Popen(
         [*command, "--bus-port", "0", *flags],
@@ -102,9 +101,9 @@ def demo(*flags: str) -> Generator[str]:
 def opened(
     browser: Browser, address: str, sharpness: float = 1.0, **settings: Any
 ) -> Generator[Page]:
-    """Context manager that opens the page, with its first steps closed.
+    """Open the page with its first steps closed.
 
-    `sharpness` is the number of pixels of the scene for one of the page.
+    `sharpness` is the number of scene pixels per page pixel.
     """
     context = browser.new_context(
         **{"viewport": {"width": 1280, "height": 720}, "color_scheme": "dark"} | settings
@@ -112,7 +111,7 @@ def opened(
     page = context.new_page()
     page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
     page.goto(f"{address}?fixedDpr={sharpness:g}")
-    # The warning of viser that there is no graphics card.
+    # Hide viser's warning about the missing graphics card.
     page.add_style_tag(content="[class*='Notifications-root'] { display: none }")
     yield page
     context.close()
@@ -124,9 +123,9 @@ def show_tab(page: Page, name: str) -> None:
 
 
 def push_stick(page: Page, right: float, up: float) -> None:
-    """Hold the stick at shares of its reach until the robot moves.
+    """Hold the stick at fractions of its reach until the robot moves.
 
-    A page that was too slow to say that the stick is held is let go: push again, as it says.
+    A slow page may release the stick; then push it again, as the page requests.
     """
     x, y, half = centre(page, "region", "Drive stick")
     speed = page.get_by_role("status", name="Speed", exact=True)
@@ -146,15 +145,15 @@ def push_stick(page: Page, right: float, up: float) -> None:
 
 
 def is_held(page: Page) -> bool:
-    """Return whether the robot still obeys the stick: a page that was too slow is let go."""
+    """Return whether the robot still follows the stick; a slow page may release it."""
     speed = page.get_by_role("status", name="Speed", exact=True).inner_text()
     return bool(MOVING.search(speed)) and page.get_by_text("Push again").count() == 0
 
 
 def photograph_after_drive(page: Page, file: Path, *pushes: tuple[float, float]) -> None:
-    """Drive a little with the stick, and photograph the page when its messages are gone.
+    """Drive briefly with the stick, and capture the page after its messages have disappeared.
 
-    A page that draws each pixel on the processor is too slow to be photographed while driving.
+    A page rendered on the CPU is too slow to be captured while driving.
     """
     for right, up in pushes:
         push_stick(page, right, up)
@@ -166,7 +165,7 @@ def photograph_after_drive(page: Page, file: Path, *pushes: tuple[float, float])
 
 
 def photograph_drive(browser: Browser, to: Path) -> None:
-    """Record the page while the robot drives a circle, and write a moving picture."""
+    """Capture the page while the robot drives a circle, and write an animation."""
     with (
         demo() as address,
         opened(browser, address, 0.6) as page,
@@ -188,7 +187,7 @@ def photograph_drive(browser: Browser, to: Path) -> None:
 
 
 def drive_circle(page: Page) -> None:
-    """Move the held stick from forward round to the left."""
+    """Move the held stick from forward to the left."""
     x, y, half = centre(page, "region", "Drive stick")
     start_s = time.monotonic()
     while (passed_s := time.monotonic() - start_s) < DRIVE_S:
@@ -198,7 +197,7 @@ def drive_circle(page: Page) -> None:
 
 
 def record(page: Page, act: Callable[[], None]) -> list[tuple[float, bytes]]:
-    """Return the frames that the page draws meanwhile, each with its time in seconds."""
+    """Return the frames drawn while `act` runs, with their times in seconds."""
     frames: list[tuple[float, bytes]] = []
     session = page.context.new_cdp_session(page)
 
@@ -215,7 +214,7 @@ def record(page: Page, act: Callable[[], None]) -> list[tuple[float, bytes]]:
 
 
 def write_animation(frames: list[tuple[float, bytes]], file: Path) -> None:
-    """Write the last seconds of a recording, at a steady rate and in real time."""
+    """Write the last seconds of a recording, at a constant rate and in real time."""
     end_s = frames[-1][0]
     count = round(DRIVE_S * FRAMES_PER_S)
     shown: list[Image.Image] = []
@@ -242,7 +241,7 @@ def write_animation(frames: list[tuple[float, bytes]], file: Path) -> None:
 
 
 def photograph_page(browser: Browser, to: Path) -> None:
-    """Photograph a drawn path, the plots of a drive, and the page on a phone."""
+    """Capture a drawn path, the plots of a drive, and the page on a phone."""
     with demo() as address:
         with opened(browser, address) as page:
             show_tab(page, "Drive")
@@ -273,11 +272,11 @@ def draw_line(page: Page) -> None:
     page.mouse.up()
     path = page.get_by_role("status", name="Path")
     expect(path).to_contain_text(re.compile(r"\d m"), timeout=PATIENCE_MS)
-    page.wait_for_timeout(4000)  # Until the scene has drawn it.
+    page.wait_for_timeout(4000)  # Wait until the scene has drawn it.
 
 
 def photograph_robots(browser: Browser, to: Path) -> None:
-    """Photograph each shipped robot after a drive, with the tab of its joints."""
+    """Capture each shipped robot after a drive, with the tab of its joints."""
     for name, tab in ROBOTS.items():
         with demo("--robot", name) as address, opened(browser, address) as page:
             take_control_and_arm(page)
@@ -287,7 +286,7 @@ def photograph_robots(browser: Browser, to: Path) -> None:
 
 
 def photograph_ros(browser: Browser, to: Path) -> None:
-    """Photograph a robot that has ROS topics only, which nodes of tests play."""
+    """Capture a robot with only ROS topics, simulated by test nodes."""
     with contextlib.ExitStack() as ending:
         router, port = ending.enter_context(ros_router())
         robot = ForeignRobot(router, port)
@@ -303,14 +302,14 @@ def photograph_ros(browser: Browser, to: Path) -> None:
         show_tab(page, "ROS")
         file = to / "ros_import.png"
         photograph_after_drive(page, file, (0.3, 0.8))
-    # With few colours, a picture of flat shapes looks the same, and has a third of the bytes.
+    # A reduced palette looks the same for flat shapes, at a third of the size.
     with Image.open(file) as picture:
         few = picture.convert("RGB").quantize(256)
     few.save(file, optimize=True)
 
 
 def draw_lab(to: Path) -> None:
-    """Run the experiments of docs/lab.md in virtual time, and take their pictures."""
+    """Run the experiments of docs/lab.md in virtual time, and copy their pictures."""
     for name, command in LAB.items():
         with tempfile.TemporaryDirectory() as folder:
             experiment = [sys.executable, "-m", "tsd_lab", *command.split()]
@@ -323,7 +322,7 @@ def draw_lab(to: Path) -> None:
 
 
 def draw_drawings(to: Path) -> None:
-    """Draw the drawings in SVG."""
+    """Generate the SVG drawings."""
     subprocess.run([sys.executable, str(ROOT / "docs/img/draw"), str(to)], check=True)
 
 
@@ -337,7 +336,7 @@ OTHERS: dict[str, Callable[[Path], None]] = {"lab": draw_lab, "drawings": draw_d
 
 
 def main() -> None:
-    """Make the parts that are named, or all."""
+    """Generate the named parts, or all."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else "")
     parts = [*PAGES, *OTHERS]
     parser.add_argument("part", nargs="*", metavar="PART", help=f"of {', '.join(parts)}; all")

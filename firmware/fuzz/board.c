@@ -1,7 +1,7 @@
-// Fuzzer of the whole program, compiled for the PC with the sanitizers of addresses and undefined
-// behaviour: random bytes and commands from the PC, random answers of servos, pulses and frames of the
-// receiver, voltages, resets. `make fuzz`, then `build/fuzz_board SEED ROUNDS`. Any mistake ends it, as does a
-// pulse while disarmed.
+// Fuzzer of the whole program, compiled for the PC with the address and undefined-behaviour
+// sanitizers: random bytes and commands from the PC, random servo responses, receiver pulses and
+// frames, voltages and resets. `make fuzz`, then `build/fuzz_board SEED ROUNDS`. Any error ends it,
+// as does a pulse while disarmed.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,8 +33,7 @@ static uint8_t draw_byte(void) {
 
 #define MX64 311
 
-// What is in the registers of a servo of Protocol 2.0: its settings as they must be, torque, position
-// 2048, and zeros.
+// Registers of a servo with Protocol 2.0: required settings, torque on, position 2048, and zeros.
 static void fill(uint8_t *data, uint8_t address, uint8_t size) {
   const servo_model_t *model = servo_model(MX64);
   memset(data, 0, size);
@@ -49,7 +48,7 @@ static void fill(uint8_t *data, uint8_t address, uint8_t size) {
   if (address == PROTOCOL_2.moving.address) data[5] = 8;
 }
 
-// Mostly what a servo says, sometimes anything.
+// Usually a correct servo response, sometimes an arbitrary one.
 static void answer(const uint8_t *request, uint32_t length) {
   uint8_t out[PACKET_ROOM], parameters[1 + PACKET_LONGEST] = {0};
   uint8_t id = length > 4 ? request[4] : 1, count = 1;
@@ -59,7 +58,7 @@ static void answer(const uint8_t *request, uint32_t length) {
     count = 1 + request[10];
     fill(parameters + 1, request[8], request[10]);
   }
-  uint32_t rarely = count > 5 ? 50 : 2000;  // Otherwise it would never stay armed.
+  uint32_t rarely = count > 5 ? 50 : 2000;  // With more errors it would never stay armed.
   for (uint8_t i = 1; i < count; i++) {
     if (draw(rarely) == 0) parameters[i] = draw_byte();
   }
@@ -83,7 +82,7 @@ static void command(void) {
   bool fast = table.mode == BOARD_ARMED;
   for (uint8_t i = 0; i < CT_ESCS; i++) wanted.throttle[i] = CT_ZERO_THROTTLE + (fast ? draw(2001) : 0);
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
-    // Its servos stand still: goals beside them for long would be a trip.
+    // The servos do not move, so a permanent goal away from their position would trip.
     wanted.goal[i] = fast && draw(2) ? (int16_t)draw(2047) - 1023 : 0;
   }
   write_block(CT_COMMAND, block, CT_COMMAND_SIZE);
@@ -96,11 +95,11 @@ static void set_up(void) {
   uint8_t *block = (uint8_t *)&wanted + CT_SETUP;
   wanted.receiver_kind = draw(16) == 0;
   if (draw(3) == 0) block[draw(CT_SETUP_SIZE)] = (uint8_t)draw(256);
-  memcpy(wanted.pulse_low, first.pulse_low, sizeof wanted.pulse_low);  // What `main` looks for.
+  memcpy(wanted.pulse_low, first.pulse_low, sizeof wanted.pulse_low);  // For the check in `main`.
   write_block(CT_SETUP, block, CT_SETUP_SIZE);
 }
 
-// The stop circuit has to be seen open once.
+// The stop circuit must be open once.
 static void prove_stop(void) {
   board_set_adc(board, ADC_DRIVE, 0);
   board_run(board, board_cycle(board) + 100 * MS);
@@ -120,7 +119,7 @@ static void sticks(void) {
   board_set_rc(board, us);
 }
 
-// Frames, whole or not, and anything.
+// Complete, incomplete and random frames.
 static void radio(void) {
   uint8_t bytes[LONGEST];
   uint32_t count = draw(2) ? 25 : draw(LONGEST);

@@ -1,6 +1,6 @@
-// Fuzzer of everything that parses bytes from a line: packets of the PC, answers of servos. Compiled
-// for the PC with the sanitizers of addresses and undefined behaviour: `make fuzz`, then
-// `build/fuzz SEED ROUNDS`. Any mistake ends it.
+// Fuzzer of the parsers for packets from the PC and servo responses. Compiled for the PC with the
+// address and undefined-behaviour sanitizers: `make fuzz`, then `build/fuzz SEED ROUNDS`. Any error
+// ends it.
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,9 +11,9 @@
 #include "table.h"
 
 #define LONGEST 400
-#define BODY 60  // Longest parameters of a packet that is written and read again.
+#define BODY 60  // Maximum parameters of a packet written and read back.
 
-control_table_t table;  // Of the ids of the servos.
+control_table_t table;  // Provides the servo ids.
 
 static uint32_t state;
 
@@ -24,7 +24,7 @@ static uint32_t draw(uint32_t below) {
   return state % below;
 }
 
-// Many bytes that look like a header, and few values in general: rare states come often.
+// Many header-like bytes and few distinct values, so that rare states become frequent.
 static uint8_t draw_byte(void) {
   static const uint8_t LIKELY[] = {0xff, 0xff, 0xfd, 0x00, 0x55, 0x01, 0x02, 0x03, 200};
   return draw(3) ? LIKELY[draw(sizeof LIKELY)] : (uint8_t)draw(256);
@@ -63,7 +63,7 @@ static uint32_t feed(decoder_t *decoder, const uint8_t *bytes, uint32_t count, p
   return found;
 }
 
-// Any bytes; after them and a pause a packet is understood.
+// Arbitrary bytes; after them and a pause, a valid packet must be decoded.
 static void fuzz_decoder(void) {
   decoder_t decoder;
   packet_t packet, last = {0};
@@ -85,7 +85,7 @@ static void fuzz_decoder(void) {
          "a packet that is another");
 }
 
-// Longest read that is answered, stuffed as much as can be.
+// Longest response to a read, with maximum stuffing.
 static void fuzz_longest(void) {
   uint8_t out[PACKET_ROOM], parameters[1 + PACKET_READ_LONGEST];
   static const uint8_t HEADER[] = {0xff, 0xff, 0xfd};
@@ -95,7 +95,7 @@ static void fuzz_longest(void) {
   demand(size <= PACKET_ROOM, "an answer that is longer than its room");
 }
 
-// Reads what was asked for, as the caller does.
+// Reads the requested data like the firmware.
 static bool fuzz_answer(const protocol_t *protocol, servo_report_t *report) {
   const uint8_t *moving = protocol->data(protocol->moving.size);
   const uint8_t *other = protocol->data(protocol->state.size);
@@ -112,11 +112,11 @@ static void fuzz_servo(const protocol_t *protocol) {
     reply_t reply = protocol->receive(draw_byte(), id);
     if (reply == REPLY_NONE) continue;
     if (reply != REPLY_BROKEN) fuzz_answer(protocol, &report);
-    protocol->listen();  // As the caller does with each request.
+    protocol->listen();  // As the firmware does for each request.
   }
 }
 
-// A whole and right answer with any numbers in it.
+// A complete and valid response with arbitrary values.
 static void fuzz_report(void) {
   uint8_t out[PACKET_ROOM], parameters[22] = {0};
   servo_report_t report = {0};

@@ -1,6 +1,6 @@
-// The controller board on a PC, in virtual time: hal.h implemented by events, behind the same
-// functions as simulator/board.c has for the chip. The program itself takes no time. One library is
-// one board; a copy of it is another.
+// The controller board on a PC, in virtual time: hal.h implemented by events, with the same
+// interface as simulator/board.c. The program takes no time. Each copy of the library is a separate
+// board.
 #include "board.h"
 
 #include <stddef.h>
@@ -19,7 +19,7 @@
 #define US(us) ((uint64_t)(us) * CYCLES_US)
 #define MS(ms) US(1000ULL * (ms))
 #define NEVER UINT64_MAX
-#define QUEUE 65536  // An index wraps by itself.
+#define QUEUE 65536  // An index wraps automatically.
 #define LONGEST_REQUEST 256
 #define EEPROM_SIZE 4096
 #define CONVERSION US(104)
@@ -84,13 +84,13 @@ static struct {
 
 extern control_table_t table;
 
-// Memory of the program, which the Makefile has gathered in three sections, as it is at a reset.
+// Memory of the program, grouped by the Makefile in three sections and restored at a reset.
 extern uint8_t __start_firmware_data[], __stop_firmware_data[];
 extern uint8_t __start_firmware_bss[], __stop_firmware_bss[];
 extern uint8_t __start_kept[], __stop_kept[];
 static uint8_t *image;
 
-// By single bytes: a sanitizer has no business with the gaps between variables.
+// Byte by byte and without sanitizer, because the sections have gaps between variables.
 __attribute__((no_sanitize("address"))) static void put(uint8_t *to, const uint8_t *end,
                                                         const volatile uint8_t *from, uint8_t byte) {
   while (to < end) *to++ = from ? *from++ : byte;
@@ -98,7 +98,7 @@ __attribute__((no_sanitize("address"))) static void put(uint8_t *to, const uint8
 
 static size_t data_size(void) { return (size_t)(__stop_firmware_data - __start_firmware_data); }
 
-// Keeps the initial values, before anything has run.
+// Keeps the initial values before anything runs.
 static void remember(void) {
   if (image) return;
   image = malloc(data_size() + 1);
@@ -133,7 +133,7 @@ void hal_wake(void) { board.awake = true; }
 void hal_host_start(void) { board.host_on = true; }
 
 uint8_t hal_host_flags(void) {
-  uint8_t flags = board.overrun ? HAL_OVERRUN : 0x20;  // A bit that says nothing about errors.
+  uint8_t flags = board.overrun ? HAL_OVERRUN : 0x20;  // A bit that is not an error flag.
   board.overrun = false;
   return flags;
 }
@@ -268,12 +268,12 @@ static void fall(uint8_t i) {
   pulse->width = board.now - pulse->rise;
   pulse->fall = board.now;
   pulse->pulses++;
-  // A pulse that began within 20 ms of the disarming may have been on its way.
+  // A pulse that began within 20 ms of disarming may have been in progress.
   bool unarmed = !pulse->wanted && !pulse->wanted_before;
   if (unarmed && pulse->width > pulse->unarmed_widest) pulse->unarmed_widest = pulse->width;
 }
 
-// The receiver: one pulse after the other, or all at once.
+// The receiver: pulses one after another, or simultaneous.
 void hal_receiver_start(void) { board.rc_listening = true; }
 uint8_t hal_radio_flags(void) { return board.radio_errors; }
 uint8_t hal_radio_receive(void) { return board.radio_byte; }
@@ -336,7 +336,7 @@ static void begin_pulses(uint64_t after) {
 void hal_adc_start(void) {}
 
 void hal_adc_convert(hal_adc_t input) {
-  // An input without its wire leaves the sampling capacitor as it is; the bandgap has too high an
+  // A disconnected input leaves the sampling capacitor unchanged; the bandgap has too high an
   // impedance to charge it in one conversion.
   if (input == ADC_BANDGAP) {
     board.sampled_mv = (board.sampled_mv + BANDGAP_MV + (board.sampled_mv < BANDGAP_MV)) / 2;
@@ -346,7 +346,7 @@ void hal_adc_convert(hal_adc_t input) {
   } else if (board.input_mv[input] != NO_WIRE) {
     board.sampled_mv = board.input_mv[input];
   } else {
-    // As before.
+    // Unchanged.
   }
   board.sampled_input = input;
   uint32_t value = board.supply_mv ? board.sampled_mv * 1024 / board.supply_mv : 0;
@@ -381,7 +381,7 @@ uint8_t hal_reset_cause(void) {
 void hal_light_start(void) { board.light_on = true; }
 void hal_light(bool on) { board.light = board.light_on && on; }
 
-// Lets go of all pins.
+// Releases all pins.
 static void stop(void) {
   for (int i = 0; i < EVENTS; i++) board.due[i] = NEVER;
   board.interrupts = board.hung = board.host_on = board.host_sending = false;
@@ -451,7 +451,7 @@ static void happen(int event) {
   }
 }
 
-// What simulator/board.c offers, too.
+// Interface shared with simulator/board.c.
 bool board_run(void *it, uint64_t cycle) {
   (void)it;
   board.answered = false;
@@ -600,7 +600,7 @@ bool board_light(void *it) { return (void)it, board.light; }
 
 void board_set_supply(void *it, uint32_t millivolts) { (void)it, board.supply_mv = millivolts; }
 
-// Of the control table.
+// Byte of the control table.
 uint8_t board_peek(void *it, uint16_t address) {
   return (void)it, ((const uint8_t *)&table)[address];
 }

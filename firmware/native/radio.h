@@ -1,4 +1,4 @@
-// What a receiver with SBUS sends: a frame of 25 bytes each 7 ms.
+// Output of an SBUS receiver: a frame of 25 bytes every 7 ms.
 #ifndef RADIO_H
 #define RADIO_H
 
@@ -9,7 +9,7 @@
 #define RADIO_PERIOD_US 7000
 #define RADIO_CHANNELS 16
 
-// Channels as widths of pulses; those beyond `count` are in the middle. `flags` as the receiver sets them.
+// Channels as pulse widths, centred beyond `count`; `flags` as set by the receiver.
 static inline void radio_frame(uint8_t *out, const uint32_t *us, uint32_t count, uint8_t flags) {
   memset(out, 0, RADIO_FRAME);
   out[0] = 0x0f;

@@ -24,7 +24,7 @@ from firmware.simulator.simulation import FirmwareSimulation
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run until a signal comes; `arguments` as in a shell."""
+    """Run until a signal arrives; `arguments` as in a shell."""
     parser = argparse.ArgumentParser(
         prog="python -m firmware.simulator",
         description=__doc__,

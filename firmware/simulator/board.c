@@ -42,7 +42,7 @@ static void on_reset(avr_io_t *io) {
   radio_reset(board);
   if (board->hung) memcpy(avr->flash + board->hung_at, board->hung_over, 4);
   board->hung = false;
-  /* Otherwise it looks at the pins in every cycle while they are low. */
+  /* Otherwise simavr polls the pins in every cycle while they are low. */
   for (int i = 0; i < 8; i++) avr_extint_set_strict_lvl_trig(avr, i, 0);
   avr->run_cycle_limit = FREQUENCY;
 }
@@ -92,7 +92,7 @@ void board_close(board_t *board) {
 uint64_t board_cycle(board_t *board) { return board->avr->cycle; }
 uint32_t board_resets(board_t *board) { return board->resets; }
 
-/* Takes the chip's power away. */
+/* Switches the chip's power off. */
 void board_off(board_t *board) {
   if (board->off) return;
   avr_reset(board->avr);
@@ -100,7 +100,7 @@ void board_off(board_t *board) {
   board->off = true;
 }
 
-/* Starts it again, with `cause` in MCUSR. */
+/* Switches it on, with `cause` in MCUSR. */
 void board_on(board_t *board, uint8_t cause, bool lose_memory) {
   avr_t *avr = board->avr;
   board->off = false;
@@ -111,7 +111,7 @@ void board_on(board_t *board, uint8_t cause, bool lose_memory) {
   if (cause & 4) avr_regbit_set(avr, avr->reset_flags.borf);
 }
 
-/* Runs to `cycle`, or until what is awaited came; false when the firmware crashed. */
+/* Runs to `cycle`, or until the awaited response; returns false if the firmware crashed. */
 bool board_run(board_t *board, uint64_t cycle) {
   avr_t *avr = board->avr;
   board->answered = false;
@@ -132,12 +132,12 @@ void board_set_adc(board_t *board, uint32_t channel, uint32_t millivolts) {
                 millivolts);
 }
 
-/* Sets the supply of the chip, its analogue reference. */
+/* Sets the supply of the chip, which is its analogue reference. */
 void board_set_supply(board_t *board, uint32_t millivolts) {
   board->avr->vcc = board->avr->avcc = millivolts;
 }
 
-/* TIMSK2: the tick of a millisecond ceases, all else goes on. */
+/* TIMSK2: stops only the millisecond tick. */
 void board_stop_tick(board_t *board) { board->avr->data[0x70] = 0; }
 
 uint8_t board_peek(board_t *board, uint16_t address) { return board->avr->data[address]; }
@@ -147,7 +147,7 @@ void board_poke_eeprom(board_t *board, uint16_t address, uint8_t value) {
   avr_ioctl(board->avr, AVR_IOCTL_EEPROM_SET, &byte);
 }
 
-/* Makes the firmware hang with interrupts off, wherever it is; the next reset mends it. */
+/* Makes the firmware hang with interrupts disabled, until the next reset. */
 void board_hang(board_t *board) {
   static const uint8_t CLI_AND_STAY[] = {0xf8, 0x94, 0xff, 0xcf};
   if (board->hung) return;
@@ -157,6 +157,6 @@ void board_hang(board_t *board) {
   memcpy(board->avr->flash + board->hung_at, CLI_AND_STAY, 4);
 }
 
-/* Resets the chip as its reset pin does, or as power does that comes back. */
+/* Resets the chip by its reset pin, or by a power cycle. */
 void board_reset(board_t *board, bool power) { board_on(board, power ? 1 : 2, power); }
 

@@ -22,7 +22,7 @@ _Request = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_uint8), ctypes.c_uint3
 
 
 def build() -> Path:
-    """Build the firmware and the library that runs it, if need be; return the firmware."""
+    """Build the firmware and its simulator library if outdated; return the firmware's path."""
     goals = ["build/firmware.elf", "simulator"]
     run = ["make", "-s", "-C", str(FIRMWARE), *goals]
     subprocess.run(run, check=True)  # noqa: S603
@@ -30,13 +30,13 @@ def build() -> Path:
 
 
 def build_native() -> Path:
-    """Build the firmware as a library for this machine, if need be; return it."""
+    """Build the firmware as a library for this machine if outdated; return its path."""
     subprocess.run(["make", "-s", "-C", str(FIRMWARE), "native"], check=True)  # noqa: S603, S607
     return BUILD / "native/libfirmware.so"
 
 
 def table_address(elf: Path) -> int:
-    """Address of the control table in memory; a library counts from there."""
+    """Return the address of the control table in memory; in a library, addresses start there."""
     return 0 if elf.suffix == ".so" else _symbol(elf, "table")
 
 
@@ -57,23 +57,23 @@ VECTORS = {
     "bus_sent": 38,
     "radio_byte": 54,
 }
-"""Interrupts of the firmware, by their numbers in the ATmega2560."""
+"""Interrupt vector numbers of the ATmega2560."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """What the chip was busy with, in cycles of 1/16 us, since the board was opened."""
+    """Timing of the chip since the board was opened, in cycles of 1/16 us."""
 
     interrupts: dict[str, int]
-    """The longest that each interrupt took, from its call to its return."""
+    """Maximum duration of each interrupt, from call to return."""
     lost: tuple[int, int]
-    """Bytes from the PC and from the servos that found no room in the chip."""
+    """Bytes from the PC and from the servos lost because the chip's buffer was full."""
     longest_wait: tuple[int, int]
-    """The longest that a byte from the PC, and from a servo, waited to be read."""
+    """Maximum time until a byte from the PC, and from a servo, was read."""
     turn_around: int
-    """The longest from the last stop bit of a request until the board let go of the servo bus."""
+    """Maximum time from the last stop bit of a request until the board released the servo bus."""
     stack: int
-    """Bytes of stack."""
+    """Maximum stack size, bytes."""
 
 
 @dataclass(frozen=True)
@@ -82,19 +82,19 @@ class Pulse:
 
     count: int
     us: float
-    """Width of the newest; 0 when they have ceased."""
+    """Width of the last pulse; 0 if they ceased."""
     unarmed_us: float
     """Width of the widest pulse in disarmed mode."""
     first_s: float
-    """When the first began."""
+    """Start of the first pulse."""
 
 
 class Board:
-    """The controller board with its firmware; nothing happens but in `run`.
+    """Controller board with its firmware; time passes only in `run`.
 
-    `elf` is the firmware for the ATmega2560, run cycle by cycle at 16 MHz, or the library of it for
-    this machine: the same program, which takes no time. `mode_address` is the address of the board
-    mode in memory; pulses are classified by it.
+    `elf` is either the firmware for the ATmega2560, simulated cycle by cycle at 16 MHz, or its
+    library for this machine: the same program, which takes no time. Pulses are classified by the
+    board mode at `mode_address`.
     """
 
     def __init__(self, elf: Path, mode_address: int = 0) -> None:
@@ -110,7 +110,7 @@ class Board:
         self._raised: BaseException | None = None
 
     def close(self) -> None:
-        """Free it."""
+        """Free the simulator."""
         if self._board:
             self._lib.board_close(self._board)
             if self._native:
@@ -119,19 +119,19 @@ class Board:
 
     @property
     def now_s(self) -> float:
-        """Time since power came."""
+        """Time since power-on."""
         return self._lib.board_cycle(self._board) / HZ
 
     @property
     def resets(self) -> int:
-        """Number of resets, of any cause."""
+        """Number of resets for any reason."""
         return self._lib.board_resets(self._board)
 
     def run(self, seconds: float) -> None:
-        """Let time pass.
+        """Run the board.
 
         Raises:
-            RuntimeError: the program counter of the firmware left its code.
+            RuntimeError: If the firmware's program counter left its code.
         """
         end = self._lib.board_cycle(self._board) + round(seconds * HZ)
         if not self._lib.board_run(self._board, end):
@@ -141,40 +141,42 @@ class Board:
             raise raised
 
     def send(self, data: bytes) -> None:
-        """Send bytes to the board as the PC does, at the rate of the line."""
+        """Send bytes to the board at the line's rate, as the PC does."""
         self._lib.board_send(self._board, data, len(data))
 
     def receive(self) -> bytes:
-        """Return what the board sent to the PC since the last call."""
+        """Return the bytes sent to the PC since the last call."""
         count = self._lib.board_receive(self._board, self._receive, len(self._receive))
         return ctypes.string_at(self._receive, count)
 
     def on_request(self, call: Callable[[bytes], None]) -> None:
-        """Have `call` called with each request on the servo bus, when it is over."""
+        """Register a callback for complete requests on the servo bus."""
 
         def guarded(data: ctypes._Pointer[ctypes.c_uint8], count: int) -> None:
             try:
                 call(ctypes.string_at(data, count))
-            except BaseException as error:  # Nothing can be raised through C.
+            except BaseException as error:  # Exceptions cannot propagate through C.
                 self._raised = error
 
         self._call = _Request(guarded)
         self._lib.board_on_request(self._board, self._call)
 
     def reply(self, data: bytes, delay_us: int) -> None:
-        """Send bytes to the board as servos do, `delay_us` from now."""
+        """Send bytes to the board after `delay_us`, as servos do."""
         self._lib.board_reply(self._board, data, len(data), delay_us)
 
     def bus_faults(self) -> tuple[int, int, int, int]:
-        """Return bytes sent while listening, requests cut by the pin, replies talked over, and
-        bytes that came before the board listened.
+        """Return fault counts of the bus.
+
+        These are bytes sent while listening, requests cut by the pin, collisions with replies, and
+        bytes received before the board listened.
         """
         counts = (ctypes.c_uint32 * 4)()
         self._lib.board_bus_faults(self._board, counts)
         return tuple(counts)  # type: ignore[return-value]
 
     def pulse(self, index: int) -> Pulse:
-        """Return what is on the wire to one speed controller."""
+        """Return the pulses on the line to a speed controller."""
         facts = (ctypes.c_uint64 * 4)()
         self._lib.board_esc(self._board, index, facts)
         count, width, unarmed, first = facts
@@ -182,11 +184,11 @@ class Board:
 
     @property
     def light(self) -> bool:
-        """Whether the light on the board is on; without the chip only."""
+        """Whether the board's light is on; native library only."""
         return self._lib.board_light(self._board)
 
     def timing(self) -> Timing:
-        """Return what the chip was busy with; not without the chip."""
+        """Return the timing; simulated chip only."""
         facts = (ctypes.c_uint64 * 2)()
         uarts: list[tuple[int, ...]] = []
         for index in range(2):
@@ -202,19 +204,19 @@ class Board:
         )  # fmt: skip
 
     def send_frames(self, *, on: bool = True, flags: int = 0) -> None:
-        """Have the receiver send frames of SBUS instead of pulses, with such flags."""
+        """Make the receiver send SBUS frames with `flags` instead of pulses."""
         self._lib.board_sbus(self._board, on, flags)
 
     def send_from_receiver(self, data: bytes, errors: int = 0) -> None:
-        """Send bytes on the serial line of the receiver, with such error flags of the UART."""
+        """Send bytes on the receiver's serial line, with error flags of the UART."""
         self._lib.board_radio(self._board, data, len(data), errors)
 
     def start_parallel_pulses(self, seconds: float) -> None:
-        """Have the pulses of all channels of the receiver begin at once, first in `seconds`."""
+        """Start the pulses of all receiver channels simultaneously, first in `seconds`."""
         self._lib.board_parallel_rc(self._board, max(1, round(seconds * HZ)))
 
     def set_receiver(self, us: Sequence[int]) -> None:
-        """Set the widths of the receiver's six channels; 0 is no pulse."""
+        """Set the pulse widths of the receiver's six channels; 0 for no pulse."""
         self._lib.board_set_rc(self._board, (ctypes.c_uint32 * 6)(*us))
 
     def set_adc(self, channel: int, volts: float) -> None:
@@ -222,62 +224,62 @@ class Board:
         self._lib.board_set_adc(self._board, channel, round(1000.0 * volts))
 
     def cut_adc(self, channel: int) -> None:
-        """Take the wire of an analogue input off; not at the simulated chip."""
+        """Disconnect an analogue input; native library only."""
         self._lib.board_set_adc(self._board, channel, 0xFFFFFFFF)
 
     def set_supply(self, volts: float) -> None:
-        """Set the supply of the board, which is the reference of its analogue inputs."""
+        """Set the supply of the board, the reference of its analogue inputs."""
         self._lib.board_set_supply(self._board, round(1000.0 * volts))
 
     def peek(self, address: int) -> int:
-        """Byte of memory."""
+        """Return a byte of memory."""
         return self._lib.board_peek(self._board, address)
 
     def stop_tick(self) -> None:
-        """Stop the timer of the millisecond, and nothing else, until the next reset."""
+        """Stop only the millisecond timer, until the next reset."""
         self._lib.board_stop_tick(self._board)
 
     def peek_eeprom(self, address: int) -> int:
-        """Return a byte of the EEPROM; not of the simulated chip."""
+        """Return a byte of the EEPROM; native library only."""
         return int(self._lib.board_peek_eeprom(self._board, address))
 
     def poke_eeprom(self, address: int, value: int) -> None:
-        """Change a byte of the memory that outlives power."""
+        """Change a byte of the EEPROM."""
         self._lib.board_poke_eeprom(self._board, address, value)
 
     def lose_byte(self) -> None:
-        """Flag the next byte from the PC as one that came after a lost one; without the chip only.
+        """Flag the next byte from the PC as following a lost byte; native library only.
 
-        simavr has too much room for bytes to lose any.
+        The UARTs of simavr have too much room to lose bytes.
         """
         self._lib.board_overrun(self._board)
 
     def keep_busy(self, seconds: float) -> None:
-        """Have the main loop take that long for its next turn; without the chip only."""
+        """Make the next turn of the main loop take `seconds`; native library only."""
         self._lib.board_busy(self._board, round(1e6 * seconds))
 
     def hang(self) -> None:
-        """Make the firmware hang with interrupts off, until the next reset."""
+        """Make the firmware hang with interrupts disabled, until the next reset."""
         self._lib.board_hang(self._board)
 
     def off(self) -> None:
-        """Take its power away: no pin is driven."""
+        """Switch power off; no pin is driven."""
         self._lib.board_off(self._board)
 
     def on(self, cause: ResetCause, *, lose_memory: bool = True) -> None:
-        """Start it again."""
+        """Switch power on."""
         self._lib.board_on(self._board, int(cause), lose_memory)
 
     def reset(self, *, power: bool = False) -> None:
-        """Reset it by its pin, or as power does that comes back."""
+        """Reset the board by its pin or by a power cycle."""
         self._lib.board_reset(self._board, power)
 
     def count_answered(
         self, cases: Sequence[bytes], ping: bytes, answer: bytes, patience_s: float
     ) -> int:
-        """Send each case and `ping` behind it; return how many were followed by `answer` in time.
+        """Send each case followed by `ping`; return how many led to `answer` in time.
 
-        It ends with the first that was not.
+        Stops at the first failure.
         """
         lengths = (ctypes.c_uint32 * len(cases))(*map(len, cases))
         patience_us = round(1e6 * patience_s)
@@ -288,7 +290,7 @@ class Board:
 
 
 def _copy(library: Path) -> ctypes.CDLL:
-    """Load a library once more: each copy has its own memory."""
+    """Load a copy of a library, because each copy has separate memory."""
     with tempfile.TemporaryDirectory() as folder:
         copy = shutil.copy(library, folder)
         return ctypes.CDLL(copy)

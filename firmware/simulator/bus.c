@@ -1,11 +1,10 @@
-/* The servo bus: one wire, with a pin that says who speaks.
+/* The servo bus: one wire with a direction pin.
 
    SPDX-License-Identifier: GPL-3.0-or-later, as libsimavr, which this is linked with. */
 #include "avr_ioport.h"
 #include "board.h"
 
-/* The servo bus: one wire, so the board hears itself; servos see what is sent while the direction
-   pin is high, and take its fall for the end of the request. */
+/* Servos receive the bytes sent while the direction pin is high; its falling edge ends the request. */
 static avr_cycle_count_t feed_bus(avr_t *avr, avr_cycle_count_t when, void *param) {
   (void)avr;
   board_t *board = param;
@@ -21,7 +20,7 @@ static avr_cycle_count_t feed_bus(avr_t *avr, avr_cycle_count_t when, void *para
   }
   board->arriving = queue_take(&board->to_bus, &board->byte);
   if (!board->arriving) return 0;
-  /* A byte whose start bit comes before the receiver is on is lost. */
+  /* A byte is lost if its start bit arrives before the receiver is on. */
   board->heard = uart_listens(uart);
   if (board->heard) uart_begin(uart);
   return when + byte_cycles(uart);
@@ -37,7 +36,7 @@ static void on_bus_byte(avr_irq_t *irq, uint32_t value, void *param) {
   if (board->request_length < LONGEST_REQUEST) board->request[board->request_length++] = value;
 }
 
-/* A byte is out. */
+/* A byte was sent. */
 static void on_sent(avr_irq_t *irq, uint32_t value, void *param) {
   (void)irq;
   board_t *board = param;
@@ -83,8 +82,8 @@ void board_on_request(board_t *board, void (*call)(const uint8_t *, uint32_t)) {
   board->on_request = call;
 }
 
-/* What servos answer, `delay_us` after the last stop bit of the request. One that begins while the board still
-   drives the bus is not heard. */
+/* Sends a servo response, `delay_us` after the last stop bit of the request. It is lost if it starts while
+   the board still drives the bus. */
 void board_reply(board_t *board, const uint8_t *bytes, uint32_t count, uint32_t delay_us) {
   avr_cycle_count_t now = board->avr->cycle, begins = board->bus_sent + US(delay_us);
   queue_put(&board->to_bus, bytes, count);
@@ -97,11 +96,11 @@ void board_reply(board_t *board, const uint8_t *bytes, uint32_t count, uint32_t 
   avr_cycle_timer_register(board->avr, begins > now ? begins - now : 1, feed_bus, board);
 }
 
-/* The longest that it took after the last stop bit of a request until the bus was let go, in cycles. */
+/* Maximum time from the last stop bit of a request until the bus was released, in cycles. */
 uint32_t board_turn_around(board_t *board) { return board->turn_around; }
 
-/* Counts of what must not happen on the bus: bytes sent while the pin says listen, requests that
-   the pin cut short, replies that the board talked over, bytes that came before it listened. */
+/* Fault counts of the bus: bytes sent while listening, requests cut by the pin, collisions with
+   replies, bytes received before the board listened. */
 void board_bus_faults(board_t *board, uint32_t *counts) {
   counts[0] = board->strays;
   counts[1] = board->cuts;

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fault injection for the simulated robot, one command a line."""
+"""Fault injection for the simulated robot, one command per line."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _switch(word: str) -> bool:
 
 
 def show(robot: RealTimeSimulation) -> str:
-    """State of the robot and set-points of its actuators, as one line of JSON."""
+    """Return the state of the robot and its actuator setpoints as one line of JSON."""
     simulation = robot.simulation
     timing = simulation.board.timing()
     return json.dumps(
@@ -41,7 +41,7 @@ def show(robot: RealTimeSimulation) -> str:
 
 
 class FaultCommands:
-    """Parser of fault commands, applied to one simulated robot."""
+    """Parser of fault commands for a simulated robot."""
 
     def __init__(self, robot: RealTimeSimulation) -> None:
         self._robot = robot
@@ -71,11 +71,11 @@ class FaultCommands:
 
     @property
     def names(self) -> str:
-        """All commands, for people."""
+        """All commands as text."""
         return ", ".join(self._commands)
 
     def run(self, line: str) -> None:
-        """Run the command of a line; report the valid commands if it is none."""
+        """Run the command in a line; if it is invalid, print the valid commands."""
         name, *words = line.split() or [""]
         try:
             self._commands[name](*words)

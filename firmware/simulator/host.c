@@ -1,4 +1,4 @@
-/* The line to the PC, and questions that have to be answered.
+/* The line to the PC, and requests that must be answered.
 
    SPDX-License-Identifier: GPL-3.0-or-later, as libsimavr, which this is linked with. */
 #include "board.h"
@@ -52,8 +52,8 @@ uint32_t board_receive(board_t *board, uint8_t *bytes, uint32_t room) {
   return count;
 }
 
-/* For each of `count` cases sends it and `ping`, and waits for `answer`; returns the index of the
-   first that was not answered in time, or `count`. */
+/* Sends each of `count` cases and `ping`, and waits for `answer`; returns the index of the first
+   that was not answered in time, or `count`. */
 uint32_t board_ask(board_t *board, const uint8_t *cases, const uint32_t *lengths, uint32_t count,
                    const uint8_t *ping, uint32_t ping_length, const uint8_t *answer,
                    uint32_t answer_length, uint32_t patience_us) {

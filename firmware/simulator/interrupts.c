@@ -1,13 +1,13 @@
-/* Interrupts: what entering them costs, and how long each takes; how deep the stack goes.
+/* Entry time and duration of interrupts, and stack depth.
 
    SPDX-License-Identifier: GPL-3.0-or-later, as libsimavr, which this is linked with. */
 #include <string.h>
 
 #include "board.h"
 
-#define ENTRY 5 /* Cycles to push three bytes of address, which simavr does not count. */
+#define ENTRY 5 /* Cycles for pushing the three-byte address, which simavr does not count. */
 #define RETI 5
-#define PAINT 0xa5 /* As memory is after a loss of power. */
+#define PAINT 0xa5 /* Same value as after a loss of power. */
 
 static void on_running(avr_irq_t *irq, uint32_t vector, void *param) {
   (void)irq;
@@ -16,7 +16,7 @@ static void on_running(avr_irq_t *irq, uint32_t vector, void *param) {
   if (vector) {
     board->running = vector;
     board->entered = avr->cycle;
-    for (int i = 0; i < ENTRY; i++) { /* Timers and wires go on meanwhile. */
+    for (int i = 0; i < ENTRY; i++) { /* Timers and wires continue. */
       avr->cycle++;
       avr_cycle_timer_process(avr);
     }
@@ -31,16 +31,16 @@ void interrupts_open(board_t *board) {
   avr_irq_register_notify(irq + AVR_INT_IRQ_RUNNING, on_running, board);
 }
 
-/* The longest that one took, from its call to its return, in cycles. */
+/* Maximum duration of an interrupt from call to return, in cycles. */
 uint32_t board_interrupt(board_t *board, uint32_t vector) { return board->longest[vector]; }
 
-/* Paints the memory from `end` of the variables on, before anything has run. */
+/* Paints the memory after the variables, starting at `end`, before anything runs. */
 void board_paint(board_t *board, uint32_t end) {
   board->stack_end = end;
   memset(board->avr->data + end, PAINT, board->avr->ramend + 1 - end);
 }
 
-/* Bytes of stack that were written since. */
+/* Bytes of stack written since. */
 uint32_t board_stack(board_t *board) {
   const avr_t *avr = board->avr;
   uint32_t at = board->stack_end;

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Registers of an MX-64 with either firmware. Source: Robotis e-Manual, MX-64, MX-64(2.0)."""
+"""Simulated MX-64 with either firmware. Source: Robotis e-Manual, MX-64, MX-64(2.0)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from firmware.simulator import protocol1, protocol2
 
 @dataclass(frozen=True)
 class Registers:
-    """Addresses, sizes in bytes, and how a servo of one firmware answers."""
+    """Register addresses with sizes in bytes, and other properties of a firmware."""
 
     protocol: ModuleType
     model: int
@@ -24,26 +24,25 @@ class Registers:
     temperature: int
     current: tuple[int, int]
     steps_per_s: float
-    """One unit of velocity."""
+    """Velocity unit."""
     fault: int
-    """Error of a status when the hardware is in trouble."""
+    """Error bits of a status with a hardware error."""
     alarm_v: float
-    """Lowest voltage without one, as it comes from the factory."""
+    """Minimum voltage without an alarm, factory default."""
     status_return_level: int
-    """Address; below 2 there a write is not answered."""
+    """Address of the status return level; below 2, writes are not answered."""
     defaults: Mapping[tuple[int, int], int]
-    """Registers that are not 0 as it comes, by address and size; those of the RAM again after
-    each restart."""
+    """Non-zero factory defaults by address and size; RAM registers are restored at each restart."""
     documented: frozenset[int]
-    """Addresses that the manual lists; the others are reserved."""
+    """Addresses listed in the manual; the others are reserved."""
     limit: tuple[int, int, int]
-    """Address, size and usual value of the limit of torque: with 0 there is none."""
+    """Address, size and default of the torque limit; 0 disables torque."""
     ram: int
-    """Address at which the RAM begins; what is below outlives a restart."""
+    """Start address of the RAM; lower addresses survive a restart."""
 
 
 def _addresses(*ranges: tuple[int, int]) -> frozenset[int]:
-    """Addresses in ranges, first and last."""
+    """Return the addresses in inclusive ranges."""
     return frozenset(i for first, last in ranges for i in range(first, last + 1))
 
 
@@ -94,15 +93,15 @@ class Mx64:
         """Injected fault: no responses, and the motor holds its position."""
         self.powered = True
         self.jammed = False
-        """Injected fault: it answers, but does not move."""
+        """Injected fault: responds but does not move."""
         self.fault = False
-        """Reports a hardware error."""
+        """Whether it reports a hardware error."""
         self.return_delay_us = 500
         self.position = 2048
         self.velocity_steps_per_s = 0.0
         self.volts = 12.0
         self.goal_enables_torque = self.registers.protocol is protocol1
-        """Whether a write of the goal switches torque on, as the factory firmware does it."""
+        """Whether writing the goal enables torque, as in the factory firmware."""
         self._memory = bytearray(256)
         for register, value in self.registers.defaults.items():
             self._put(register, value)
@@ -111,7 +110,7 @@ class Mx64:
 
     @property
     def torque(self) -> bool:
-        """Whether torque is enabled, and not taken away by a shutdown."""
+        """Whether torque is enabled and not disabled by a shutdown."""
         at, size, _ = self.registers.limit
         return bool(self._memory[self.registers.torque]) and any(self._memory[at : at + size])
 
@@ -121,13 +120,13 @@ class Mx64:
         return self.powered and not self.dead
 
     def set_power(self, volts: float, least_v: float) -> None:
-        """Set its voltage; below `least_v` it is off, and forgets what is in its RAM."""
+        """Set the voltage; below `least_v` the servo is off and loses its RAM."""
         self.volts, self.powered = volts, volts >= least_v
         if not self.powered:
             self.restart()
 
     def restart(self) -> None:
-        """Forget what is in the RAM: torque is off."""
+        """Reset the RAM, which disables torque."""
         registers = self.registers
         self._memory[registers.ram :] = bytes(256 - registers.ram)
         for register, value in registers.defaults.items():
@@ -137,7 +136,7 @@ class Mx64:
         self._memory[registers.temperature] = 35
 
     def shut_down(self) -> None:
-        """Take torque away because of an overload, as the hardware does it."""
+        """Disable torque because of an overload, like the hardware."""
         self.fault = True
         if self.registers.protocol is protocol1:
             self._put(self.registers.limit[:2], 0)
@@ -145,16 +144,16 @@ class Mx64:
             self._memory[self.registers.torque] = 0
 
     def recover(self) -> None:
-        """Restart after a shutdown, as with a new supply."""
+        """Restart after a shutdown, as after a power cycle."""
         self.fault = False
         self.restart()
 
     def switch_off(self) -> None:
-        """Switch its torque off, as another program at the bus does."""
+        """Disable torque, like another program on the bus."""
         self._memory[self.registers.torque] = 0
 
     def set_register(self, address: int, size: int, value: int) -> None:
-        """Change a register as another program at the bus does."""
+        """Change a register, like another program on the bus."""
         self._put((address, size), value)
 
     @property
@@ -164,18 +163,18 @@ class Mx64:
         return int.from_bytes(self._memory[at : at + size], "little", signed=size == 4)
 
     def write(self, address: int, data: bytes) -> None:
-        """Take a write."""
+        """Handle a write."""
         self._memory[address : address + len(data)] = data
         if self.goal_enables_torque and address == self.registers.goal[0]:
             self._memory[self.registers.torque] = 1
 
     def read(self, address: int, length: int) -> bytes:
-        """Return registers as they are now."""
+        """Return the current registers."""
         registers = self.registers
         self._put(registers.position, self.position)
         units = round(self.velocity_steps_per_s / registers.steps_per_s)
         if registers.protocol is protocol1:
-            # Sign and magnitude, and a current that is 0 at 2048.
+            # Sign-magnitude velocity, and a current with zero at 2048.
             self._put(registers.velocity, min(abs(units), 0x3FF) | (0x400 if units < 0 else 0))
             self._put(registers.current, 2048)
         else:
@@ -185,7 +184,7 @@ class Mx64:
 
     @property
     def temperature_c(self) -> int:
-        """Inside."""
+        """Internal temperature."""
         return self._memory[self.registers.temperature]
 
     @temperature_c.setter
@@ -194,11 +193,11 @@ class Mx64:
 
     @property
     def answers_writes(self) -> bool:
-        """Whether its status return level is as it comes."""
+        """Whether the status return level is at its default."""
         return self._memory[self.registers.status_return_level] == 2
 
     def status(self, data: bytes = b"") -> bytes:
-        """Answer of this servo."""
+        """Return a status packet of this servo."""
         registers = self.registers
         fault = registers.fault if self.fault else 0
         if self.volts < registers.alarm_v:
@@ -206,7 +205,7 @@ class Mx64:
         return registers.protocol.status(self.number, data, fault)
 
     def answer_to_ping(self) -> bytes:
-        """Answer, which has model and version with the newer firmware only."""
+        """Return the ping response, with model and version in Protocol 2.0 only."""
         if self.registers.protocol is protocol1:
             return self.status()
         return self.status(self.registers.model.to_bytes(2, "little") + b"\x29")

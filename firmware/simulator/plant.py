@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Simulated motors, gimbals and wheels at the board, from `tsd_twin.simulation`."""
+"""Simulated motors, gimbals and wheels, from `tsd_twin.simulation`."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _WHEELS = np.array([2, 5, 8])
 
 
 class RobotPlant:
-    """Simulated robot driven by the goals of the servos and the pulses of the speed controllers.
+    """Simulated robot driven by servo goals and speed-controller pulses.
 
-    `neutral` are the positions of the servos, in steps, when the gimbals are neutral, and `reverse`
-    is the mask of reversed servos; the firmware has both from its setup.
+    `neutral` contains the servo positions at neutral, in steps, and `reverse` the reversed servos,
+    as in the firmware's setup.
     """
 
     def __init__(
         self, robot: SingularityDescription, neutral: Sequence[int], reverse: Sequence[bool]
     ) -> None:
-        # Without model errors: tests compare positions with goals to the step.
+        # Without model errors, because tests compare positions with goals to the step.
         self.simulation = SingularitySimulation(robot.with_errors(0.0))
         self._neutral = np.array(neutral)
         self._sign = np.where(reverse, -1.0, 1.0)
@@ -50,7 +50,7 @@ class RobotPlant:
 
     @property
     def driven(self) -> bool:
-        """Whether a wheel is driven."""
+        """Whether any wheel is driven."""
         return bool(self.simulation.actuation.speed_goals.any())
 
     def follow(
@@ -60,9 +60,10 @@ class RobotPlant:
         pulses_us: Sequence[float],
         power: PowerSimulation,
     ) -> None:
-        """Advance to `now_s`, then apply the goals and update the positions of the servos.
+        """Advance to `now_s`, then apply the goals and update the servo positions.
 
-        A pulse of 0 is none at all: the controllers drive on for as long as they wait for one.
+        A pulse width of 0 means no pulse; the speed controllers keep driving until their signal
+        timeout.
         """
         self.simulation.advance(now_s - self._now_s)
         self._now_s = now_s
@@ -101,7 +102,7 @@ class RobotPlant:
         setpoint = np.zeros(9)
         setpoint[_ANGLES] = self._goals
         setpoint[_WHEELS] = self._speeds(np.array(pulses_us)) * self._driven
-        if min(pulses_us) == 0.0:  # Without a signal they do as before, and do not begin to arm.
+        if min(pulses_us) == 0.0:  # Without a signal, keep the speeds and do not start.
             setpoint[_WHEELS] = self._wheels if self._driven else 0.0
         self._wheels = setpoint[_WHEELS]
         self.simulation.command(setpoint)
@@ -111,6 +112,6 @@ class RobotPlant:
         low_us, high_us = motors.pulses_us
         first, last = motors.signals[0], motors.signals[-1]
         share = np.clip((pulses_us - low_us) / (high_us - low_us), 0.0, 1.0)
-        # A controller passes nothing on that is within a microsecond of zero throttle.
+        # Controllers ignore pulses within 1 us of zero throttle.
         share[pulses_us < low_us + 1.0] = 0.0
         return motors.speed(first + share * (last - first))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Simulated power: battery, fuses, contactor, USB, and what each wiring makes of them."""
+"""Simulated power supply: battery, fuses, contactor and USB, for each wiring."""
 
 from __future__ import annotations
 
@@ -8,50 +8,51 @@ from dataclasses import dataclass
 from typing import Literal
 
 DRIVING_S, IDLE_S = 0.02, 0.1
-"""Time constants of the voltage behind an open contactor, from the capacitors of three speed
-controllers: with throttle, and without. Assumed: 1 mF, 0.6 A at cruising speed, 0.1 A at rest."""
+"""Decay time constants of the voltage behind an open contactor, with and without throttle. Assumed
+for the capacitors of three speed controllers: 1 mF, 0.6 A at cruising speed, 0.1 A at rest.
+"""
 DRIVE_LEAST_V = 5.0
-"""Speed controllers stop working below this."""
+"""Minimum voltage of the speed controllers."""
 SERVO_LEAST_V = 6.0
-"""The same for servos, the 5 V regulator of the board, and the coil of the contactor."""
+"""Minimum voltage of servos, the board's 5 V regulator, and the contactor's coil."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wiring:
-    """How the board is fed and reset, and how the contactor is held; by default as drawn."""
+    """Wiring of board supply, reset and contactor coil; the default is as drawn."""
 
     supply: Literal["servos", "usb", "both"] = "servos"
-    """What feeds the board: a regulator at the servos' fuse with VBUS cut, USB, or either."""
+    """Supply of the board: a regulator after the servos' fuse (VBUS cut), USB, or both."""
     auto_reset: bool = False
-    """Whether a program that opens the port resets the board."""
+    """Whether opening the port resets the board."""
     boot_loader_s: float = 0.0
-    """Time that the boot loader takes after each reset; no pin is driven meanwhile."""
+    """Duration of the boot loader after each reset, in which no pin is driven."""
     coil: Literal["servos", "battery"] = "servos"
-    """What feeds the coil of the contactor: the servos' fuse, or the battery itself."""
+    """Supply of the contactor's coil: after the servos' fuse, or the battery directly."""
     signal_timeout_s: float = 1.0
-    """Speed controllers without a signal drive on for this long."""
+    """Time for which speed controllers keep driving without a signal."""
 
 
 AS_DRAWN = Wiring()
 
 
 class PowerSimulation:
-    """Voltages of battery, servos and drive, and whether the board has power."""
+    """Voltages of battery, servos and drive, and power state of the board."""
 
     def __init__(self, wiring: Wiring = AS_DRAWN) -> None:
         self.wiring = wiring
         self.battery_v = 12.0
         self.usb = True
-        """Whether the plug is in, and the PC on."""
+        """Whether USB is connected and the PC is on."""
         self.servo_fuse = True
         self.stop_circuit = True
-        """Whether it is closed: both stops let it."""
+        """Whether both stop switches are closed."""
         self.drive_v = 12.0
-        """Behind the contactor."""
+        """Voltage behind the contactor."""
 
     @property
     def servo_v(self) -> float:
-        """At the servos."""
+        """Voltage at the servos."""
         return self.battery_v if self.servo_fuse else 0.0
 
     @property
@@ -68,7 +69,7 @@ class PowerSimulation:
 
     @property
     def driven(self) -> bool:
-        """Whether the speed controllers work."""
+        """Whether the speed controllers have enough voltage."""
         return self.drive_v >= DRIVE_LEAST_V
 
     def advance(self, dt_s: float, *, throttle: bool) -> None:

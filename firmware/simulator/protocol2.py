@@ -20,7 +20,7 @@ _ROWS = [_row(byte) for byte in range(256)]
 
 
 def crc(data: bytes) -> bytes:
-    """Sum of a packet: polynomial 0x8005, most significant bit first."""
+    """Return the CRC of a packet: polynomial 0x8005, most significant bit first."""
     total = 0
     for byte in data:
         total = (total << 8 & 0xFFFF) ^ _ROWS[total >> 8 ^ byte]
@@ -28,14 +28,14 @@ def crc(data: bytes) -> bytes:
 
 
 def packet(ident: int, instruction: int, parameters: bytes = b"") -> bytes:
-    """Whole packet."""
+    """Return a complete packet."""
     body = (bytes([instruction]) + parameters).replace(_HEADER, _STUFFED)
     data = _START + bytes([ident]) + (len(body) + 2).to_bytes(2, "little") + body
     return data + crc(data)
 
 
 def parse(request: bytes) -> tuple[int, int, bytes] | None:
-    """Return id, instruction and parameters of a packet; None when it is none."""
+    """Parse a packet; return id, instruction and parameters, or None if invalid."""
     if request[:4] != _START or len(request) < 10:
         return None
     if len(request) != 7 + int.from_bytes(request[5:7], "little"):
@@ -47,10 +47,10 @@ def parse(request: bytes) -> tuple[int, int, bytes] | None:
 
 
 def fields(parameters: bytes) -> tuple[int, bytes]:
-    """Return the address that a read or write begins with, and what follows."""
+    """Return the start address of a read or write, and the remaining parameters."""
     return int.from_bytes(parameters[:2], "little"), parameters[2:]
 
 
 def status(servo: int, data: bytes, error: int = 0) -> bytes:
-    """Status packet of a servo."""
+    """Return a status packet of a servo."""
     return packet(servo, STATUS, bytes([error]) + data)

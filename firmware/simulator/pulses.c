@@ -20,13 +20,13 @@ static void on_esc(avr_irq_t *irq, uint32_t value, void *param) {
   esc->rise = 0;
   esc->fall = now;
   esc->pulses++;
-  /* A pulse that began within 20 ms of the disarming may have been on its way. */
+  /* A pulse that began within 20 ms of disarming may have been in progress. */
   if (!esc->wanted && !esc->wanted_before && esc->width > esc->unarmed_widest) {
     esc->unarmed_widest = esc->width;
   }
 }
 
-/* simavr looks at the low byte only to see whether a width changed. */
+/* simavr detects changed widths by the low byte only. */
 static void on_width(avr_t *avr, avr_io_addr_t address, uint8_t value, void *param) {
   (void)param;
   avr->data[address] = value;
@@ -47,7 +47,7 @@ void pulses_reset(board_t *board) {
   for (int i = 0; i < 3; i++) board->esc[i].rise = 0;
 }
 
-/* Pulses seen, width of the newest or 0 if they have ceased, widest in disarmed mode, first rise; cycles. */
+/* Pulse count, width of the last or 0 if they ceased, widest while disarmed, first rise; cycles. */
 void board_esc(board_t *board, uint32_t index, uint64_t *facts) {
   const esc_t *esc = &board->esc[index];
   facts[0] = esc->pulses;

@@ -1,4 +1,4 @@
-/* A receiver with SBUS, at the third UART.
+/* SBUS receiver on the third UART.
 
    SPDX-License-Identifier: GPL-3.0-or-later, as libsimavr, which this is linked with. */
 #include "../native/radio.h"
@@ -16,7 +16,7 @@ static avr_cycle_count_t feed_radio(avr_t *avr, avr_cycle_count_t when, void *pa
   return when + byte_cycles(uart);
 }
 
-/* Sends bytes, which arrive with such flags of UCSRnA. */
+/* Sends bytes with error flags of UCSRnA. */
 void board_radio(board_t *board, const uint8_t *bytes, uint32_t count, uint8_t errors) {
   if (board->off) return;
   board->radio_errors = errors;
@@ -43,7 +43,7 @@ void radio_reset(board_t *board) {
   avr_cycle_timer_register(board->avr, US(RADIO_PERIOD_US), send_frame, board);
 }
 
-/* Sends the channels as frames with such flags instead of pulses. */
+/* Sends the channels as frames with `flags` instead of pulses. */
 void board_sbus(board_t *board, bool on, uint8_t flags) {
   board->sbus = on;
   board->sbus_flags = flags;

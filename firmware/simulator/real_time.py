@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Simulated robot in real time behind a pseudo-terminal, which acts as its serial port."""
+"""Simulated robot in real time behind a pseudo-terminal that acts as its serial port."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from pathlib import Path
 from firmware.simulator.simulation import FirmwareSimulation
 
 _SLICE_S = 0.0005
-"""Bytes wait this long at most until the board gets them."""
+"""Maximum delay of bytes to the board."""
 _AT_ONCE = 10
-"""Slices that are caught up with before it listens again."""
+"""Maximum time slices simulated before checking the port again."""
 _OPENED_S = 1.0
-"""A line on which no byte came for this long is taken for one that is opened anew."""
+"""After this time without bytes, the next byte counts as opening the port."""
 _START_S = 0.01
-"""Time after which the firmware receives."""
+"""Time until the firmware can receive."""
 _BEHIND_S = 0.05
-"""Longest delay that is caught up; after a longer one the robot's time pauses meanwhile."""
+"""Maximum delay that is caught up; after a longer one, simulated time is skipped."""
 
 
 class RealTimeSimulation:
-    """Simulation in real time, its host line at `path`; `step` must be called continuously."""
+    """Simulation in real time with its host line at `path`; call `step` continuously."""
 
     def __init__(self, simulation: FirmwareSimulation, link: Path | None = None) -> None:
         self.simulation = simulation
@@ -45,7 +45,7 @@ class RealTimeSimulation:
 
     @property
     def path(self) -> str:
-        """What a program has to open; changes when it is unplugged, the link does not."""
+        """Path that programs must open; changes after unplugging, unless it is a link."""
         return str(self._link) if self._link else os.ttyname(self._need_ends()[1])
 
     def close(self) -> None:
@@ -54,7 +54,7 @@ class RealTimeSimulation:
         self.simulation.close()
 
     def unplug(self, seconds: float) -> None:
-        """Remove the port for a while."""
+        """Remove the port for `seconds`."""
         self._unplugged_until_s = time.monotonic() + seconds
         if self._link:
             self._link.unlink(missing_ok=True)
@@ -64,16 +64,16 @@ class RealTimeSimulation:
         self.simulation.set_usb(plugged=False)
 
     def freeze(self, seconds: float) -> None:
-        """Let the board stand still for a while, its watchdog and its pulses with it."""
+        """Pause the board for `seconds`, including its watchdog and pulses."""
         self._frozen_until_s = time.monotonic() + seconds
 
     def garbage(self, data: bytes) -> None:
-        """Put bytes on the line to the PC that no board sent."""
+        """Inject bytes into the line to the PC."""
         if self._ends:
             os.write(self._ends[0], data)
 
     def step(self, also: int | None = None) -> bool:
-        """Go on for a moment of real time; return whether there is something to read at `also`."""
+        """Advance briefly in real time; return whether `also` is readable."""
         now_s = time.monotonic()
         if self._ends is None and now_s >= self._unplugged_until_s:
             self._plug_in()
@@ -94,7 +94,7 @@ class RealTimeSimulation:
         return also in ready
 
     def _catch_up(self) -> None:
-        # Bounded: a computer too busy to keep up still has to read the port.
+        # Bounded, so that the port is read even if the computer cannot keep up.
         for _ in range(_AT_ONCE):
             if self._due_s > time.monotonic():
                 return
@@ -102,7 +102,7 @@ class RealTimeSimulation:
             self.simulation.run(_SLICE_S)
             data = self.simulation.board.receive()
             if data and self._ends:
-                # A program that does not read loses bytes, as at a real port.
+                # A program that does not read loses bytes, as on a real port.
                 with contextlib.suppress(BlockingIOError):
                     os.write(self._ends[0], data)
 
@@ -110,7 +110,7 @@ class RealTimeSimulation:
         try:
             data = os.read(master, 4096)
             now_s = time.monotonic()
-            # That a program opens a pty cannot be seen; it is taken for opened with the first byte.
+            # Opening a pty cannot be detected, so the first byte counts as opening.
             if now_s - self._heard_s > _OPENED_S:
                 self.simulation.open_port()
             self._heard_s = now_s
@@ -121,7 +121,7 @@ class RealTimeSimulation:
                 raise
 
     def _unlock(self) -> None:
-        """Undo TIOCEXCL of a program that was killed: its last close would do it on a real port."""
+        """Undo TIOCEXCL of a killed program; the last close would do it on a real port."""
         if not self._ends or not self._locked:
             return
         with contextlib.suppress(BlockingIOError):  # Another program has the port.
@@ -131,7 +131,7 @@ class RealTimeSimulation:
             self._locked = False
 
     def _plug_in(self) -> None:
-        # The other end stays open here too: it would be gone when a program closes it.
+        # Keep the other end open, because the pty would disappear when a program closes it.
         master, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(master, False)

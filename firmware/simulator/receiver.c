@@ -8,7 +8,7 @@
 
 #define NEVER UINT64_MAX
 
-/* When the pulses of a frame rise and fall: one after the other, or all at once. */
+/* Plans the edges of a frame's pulses: one after another, or simultaneous. */
 static void plan(board_t *board) {
   avr_cycle_count_t rise = board->rc_frame;
   for (int i = 0; i < RC_CHANNELS; i++) {
@@ -19,7 +19,7 @@ static void plan(board_t *board) {
   }
 }
 
-/* All edges of one moment are one interrupt. */
+/* Simultaneous edges raise one interrupt. */
 static avr_cycle_count_t step_receiver(avr_t *avr, avr_cycle_count_t when, void *param) {
   board_t *board = param;
   avr_cycle_count_t next = NEVER;
@@ -65,7 +65,7 @@ void board_set_rc(board_t *board, const uint32_t *us) {
   memcpy(board->rc_us, us, sizeof board->rc_us);
 }
 
-/* Has all pulses begin at once, the next ones so many cycles from now. */
+/* Starts all pulses simultaneously, first after `cycles`. */
 void board_parallel_rc(board_t *board, uint32_t cycles) {
   board->rc_parallel = true;
   begin(board, cycles);

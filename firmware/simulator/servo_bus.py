@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Simulated servos on one bus: their responses to requests."""
+"""Simulated servos on a bus, and their responses to requests."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from firmware.simulator.mx64 import Mx64
 
 
 class ServoBusSimulation:
-    """Simulated servos on one half-duplex bus, by their number."""
+    """Simulated servos on a half-duplex bus, by id."""
 
     def __init__(self, servos: Iterable[Mx64]) -> None:
         self.servos = {servo.number: servo for servo in servos}
@@ -19,10 +19,10 @@ class ServoBusSimulation:
         self.nonsense = 0
         """Number of malformed requests."""
         self.reserved: set[tuple[int, int]] = set()
-        """Reads, as address and length, that cover an address which the manual does not list."""
+        """Reads (address, length) that cover an undocumented address."""
 
     def answer(self, request: bytes) -> tuple[bytes, int] | None:
-        """Response to a request and its delay in microseconds; None without a response."""
+        """Return the response to a request and its delay in microseconds, or None."""
         self.requests += 1
         protocol = protocol2 if request[:4] == b"\xff\xff\xfd\x00" else protocol1
         parsed = protocol.parse(request)

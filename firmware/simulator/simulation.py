@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The whole robot in virtual time: board, servos, motors, receiver, battery."""
+"""Whole robot in virtual time: board, servos, motors, receiver, battery."""
 
 from __future__ import annotations
 
@@ -18,20 +18,26 @@ NEUTRAL = (2048,) * 6
 IDS = (1, 2, 3, 4, 5, 6)
 STRAIGHT = (False,) * 6
 _STEP_S = 0.004
-"""The robot moves on at least this often, while there is traffic on the bus."""
+"""Maximum step of the robot while there is traffic on the bus."""
 _STICK_US, _SPEED_US = 400, 800
 _TICK_S = 1e-7
 _STARTED_S = 0.05
-"""The contactor, which was open when power came, is closed so long after the board started."""
+"""Delay after the board's start until the contactor, open at power-on, is closed."""
 _DIVIDER = 4.0
 
 
 class FirmwareSimulation:
-    """Simulated robot that is controlled by the compiled firmware.
+    """Simulated robot controlled by the compiled firmware.
 
-    `version` is the protocol of all servos, or one for each, and `ids` are theirs; `receiver`
-    says whether there is one, with its kill switch at "run" and its manual switch at "PC", and
-    `sbus` that it sends frames.
+    Args:
+        version: Protocol of all servos, or one per servo.
+        ids: Servo ids.
+        receiver: Whether a receiver is connected, with its switches at "run" and "PC".
+        sbus: Whether the receiver sends SBUS frames.
+        elf: Firmware; built if None.
+        neutral: Servo positions at neutral, steps.
+        reverse: Reversed servos.
+        wiring: Wiring of the power supply.
     """
 
     def __init__(
@@ -57,10 +63,11 @@ class FirmwareSimulation:
         )
         self.power = PowerSimulation(wiring)
         self.inputs_v: dict[int, float | None] = {}
-        """Analogue inputs with another voltage than that of the power; None: the wire is off, not
-        at the simulated chip."""
+        """Overrides of the analogue input voltages; None disconnects an input (native library
+        only).
+        """
         self._starts_s: float | None = None
-        """When the board starts that is off: after its boot loader, or a brown-out."""
+        """Start time of a board that is off: after its boot loader, or a brown-out."""
         self._start_cause = ResetCause.POWER_ON
         self._has_power = True
         self._closes_s: float | None = None
@@ -75,7 +82,7 @@ class FirmwareSimulation:
         self._open_at_first()
 
     def close(self) -> None:
-        """Free it."""
+        """Free the board."""
         self.board.close()
 
     def run(self, seconds: float) -> None:
@@ -83,7 +90,7 @@ class FirmwareSimulation:
         end_s = self.board.now_s + seconds
         while (left_s := end_s - self.board.now_s) > _TICK_S:
             if self._starts_s is not None or not self._has_power:
-                left_s = min(left_s, _STEP_S)  # Nothing on the bus moves the robot meanwhile.
+                left_s = min(left_s, _STEP_S)  # No bus traffic advances the robot in this state.
             if self._closes_s is not None:
                 left_s = min(left_s, max(self._closes_s - self.board.now_s, _TICK_S))
             self.board.run(left_s)
@@ -96,7 +103,7 @@ class FirmwareSimulation:
                 self.board.on(self._start_cause, lose_memory=power_on)
 
     def pulses_us(self) -> list[float]:
-        """Widths of the pulses to the speed controllers."""
+        """Return the pulse widths to the speed controllers."""
         return [self.board.pulse(i).us for i in range(3)]
 
     def set_battery(self, volts: float) -> None:
@@ -106,25 +113,25 @@ class FirmwareSimulation:
         self._switch()
 
     def set_contactor(self, *, closed: bool) -> None:
-        """Close the contactor of the drive, or open it as either stop does."""
+        """Close the contactor of the drive, or open it like either stop switch."""
         self._move()
         self._closes_s = None
         self.power.stop_circuit = closed
 
     def set_servo_fuse(self, *, whole: bool) -> None:
-        """Blow the fuse of the servos, and of what is fed behind it, or replace it."""
+        """Blow or replace the fuse of the servos and the circuits behind it."""
         self._move()
         self.power.servo_fuse = whole
         self._switch()
 
     def set_usb(self, *, plugged: bool) -> None:
-        """Switch the 5 V of the PC on or off; bytes are the business of the caller."""
+        """Switch the PC's 5 V on or off; the caller handles the data."""
         self._move()
         self.power.usb = plugged
         self._switch()
 
     def open_port(self) -> None:
-        """Do what a program does to the board that opens its port."""
+        """Simulate the effect of a program opening the port."""
         if self.power.wiring.auto_reset and self._has_power:
             self.reset()
 
@@ -133,16 +140,16 @@ class FirmwareSimulation:
         self._start(ResetCause.EXTERNAL, self.power.wiring.boot_loader_s)
 
     def power_cycle(self) -> None:
-        """Take the power of the board away for a moment."""
+        """Interrupt the board's power briefly."""
         self.board.reset(power=True)
         self._open_at_first()
 
     def brown_out(self, seconds: float) -> None:
-        """Keep the supply of the board below what it needs for a while."""
+        """Keep the board's supply too low for `seconds`."""
         self._start(ResetCause.BROWN_OUT, seconds + self.power.wiring.boot_loader_s)
 
     def set_sticks(self, forward: float, left: float, turn: float, speed: float) -> None:
-        """Move the sticks of the radio control, from -1 to 1; `speed` from 0 to 1."""
+        """Set the sticks of the radio control, -1 to 1; `speed` 0 to 1."""
         sticks = [1500 + round(_STICK_US * share) for share in (forward, left, turn)]
         self.receiver_us[:4] = [*sticks, 1100 + round(_SPEED_US * speed)]
         self.board.set_receiver(self.receiver_us)
@@ -153,12 +160,12 @@ class FirmwareSimulation:
         self.board.set_receiver(self.receiver_us)
 
     def lose_receiver(self, *channels: int) -> None:
-        """Stop the pulses of some receiver channels; of all when none is named."""
+        """Stop the pulses of some receiver channels, or of all."""
         lost = channels or range(6)
         self.board.set_receiver([0 if i in lost else us for i, us in enumerate(self.receiver_us)])
 
     def set_signal(self, *, lost: bool) -> None:
-        """Take the signal of its transmitter from a receiver with SBUS, or give it back."""
+        """Remove or restore the transmitter's signal at an SBUS receiver."""
         self.board.send_frames(on=self.sbus, flags=0x0C if lost else 0)
 
     def _on_request(self, request: bytes) -> None:
@@ -176,7 +183,7 @@ class FirmwareSimulation:
         self.plant.follow(self._moved_s, self.servos, pulses_us, power)
 
     def _switch(self) -> None:
-        """Give power to what has some now, and take it from the rest."""
+        """Update the power state of servos and board."""
         self._put_voltages()
         for servo in self.servos:
             servo.set_power(self.power.servo_v, SERVO_LEAST_V)
@@ -199,7 +206,7 @@ class FirmwareSimulation:
             self.board.on(cause, lose_memory=cause == ResetCause.POWER_ON)
 
     def _open_at_first(self, after_s: float = 0.0) -> None:
-        """Open the contactor as it is without power, until a person has closed it."""
+        """Open the contactor as without power, until it is closed manually."""
         self._move()
         self.power.stop_circuit, self.power.drive_v = False, 0.0
         self._closes_s = self.board.now_s + after_s + _STARTED_S

@@ -1,4 +1,4 @@
-/* What the chip's UARTs receive, and when they are busy: simavr has room for 64 bytes, and eleven bits to one.
+/* Receive buffers and byte times of the chip's UARTs; simavr has room for 64 bytes, of 11 bits each.
 
    SPDX-License-Identifier: GPL-3.0-or-later, as libsimavr, which this is linked with. */
 #include <stdlib.h>
@@ -9,7 +9,7 @@
 #define RXEN 0x10
 #define OVERRUN 0x08
 
-/* Bits of a byte, as UCSRnC says: start, eight of data, parity, one or two of stop. */
+/* Bits per byte according to UCSRnC: start, eight data bits, parity, one or two stop bits. */
 static uint32_t bits(const avr_t *avr, const avr_uart_t *chip) {
   uint8_t format = avr->data[chip->r_ucsrc];
   return 10 + (format & 0x20 ? 1 : 0) + (format & 0x08 ? 1 : 0);
@@ -26,7 +26,7 @@ bool uart_listens(const uart_t *uart) {
   return uart->chip->io.avr->data[uart->chip->r_ucsrb] & RXEN;
 }
 
-/* Flags of the oldest byte; the interrupt stands as long as there is one. */
+/* Shows the flags of the oldest byte; its interrupt remains raised until the buffer is empty. */
 static void show(uart_t *uart) {
   avr_t *avr = uart->chip->io.avr;
   uint8_t *status = &avr->data[uart->chip->r_ucsra];
@@ -40,7 +40,7 @@ static void show(uart_t *uart) {
   }
 }
 
-/* A start bit comes. With two bytes in the buffer and one behind them, that one is lost. */
+/* A start bit arrives. If two bytes are buffered and one is in the shift register, that one is lost. */
 void uart_begin(uart_t *uart) {
   if (uart->count < UART_ROOM) return;
   uart->count--;
@@ -112,7 +112,7 @@ void uart_open(uart_t *uart, avr_t *avr, char name) {
 
 void uart_reset(uart_t *uart) { uart->count = 0; }
 
-/* Bytes that were lost for want of room, and the longest that one waited, in cycles. */
+/* Bytes lost because the buffer was full, and maximum waiting time of a byte in cycles. */
 void board_uart(board_t *board, uint32_t index, uint64_t *facts) {
   const uart_t *uart = &board->uart[index];
   facts[0] = uart->lost;

@@ -1,25 +1,25 @@
-"""Errors of this project.
+"""Exceptions of this project.
 
 ```
-TwinError                   anything below; its text is one sentence for the person at the keyboard
+TwinError                   base class; its text is one sentence for the user
 ├── RobotFileError          a robot description is missing, misspelt or impossible
-├── MessageError            a peer sent something that cannot be read (theirs, not ours)
-├── BusError                the bus cannot be opened, or is used in a way that is not allowed
+├── MessageError            a peer sent an unreadable message
+├── BusError                the bus cannot be opened, or is used incorrectly
 │   ├── NoAnswerError       a service did not answer in time
-│   └── SeveralAnswersError more than one node answered, so an id is not unique
-├── LinkError               a description of a simulated link cannot be read (in link_emulation)
+│   └── SeveralAnswersError several nodes answered, so an id is not unique
+├── LinkError               an invalid description of a simulated link (in link_emulation)
 ├── PathError               a path that no robot can follow
-├── RecordingError          a file is no recording, or lacks a topic
-├── MeshError               a generated part is missing or is not a closed solid
-├── MissingExtraError       a package of an extra is needed and not installed
-└── ClientError             raised by the client library; a refusal has the robot's own sentence
+├── RecordingError          a file is not a recording, or lacks a topic
+├── MeshError               a generated part is missing or not a closed solid
+├── MissingExtraError       a package of an extra is not installed
+└── ClientError             raised by the client library; refusals quote the robot's reason
     ├── NoRobotFound        no robot answers at the endpoint
-    ├── SeveralRobotsFound  more than one does, and none was named
+    ├── SeveralRobotsFound  several robots answer, and none was named
     ├── ControlDenied       the lease is not granted; `holder` has it
     ├── ControlLost         the lease ended: taken over, handed over or expired
     ├── RequestRefused      the robot refused to arm, reset, set its pose ...
-    ├── StopNotConfirmed    robots that did not confirm `stop_all`: `robots`
-    ├── RobotStopped        the robot is latched, or began to stop by itself
+    ├── StopNotConfirmed    some robots did not confirm `stop_all`: `robots`
+    ├── RobotStopped        the robot is latched, or stopped automatically
     ├── RobotSilent         the robot does not answer, or sends no status
     └── MotionFailed        the robot left its path or did not come to rest
 ```
@@ -39,7 +39,7 @@ from pathlib import Path
 
 
 class TwinError(Exception):
-    """Root of all errors raised on purpose; programs print it and exit non-zero."""
+    """Base class of all intentional errors; programs print them and exit non-zero."""
 
 
 class RobotFileError(TwinError):
@@ -50,7 +50,7 @@ class RobotFileError(TwinError):
 
 
 class MessageError(TwinError):
-    """A peer sent something that cannot be read; `reason` is the word it is counted under."""
+    """A peer sent an unreadable message; `reason` is the word it is counted under."""
 
     def __init__(self, reason: str, detail: str) -> None:
         super().__init__(f"{reason}: {detail}")
@@ -58,7 +58,7 @@ class MessageError(TwinError):
 
 
 class BusError(TwinError):
-    """The bus cannot be opened, or is used in a way that is not allowed."""
+    """The bus cannot be opened, or is used incorrectly."""
 
 
 class NoAnswerError(BusError):
@@ -69,26 +69,26 @@ class NoAnswerError(BusError):
 
 
 class SeveralAnswersError(BusError):
-    """More than one node answered a request, so it is unknown which one acted on it."""
+    """Several nodes answered a request, so it is unknown which one acted on it."""
 
     def __init__(self, key: str, count: int) -> None:
         super().__init__(f"{key}: {count} nodes answered; give each robot its own id")
 
 
 class PathError(TwinError):
-    """A path that no robot can follow: zero length, a gap, or a corner where none is allowed."""
+    """A path that no robot can follow: zero length, a gap, or a forbidden corner."""
 
 
 class RecordingError(TwinError):
-    """A file is no recording, or lacks a topic."""
+    """A file is not a recording, or lacks a topic."""
 
 
 class MeshError(TwinError):
-    """A generated part is missing or is not a closed solid."""
+    """A generated part is missing or not a closed solid."""
 
 
 class MissingExtraError(TwinError):
-    """A package of an extra is needed and not installed; the message has the command for it."""
+    """A package of an extra is not installed; the message contains the install command."""
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f"{what} needs the extra `{extra}`: {install_command(extra)}")
@@ -150,14 +150,14 @@ def install_command(extra: str) -> str:
     return f"{install} {shlex.quote(f'tsd-twin[{extra}]')}"
 
 
-# The names are those of events, as a script reads them: `except ControlLost`.
+# Scripts read these names as events: `except ControlLost`.
 
 
 REMEDIES: dict[str, str] = {
-    # No robot, or which one.
+    # Robot missing or ambiguous.
     "no robot": "tsd-demo or tsd-mock starts one; connect('tcp/HOST:PORT') names its endpoint",
     "name one, connect(robot=": "connect(robot='NAME')",
-    # The lease; a more specific sentence comes first.
+    # Lease; more specific sentences first.
     "control is kept for": "robot.request_control(), or try again after 3 s",
     "control was kept": "robot.request_control() after the time that is named",
     "asks already": "robot.request_control() once the other request is answered",
@@ -202,7 +202,7 @@ REMEDIES: dict[str, str] = {
     "use drive, set_velocity": "base.drive(...), or base.set_velocity(...)",
     "stopped on its way": "base.go_to(...) again, from where the robot is now",
     "does not come to rest": "robot.stop()",
-    # Silence.
+    # Timeouts.
     "did not acknowledge the stop": "robot.stop() again, and the stop switch of the robot",
     "belongs to the parent of this process": "tsd_twin.connect() in the child",
     "no confirmed stop of": "tsd_twin.stop_all() again, and the emergency stop",
@@ -212,11 +212,11 @@ REMEDIES: dict[str, str] = {
     "sends no state": "tsd_twin.connect() again, once the robot and the network run",
     "has sent no": "tsd_twin.connect() again, once the robot and the network run",
 }
-"""Calls that resolve what a client raises, by a part of the sentence; ... is any text."""
+"""Remedies for client errors, by a part of the sentence; ... matches any text."""
 
 
 def remedy_of(sentence: str) -> str:
-    """Return the call that resolves what a sentence of a client reports; "" without one."""
+    """Return the call that resolves a client error, or "" if unknown."""
     return next(
         (
             call
@@ -228,22 +228,22 @@ def remedy_of(sentence: str) -> str:
 
 
 class ClientError(TwinError):
-    """Base class of the errors of the client library; a traceback shows the remedy, too."""
+    """Base class for errors of the client library; the traceback includes the remedy."""
 
     def __init__(self, sentence: str) -> None:
         super().__init__(sentence)
         self.remedy = remedy_of(sentence)
-        """Call that resolves it; "" if none is known."""
+        """Call that resolves the error, or "" if unknown."""
         if self.remedy:
             self.add_note(f"Remedy: {self.remedy}")
 
 
-class NoRobotFound(ClientError):  # noqa: N818  Reads as what happened.
+class NoRobotFound(ClientError):  # noqa: N818  Named after the event.
     """No robot answers."""
 
 
-class SeveralRobotsFound(ClientError):  # noqa: N818  Reads as what happened.
-    """More than one robot is on the bus, and none was named."""
+class SeveralRobotsFound(ClientError):  # noqa: N818  Named after the event.
+    """Several robots are on the bus, and none was named."""
 
     def __init__(self, robots: Sequence[str], where: str) -> None:
         super().__init__(
@@ -253,8 +253,8 @@ class SeveralRobotsFound(ClientError):  # noqa: N818  Reads as what happened.
         """Ids of the robots, sorted."""
 
 
-class StopNotConfirmed(ClientError):  # noqa: N818  Reads as what happened.
-    """Robots did not confirm that they are stopped; the others are."""
+class StopNotConfirmed(ClientError):  # noqa: N818  Named after the event.
+    """Some robots did not confirm that they are stopped; the others did."""
 
     def __init__(self, robots: Sequence[str]) -> None:
         super().__init__(f"no confirmed stop of {', '.join(robots)}: use the emergency stop")
@@ -262,37 +262,37 @@ class StopNotConfirmed(ClientError):  # noqa: N818  Reads as what happened.
         """Ids of the robots that did not confirm, sorted."""
 
 
-class ControlDenied(ClientError):  # noqa: N818  Reads as what happened.
+class ControlDenied(ClientError):  # noqa: N818  Named after the event.
     """The robot does not grant the lease."""
 
     def __init__(self, robot: str, reason: str, holder: str | None = None) -> None:
         super().__init__(f"{robot} gives no control: {reason}")
         self.reason = reason
-        """The robot's own sentence."""
+        """The robot's reason."""
         self.holder = holder
-        """The operator who has control, if any."""
+        """Operator who has control, if any."""
 
 
-class ControlLost(ClientError):  # noqa: N818  Reads as what happened.
+class ControlLost(ClientError):  # noqa: N818  Named after the event.
     """The lease ended before it was released."""
 
 
-class RequestRefused(ClientError):  # noqa: N818  Reads as what happened.
+class RequestRefused(ClientError):  # noqa: N818  Named after the event.
     """The robot refused a request."""
 
     def __init__(self, robot: str, what: str, reason: str) -> None:
         super().__init__(f"{robot} refuses to {what}: {reason}")
         self.reason = reason
-        """The robot's own sentence."""
+        """The robot's reason."""
 
 
-class RobotStopped(ClientError):  # noqa: N818  Reads as what happened.
-    """The robot is stopped or faulty, is not armed, or began to stop by itself."""
+class RobotStopped(ClientError):  # noqa: N818  Named after the event.
+    """The robot is stopped, faulty or not armed, or stopped automatically."""
 
 
-class RobotSilent(ClientError):  # noqa: N818  Reads as what happened.
+class RobotSilent(ClientError):  # noqa: N818  Named after the event.
     """The robot does not answer, or has sent no status for a second."""
 
 
-class MotionFailed(ClientError):  # noqa: N818  Reads as what happened.
-    """The robot did not reach the goal of a motion; it was brought to rest."""
+class MotionFailed(ClientError):  # noqa: N818  Named after the event.
+    """The robot did not reach the goal of a motion and was brought to rest."""

@@ -1,6 +1,4 @@
-"""Experiments of `tsd-lab`: subcommand, output folder, tables, figures with one plot style,
-progress.
-"""
+"""Experiments of `tsd-lab`: subcommands, output folder, tables, figures and progress."""
 
 from __future__ import annotations
 
@@ -26,7 +24,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure  # Half a second: not for `--help`, nor for a mistake.
+    from matplotlib.figure import Figure  # Takes 0.5 s; not needed for `--help` or usage errors.
 
 T = TypeVar("T")
 CaseT = TypeVar("CaseT")
@@ -37,11 +35,11 @@ class Output:
     """Output folder for PNG and CSV files, created at the first write.
 
     Raises:
-        TwinError: the folder cannot be created or written to; raised by the write.
+        TwinError: If the folder cannot be created or written; raised by the write.
     """
 
     def __init__(self, folder: Path, *, quiet: bool = False) -> None:
-        # Loaded here, before an experiment drives a robot that would have to wait for it.
+        # Load matplotlib before an experiment drives a robot, which would have to wait for it.
         for name in ("figure", "backends.backend_agg"):
             importlib.import_module(f"matplotlib.{name}")
         self.folder = folder
@@ -50,7 +48,7 @@ class Output:
         self._quiet = quiet
 
     def table(self, name: str, columns: Mapping[str, Array | Sequence[float | str]]) -> None:
-        """Write `name`.csv: one column for each entry, its unit in its name."""
+        """Write `name`.csv with one column per entry; column names include units."""
         rows = itertools.zip_longest(*(np.asarray(column).tolist() for column in columns.values()))
         try:
             with self._file(f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
@@ -61,13 +59,13 @@ class Output:
             raise _cannot_write(self.folder, error) from error
 
     def figure(self, name: str, figure: Any) -> None:
-        """Write `name`.png, from a figure of matplotlib."""
+        """Write a matplotlib figure to `name`.png."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         FigureCanvasAgg(figure)
         try:
             with warnings.catch_warnings():
-                # It says that the machine was busy while it looked for a place of the legend.
+                # matplotlib warns here if the machine was busy while it placed the legend.
                 warnings.filterwarnings("ignore", 'Creating legend with loc="best"')
                 figure.savefig(self._file(f"{name}.png"), dpi=_DOTS_PER_INCH)
         except OSError as error:
@@ -81,10 +79,10 @@ class Output:
             raise _cannot_write(self.folder, error) from error
 
     def refuse_overwrite(self, name: str, unless: str | None) -> None:
-        """Refuse to overwrite an existing file, `unless` it is this one.
+        """Refuse to overwrite an existing file other than `unless`.
 
         Raises:
-            TwinError: the file exists.
+            TwinError: If the file exists.
         """
         path = self.folder / name
         same = unless is not None and path.absolute() == Path(unless).absolute()
@@ -92,7 +90,7 @@ class Output:
             raise TwinError(f"{path} would be written over: add to it with --log, or choose --out")
 
     def progress(self, items: Iterable[T], what: str, total: int) -> Iterator[T]:
-        """Yield `items` with a progress bar on the error stream, which is cleared at the end."""
+        """Yield `items` with a progress bar on stderr, which is cleared at the end."""
         console = Console(file=sys.stderr, quiet=self._quiet)
         yield from track(items, what, total, console=console, transient=True)
 
@@ -115,7 +113,7 @@ PERCENT_STEPS = 100
 
 
 def in_percent_steps(shares: Iterator[float], whole: float) -> Iterator[int]:
-    """Iterate over `shares`, and yield once for each hundredth of `whole` completed."""
+    """Iterate over `shares`, and yield once per completed hundredth of `whole`."""
     done = 0
     for share in shares:
         while done < min(PERCENT_STEPS, int(PERCENT_STEPS * share / whole)):
@@ -124,30 +122,30 @@ def in_percent_steps(shares: Iterator[float], whole: float) -> Iterator[int]:
 
 
 Axes: TypeAlias = Any
-"""Axes of matplotlib; `Any`, since matplotlib leaves the types of its keywords open."""
+"""matplotlib axes; `Any`, because matplotlib leaves its keyword types open."""
 
 REFERENCE_COLOUR = "#5b6472"
 TRUTH_COLOUR = "#c2410c"
 ESTIMATE_COLOUR = "#1d4ed8"
 CAMERA_COLOUR = "#0f766e"
 SERIES_COLOURS = (TRUTH_COLOUR, ESTIMATE_COLOUR, CAMERA_COLOUR, "#7c3aed", "#b45309", "#be185d")
-"""Colour-blind safe: crossing lines also differ in line style."""
+"""Colour-blind safe; crossing lines also differ in line style."""
 _INK, _GRID = "#1f2933", "#d9dee5"
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a table in Markdown."""
+    """Return the lines of a Markdown table."""
     return [f"| {' | '.join(cells)} |" for cells in (head, len(head) * ["---"], *rows)]
 
 
 def spread(values: Array | Sequence[float], digits: int) -> str:
-    """Return median, 95 of 100 and largest of some values, as text."""
+    """Format the median, 95th percentile and maximum as text."""
     found = np.quantile(values, [0.5, 0.95, 1.0], method="inverted_cdf")
     return " / ".join(f"{value:.{digits}f}" for value in found)
 
 
 def new_figure(width_in: float, height_in: float, title: str) -> Figure:
-    """Empty figure with a title and automatic layout."""
+    """Return an empty figure with a title and automatic layout."""
     from matplotlib.figure import Figure
 
     made: Any = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
@@ -156,7 +154,7 @@ def new_figure(width_in: float, height_in: float, title: str) -> Figure:
 
 
 def label_axes(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
-    """Label both axes, with their units, and draw the grid."""
+    """Label both axes, including units, and draw the grid."""
     axes.set_xlabel(x_label, color=_INK)
     axes.set_ylabel(y_label, color=_INK)
     if title:
@@ -191,9 +189,9 @@ def add_jobs_flag(parser: argparse.ArgumentParser) -> None:
 def run_cases(
     function: Callable[[CaseT], T], cases: Sequence[CaseT], jobs: int, out: Output
 ) -> list[T]:
-    """Return the result of `function` for each case, in `jobs` worker processes.
+    """Return the result of `function` for each case, computed in `jobs` worker processes.
 
-    0 is one for each core; with 1 they run in this process.
+    0 uses one process per core; 1 runs in this process.
     """
     jobs = min(jobs or os.cpu_count() or 1, len(cases))
     if jobs <= 1:
@@ -204,30 +202,28 @@ def run_cases(
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """One subcommand of `tsd-lab`."""
+    """Subcommand of `tsd-lab`."""
 
     name: str
     run: Callable[[argparse.Namespace, Output], list[str]]
-    """Writes pictures and tables to the output, and returns the lines to print.
-
-    The first line of its docstring is the purpose in the help.
-    """
+    """Writes figures and tables to the output, and returns the lines to print.
+    The first line of its docstring is the purpose shown in the help."""
     examples: Sequence[str]
     robot: str | None = None
-    """Default of `--robot`; None without that flag."""
+    """Default of `--robot`, or None without that flag."""
     noise: bool = False
-    """Whether it has the flag `--noise`."""
+    """Whether the experiment has the flag `--noise`."""
     seed_of: str = ""
-    """Meaning of `--seed`; empty without that flag."""
+    """Meaning of `--seed`, or empty without that flag."""
     add_own_flags: Callable[[argparse.ArgumentParser], None] | None = None
 
     @property
     def purpose(self) -> str:
-        """One sentence, for the list of experiments and for its own help."""
+        """One sentence, for the list of experiments and its help."""
         return (self.run.__doc__ or "").partition("\n")[0]
 
     def add_flags(self, parser: argparse.ArgumentParser) -> None:
-        """Add the common flags and its own."""
+        """Add the common flags and the experiment's flags."""
         if self.robot:
             default = f"default {self.robot}"
             parser.add_argument("--robot", default=self.robot, metavar="NAME|FILE", help=default)

@@ -1,7 +1,6 @@
 """Types of command-line flags: numbers within a range, and host names.
 
-Each is a function for `type=` of argparse, which turns any other text into one sentence and exit
-code 2.
+Each is a function for argparse's `type=`; invalid text causes a one-sentence error and exit code 2.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from collections.abc import Callable
 def number(
     least: float = -math.inf, most: float = math.inf, *, above: float = -math.inf
 ) -> Callable[[str], float]:
-    """Return the type of a finite number from `least` to `most` that is also more than `above`."""
+    """Return the type of finite numbers from `least` to `most` that exceed `above`."""
 
     def parse(text: str) -> float:
         try:
@@ -30,7 +29,7 @@ def number(
 
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:
-    """Return the type of a whole number from `least` to `most`."""
+    """Return the type of integers from `least` to `most`."""
     upper = math.inf if most is None else most
 
     def parse(text: str) -> int:
@@ -46,13 +45,13 @@ def whole(least: int, most: int | None = None) -> Callable[[str], int]:
 
 
 PORT = whole(0, 65_535)
-"""TCP or UDP port; 0 is any free one."""
+"""TCP or UDP port; 0 selects any free one."""
 SEED = whole(0)
-"""Seed of random numbers."""
+"""Random seed."""
 SCALE = number(0.0)
-"""Factor on standard deviations; 0 is none."""
+"""Factor on standard deviations; 0 disables noise."""
 POSITIVE = number(above=0.0)
-"""A quantity that cannot be zero."""
+"""Positive quantity."""
 
 
 _HOST_NAME = re.compile(
@@ -61,10 +60,10 @@ _HOST_NAME = re.compile(
 
 
 def host_name(text: str) -> str:
-    """Return a host name or address, with or without a port, as browsers send it.
+    """Return a host name or address with optional port, as sent by browsers.
 
     Raises:
-        argparse.ArgumentTypeError: it is written otherwise, as with a protocol or a path.
+        argparse.ArgumentTypeError: If the text has another form, such as a protocol or path.
     """
     if not _HOST_NAME.fullmatch(text):
         raise argparse.ArgumentTypeError(

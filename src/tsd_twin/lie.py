@@ -1,8 +1,8 @@
 """Lie groups of the poses: SE(2) for planar robots, SO(3) for the sphere.
 
-Elements hold plain arrays and take leading batch dimensions. `a @ b` composes, or applies `a` to
-points. Formulas as in Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics"
-(arXiv 1812.01537), appendices A and B.
+Elements contain plain arrays with leading batch dimensions. `a @ b` composes poses. Formulas follow
+Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (arXiv 1812.01537),
+appendices A and B.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ import numpy as np
 import numpy.typing as npt
 
 Array: TypeAlias = npt.NDArray[np.float64]
-"""Any array of floats; shapes are in the docstrings, batch dimensions first."""
+"""Array of floats; docstrings give the shapes, batch dimensions first."""
 
 
 def sinc(x: Array) -> Array:
-    """Sin(x) / x, exact at and near zero; the same shape as `x`, in radians."""
-    # The function is even; the added number avoids 0 / 0 and changes no other value.
+    """Return sin(x) / x for x in radians, exact at and near zero."""
+    # The function is even; the tiny offset avoids 0 / 0 without affecting other values.
     away = np.abs(x) + 1e-200
     return np.sin(away) / away
 
 
 def _arc(vx: float, vy: float, half: float, middle: float) -> tuple[float, float]:
-    """Displacement of a twist in unit time, in plain floats: for one pose, they are
-    faster than numpy, and give the same bits.
+    """Return the displacement of a twist in unit time, for a single pose.
 
-    `half` is half of the angle turned through, `middle` the heading half-way.
+    `half` is half the rotation angle, `middle` the mean heading. Plain floats are faster than numpy
+    here, and bit-identical.
     """
     away = abs(half) + 1e-200
     chord = math.sin(away) / away
@@ -38,38 +38,39 @@ def _arc(vx: float, vy: float, half: float, middle: float) -> tuple[float, float
 
 
 def wrap(angle: Array) -> Array:
-    """Return `angle`, in radians and of any shape, wrapped to (-pi, pi].
+    """Wrap `angle` (radians, any shape) to (-pi, pi].
 
-    An angle in that range is returned bit by bit, NaN as NaN.
+    Angles in that range are returned bit by bit, NaN as NaN.
     """
     turned = angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi))
-    # The product is rounded: near half a turn, the difference may be just out of range.
+    # The product is rounded, so the difference may be just out of range near half a turn.
     return np.where(turned <= -np.pi, np.pi, np.minimum(turned, np.pi))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SE2:
-    """A planar pose: `xy_heading` of shape (..., 3), metres and radians, p_parent = R p_local + t.
+    """Planar pose `xy_heading` (..., 3), metres and radians, with p_parent = R p_local + t.
 
-    The heading is kept as it is, not wrapped, so that full turns can be counted. The tangent is
-    (vx, vy, omega) in the local frame.
+    The heading is not wrapped, so that full turns can be counted. The tangent is (vx, vy, omega) in
+    the local frame.
     """
 
     xy_heading: Array
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SE2:
-        """Identity, with batch dimensions `batch`."""
+        """Return the identity with batch dimensions `batch`."""
         return SE2(np.zeros((*batch, 3)))
 
     @staticmethod
     def exp(tangent: Array) -> SE2:
-        """Pose that constant twist `tangent` (..., 3) reaches in unit time; Eq. 156."""
+        """Return the pose reached by constant twist `tangent` (..., 3) in unit time; Eq. 156."""
         if tangent.ndim == 1 and math.isfinite(tangent[2]):
             vx, vy, omega = tangent.tolist()
             return SE2(np.array([*_arc(vx, vy, 0.5 * omega, 0.5 * omega), omega]))
         half = 0.5 * tangent[..., 2]
-        # The left Jacobian is a turn by half the angle, shortened by sinc: no branch near zero.
+        # The left Jacobian is a rotation by half the angle, scaled by sinc, so zero needs no
+        # branch.
         chord = sinc(half)
         c, s = chord * np.cos(half), chord * np.sin(half)
         out = np.empty(np.shape(tangent))
@@ -79,7 +80,7 @@ class SE2:
         return SE2(out)
 
     def log(self) -> Array:
-        """Tangent (..., 3) whose `exp` is this pose; heading in (-2 pi, 2 pi)."""
+        """Return the tangent (..., 3) whose `exp` is this pose; heading in (-2 pi, 2 pi)."""
         half = 0.5 * self.xy_heading[..., 2]
         chord = sinc(half)
         c, s = np.cos(half) / chord, np.sin(half) / chord
@@ -90,7 +91,7 @@ class SE2:
         return out
 
     def inverse(self) -> SE2:
-        """Pose of the parent in the local frame."""
+        """Return the pose of the parent in the local frame."""
         c, s = np.cos(self.xy_heading[..., 2]), np.sin(self.xy_heading[..., 2])
         out = np.empty(np.shape(self.xy_heading))
         out[..., 0] = -c * self.xy_heading[..., 0] - s * self.xy_heading[..., 1]
@@ -112,9 +113,9 @@ class SE2:
         return SE2(out)
 
     def plus(self, tangent: Array) -> SE2:
-        """Pose that constant twist `tangent` (..., 3) leads to from here; Eq. 25.
+        """Return the pose reached from here by constant twist `tangent` (..., 3); Eq. 25.
 
-        The same as `self @ SE2.exp(tangent)`, in one turn by the sum of the two angles.
+        Equals `self @ SE2.exp(tangent)`, but rotates once by the summed angle.
         """
         if self.xy_heading.ndim == tangent.ndim == 1:
             x, y, heading = self.xy_heading.tolist()
@@ -138,7 +139,7 @@ class SE2:
         return self.rotate(points) + self.xy_heading[..., :2]
 
     def rotate(self, vectors: Array) -> Array:
-        """Turn local `vectors` (..., 2) into the parent's axes."""
+        """Rotate local `vectors` (..., 2) into the parent's axes."""
         c, s = np.cos(self.xy_heading[..., 2]), np.sin(self.xy_heading[..., 2])
         x, y = vectors[..., 0], vectors[..., 1]
         turned_x = c * x - s * y
@@ -150,7 +151,7 @@ class SE2:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SO3:
-    """A rotation: unit quaternion `wxyz` of shape (..., 4), p_parent = R p_local.
+    """Rotation: unit quaternion `wxyz` of shape (..., 4), with p_parent = R p_local.
 
     The tangent is a rotation vector (..., 3) in radians.
     """
@@ -159,14 +160,14 @@ class SO3:
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SO3:
-        """Identity, with batch dimensions `batch`."""
+        """Return the identity with batch dimensions `batch`."""
         wxyz = np.zeros((*batch, 4))
         wxyz[..., 0] = 1.0
         return SO3(wxyz)
 
     @staticmethod
     def exp(tangent: Array) -> SO3:
-        """Rotation about `tangent` (..., 3) by its length; Eq. 101."""
+        """Return the rotation about `tangent` (..., 3) by its length; Eq. 101."""
         half = 0.5 * np.sqrt(np.add.reduce(np.square(tangent), axis=-1))
         wxyz = np.empty((*np.shape(tangent)[:-1], 4))
         wxyz[..., 0] = np.cos(half)
@@ -174,15 +175,15 @@ class SO3:
         return SO3(wxyz)
 
     def log(self) -> Array:
-        """Shortest rotation vector (..., 3) whose `exp` is this rotation; Eq. 105."""
-        # q and -q are one rotation: take the one with w >= 0, so that the angle is at most pi.
+        """Return the shortest rotation vector (..., 3) whose `exp` is this rotation; Eq. 105."""
+        # q and -q are the same rotation; w >= 0 limits the angle to pi.
         wxyz = np.where(self.wxyz[..., :1] < 0.0, -self.wxyz, self.wxyz)
         w, xyz = wxyz[..., 0], wxyz[..., 1:]
         half = np.arctan2(np.linalg.norm(xyz, axis=-1), w)
         return 2.0 * xyz / sinc(half)[..., None]
 
     def inverse(self) -> SO3:
-        """Opposite rotation."""
+        """Return the inverse rotation."""
         return SO3(self.wxyz * np.array([1.0, -1.0, -1.0, -1.0]))
 
     def __matmul__(self, other: SO3) -> SO3:
@@ -200,11 +201,11 @@ class SO3:
         return SO3(wxyz)
 
     def rotate(self, vectors: Array) -> Array:
-        """Turn local `vectors` (..., 3) into the parent's axes."""
+        """Rotate local `vectors` (..., 3) into the parent's axes."""
         return np.asarray((self.as_matrix() @ vectors[..., None])[..., 0], dtype=float)
 
     def as_matrix(self) -> Array:
-        """Rotation matrices (..., 3, 3)."""
+        """Return rotation matrices (..., 3, 3)."""
         q = self.wxyz
         w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
         out = np.empty((*np.shape(w), 3, 3))

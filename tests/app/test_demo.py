@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+import tsd_twin
 from tests.app.conftest import PATIENCE_S, Program, alive, children_of
 
 pytestmark = pytest.mark.system
@@ -46,6 +47,23 @@ def test_one_signal_ends_everything(start: Start, signal_number: int) -> None:
     assert demo.end(signal_number) == 0
     assert demo.sentence == ""
     assert not any(alive(child) for child in children)
+
+
+def test_the_robots_of_a_demo_are_on_one_bus_so_that_all_are_found_and_stopped(
+    start: Start,
+) -> None:
+    line = start("tsd_demo", *QUIET, *ANY_PORTS, "--robot", "omni4", "--robot", "kiwi").ready()
+    (endpoint,) = re.findall(r"tcp/[\d.:]+\d", line)
+    assert tsd_twin.find(endpoint) == ["kiwi", "omni4"]
+    with pytest.raises(tsd_twin.SeveralRobotsFound) as several:
+        tsd_twin.connect(endpoint)
+    assert several.value.robots == ("kiwi", "omni4")
+    assert tsd_twin.stop_all(endpoint) == ["kiwi", "omni4"]
+    robots, end_s = health(address(line))["robots"], time.monotonic() + PATIENCE_S
+    while {robots[name]["mode"] for name in ("kiwi", "omni4")} != {"stopped"}:
+        assert time.monotonic() < end_s, robots
+        time.sleep(0.05)
+        robots = health(address(line))["robots"]
 
 
 def test_when_the_demo_is_killed_its_children_end_too(start: Start) -> None:

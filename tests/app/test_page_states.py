@@ -291,7 +291,8 @@ def test_why_the_robot_stopped_is_told_once_whichever_tells_first(
     for message in told if by == "robot" else reversed(told):
         stage.say(message)
     stage.page.keyboard.up("w")
-    first = "No command for 210 ms (limit 200 ms)" if by == "robot" else "Your page stalled for 0.2 s"
+    by_robot = "No command for 210 ms (limit 200 ms)"
+    first = by_robot if by == "robot" else "Your page stalled for 0.2 s"
     expect(toasts).to_have_text([f"{first}, so the robot stopped. Let go, then push again."])
 
 

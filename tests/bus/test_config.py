@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tsd_twin.bus import Bus, Config, client_config, from_file, node_config
-from tsd_twin.bus.config import is_loopback
+from tsd_twin.bus.config import MOST_MESSAGE_BYTES, is_loopback
 from tsd_twin.errors import BusError
 
 OPEN_DOORS = (
@@ -130,6 +130,19 @@ def test_a_file_with_tls_and_access_control_may_open_a_door(tmp_path: Path) -> N
         written(tmp_path, mode="router", listen={"endpoints": endpoints}, access_control=GUARD)
     )
     assert setting(config, "listen/endpoints") == endpoints
+
+
+@pytest.mark.parametrize(
+    ("limit", "most"), [(None, MOST_MESSAGE_BYTES), (65536, 65536), (1 << 30, MOST_MESSAGE_BYTES)]
+)
+def test_a_file_may_only_lower_the_longest_message(
+    tmp_path: Path, limit: int | None, most: int
+) -> None:
+    received = {} if limit is None else {"max_message_size": limit}
+    plain = json.loads(node_config(["tcp/127.0.0.1:0"]).json5)
+    plain["transport"].setdefault("link", {})["rx"] = received
+    config = from_file(written(tmp_path, **plain))
+    assert setting(config, "transport/link/rx/max_message_size") == most
 
 
 def test_a_file_may_open_a_session(tmp_path: Path) -> None:

@@ -75,10 +75,19 @@ def test_every_method_of_a_control_is_called() -> None:
     assert set(methods(RobotControl)) - names <= without
 
 
+def push(base: RobotControl) -> None:
+    """Set a sound velocity, or the turn rate of a sphere."""
+    if base.robot.id == "atlas":
+        base.set_turn_rate(wx_rad_per_s=0.1)
+    else:
+        base.set_velocity(vx_mps=0.1)
+
+
+@pytest.mark.parametrize("robot_name", ["kiwi", "atlas"])
 @pytest.mark.parametrize("name", sorted({name for name, _ in CALLS}))
-def test_after_an_error_the_simulated_robot_rests_and_drives(name: str) -> None:
+def test_after_an_error_the_simulated_robot_rests_and_drives(name: str, robot_name: str) -> None:
     raised = 0
-    with SimulatedRobot("kiwi") as robot, robot.control("script") as base:
+    with SimulatedRobot(robot_name) as robot, robot.control("script") as base:
         for method, arguments in CALLS:
             if method != name:
                 continue
@@ -87,10 +96,35 @@ def test_after_an_error_the_simulated_robot_rests_and_drives(name: str) -> None:
             except (TwinError, TypeError):
                 raised += 1
             base.rest()
-            base.set_velocity(vx_mps=0.1)
+            push(base)
             base.rest()
-        base.drive(vx_mps=0.1, duration_s=0.1)
     assert raised
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda base: base.stop(reason=5),
+        lambda base: base.hand_over(asker=5),
+        lambda base: base.deny(asker=5),
+        lambda base: base.robot.stop(reason=5),
+        lambda base: base.robot.publish_pose(NAN, 0.0, 0.0),
+        lambda base: base.robot.sleep(NAN),
+        lambda base: base.robot.control(5),
+        lambda base: base.robot.request_control("x", timeout_s=NAN),
+        lambda base: list(base.driving(lambda _now_s: (NAN, 0.0, 0.0))),
+        lambda base: list(base.driving(lambda _now_s: "abc")),
+    ],
+)
+def test_after_an_error_of_other_methods_the_robot_rests_and_drives(
+    call: Callable[[Any], object],
+) -> None:
+    with SimulatedRobot("tsd") as robot, robot.control("script") as base:
+        with pytest.raises(TwinError):
+            call(base)
+        base.rest()
+        push(base)
+        base.rest()
 
 
 @pytest.fixture(scope="module")

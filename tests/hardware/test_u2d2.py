@@ -83,7 +83,13 @@ class Bench:
     def fault(self) -> str:
         return self.io.fault(time.monotonic())
 
-    def until(self, condition: Callable[[], object], setpoint: np.ndarray = REST) -> None:
+    def until(
+        self,
+        condition: Callable[[], object],
+        setpoint: np.ndarray = REST,
+        *,
+        disarmed: bool = False,
+    ) -> None:
         end_s = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < end_s, (self.fault, self.io.hardware())
@@ -91,7 +97,7 @@ class Bench:
             now_s = time.monotonic()
             measured = self.io.read(now_s)
             self.measured = self.measured if measured is None else measured
-            self.io.set_heartbeat(Heartbeat(not self.fault, self._words))
+            self.io.set_heartbeat(Heartbeat(not (self.fault or disarmed), self._words))
             self.io.write(setpoint, now_s)
             time.sleep(0.005)
 
@@ -142,6 +148,54 @@ def test_turned_servos_and_other_neutrals_are_counted_in(tmp_path: Path) -> None
         it.until(lambda: it.chain.goals() == goals, AHEAD)
         there = plain * 2 * np.pi / 4096
         it.until(lambda: np.allclose(it.measured[ANGLES], there, atol=2e-3), AHEAD)
+
+
+@pytest.mark.parametrize(
+    ("calibration", "steps", "words"),
+    [
+        (ServoCalibration({"module1_beta": 248}), 0, "servo 2 (module1_beta): more than 9 degrees"),
+        (None, 130, "servos 1 (module1_alpha), 2 (module1_beta), 3 (module2_alpha), 4"),
+    ],
+    ids=["typo", "hanging gimbals"],
+)
+def test_a_servo_far_from_its_neutral_position_gets_no_torque(
+    tmp_path: Path, calibration: ServoCalibration | None, steps: int, words: str
+) -> None:
+    with bench(tmp_path, ServoChain(steps=steps), calibration) as it:
+        # One holds, as after a bridge that was killed.
+        it.chain.servos[1].write(u2d2.GOAL_POSITION, u2d2.GOAL.pack(2048 + steps))
+        it.chain.servos[1].write(u2d2.TORQUE_ENABLE, b"\x01")
+        it.connect()
+        it.until(lambda: it.fault.startswith(words), AHEAD)
+        end_s = time.monotonic() + 0.3
+        it.until(lambda: time.monotonic() > end_s, AHEAD)
+        assert it.chain.servos[1].position == 2048 + steps
+        assert not it.chain.servos[1].torque
+        assert it.board.commands[-1].arm == 0
+
+
+def test_gimbals_that_nobody_drives_approach_slowly(tmp_path: Path) -> None:
+    with bench(tmp_path, ServoChain(steps=90)) as it:
+        began_s, seen = time.monotonic(), set[int]()
+        it.connect()
+        assert it.chain.goals()[0] >= 2048 + 90 - 1
+
+        def upright() -> bool:
+            seen.add(it.chain.servos[0].position)
+            return abs(it.chain.servos[0].position - 2048) <= 1
+
+        it.until(upright, disarmed=True)
+        assert time.monotonic() - began_s > 90 / 334
+        assert len(seen) > 10
+
+
+def test_a_gimbal_that_is_turned_upright_by_hand_gets_torque(tmp_path: Path) -> None:
+    with bench(tmp_path, ServoChain(steps=130)) as it:
+        it.connect()
+        it.until(lambda: "more than 9 degrees" in it.fault)
+        it.chain._angles[:] = 0.0
+        it.until(lambda: not it.fault)
+        assert all(servo.torque for servo in it.chain.servos)
 
 
 def test_servos_have_the_ids_of_the_calibration(tmp_path: Path) -> None:

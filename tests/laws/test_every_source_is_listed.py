@@ -16,8 +16,15 @@ from tsd_twin.dynamixel.control_table import BoardMode
 
 ROOT = Path(__file__).parents[2]
 LISTED = {module for source in SOURCES for module in source.modules}
-CALLS = {"set_velocity", "set_turn_rate", "publisher", "declare_publisher"}
-"""Methods that command a velocity, or publish on any key of the bus."""
+CALLS = {"set_velocity", "set_turn_rate", "driving", "go_to", "follow_path"} | {
+    "publisher",
+    "declare_publisher",
+}
+"""Methods that command a motion, or publish on any key of the bus."""
+TIMED = {"drive", "turn"}
+"""Methods that command a motion for a time; others have these names, too."""
+KEY = r"\S*/cmd/[^*\s]\S*"
+"""Key of a command, without patterns."""
 MADE = {"RobotDriver", "JointCommand", "TwistCommand"}
 """Classes used only to command a robot."""
 
@@ -30,10 +37,21 @@ def commands(text: str) -> set[str]:
             called = node.func
             if isinstance(called, ast.Attribute):
                 is_protocol = "protocol" in ast.unparse(called.value)
-                if called.attr in CALLS or (called.attr == "command" and is_protocol):
+                is_timed = any(each.arg == "duration_s" for each in node.keywords)
+                if (
+                    called.attr in CALLS
+                    or (called.attr in TIMED and is_timed)
+                    or (called.attr == "command" and is_protocol)
+                ):
                     found.add(called.attr)
             elif isinstance(called, ast.Name) and called.id in MADE:
                 found.add(called.id)
+        elif isinstance(node, ast.Attribute | ast.Name):
+            # A key of commands, for a session that is not ours.
+            if (name := getattr(node, "attr", getattr(node, "id", ""))) == "twist_key":
+                found.add(name)
+        elif isinstance(node, ast.Constant) and re.fullmatch(KEY, str(node.value)):
+            found.add("/cmd/")
     return found
 
 
@@ -68,6 +86,11 @@ def test_every_module_that_is_listed_can_command_a_robot() -> None:
         "async def follow(control):\n    control.set_velocity(vx_mps=0.1)",
         "def talk(bus):\n    bus.publisher('twin/tsd/cmd/x/twist', 1).put(b'')",
         "def send(self):\n    self._link.send(self._protocol.command((1, 0, 0), 'odom', 0.0))",
+        "def show(base):\n    base.drive(vx_mps=0.1, duration_s=1.0)",
+        "async def home(base):\n    await base.go_to(x_m=0.0, y_m=0.0)",
+        "def follow(base):\n    for _ in base.driving(lambda _: (0.1, 0.0, 0.0)):\n        pass",
+        "def push(session):\n    session.put('twin/tsd/cmd/x/twist', b'')",
+        "def push(session, robot):\n    session.put(topics.twist_key(robot, 'x'), b'')",
         "def move(board):\n    board.command = JointCommand(setpoint, beat, 0.0)",
     ],
 )

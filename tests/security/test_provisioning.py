@@ -25,6 +25,7 @@ from tsd_twin import security
 from tsd_twin.bus import Config, client_config, from_file, node_config
 from tsd_twin.errors import TwinError
 from tsd_twin.security import CertificateRequest, KeyFolder, Role
+from tsd_twin.security.access_rules import LARGEST_BYTES
 
 
 def test_one_order_makes_all_that_robot_and_people_need(keys: Path) -> None:
@@ -78,6 +79,7 @@ def test_what_the_bus_has_tuned_stays_so(
 def test_nothing_long_reaches_the_robot_on_any_key(keys: Path) -> None:
     (limit,) = setting(keys, "robot", "low_pass_filter")
     assert limit["size_limit"] == 4096
+    assert setting(keys, "robot", "transport/link/rx/max_message_size") == LARGEST_BYTES
     for key in ("twin/tsd/cmd/alice/twist", "twin/tsd/desc", "twin/tsd/event/mode/@adv/pub/1"):
         within = [zenoh.KeyExpr(wide).includes(zenoh.KeyExpr(key)) for wide in limit["key_exprs"]]
         assert any(within)

@@ -23,6 +23,7 @@ from tests.support.firmware_host import (
     sbus_frame,
     write,
 )
+from tests.support.source_rules import HEATED_S
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
 from tsd_twin.dynamixel.servo_models import MODELS
@@ -435,10 +436,6 @@ def one_wrong_setting_is_enough(bench: Bench) -> None:
         pilot.simulation.run(CHECK_S)
         seen = pilot.arm()
         assert (seen.mode, seen.servo_checked, seen.wrong_servo) == (BoardMode.ARMED, 0b111111, 0)
-
-
-HEATED_S = 0.6
-"""After this the temperature of every servo has been read once more."""
 
 
 def a_hot_servo_stops(bench: Bench) -> None:

@@ -21,13 +21,20 @@ TRIPPED = 255
 class ServoChain:
     """Simulated servos in real time: move towards the goals, and stop without requests."""
 
-    def __init__(self, protocols: tuple[int, ...] = (2,) * 6, ids: tuple[int, ...] = IDS) -> None:
+    def __init__(
+        self,
+        protocols: tuple[int, ...] = (2,) * 6,
+        ids: tuple[int, ...] = IDS,
+        *,
+        steps: int = 0,
+    ) -> None:
+        """All stand so many steps beside 2048."""
         self.servos = [Mx64(*servo) for servo in zip(ids, protocols, strict=True)]
         self.bus = ServoBusSimulation(self.servos)
         self.refused = 0
         """Goals that a tripped watchdog kept away."""
         self._decoders = (Decoder(protocol2), Decoder(protocol1))
-        self._angles = np.zeros(6)
+        self._angles = np.full(6, steps * _LAWS.step_rad)
         self._heard_s = self._moved_s = 0.0
 
     def register(self, servo: int, address: int) -> int:
@@ -79,8 +86,8 @@ class ServoChain:
         goals = (np.array(self.goals()) - 2048) * _LAWS.step_rad
         elapsed_s = max(0.0, until_s - self._moved_s) if units != TRIPPED else 0.0
         moved = _LAWS.after(self._angles, goals, np.float64(min(elapsed_s, 1.0)))
-        jammed = [servo.jammed for servo in self.servos]
-        self._angles = np.where(jammed, self._angles, moved)
+        still = [servo.jammed or not servo.torque for servo in self.servos]
+        self._angles = np.where(still, self._angles, moved)
         self._moved_s = now_s
         for servo, angle in zip(self.servos, self._angles, strict=True):
             servo.position = 2048 + round(angle / _LAWS.step_rad)

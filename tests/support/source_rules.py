@@ -17,6 +17,8 @@ STOP = 2
 """In `arm`."""
 BATTERY = Setup(battery_arm_mv=11000, battery_stop_mv=10000)
 LEANING = (0, 60, 0, -60, 0, 0)
+HEATED_S = 0.6
+"""After this the temperature of every servo has been read once more."""
 SLOW_STEP_PER_S = 340.0
 """Of a joint that nobody drives: 29 degrees in a second."""
 
@@ -320,12 +322,15 @@ def joints_without_an_operator_approach_slowly(bench: Bench) -> None:
                 simulation.power_cycle()
             else:
                 pilot.cycle(0)
-            fastest = 0.0
+            fastest, under_way_s = 0.0, 0.0
             for _ in range(1000):
                 simulation.run(0.001)
                 rates = [abs(servo.velocity_steps_per_s) for servo in simulation.servos]
                 fastest = max(fastest, *rates)
+                under_way_s += 0.001 * (5 < abs(simulation.servos[1].goal - 2048) < 55)
             assert fastest < 1.3 * SLOW_STEP_PER_S, version
+            # The firmware puts out goals each 10 ms.
+            assert abs(under_way_s - 49 / 333) < 0.015, version
             assert max(map(abs, pilot.telemetry().position)) <= 1, version
 
 
@@ -403,6 +408,34 @@ def the_stop_circuit_is_seen_open_before_the_first_arming(bench: Bench) -> None:
     assert (seen.mode, seen.stop_proven) == (BoardMode.ARMED, 1)
 
 
+def _tilt_by_radio(pilot: FirmwareHost, hot: int, celsius: int, *, anew: bool = False) -> int:
+    """Largest goal with the stick full ahead and a servo of this temperature."""
+    simulation = pilot.simulation
+    simulation.servos[hot].temperature_c = celsius
+    simulation.run(HEATED_S)
+    if anew:
+        simulation.set_sticks(0.0, 0.0, 0.0, 0.0)
+        simulation.set_switches(manual=False)
+        simulation.run(HOLD_S)
+        simulation.set_switches(manual=True)
+        simulation.run(0.1)
+    simulation.set_sticks(1.0, 0.0, 0.0, 1.0)
+    simulation.run(1.0)
+    assert pilot.mode() == BoardMode.RC
+    return max(abs(servo.goal - 2048) for servo in simulation.servos)
+
+
+def a_hot_servo_slows_the_radio_control(bench: Bench) -> None:
+    for hot in (0, 5):
+        pilot = bench.pilot(receiver=True).get_ready()
+        full = _tilt_by_radio(pilot, hot, 69, anew=True)
+        slow = _tilt_by_radio(pilot, hot, 70)
+        assert abs(slow - full // 2) <= 2
+        assert _tilt_by_radio(pilot, hot, 60) == slow, "it gets faster under somebody's hand"
+        assert _tilt_by_radio(pilot, hot, 65, anew=True) == slow
+        assert _tilt_by_radio(pilot, hot, 64, anew=True) == full
+
+
 LAWS: dict[str, Callable[[Bench], None]] = {
     law.__name__: law
     for law in (
@@ -419,6 +452,7 @@ LAWS: dict[str, Callable[[Bench], None]] = {
         joints_get_upright_at_once_while_wheels_run_down,
         a_neutral_far_from_where_a_servo_stands_turns_nothing,
         a_stick_rests_between_its_ends,
+        a_hot_servo_slows_the_radio_control,
         the_stop_circuit_is_seen_open_before_the_first_arming,
     )
 }

@@ -224,10 +224,12 @@ def tilt(robot: VirtualRobot) -> float:
 
 NO_SOURCES: Mapping[str, str] = {
     "tsd_twin.bus.session": "the bus itself, which knows no robots",
+    "tsd_twin.calibration.collect": "a script with the client library",
     "tsd_twin.client.connection": "carries the commands of pages, scripts, Foxglove and ROS",
     "tsd_twin.client.protocol": "numbers and stamps the commands of all sources on the bus",
     "tsd_twin.hardware.mega": "the bridge, behind the rules of the node",
     "tsd_twin.interop.driver": "behind Foxglove and ROS",
+    "tsd_twin.lab.health": "a script with the client library",
     "tsd_twin.node.robot_node": "the robot: it publishes states",
     "tsd_twin.recording.recorder": "publishes notes of a person",
     "tsd_twin.ros.dds_port": "publishes in ROS: states, and what drives a robot of others",

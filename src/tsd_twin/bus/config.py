@@ -1,7 +1,7 @@
-"""Zenoh configuration: closed to other machines by default, short leases to notice a dead peer."""
+"""Zenoh configuration: local-only by default, with short leases to detect dead peers."""
 
 # pyright: reportUnknownMemberType=false
-# The stubs of zenoh leave out what methods without a result return.
+# The zenoh stubs omit return types of methods that return nothing.
 
 from __future__ import annotations
 
@@ -20,22 +20,26 @@ from tsd_twin.errors import BusError
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 NO_ANSWER = "no answer from that address"
-"""Reason why a session cannot be opened when its peer is not there."""
+"""Reason shown if the peer of a session cannot be reached."""
 _LEASE_MS = 1000
 _FAR_LEASE_MS = 3000
-"""Session timeout: a stream on a slow link may repeat a keep-alive twice before it arrives."""
+"""Session timeout for slow links, where a stream may retransmit a keep-alive twice."""
 _OPEN_MS = 5000
-"""Opening takes three round trips: 2.7 s over the slowest link that a lease allows commands on.
+"""Handshake timeout. A handshake takes three round trips, at most 2.7 s on any link that still
+allows commands.
 
-A connection that took more than 4 s is opened anew, see `half_open`.
+Connections that took more than 4 s are reopened, see `half_open`.
 """
 _ACCEPT_MS = 10_000
-"""Far longer than the other side waits: Zenoh must not give up while a handshake can succeed."""
-MOST_MESSAGE_BYTES = 4 << 20
-"""Longest message that a session receives; longer ones are dropped before they are put together.
-
-A hundred times the longest one of this project, and what recordings have room for.
+"""Much longer than `_OPEN_MS`, so that the accepting side never aborts a handshake that can
+succeed.
 """
+MOST_MESSAGE_BYTES = 4 << 20
+"""Longest message that a session receives; longer ones are dropped before reassembly.
+
+A hundred times the longest message of this project, and the limit for recordings.
+"""
+_MOST_RECEIVED = "transport/link/rx/max_message_size"
 _MIXED = "?rel=1;mixed_rel=1"
 _TLS = "transport/link/tls"
 _FILES = (
@@ -46,7 +50,7 @@ _FILES = (
     f"{_TLS}/connect_certificate",
     "transport/auth/usrpwd/dictionary_file",
 )
-"""Settings that name a file."""
+"""Settings that contain a file name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,40 +58,42 @@ class Config:
     """Configuration of a Zenoh session."""
 
     json5: str
-    """The configuration in JSON5, with the keys of Zenoh."""
+    """Configuration in JSON5, with Zenoh's keys."""
     where: str
-    """Name in error messages: the endpoints, or the file."""
+    """Name used in error messages: the endpoints or the file."""
     files: Mapping[str, Path] = field(default_factory=dict[str, Path])
-    """Paths of settings that name a file; they override `json5`."""
+    """Paths for settings that contain a file name; they override `json5`."""
     others: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Other settings that override `json5`, as JSON."""
+    """Further overrides of `json5`, as JSON."""
 
     @property
     def certificate(self) -> Path | None:
-        """Certificate of this side for mutual TLS, None without one."""
+        """Own certificate for mutual TLS, or None."""
         return self.files.get(f"{_TLS}/connect_certificate")
 
     def parsed(self) -> zenoh.Config:
-        """Configuration object of Zenoh.
+        """Return the zenoh configuration object.
 
         Raises:
-            zenoh.ZError: a key is unknown to Zenoh.
+            zenoh.ZError: If zenoh does not know a key.
         """
         settings = zenoh.Config.from_json5(self.json5)
         for key, file in self.files.items():
             settings.insert_json5(key, json.dumps(str(file)))
         for key, value in self.others.items():
             settings.insert_json5(key, value)
-        settings.insert_json5("transport/link/rx/max_message_size", str(MOST_MESSAGE_BYTES))
+        # A file may have a stricter limit, as that of a robot with certificates.
+        most = min(MOST_MESSAGE_BYTES, json.loads(settings.get_json(_MOST_RECEIVED)))
+        settings.insert_json5(_MOST_RECEIVED, str(most))
         return settings
 
 
 def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
-    """Configuration of a robot node: it listens, and routes between its peers.
+    """Return the configuration of a robot node, which listens and routes between its peers.
 
     Raises:
-        BusError: an endpoint is written wrongly, or is reachable by other machines without TLS and
-            access control.
+        BusError: If an endpoint is malformed, or reachable by other machines without TLS and access
+            control.
     """
     for endpoint in (*listen, *connect):
         _check_endpoint(endpoint)
@@ -95,18 +101,19 @@ def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
         _refuse_open_door(endpoint, guarded=False)
     settings = _common("router", connect, listen)
     settings["listen"] = {"endpoints": list(listen)}
-    # The only way to learn the port chosen for ":0"; only a session itself can read it.
+    # The only way to learn the port chosen for ":0"; only the session itself can read it.
     settings["adminspace"] = {"enabled": True, "permissions": {"read": True, "write": False}}
     return Config(json.dumps(settings), ", ".join(listen))
 
 
 def client_config(connect: Sequence[str]) -> Config:
-    """Configuration of a dashboard or a tool: it connects, and listens nowhere.
+    """Return the configuration of a dashboard or tool, which connects but does not listen.
 
-    It is a peer, not a client: a peer connects in the background, also when the robot comes later.
+    It is a peer rather than a client, because peers connect in the background, even if the robot
+    starts later.
 
     Raises:
-        BusError: an endpoint is written wrongly.
+        BusError: If an endpoint is malformed.
     """
     for endpoint in connect:
         _check_endpoint(endpoint)
@@ -116,7 +123,8 @@ def client_config(connect: Sequence[str]) -> Config:
 
 
 def as_client(config: Config, patience_s: float) -> Config:
-    """Client configuration: one connection, within a timeout, that sees all peers.
+    """Return a client configuration: a single connection that sees all peers, opened within a
+    timeout.
 
     Peers connected to the same robot see the robot and clients, but not each other.
     """
@@ -133,17 +141,17 @@ def as_client(config: Config, patience_s: float) -> Config:
 def clients_of(config: Config, patience_s: float) -> list[Config]:
     """Return a client configuration for each endpoint that a configuration connects to.
 
-    Such a session is opened within a timeout or not at all, comes back after a loss, and sees all
-    peers of the robot.
+    Such a session opens within a timeout or fails, reconnects after a loss, and sees all peers of
+    the robot.
 
     Raises:
-        BusError: Zenoh cannot read the configuration.
+        BusError: If Zenoh cannot read the configuration.
     """
     try:
         found = json.loads(config.parsed().get_json("connect/endpoints"))
     except zenoh.ZError as error:
         raise BusError(f"{config.where}: {reason(error)}") from error
-    if isinstance(found, dict):  # One list for each mode.
+    if isinstance(found, dict):  # One list per mode.
         by_mode = cast("dict[str, list[str]]", found)
         found = [endpoint for group in by_mode.values() for endpoint in group]
     client = as_client(config, patience_s)
@@ -158,13 +166,13 @@ def clients_of(config: Config, patience_s: float) -> list[Config]:
 
 
 def from_file(path: str) -> Config:
-    """Configuration of a JSON5 file, for TLS and access control.
+    """Load a JSON5 configuration, for TLS and access control.
 
-    Relative file names in it are resolved from its own folder, so that a folder can be moved.
+    Relative file names in it are resolved from its folder, so that the folder can be moved.
 
     Raises:
-        BusError: it cannot be read, has a key unknown to Zenoh, names a missing file, or listens
-            for other machines without TLS and access control.
+        BusError: If the file cannot be read, has a key unknown to Zenoh, names a missing file, or
+            listens for other machines without TLS and access control.
     """
     try:
         text = Path(path).read_text("utf-8")
@@ -174,7 +182,7 @@ def from_file(path: str) -> Config:
         files = _files(parsed, Path(path).absolute().parent)
     except (zenoh.ZError, OSError, ValueError) as error:
         raise BusError(f"{path}: {reason(error)}") from error
-    if isinstance(listening, dict):  # One list for each mode.
+    if isinstance(listening, dict):  # One list per mode.
         by_mode = cast("dict[str, list[str]]", listening)
         listening = [endpoint for group in by_mode.values() for endpoint in group]
     guarded = access["enabled"] and access["default_permission"] == "deny"
@@ -182,23 +190,23 @@ def from_file(path: str) -> Config:
         _refuse_open_door(endpoint, guarded=guarded)
     for file in files.values():
         if not file.is_file():
-            # A session that connects in the background would not report it.
+            # Sessions that connect in the background would not report it.
             raise BusError(f"{path} needs {file}, which is not there")
     return Config(text, path, files)
 
 
 def over_datagrams(endpoint: str) -> str:
-    """Return a `udp/` endpoint with the settings for a lossy link: mixed datagrams and streams.
+    """Return a `udp/` endpoint with settings for a lossy link: mixed datagrams and streams.
 
-    One QUIC connection, neither encrypted nor authenticated, so for this machine only: commands and
-    states are datagrams of it, lost one by one; all else is a stream of it, which repeats. Both
-    sides need it.
+    One QUIC connection carries commands and states as datagrams, which are lost individually, and
+    everything else as a retransmitting stream. It is neither encrypted nor authenticated, so use it
+    on this machine only. Both sides need these settings.
     """
     return endpoint + _MIXED
 
 
 def is_loopback(endpoint: str) -> bool:
-    """Return whether an endpoint such as `tcp/127.0.0.1:7447` is of this machine only."""
+    """Return whether an endpoint such as `tcp/127.0.0.1:7447` is local to this machine."""
     protocol, _, address = endpoint.partition("/")
     if protocol == "unixsock-stream":
         return True
@@ -215,7 +223,7 @@ _JSON5_ERROR = re.compile(r"--> (\d+):(\d+).*= (expected .*)", re.DOTALL)
 
 
 def reason(error: Exception) -> str:
-    """Reason in an error of Zenoh, without source locations."""
+    """Return the reason in a Zenoh error, without source locations."""
     text = str(error).split(" at /")[0].strip()
     if "Unable to connect to any" in text:
         return NO_ANSWER
@@ -238,7 +246,7 @@ def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> di
         "mode": mode,
         "connect": {
             "endpoints": list(connect),
-            "timeout_ms": -1,  # For ever, in the background: zero would mean once.
+            "timeout_ms": -1,  # Retry forever in the background; 0 would mean a single attempt.
             "exit_on_failure": False,
             "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
         },
@@ -247,7 +255,7 @@ def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> di
             "multicast": {"enabled": False},
             "gossip": {"enabled": False},
         },
-        "timestamping": {"enabled": True},  # Late joiners of events are served by time.
+        "timestamping": {"enabled": True},  # Late joiners query events by time.
         "queries_default_timeout": 1000,
         "transport": {
             "unicast": {
@@ -273,10 +281,10 @@ _WITH_PORT = re.compile(r"(?:tcp|udp|tls|quic|ws)/(?:\[[^\]/]+\]|[^\[\]/:]+):(\d
 
 
 def _check_endpoint(endpoint: str) -> None:
-    """Refuse an endpoint that no session can use: one that connects in the background only waits.
+    """Reject unusable endpoints, on which a background connection would wait forever.
 
     Raises:
-        BusError: it lacks protocol, host or port, or the port is none.
+        BusError: If protocol, host or port is missing, or the port is out of range.
     """
     protocol, slash, _ = endpoint.partition("/")
     if slash and protocol in ("unixsock-stream", "serial", "vsock", "unixpipe"):

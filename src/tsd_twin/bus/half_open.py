@@ -1,14 +1,14 @@
-"""Watch over the connections of a session: it closes those that Zenoh may have opened by half.
+"""Watchdog that closes half-open Zenoh connections.
 
-Zenoh 1.10 gives up a handshake when its timeout ends, also in the moment in which it succeeds. Then
-it keeps a connection on which it sends but never reads, and takes it for a good one: the session
-hears nothing, and the robot refuses it a second connection (MAX_LINKS), for as long as both run.
-This happens to a session whose robot stops for as long as that timeout.
+Zenoh 1.10 aborts a handshake at its timeout, even if it succeeds at that very moment. It then keeps
+a connection on which it sends but never reads, and considers it healthy: the session receives
+nothing, and the robot refuses it a second connection (MAX_LINKS) as long as both run. This happens
+to a session whose robot pauses for about that timeout.
 
-Zenoh has no call that closes one connection, nor does it tell such a connection from a good one. So
-every connection that took nearly as long as the timeout is closed below Zenoh, at its socket. Zenoh
-opens the next one within a second, and declares everything anew, as after any loss of the link.
-Connections over UDP have no socket of their own and are left alone.
+Zenoh can neither close a single connection nor distinguish such a connection from a healthy one.
+The watchdog therefore closes the socket of every connection that took nearly as long as the
+timeout. Zenoh reconnects within a second and repeats all declarations, as after any connection
+loss. UDP connections share one socket and are left alone.
 """
 
 from __future__ import annotations
@@ -27,18 +27,19 @@ import zenoh
 _LOG = logging.getLogger(__name__)
 
 _MARGIN_S = 1.0
-"""How long the last step of a handshake takes at most, on a loaded machine."""
+"""Maximum duration of the last handshake step on a loaded machine."""
 _PAUSE_S = 0.05
 _PATIENCE_S = 10.0
-"""Zenoh notices a closed socket when it next sends: after a quarter of the session timeout."""
+"""Zenoh notices a closed socket at its next send, after a quarter of the session timeout."""
 _OVER_TCP = ("tcp/", "tls/", "ws/")
 _DESCRIPTORS = Path("/proc/self/fd") if Path("/proc/self/fd").is_dir() else Path("/dev/fd")
 
 
 class HalfOpenWatch:
-    """Closes connections that a session has opened in the moment in which it may have given up.
+    """Closes connections whose handshake may have succeeded just as the session gave up.
 
-    For sessions that listen nowhere: their connections are all their own. It ends with the session.
+    Only for sessions that do not listen, so that all their connections are outgoing. Ends with the
+    session.
     """
 
     def __init__(self, session: zenoh.Session, began_s: float, open_timeout_s: float) -> None:
@@ -46,27 +47,26 @@ class HalfOpenWatch:
         self._doubtful_s = open_timeout_s - min(_MARGIN_S, open_timeout_s / 2.0)
         self._lost_s: dict[str, float] = {}
         self._last_lost_s = began_s
-        # Direct, without a thread of its own: it would keep a process from ending.
+        # Call directly, because a handler thread would keep the process from exiting.
         handler = zenoh.handlers.Callback(self._take, indirect=False)
         self._listener = session.info.declare_transport_events_listener(handler, history=True)
 
     def _take(self, event: zenoh.TransportEvent) -> None:
-        """Note a connection that was opened or lost; on a thread of Zenoh, in the handshake."""
+        """Record an opened or lost connection; runs on a Zenoh thread during the handshake."""
         peer, now_s = str(event.transport.zid), time.monotonic()
         if event.kind == zenoh.SampleKind.DELETE:
             self._lost_s[peer] = self._last_lost_s = now_s
             return
         lost_s = self._lost_s.get(peer)
-        # A robot that was started again has another id.
+        # A restarted robot has a different id.
         if now_s - (self._last_lost_s if lost_s is None else lost_s) >= self._doubtful_s:
             thread = threading.Thread(target=self._close_links, args=(peer, lost_s), daemon=True)
-            with contextlib.suppress(RuntimeError):  # The process ends.
+            with contextlib.suppress(RuntimeError):  # The process is exiting.
                 thread.start()
 
     def _close_links(self, peer: str, lost_s: float | None) -> None:
-        """Close the links to a peer until Zenoh has noticed.
-
-        It may add a new link to the bad connection before.
+        """Close the links to a peer until Zenoh notices, since it may add links to the bad
+        connection.
         """
         _LOG.info("the connection to %s took so long that it is opened anew", peer)
         end_s = time.monotonic() + _PATIENCE_S
@@ -80,15 +80,15 @@ class HalfOpenWatch:
 
 
 def _close_socket(source: str, target: str) -> None:
-    """Shut down the TCP connection of this process between two endpoints, if there is one."""
+    """Shut down this process's TCP connection between two endpoints, if it exists."""
     ends = _address(source), _address(target)
     for file in _DESCRIPTORS.iterdir():
         with contextlib.suppress(OSError):
-            # Of a copy: what the number stands for may change, what the copy stands for does not.
+            # Use a copy: the original descriptor number may be reused at any time.
             copy = os.dup(int(file.name))
             try:
                 one = socket.socket(fileno=copy)
-            except OSError:  # It is no socket.
+            except OSError:  # Not a socket.
                 os.close(copy)
                 continue
             with one:
@@ -100,13 +100,13 @@ def _close_socket(source: str, target: str) -> None:
 
 
 def _address(endpoint: str) -> tuple[str, int]:
-    """Address and port of an endpoint such as `tcp/127.0.0.1:7447`."""
+    """Return address and port of an endpoint such as `tcp/127.0.0.1:7447`."""
     host, _, port = endpoint.partition("/")[2].split("?")[0].split("#")[0].rpartition(":")
     return _normal((host.strip("[]"), int(port)))
 
 
 def _normal(name: tuple[str, int] | tuple[str, int, int, int]) -> tuple[str, int]:
-    """Address and port of the name of a socket; IPv4 in IPv6 counts as IPv4."""
+    """Return address and port of a socket name, with IPv4-mapped IPv6 as IPv4."""
     address = ipaddress.ip_address(name[0].partition("%")[0])
     if isinstance(address, ipaddress.IPv6Address):
         address = address.ipv4_mapped or address

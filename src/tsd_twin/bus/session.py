@@ -1,7 +1,7 @@
 """Zenoh session and its handles: publisher, subscriber, queryable and liveliness token."""
 
 # pyright: reportUnknownMemberType=false
-# The stubs of zenoh leave out what methods without a result return.
+# The zenoh stubs omit return types of methods that return nothing.
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from tsd_twin.messages.topics import QoS
 
 
 class Publisher:
-    """Publisher on one key; a put never blocks. Any thread may use or close it."""
+    """Publisher on one key. `put` never blocks; all methods are thread-safe."""
 
     def __init__(self, publisher: zenoh.Publisher | zenoh.ext.AdvancedPublisher) -> None:
         self._publisher = publisher
-        # Zenoh refuses to undeclare a publisher during a put, and to put while it is undeclared.
+        # Zenoh refuses to undeclare a publisher during a put, and to put during undeclaration.
         self._lock = threading.Lock()
 
     def put(self, payload: bytes, attachment: bytes = b"") -> None:
-        """Send a payload; a missing subscriber is no error.
+        """Send a payload; missing subscribers are not an error.
 
         Raises:
-            BusError: the session or the publisher is closed.
+            BusError: If the session or the publisher is closed.
         """
         try:
             with self._lock:
@@ -43,7 +43,7 @@ class Publisher:
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether a put has a subscriber now; where puts are kept for late joiners, always."""
+        """Whether a put reaches a subscriber; always True if puts are cached for late joiners."""
         if not isinstance(self._publisher, zenoh.Publisher):
             return True
         status = cast("zenoh.MatchingStatus", self._publisher.matching_status)
@@ -56,18 +56,18 @@ class Publisher:
 
 
 class Subscriber:
-    """Subscriber with a bounded queue for a key expression; when full, the oldest are dropped."""
+    """Subscriber for a key expression; when its queue is full, the oldest samples are dropped."""
 
     def __init__(self, subscriber: zenoh.Subscriber[Any], depth: int) -> None:
         self._subscriber = subscriber
         self._depth = depth
 
     def take_samples(self) -> list[Sample]:
-        """Samples since the last call, oldest first, without waiting."""
+        """Return the samples since the last call, oldest first, without waiting."""
         return [sample_of(sample) for sample in _drain(self._subscriber, self._depth)]
 
     def newest(self) -> Sample | None:
-        """Newest sample since the last call."""
+        """Return the latest sample since the last call."""
         samples = self.take_samples()
         return samples[-1] if samples else None
 
@@ -77,7 +77,7 @@ class Subscriber:
 
 
 class Request:
-    """A pending request."""
+    """Pending query to a queryable."""
 
     def __init__(self, key: str, query: zenoh.Query) -> None:
         self._key = key
@@ -86,24 +86,24 @@ class Request:
         self.attachment = query.attachment.to_bytes() if query.attachment is not None else b""
 
     def reply(self, payload: bytes, attachment: bytes = b"") -> None:
-        """Send the reply; a client that has disconnected is no error."""
+        """Send the reply; a disconnected client is not an error."""
         try:
-            # The requested key may be a pattern, and a reply must name one key.
+            # The requested key may be a pattern, but a reply must name a concrete key.
             self._query.reply(self._key, payload, attachment=attachment or None)
             self._query.drop()
         except zenoh.ZError:
             return
 
     def drop(self) -> None:
-        """End the request without a reply, which the client learns at once."""
+        """End the request without a reply; the client is notified immediately."""
         self._query.drop()
 
 
 class Queryable:
-    """Queryable: queues the requests to one key until they are taken.
+    """Queues the requests to a key until they are taken.
 
-    A query to a pattern, such as `twin/**`, is how the bus is explored. Unless `patterns` are
-    served too, it is no request: it gets no answer, and has no effect.
+    Queries to a pattern such as `twin/**` explore the bus. Unless `patterns` is set, they are
+    dropped without a reply.
     """
 
     def __init__(
@@ -115,18 +115,18 @@ class Queryable:
         self._patterns = patterns
 
     def take_requests(self) -> list[Request]:
-        """Requests that came in since the last call, without waiting."""
+        """Return the requests since the last call, without waiting."""
         taken: list[Request] = []
         for query in _drain(self._queryable, self._depth):
             if self._patterns or str(query.key_expr) == self._key:
                 taken.append(Request(self._key, query))
             else:
-                query.drop()  # The client learns at once that there is no reply.
+                query.drop()  # The client is notified immediately that there is no reply.
         return taken
 
 
 class Token:
-    """Liveliness token; it ends with the session, also when the process dies."""
+    """Liveliness token; ends with the session, even if the process dies."""
 
     def __init__(self, token: zenoh.LivelinessToken) -> None:
         self._token = token
@@ -137,10 +137,10 @@ class Token:
 
 
 def _drain(channel: Any, depth: int) -> Iterator[Any]:
-    """Yield the queued items of a channel, at most its depth: a flood must not block the reader.
+    """Yield at most `depth` queued items, so that a flood cannot block the reader.
 
     Raises:
-        BusError: the session is closed.
+        BusError: If the session is closed.
     """
     try:
         for _ in range(depth):
@@ -152,7 +152,7 @@ def _drain(channel: Any, depth: int) -> Iterator[Any]:
 
 
 def sample_of(sample: zenoh.Sample) -> Sample:
-    """Convert a sample of zenoh to a `Sample`."""
+    """Convert a zenoh sample to a `Sample`."""
     return Sample(
         key=str(sample.key_expr),
         payload=sample.payload.to_bytes(),
@@ -161,23 +161,23 @@ def sample_of(sample: zenoh.Sample) -> Sample:
     )
 
 
-# The stubs of zenoh leave out what methods without a result return.
+# The zenoh stubs omit return types of methods that return nothing.
 
 
 EVENTS_KEPT = 100
 """Events of each kind kept for late joiners."""
 _SETTLE_S = 0.05
-"""Wait for further liveliness tokens after the first, since they arrive one by one."""
+"""Wait for further liveliness tokens after the first, since they arrive individually."""
 _SLACK_S = 0.2
-"""Safety margin: Zenoh ends a timed-out query itself; this applies when it does not."""
+"""Safety margin in case Zenoh does not end a timed-out query itself."""
 
 _ENCODINGS = {
     "json": zenoh.Encoding.APPLICATION_JSON,
     "msgpack": zenoh.Encoding("application/msgpack"),
 }
-"""Encodings of payloads that are not CDR."""
+"""Encodings of non-CDR payloads."""
 
-# Periodic messages are not retransmitted on a link that allows it, see `over_datagrams`.
+# Periodic messages are not retransmitted on links that support it, see `over_datagrams`.
 _QOS: dict[QoS, dict[str, Any]] = {
     QoS.REAL_TIME: {
         "priority": zenoh.Priority.REAL_TIME,
@@ -201,13 +201,13 @@ _QOS: dict[QoS, dict[str, Any]] = {
 
 
 class Bus:
-    """Zenoh session; use it as a context manager, or a process may never end.
+    """Zenoh session; use it as a context manager, or the process may never exit.
 
-    Callbacks run on a thread of the bus: they must hand over the data and return.
+    Callbacks run on a bus thread, so they must hand over the data and return.
     """
 
     def __init__(self, config: Config) -> None:
-        self._kept: list[object] = []  # Unreferenced subscriptions and tokens end.
+        self._kept: list[object] = []  # Subscriptions and tokens end when unreferenced.
         try:
             settings = config.parsed()
             self._joins = bool(json.loads(settings.get_json("connect/endpoints")))
@@ -231,7 +231,7 @@ class Bus:
         """Close the session with its tokens, subscribers and publishers."""
         try:
             self._session.close()
-        except zenoh.ZError:  # A stuck peer must not keep this process from ending.
+        except zenoh.ZError:  # A stuck peer must not keep this process from exiting.
             return
 
     def endpoints(self) -> list[str]:
@@ -243,7 +243,7 @@ class Bus:
         return []
 
     def wait_for_peer(self, timeout_s: float) -> bool:
-        """Wait until this session is connected to another, and return whether it is."""
+        """Wait until this session is connected to another; return whether it is."""
         linked = threading.Event()
         listener = self._session.info.declare_transport_events_listener(
             lambda _event: linked.set(), history=True
@@ -255,13 +255,13 @@ class Bus:
 
     @property
     def id(self) -> str:
-        """Id of this session, in hexadecimal."""
+        """Session id in hexadecimal."""
         return str(self._session.zid())
 
     def publisher(
         self, key: str, qos: QoS, type_name: str = "json", *, kept: int = EVENTS_KEPT
     ) -> Publisher:
-        """Publisher; `type_name` is that of a `Topic`, `kept` the length of a history."""
+        """Return a publisher; `type_name` is the type of a `Topic`, `kept` the history length."""
         encoding = _ENCODINGS.get(type_name)
         if encoding is None:
             encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(type_name)
@@ -278,22 +278,22 @@ class Bus:
         return Publisher(self._session.declare_publisher(key, encoding=encoding, **_QOS[qos]))
 
     def subscriber(self, key: str, depth: int) -> Subscriber:
-        """Subscriber that queues at most `depth` samples of a key expression."""
+        """Return a subscriber that queues at most `depth` samples of a key expression."""
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(depth)
         return Subscriber(self._session.declare_subscriber(key, ring), depth)
 
     def queryable(self, key: str, depth: int = 64, *, patterns: bool = False) -> Queryable:
-        """Queryable for `key` that queues at most `depth` requests, the newest.
+        """Return a queryable for `key` that queues the latest `depth` requests.
 
-        With `patterns`, queries to patterns that match the key are served too; for services without
-        side effects only.
+        With `patterns`, queries to matching patterns are served too; only for services without side
+        effects.
         """
         ring: zenoh.handlers.RingChannel[zenoh.Query] = zenoh.handlers.RingChannel(depth)
         queryable = self._session.declare_queryable(key, ring)
         return Queryable(key, queryable, depth, patterns=patterns)
 
     def serve(self, key: str, on_request: Callable[[Request], None]) -> None:
-        """Call `on_request` with each query to exactly this key."""
+        """Call `on_request` for each query to exactly this key."""
 
         def take(query: zenoh.Query) -> None:
             if str(query.key_expr) == key:
@@ -304,13 +304,13 @@ class Bus:
         self._kept.append(self._session.declare_queryable(key, take, complete=True))
 
     def subscribe(self, key: str, on_sample: Callable[[Sample], None]) -> None:
-        """Call `on_sample` with every sample of a key expression."""
+        """Call `on_sample` for every sample of a key expression."""
         self._kept.append(
             self._session.declare_subscriber(key, lambda sample: on_sample(sample_of(sample)))
         )
 
     def subscribe_events(self, key: str, on_sample: Callable[[Sample], None]) -> None:
-        """Call `on_sample` with every event of a key expression, also those sent before."""
+        """Call `on_sample` for every event of a key expression, including past ones."""
         self._kept.append(
             zenoh.ext.declare_advanced_subscriber(
                 self._session,
@@ -323,7 +323,7 @@ class Bus:
     def query(
         self, key: str, payload: bytes, timeout_s: float = 1.0, attachment: bytes = b""
     ) -> bytes:
-        """Query `key`, and return the reply; blocks up to `timeout_s`.
+        """Query `key` and return the reply; blocks up to `timeout_s`.
 
         Raises:
             NoAnswerError: If no queryable serves the key, or none replies in time.
@@ -339,10 +339,10 @@ class Bus:
     def query_all(
         self, key: str, payload: bytes, timeout_s: float = 1.0, attachment: bytes = b""
     ) -> list[bytes]:
-        """Query `key`, and return one reply of each queryable; blocks up to `timeout_s`."""
+        """Query `key` and return one reply per queryable; blocks up to `timeout_s`."""
         answers: dict[str, bytes] = {}
         try:
-            # By default, Zenoh asks the nearest queryable and keeps one reply for each key.
+            # By default, Zenoh asks the nearest queryable and keeps one reply per key.
             replies = self._session.get(
                 key,
                 payload=payload,
@@ -362,12 +362,12 @@ class Bus:
     def request(
         self, key: str, payload: bytes, take: Callable[[bytes | None], None], timeout_s: float = 1.0
     ) -> None:
-        """Query without blocking: `take` gets the first reply, or None after the timeout.
+        """Query without blocking; `take` receives the first reply, or None after the timeout.
 
-        It is called once, on a thread of the bus.
+        `take` is called once, on a bus thread.
 
         Raises:
-            BusError: the session is closed.
+            BusError: If the session is closed.
         """
         answers: list[bytes] = []
 
@@ -380,7 +380,7 @@ class Bus:
             if not answers:
                 take(None)
 
-        # Direct: otherwise each open query would have a thread of its own.
+        # Call directly; otherwise each open query would need a thread.
         handler = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
         try:
             self._session.get(key, handler, payload=payload, timeout=timeout_s)
@@ -388,16 +388,16 @@ class Bus:
             raise BusError(reason(error)) from error
 
     def declare_token(self, key: str) -> Token:
-        """Declare a liveliness token on `key`, until the token or the session is closed."""
+        """Declare a liveliness token on `key` until the token or the session is closed."""
         token = self._session.liveliness().declare_token(key)
         self._kept.append(token)
         return Token(token)
 
     def living_tokens(self, key: str, timeout_s: float = 0.5) -> list[str]:
-        """Keys of the liveliness tokens that match `key`.
+        """Return the keys of the liveliness tokens that match `key`.
 
-        A session connects in the background and receives tokens a moment later, some 0.1 s between
-        routers: a new session waits for the first token, or until the timeout.
+        Sessions connect in the background and receive tokens later (about 0.1 s between routers),
+        so a new session waits for the first token or until the timeout.
         """
         keys: list[str] = []
         complete = threading.Event()
@@ -407,7 +407,7 @@ class Bus:
                 keys.append(str(reply.ok.key_expr))
 
         # With the default queue of 256, a session that owns more tokens deadlocks.
-        # Direct: otherwise the end may be reported before the last replies.
+        # Call directly; otherwise the end may be reported before the last replies.
         handler = zenoh.handlers.Callback(add_key, complete.set, indirect=False)
         self._session.liveliness().get(key, handler, timeout=timeout_s)
         complete.wait(timeout_s + _SLACK_S)
@@ -424,7 +424,7 @@ class Bus:
         return list(keys)
 
     def subscribe_liveliness(self, key: str, on_change: Callable[[str, bool], None]) -> None:
-        """Call `on_change` with a key and True or False, for present, new and removed tokens."""
+        """Call `on_change` with a key and True (present or new token) or False (removed token)."""
         self._kept.append(
             self._session.liveliness().declare_subscriber(
                 key,

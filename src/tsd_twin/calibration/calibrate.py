@@ -1,8 +1,8 @@
-"""Experiment `calibrate`: gimbal zeros, radii and wheel spins of one robot, from squares that a
-camera saw.
+"""Experiment `calibrate`: gimbal zeros, radii and wheel speeds from squares seen by a camera.
 
-Squares driven both ways tell errors of scale and of direction apart, as in UMBmark (Borenstein and
-Feng 1996); this fit finds the causes, not two factors for them.
+Squares driven in both directions separate scale errors from direction errors, as in UMBmark
+(Borenstein and Feng 1996); this fit identifies the physical causes instead of two correction
+factors.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tsd_twin.simulation import CameraNoise
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Calibrate gimbal zeros, radii and spins of one robot from squares seen by a camera."""
+    """Calibrate gimbal zeros, radii and wheel speeds from squares seen by a camera."""
     drives = collect(args, out)
     robot, recordings = drives.robot, drives.recordings
     volt_share = VOLT_STEP / math.sqrt(12.0) / robot.battery.nominal_v
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _camera(robot: SingularityDescription) -> CameraNoise:
-    """Pose-sensor noise of the description."""
+    """Return the pose-sensor noise of the description."""
     seen = robot.pose_sensor
     return CameraNoise(sigma_m=seen.sigma_m, sigma_rad=math.radians(seen.sigma_deg))
 
@@ -101,10 +101,10 @@ def _write_description(
     args: argparse.Namespace, drives: CalibrationData, changes: dict[str, dict[str, Any]]
 ) -> str:
     """Write the fitted calibration; return a line that names the file."""
-    usual, last = (spin_ratio_of(drives.recordings[i]) for i in (0, -1))
-    if args.drive and (usual != last).any():
+    first, last = (spin_ratio_of(drives.recordings[i]) for i in (0, -1))
+    if args.drive and (first != last).any():
         # Only the last run used the wheel speeds of this description.
-        changes["drive"]["spin_ratio"] = usual.tolist()
+        changes["drive"]["spin_ratio"] = first.tolist()
     write_description(args.write_to, drives.text, changes)
     return f"written into {args.write_to}"
 

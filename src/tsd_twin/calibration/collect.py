@@ -69,21 +69,21 @@ class PerturbedRobot(SimRobot):
         self._believed, self._true = believed.actuator_offsets(), true.actuator_offsets()
 
     def read(self, now_s: float) -> Array:
-        """Measurement (n,), in joints of the description `believed`."""
+        """Return the measurement (n,) as joints of the description `believed`."""
         return self._believed.from_servos(self._true.to_servos(super().read(now_s)))
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Apply set-points (n,), in joints of the description `believed`."""
+        """Apply setpoints (n,) given as joints of the description `believed`."""
         super().write(self._true.from_actuators(self._believed.to_actuators(setpoint)), now_s)
 
 
 def random_robot(
     believed: SingularityDescription, random: np.random.Generator
 ) -> SingularityDescription:
-    """Random robot as it may be built from a description, with parameter errors.
+    """Return a random robot built from a description, with parameter errors.
 
-    The errors of zeros and spins in `[errors]` and `[noise]` are set to zero: they are drawn into
-    `[calibration]` instead, where they can be compared with the fit.
+    The errors of zeros and wheel speeds in `[errors]` and `[noise]` are set to zero, and drawn into
+    `[calibration]` instead, for comparison with the fit.
     """
     modules = believed.drive.modules
     trim = believed.actuator_offsets()
@@ -113,7 +113,7 @@ def with_calibration(
     wheel_radius_m: float,
     pivot_radius_m: float,
 ) -> SingularityDescription:
-    """Robot with other radii, zeros `offset_deg` (k, 2) and spins `scale` (k,)."""
+    """Return the robot with other radii, zeros `offset_deg` (k, 2) and wheel-speed `scale` (k,)."""
     pairs = [(float(alpha), float(beta)) for alpha, beta in offset_deg]
     return msgspec.structs.replace(
         robot,
@@ -127,20 +127,20 @@ def with_calibration(
 
 
 FAST_WHEEL_RATIO = 1.6
-"""Speed of one wheel relative to the others, in each run except the first."""
+"""Relative speed of the fast wheel in each run except the first."""
 SPEED_MPS, SIDE_M, TURN_RAD_PER_S = 1.0, 1.0, 2.0
 TACHOMETER_SHARE = 0.002
-"""Noise of one reading of a wheel's speed (assumed)."""
+"""Noise of a single wheel-speed reading (assumed)."""
 _REST_S = 0.5
-"""Time longer than the delay of the camera."""
+"""Longer than the delay of the camera."""
 
 
 def spin_ratios(modules: int) -> list[list[float]]:
-    """Wheel speeds of each run relative to cruise speed: all alike, then one faster.
+    """Return each run's wheel speeds relative to cruise speed: all equal, then one faster.
 
     At equal speeds only three combinations of the gimbal zeros are observable; the others only
-    press the wheels against each other. A faster wheel weights its own zeros more, which makes all
-    of them observable.
+    press the wheels against each other. A faster wheel weights its zeros more, which makes all of
+    them observable.
     """
     return [
         [FAST_WHEEL_RATIO if i == j - 1 else 1.0 for i in range(modules)]
@@ -149,7 +149,7 @@ def spin_ratios(modules: int) -> list[list[float]]:
 
 
 def excitation_twists() -> Array:
-    """Twists (n, 3) of a run for each period: squares and turns, both ways."""
+    """Return the twists (n, 3) of a run for each period: squares and turns in both directions."""
     sides = SPEED_MPS * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
     legs: list[tuple[Array, float]] = [(np.zeros(3), _REST_S)]
     for way, corners in ((1.0, sides), (-1.0, sides[::-1])):
@@ -170,7 +170,7 @@ def simulate_run(
     tachometer: bool,
     periods: Callable[[Array], Iterable[Array]] = iter,
 ) -> Recording:
-    """Simulate one open-loop run, wheels at `ratio` (k,) of cruise speed; return the recording.
+    """Simulate an open-loop run with wheels at `ratio` (k,) of cruise speed.
 
     The robot has been at rest since `start_s`.
     """
@@ -213,13 +213,13 @@ NEXT_DESCRIPTION = "calibrate_next.toml"
 
 
 def spin_ratio_of(run: Recording) -> Array:
-    """Wheel-speed set-points (k,) of a run, relative to the slowest."""
+    """Return the wheel-speed setpoints (k,) of a run, relative to the slowest."""
     speeds = np.median(run.commanded_rad_per_s, axis=0)
     return (speeds / speeds.min()).round(3)
 
 
 def missing_spin_ratios(recordings: Sequence[Recording]) -> list[list[float]]:
-    """Spin ratios that are missing in the recordings."""
+    """Return the wheel-speed ratios that the recordings lack."""
     driven = [spin_ratio_of(run) for run in recordings]
     return [
         ratio
@@ -229,7 +229,7 @@ def missing_spin_ratios(recordings: Sequence[Recording]) -> list[list[float]]:
 
 
 def next_run_advice(out: Output, log: str, text: str, recordings: Sequence[Recording]) -> list[str]:
-    """Return advice for the next run, and write its description; empty when no run is missing.
+    """Return advice for the next run, and write its description; empty if no run is missing.
 
     `text` is the description of the robot, `log` the file with the runs so far.
     """
@@ -249,9 +249,9 @@ def next_run_advice(out: Output, log: str, text: str, recordings: Sequence[Recor
 
 
 _CAMERA_TIMEOUT_S = 3.0
-"""Time-out for the first pose measurement."""
+"""Timeout for the first pose measurement."""
 _LAST_FRAME_S = 1.1
-"""Recording time after the end of the drive: poses may be delayed by a second."""
+"""Recording time after the end of the drive, because poses may be delayed by a second."""
 
 
 class DrivenData(NamedTuple):
@@ -259,19 +259,19 @@ class DrivenData(NamedTuple):
 
     id: str
     description_text: str
-    """The TOML of the robot's description."""
+    """The robot's description in TOML."""
     robot: SingularityDescription
     recordings: list[Recording]
     """Recordings of `--log`, and the new one."""
     learned: Mapping[str, LearnedError]
-    """Errors that the robot itself has learned."""
+    """Biases estimated by the robot."""
 
 
 def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
     """Run a guided drive after the operator's consent, and return its recording.
 
     Raises:
-        TwinError: the drive cannot start or was aborted; the robot is disarmed and released.
+        TwinError: If the drive cannot start or was aborted; the robot is disarmed and released.
     """
     with connect(args) as client:
         robot = description_of_kind(client.robot, SingularityDescription)
@@ -287,7 +287,7 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
                 in_percent_steps(spin_up, 1.0), "spinning up, any key stops", PERCENT_STEPS
             ):
                 pass
-            # Discard earlier poses: the robot may have been carried since.
+            # Discard earlier poses, because the robot may have been carried since.
             subscriber.set_driver(CalibrationDriver(robot, route))
             pause_s = longest_pause_s(robot.limits, max_age_s)
             drive = subscriber.drive(control, keys, pause_s)
@@ -319,7 +319,7 @@ class _RobotSubscriber:
         self._odometry_received_s = -np.inf
         self._battery_v: float | None = None
         self.learned: Mapping[str, LearnedError] = {}
-        """Errors that the robot itself has learned by the end of the drive."""
+        """Biases estimated by the robot at the end of the drive."""
 
     def set_driver(self, driver: CalibrationDriver) -> None:
         """Replace the driver that commands the robot."""
@@ -349,15 +349,15 @@ class _RobotSubscriber:
 
     def drive(self, control: RobotControl, keys: KeyWatcher, pause_s: float) -> Iterator[float]:
         """Drive the route, wait for the last delayed poses, and yield the progress."""
-        self._wait_for_a_pose(control)
+        self._wait_for_pose(control)
         self._first_s = self._now_s
         for _ in control.driving(interruptible(self._step, keys, pause_s)):
             yield self._driver.progress
         status = self._client.client.state.status
         self._battery_v, self.learned = battery_v(status), status.learned or {}
 
-    def _wait_for_a_pose(self, control: RobotControl) -> None:
-        """Stand still until a pose measurement of the robot at rest has arrived."""
+    def _wait_for_pose(self, control: RobotControl) -> None:
+        """Remain at rest until a pose measurement arrives."""
         before = self.poses
         for _ in control.staying_ready(POSE_TIMEOUT_S):
             self.poll()
@@ -377,12 +377,12 @@ class _RobotSubscriber:
         return twist
 
     def recording(self) -> Recording:
-        """Recording of the drive."""
+        """Return the recording of the drive."""
         return self.recorder.recording(self._first_s, self._now_s, self._battery_v)
 
 
 def _stop_on_key(shares: Iterator[float], keys: KeyWatcher) -> Iterator[float]:
-    """Iterate over `shares`, and raise when a key is pressed."""
+    """Iterate over `shares`, and raise if a key is pressed."""
     for share in shares:
         if keys.pressed(0.0):
             raise TwinError("stopped by a key")
@@ -407,7 +407,7 @@ def _wait_for_camera(subscriber: _RobotSubscriber, robot_id: str) -> None:
 
 
 def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -> None:
-    """Print what the robot will do, and wait for the operator's confirmation."""
+    """Describe the robot's motion, and wait for the operator's confirmation."""
     if args.yes:
         return
     print_line(
@@ -424,7 +424,7 @@ def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -
 LOG_TABLE = "calibrate_log"
 """File of the recordings."""
 _RUN_SPACING_S = 60.0
-"""Time between the starts of two simulated runs; each run is shorter."""
+"""Time between the starts of two simulated runs, which are shorter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -433,17 +433,17 @@ class CalibrationData:
 
     what: str
     text: str
-    """The TOML of the description in force."""
+    """The active description in TOML."""
     robot: SingularityDescription
     recordings: list[Recording]
     true: SingularityDescription | None = None
     """True parameters of a simulated robot."""
     learned: Mapping[str, LearnedError] = field(default_factory=dict[str, LearnedError])
-    """Errors that a robot on the bus has learned itself."""
+    """Biases estimated by the robot, if it was on the bus."""
 
 
 def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
-    """Calibration data selected by the flags; new drives are written to a file."""
+    """Collect the calibration data selected by the flags; write new drives to a file."""
     found = _from_bus(args, out) if args.drive else _without_bus(args, out)
     if args.drive or not args.log:
         out.table(LOG_TABLE, recording.recording_columns(found.recordings))
@@ -453,9 +453,13 @@ def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
 def _from_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
     """Drive the robot on the bus, and add the earlier recordings."""
     out.refuse_overwrite(f"{LOG_TABLE}.csv", args.log)
-    came = drive_on_bus(args, out)
+    drive_data = drive_on_bus(args, out)
     return CalibrationData(
-        came.id, came.description_text, came.robot, came.recordings, learned=came.learned
+        drive_data.id,
+        drive_data.description_text,
+        drive_data.robot,
+        drive_data.recordings,
+        learned=drive_data.learned,
     )
 
 

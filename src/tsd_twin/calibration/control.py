@@ -1,4 +1,4 @@
-"""Control of the robot that is calibrated, and of the terminal: connection, questions, keys."""
+"""Control of the calibrated robot and the terminal: connection, questions, keys."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tsd_twin.robots.description import Limits
 
 
 def ask_displacement() -> tuple[Array, float]:
-    """Ask for the displacement (2,), metres in the start frame, and the turn in radians."""
+    """Ask for the displacement (2,), metres in the start frame, and the rotation in radians."""
     print_line("How far has it gone, in the directions it had at the start?")
     forward = _ask_number("forward, mm (backward: minus): ")
     left = _ask_number("to its left, mm (right: minus): ")
@@ -47,10 +47,10 @@ def _ask_number(question: str) -> float:
 
 
 def ask_line(question: str) -> str:
-    """Prompt, and return the line that is typed.
+    """Prompt, and return the typed line.
 
     Raises:
-        TwinError: the input has ended.
+        TwinError: If the input has ended.
     """
     try:
         return input(question)
@@ -64,7 +64,7 @@ def ask_yes(question: str) -> bool:
 
 
 class KeyWatcher:
-    """Detects key presses without Enter, if the input is a terminal; otherwise there are none.
+    """Detects key presses without Enter if the input is a terminal; otherwise never.
 
     Ctrl-C keeps its meaning. The terminal settings are restored on exit.
     """
@@ -86,9 +86,9 @@ class KeyWatcher:
             termios.tcsetattr(self._terminal, termios.TCSAFLUSH, self._before)
 
     def pressed(self, patience_s: float) -> bool:
-        """Wait for a key, no longer than this, and return whether one was pressed.
+        """Return whether a key is pressed within `patience_s`.
 
-        A terminal that has closed counts as a key.
+        A closed terminal counts as a key.
         """
         if self._terminal is None:
             time.sleep(patience_s)
@@ -108,15 +108,15 @@ _CONNECT_TIMEOUT_S = 3.0
 
 
 class CalibratedRobot:
-    """Robot on the bus: its description, its streams, and control of it."""
+    """Robot on the bus: its description, streams and control."""
 
     def __init__(self, bus: Bus, robot_id: str, operator: str) -> None:
         """Connect to a robot; closes `bus` at the end.
 
         Raises:
-            BusError: the robot does not answer.
-            RobotFileError: its description cannot be used.
-            RobotSilent: it sends no state.
+            BusError: If the robot does not answer.
+            RobotFileError: If its description cannot be used.
+            RobotSilent: If it sends no state.
         """
         self.link = BusLink(bus, robot_id)
         """Streams of the robot."""
@@ -125,29 +125,29 @@ class CalibratedRobot:
 
     @property
     def id(self) -> str:
-        """The id of the robot on the bus."""
+        """Robot id on the bus."""
         return self.link.id
 
     @property
     def description_text(self) -> str:
-        """The TOML of its description."""
+        """The description in TOML."""
         return self.link.description.robot
 
     @property
     def robot(self) -> RobotDescription:
-        """Its description."""
+        """The robot's description."""
         return self.link.robot
 
     @contextlib.contextmanager
     def control(self, max_age_s: float | None = None) -> Generator[RobotControl]:
-        """Hold the lease; on any exit, also by SIGTERM, command zero, disarm and release.
+        """Hold the lease; on any exit, including SIGTERM, command zero, disarm and release.
 
-        If this process dies instead, the lease runs out and the robot spins down by itself.
+        If this process dies instead, the lease expires and the robot spins down automatically.
 
         Raises:
-            ControlDenied: another operator has control.
+            ControlDenied: If another operator has control.
         """
-        # SIGTERM ends it like Ctrl-C, through this context.
+        # SIGTERM raises KeyboardInterrupt like Ctrl-C, so that this context exits.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         control = self.client.control(self._operator, max_age_s=max_age_s, arm=False)
         try:
@@ -155,22 +155,22 @@ class CalibratedRobot:
             yield control
         finally:
             # A second interrupt must not leave the wheels spinning.
-            impatient = signal.signal(signal.SIGINT, signal.SIG_IGN)
+            previous_sigint = signal.signal(signal.SIGINT, signal.SIG_IGN)
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
             try:
                 control.release()
             finally:
-                signal.signal(signal.SIGINT, impatient)
+                signal.signal(signal.SIGINT, previous_sigint)
                 signal.signal(signal.SIGTERM, before)
 
 
 def interruptible(
     step: Callable[[float], Array | None], keys: KeyWatcher, pause_s: float
 ) -> Callable[[float], Array | None]:
-    """Return `step` with what ends a drive besides its own errors: a key, and a long pause.
+    """Wrap `step` so that a key press or a long pause ends the drive.
 
     Raises:
-        TwinError: of the result, when a key was pressed, or it was not called for `pause_s`.
+        TwinError: By the wrapped function, if a key was pressed or the pause exceeds `pause_s`.
     """
     last_s: list[float] = []
 
@@ -187,7 +187,7 @@ def interruptible(
 
 
 def longest_pause_s(limits: Limits, max_age_s: float | None) -> float:
-    """Return the longest pause between two commands, under a lease with `max_age_s`."""
+    """Return the maximum pause between two commands, under a lease with `max_age_s`."""
     return limits.command_timeout_s + max(0.0, (max_age_s or 0.0) - limits.max_command_age_s)
 
 
@@ -207,17 +207,17 @@ def add_bus_flags(parser: argparse.ArgumentParser) -> None:
 
 @contextlib.contextmanager
 def connect(args: argparse.Namespace) -> Generator[CalibratedRobot]:
-    """Open the bus that the flags name, and find the robot; the lease is not acquired yet.
+    """Open the bus selected by the flags, and find the robot, without acquiring the lease.
 
     Raises:
-        TwinError: no answer there, no robot, or more than one to choose from.
+        TwinError: If nothing answers, no robot is found, or the choice is ambiguous.
     """
     config = (
         from_file(args.zenoh_config)
         if args.zenoh_config
         else client_config(args.connect or [DEFAULT_ENDPOINT])
     )
-    # A camera is connected to the same robot, and not a peer of this session.
+    # A camera connects to the same robot, and is not a peer of this session.
     with Bus(as_client(config, _CONNECT_TIMEOUT_S)) as bus:
         robot = CalibratedRobot(bus, args.id or _only_robot(bus), args.operator)
         with robot.client:

@@ -1,6 +1,4 @@
-"""Calibration fit: nonlinear least squares of gimbal zeros, radii and spins against camera
-poses.
-"""
+"""Calibration fit: nonlinear least squares of gimbal zeros, radii and wheel speeds."""
 
 from __future__ import annotations
 
@@ -32,24 +30,25 @@ class Corrections:
     offset_rad: Array
     """(k, 2): alpha, beta."""
     wheel_radius: float
-    """As a factor."""
+    """Factor on the wheel radius."""
     pivot_radius: float
-    """As a factor."""
+    """Factor on the pivot radius."""
     spin: Array
-    """(k,): factors of the wheel-speed set-points."""
+    """(k,): factors on the wheel-speed setpoints."""
     delay_s: float
     """Delay of joint measurements relative to the camera: clock offset and actuator bus."""
 
 
 class CalibrationProblem:
-    """Least-squares problem: gimbal zeros, both radii, spin differences and delay as a vector."""
+    """Least-squares problem for gimbal zeros, both radii, wheel-speed differences and delay."""
 
     def __init__(self, drive: SingularityKinematics, recordings: Sequence[Recording]) -> None:
         self.drive = drive
         self.modules = k = drive.modules
         self._drives: dict[float, SingularityKinematics] = {}
         self.measured = all(bool(np.isfinite(run.spin_rad_per_s).all()) for run in recordings)
-        # Only differences: a common spin factor and the wheel radius are not separable by a camera.
+        # Use differences, because a camera cannot separate a common speed factor from the wheel
+        # radius.
         differences = np.linalg.svd(np.ones((1, k)))[2][1:].T
         self._spins = np.zeros((k, 0)) if self.measured else differences
         self.prior = np.array(
@@ -63,7 +62,7 @@ class CalibrationProblem:
         self.names += ["lateness of the joints"]
 
     def corrections(self, unknowns: Array) -> Corrections:
-        """Corrections of a vector (u,) of unknowns."""
+        """Return the corrections for a vector (u,) of unknowns."""
         k = self.modules
         spin = 1.0 + self._spins @ unknowns[2 * k + 2 : -1]
         offset = unknowns[: 2 * k].reshape(k, 2)
@@ -71,9 +70,9 @@ class CalibrationProblem:
         return Corrections(offset, float(radii[0]), float(radii[1]), spin, float(unknowns[-1]))
 
     def start(self, learned: Mapping[str, LearnedError]) -> Array:
-        """Vector (u,) of what the robot itself has `learned`, by the names of its status.
+        """Return the vector (u,) of the biases estimated by the robot, named as in its status.
 
-        A wheel that is too fast is one that is too large, where speeds are measured.
+        If wheel speeds are measured, a wheel that is too fast is one that is too large.
         """
         start = np.zeros(len(self.prior))
         modules = range(1, self.modules + 1)
@@ -87,7 +86,7 @@ class CalibrationProblem:
         return start
 
     def sigma(self, covariance: Array) -> Corrections:
-        """Standard deviation of each correction, from the covariance (u, u)."""
+        """Return the standard deviation of each correction, from the covariance (u, u)."""
         k = self.modules
         own = np.sqrt(np.diag(covariance))
         spins = covariance[2 * k + 2 : -1, 2 * k + 2 : -1]
@@ -98,11 +97,11 @@ class CalibrationProblem:
         )
 
     def residual(self, run: Recording, unknowns: Array, start: Array) -> Array:
-        """Residuals (m, 3): camera poses minus predicted poses."""
+        """Return the residuals (m, 3): camera poses minus predicted poses."""
         return run.camera_poses - self.poses(run, unknowns, start)
 
     def poses(self, run: Recording, unknowns: Array, start: Array) -> Array:
-        """Predicted poses (m, 3) at the times of the camera."""
+        """Return the predicted poses (m, 3) at the times of the camera."""
         right = self.corrections(unknowns)
         drive = self._with_pivots(right.pivot_radius)
         speeds = run.spin_rad_per_s if self.measured else run.commanded_rad_per_s * right.spin
@@ -124,7 +123,7 @@ class CalibrationProblem:
         return there
 
     def by_unknowns(self, run: Recording, unknowns: Array, start: Array) -> Array:
-        """Jacobian (m, 3, u + 3) of the residuals by scaled unknowns and the start."""
+        """Return the Jacobian (m, 3, u + 3) of the residuals w.r.t. scaled unknowns and start."""
         here = self.poses(run, unknowns, start)
         changes = np.zeros((*here.shape, len(unknowns) + 3))
         for i, step in enumerate(_STEP * self.prior):
@@ -135,7 +134,7 @@ class CalibrationProblem:
         return changes
 
     def _with_pivots(self, factor: float) -> SingularityKinematics:
-        """Kinematics with another pivot radius, from a cache."""
+        """Return the kinematics with another pivot radius, from a cache."""
         if factor not in self._drives:
             pivot_radius_m = self.drive.pivot_radius_m * factor
             self._drives = {factor: replace(self.drive, pivot_radius_m=pivot_radius_m)}
@@ -143,16 +142,16 @@ class CalibrationProblem:
 
 
 _KNOT_SPACING_S = 0.2
-"""Step of the random walk of the pose in the noise model."""
+"""Step of the pose's random walk in the noise model."""
 _MAX_MEANS = 120
-"""Largest number of frames of a run: neighbours are redundant, and the cost is cubic."""
+"""Maximum number of frames per run; neighbours are redundant, and the cost is cubic."""
 
 
 class Whitening:
-    """Whitening of the residuals of one run to independent values of unit variance.
+    """Whitens the residuals of a run to independent values of unit variance.
 
-    Camera noise is independent from frame to frame; odometry errors are not: a heading error
-    rotates all later displacements. Without whitening, the fit underestimates its variance.
+    Camera noise is independent between frames, but odometry errors are not: a heading error rotates
+    all later displacements. Without whitening, the fit underestimates its variance.
     """
 
     def __init__(
@@ -167,7 +166,7 @@ class Whitening:
         self._unmix = np.linalg.inv(np.linalg.cholesky(covariance))
 
     def __call__(self, residual: Array) -> Array:
-        """Return independent residuals from those of the frames (3 m,), or columns (3 m, c)."""
+        """Return independent residuals from the frames' residuals (3 m,), or columns (3 m, c)."""
         return self._unmix @ self._means(residual)
 
     def _means(self, values: Array) -> Array:
@@ -180,7 +179,7 @@ class Whitening:
     def _random_walk_effect(
         self, drive: SingularityKinematics, run: Recording, angle_rad: float
     ) -> Array:
-        """Effect (3 m, 3 g) on the poses of unit-variance steps at each of g knots."""
+        """Return the effect (3 m, 3 g) on the poses of unit-variance steps at each of g knots."""
         knots = np.arange(run.t_s[0], run.t_s[-1], _KNOT_SPACING_S)
         here = np.column_stack(
             [np.interp(knots, run.camera_s, run.camera_poses[:, i]) for i in (0, 1)]
@@ -188,7 +187,8 @@ class Whitening:
         rim_mps = drive.wheel_radius_m * np.abs(run.commanded_rad_per_s).max(axis=0)
         by_angle = drive.twist_from_contacts * np.repeat(rim_mps, 2) * angle_rad
         dt_s = float(np.median(np.diff(run.t_s)))
-        # Samples are independent: in a knot, their errors add up with the root of their number.
+        # Samples are independent, so their errors within a knot add up with the root of their
+        # number.
         x, y, heading = np.sqrt(np.square(by_angle).sum(axis=1) * dt_s * _KNOT_SPACING_S)
         later = (run.camera_s[:, None] > knots).astype(float)
         steps = np.zeros((len(run.camera_s), 3, len(knots), 3))
@@ -199,12 +199,12 @@ class Whitening:
         return steps.reshape(3 * len(run.camera_s), -1)
 
 
-_least_squares: Any = optimize.least_squares  # pyright: ignore  scipy has no types for it.
+_least_squares: Any = optimize.least_squares  # pyright: ignore  scipy is untyped.
 _SEGMENT_S = 1.5
 _ROBUST: Any = {"loss": "soft_l1", "f_scale": 5.0}
 _UNOBSERVABLE = 1.0
-"""A direction is unobservable when the data give less information on it than the prior."""
-_MENTIONED = 0.25
+"""A direction is unobservable if the data contain less information on it than the prior."""
+_MIN_COMPONENT = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,11 +215,12 @@ class CalibrationFit:
     sigma: Corrections
     """Standard deviations of the corrections."""
     common_spin_known: bool
-    """False: only wheel radius times common spin is known, reported as the wheel radius."""
+    """If false, only the product of wheel radius and common speed is known, reported as the
+    radius."""
     unobservable: list[str]
     """Unobservable directions, as combinations of unknowns."""
     singular_values: Array
-    """Ratios of the information of the data to that of the prior, largest first."""
+    """Ratios of the information in the data to the prior, in descending order."""
     before: list[Array]
     """Residuals (m, 3) of each run before the correction, metres and radians."""
     after: list[Array]
@@ -234,15 +235,17 @@ def fit_calibration(
     speed_share: float = 0.0,
     learned: Mapping[str, LearnedError] | None = None,
 ) -> CalibrationFit:
-    """Fit the corrections to camera poses, weighted by the noise of the camera and of `joints`.
+    """Fit the corrections to camera poses, weighted by camera and joint noise.
 
-    `speed_share` is the standard deviation of a common factor of all wheel speeds, due to the
-    battery voltage. The starts of the runs are unknown as well. The initial guess comes from short
-    parts of the runs, each started at a camera pose: a gimbal error of a degree rotates a run many
-    times over. That fit begins with what the robot itself has `learned`.
+    The start pose of each run is unknown too. The initial guess comes from short parts of the runs,
+    each started at a camera pose, because a gimbal error of 1° rotates a whole run many times over.
+    That first fit starts from the biases `learned` by the robot.
+
+    `speed_share` is the relative standard deviation of a common factor on all wheel speeds, due to
+    the battery voltage.
 
     Raises:
-        TwinError: the fit does not converge.
+        TwinError: If the fit does not converge.
     """
     problem = CalibrationProblem(drive, recordings)
     weights = 1.0 / np.array([noise.sigma_m, noise.sigma_m, noise.sigma_rad])
@@ -331,7 +334,7 @@ def _make_fit(
 
 
 def _with_speed_share(fit: CalibrationFit, share: float) -> Corrections:
-    """Standard deviations with a common error `share` of all wheel speeds added."""
+    """Return the standard deviations including a common relative error of all wheel speeds."""
     if fit.common_spin_known:
         return replace(fit.sigma, spin=np.hypot(fit.sigma.spin, share))
     return replace(fit.sigma, wheel_radius=float(np.hypot(fit.sigma.wheel_radius, share)))
@@ -348,17 +351,17 @@ def _with_measured_spin(
             if (turns := (run.commanded_rad_per_s > 0.0).all(axis=1)).any()
         ]
     )
-    # The standard deviation of the median of normal noise exceeds that of the mean by this factor.
+    # Ratio of the standard deviations of median and mean, for normal noise.
     spread = np.sqrt(0.5 * np.pi / len(shares)) * shares[len(shares) // 10 :].std(axis=0)
     return replace(found, spin=np.median(shares, axis=0)), replace(sigma, spin=spread)
 
 
 def _combination(direction: Array, names: Sequence[str]) -> str:
-    """Text of the largest components of a direction."""
+    """Format the largest components of a direction."""
     sign = np.sign(direction[np.argmax(np.abs(direction))])
     parts = [
         f"{sign * part:+.1f} {name}"
         for part, name in zip(direction, names, strict=True)
-        if abs(part) >= _MENTIONED
+        if abs(part) >= _MIN_COMPONENT
     ]
     return " ".join(parts)

@@ -1,6 +1,4 @@
-"""Guided calibration drive: route, closed-loop driver, and the consistency check of camera and
-wheels.
-"""
+"""Guided calibration drive: route, closed-loop driver, and camera consistency check."""
 
 from __future__ import annotations
 
@@ -28,15 +26,15 @@ from tsd_twin.safety.lease import speed_cap_mps
 WINDOW_S = 0.5
 """Time window over which the two motions are compared."""
 MAX_DIFFERENCE_M, MAX_DIFFERENCE_RAD = 0.15, 0.5
-"""Thresholds; gimbal errors of half a degree cause 0.05 m and 0.3 rad, camera noise less."""
+"""Thresholds; gimbal errors of 0.5° cause 0.05 m and 0.3 rad, camera noise less."""
 _TWIST_MEMORY_S = 3.0
 
 
 class OdometryConsistency:
     """Consistency check of camera poses against wheel odometry.
 
-    A frozen, jumping, mirrored or rotated camera image would misguide the closed loop: to the
-    driver it looks like a tracking error of the robot.
+    A frozen, jumping, mirrored or rotated camera image would mislead the closed loop, because it
+    looks like a tracking error of the robot.
     """
 
     def __init__(self) -> None:
@@ -44,23 +42,23 @@ class OdometryConsistency:
         self._camera: deque[tuple[float, SE2, SE2]] = deque()
 
     def add_twist(self, now_s: float, twist: Array) -> None:
-        """Add the body twist (3,) until `now_s`; times rise."""
+        """Add the body twist (3,) until `now_s`; times increase."""
         before_s, before = self._odometry[-1] if self._odometry else (now_s, SE2.identity())
         self._odometry.append((now_s, before @ SE2.exp(twist * (now_s - before_s))))
         while self._odometry[0][0] < now_s - _TWIST_MEMORY_S:
             self._odometry.popleft()
 
     def add_pose(self, pose: SE2, seen_s: float) -> str:
-        """Add a camera pose; return a text of the inconsistency, "" if there is none."""
-        reckoned = self._at(seen_s)
-        if reckoned is None:
+        """Add a camera pose; return a description of the inconsistency, or ""."""
+        odometry_pose = self._at(seen_s)
+        if odometry_pose is None:
             return ""
-        self._camera.append((seen_s, pose, reckoned))
+        self._camera.append((seen_s, pose, odometry_pose))
         while len(self._camera) > 1 and self._camera[1][0] <= seen_s - WINDOW_S:
             self._camera.popleft()
-        _, pose_then, reckoned_then = self._camera[0]
+        _, pose_then, odometry_then = self._camera[0]
         by_camera = (pose_then.inverse() @ pose).xy_heading
-        by_wheels = (reckoned_then.inverse() @ reckoned).xy_heading
+        by_wheels = (odometry_then.inverse() @ odometry_pose).xy_heading
         apart_m = math.dist(by_camera[:2], by_wheels[:2])
         apart_rad = abs(float(wrap(by_camera[2] - by_wheels[2])))
         if apart_m <= MAX_DIFFERENCE_M and apart_rad <= MAX_DIFFERENCE_RAD:
@@ -71,7 +69,7 @@ class OdometryConsistency:
         )
 
     def _at(self, seen_s: float) -> SE2 | None:
-        """Odometry pose at a time, None before the memory begins."""
+        """Return the odometry pose at a time, or None before the memory begins."""
         index = bisect_right(self._odometry, seen_s, key=lambda each: each[0])
         if index == 0:
             return None
@@ -87,13 +85,13 @@ class OdometryConsistency:
 FENCE_MARGIN_M = 0.15
 """Margin around the squares; beyond it the robot is stopped."""
 _MAX_HALF_SIDE_M = 0.5
-"""Largest half side of the squares; the square of the thesis has a side of 1 m."""
+"""Maximum half side of the squares; the square of the thesis has a side of 1 m."""
 _MIN_HALF_SIDE_M = 0.1
 _MIN_SPEED_MPS = 0.1
 _SHARE = 0.7
-"""Share of the limits used by the trajectory; the rest is a margin for correction."""
+"""Fraction of the limits used by the trajectory; the rest is a margin for feedback."""
 _TURN_PATH_M = 0.001
-"""Path length of a turn in place, since routes are parameterized by arc length."""
+"""Path length of a turn in place, needed because routes are parameterized by arc length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +102,7 @@ class CalibrationRoute:
     limits: Limits
     """Limits of the commands."""
     half_m: float
-    """Half a side of the squares: largest distance of the centre from the start in x and in y."""
+    """Half side of the squares: maximum distance of the centre from the start in x and y."""
     fence_m: float
     """Distance from the start at which the robot is stopped."""
 
@@ -115,13 +113,13 @@ class CalibrationRoute:
 
 
 def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -> CalibrationRoute:
-    """Plan squares and turns for a robot with `room_m` of free floor on all sides of its centre.
+    """Plan squares and turns for a robot with `room_m` of free floor around its centre.
 
     The room includes the stopping distance after a stop or a loss of the link, anywhere on the
     route.
 
     Raises:
-        TwinError: there is too little room, or the speed is out of range.
+        TwinError: If there is too little room, or the speed is out of range.
     """
     limits = robot.limits
     if not _MIN_SPEED_MPS <= speed_mps <= limits.speed_mps:
@@ -139,7 +137,7 @@ def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -
         )
     turn_rate = limits.turn_rate_rad_per_s * speed_mps / limits.speed_mps
     slower = replace(limits, speed_mps=speed_mps, turn_rate_rad_per_s=turn_rate)
-    # The trajectory uses the whole limit of speed; the share lowers the acceleration.
+    # The trajectory uses the full speed limit; the fraction lowers the acceleration.
     timed = replace(slower, speed_mps=_SHARE * speed_mps, turn_rate_rad_per_s=_SHARE * turn_rate)
     drive = robot.kinematics()
     legs = [
@@ -151,19 +149,19 @@ def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -
 
 
 def stopping_distance_m(limits: Limits, speed_mps: float) -> float:
-    """Travel in metres from the loss of the link, or from a command to stop, until rest."""
+    """Return the distance travelled until rest after a link loss or stop command, metres."""
     return speed_mps * max_unheard_s(limits) + speed_mps**2 / (2.0 * limits.deceleration_mps2)
 
 
 def max_unheard_s(limits: Limits) -> float:
-    """Longest time for which a robot drives on after a loss of the link, under this lease."""
+    """Return the maximum time that a robot keeps driving after a loss of the link."""
     return 2.0 * limits.max_command_age_s
 
 
 def requested_command_age_s(robot: RobotDescription, speed_mps: float) -> float | None:
-    """Command age to request with the lease, so that short gaps do not end a drive.
+    """Return the command age to request, so that short gaps do not end a drive.
 
-    Twice the default; None, for the default, when the lease would then not allow the speed.
+    It is twice the default, or None (the default) if the lease would then forbid the speed.
     """
     age_s = 2.0 * robot.limits.max_command_age_s
     cap_mps = speed_cap_mps(robot, age_s)
@@ -172,7 +170,7 @@ def requested_command_age_s(robot: RobotDescription, speed_mps: float) -> float 
 
 
 def _square_route(half_m: float, way: float) -> Route:
-    """Square around the start with a fixed heading; `way` is its sense of rotation."""
+    """Return a square around the start with a fixed heading; `way` is its sense of rotation."""
     corners: Array = half_m * np.array(
         [[0, 0], [1, 0], [1, way], [-1, way], [-1, -way], [1, -way], [1, 0], [0, 0]], dtype=float
     )
@@ -185,21 +183,21 @@ def _turn_route(way: float) -> Route:
 
 
 POSE_TIMEOUT_S = 1.5
-"""A robot without a pose measurement for this long is stopped; poses may be late by a second."""
+"""Maximum time without a pose before the robot is stopped; poses may be delayed by 1 s."""
 _REST_S = 0.3
 """Pause before each leg."""
 _FILTER_MEMORY_S = 2.0
 _TWIST_COVARIANCE_PER_S = np.diag([0.1, 0.1, 0.5]) ** 2 * 0.1
-"""Growth of the covariance in a second: uncalibrated wheels are off by 0.1 m/s and 0.5 rad/s, with
-a correlation time of 0.1 s."""
+"""Growth of the covariance per second: uncalibrated wheels are off by 0.1 m/s and 0.5 rad/s, with a
+correlation time of 0.1 s."""
 
 
 class CalibrationDriver:
-    """Calibration driver: closed-loop control along a route on camera poses, with stop conditions.
+    """Closed-loop driver along a calibration route, on camera poses, with stop conditions.
 
-    Between poses, the pose is predicted with the twist that the robot measures. The robot's own
-    fused pose is not used: before a calibration it may reject the camera poses. Times are of the
-    robot's monotonic clock.
+    Between poses, the pose is predicted with the measured twist. The robot's fused pose is not
+    used, because an uncalibrated robot may reject the camera poses. Times are on the robot's
+    monotonic clock.
     """
 
     def __init__(self, robot: SingularityDescription, route: CalibrationRoute) -> None:
@@ -241,10 +239,10 @@ class CalibrationDriver:
             self._filter.advance(now_s, twist, _TWIST_COVARIANCE_PER_S)
 
     def advance(self, now_s: float) -> Array:
-        """Body twist (3,) to command now.
+        """Return the body twist (3,) to command now.
 
         Raises:
-            TwinError: a stop condition holds; the text is its reason.
+            TwinError: If a stop condition holds; the text is its reason.
         """
         if self._filter is None or not now_s - self._last_pose_s <= POSE_TIMEOUT_S:
             raise TwinError(f"no pose measurement for {POSE_TIMEOUT_S:g} s")

@@ -27,15 +27,15 @@ _POSE_COLUMNS = ("x_m", "y_m", "heading_rad")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """Recording of one drive: joints and camera poses on one clock."""
+    """Joints and camera poses of a drive, on one clock."""
 
     t_s: Array
-    """(n,): times, rising."""
+    """(n,): times, increasing."""
     angles_rad: Array
     """(n, 2k): alpha and beta of each module, measured, as in `state/joints`."""
     commanded_rad_per_s: Array
-    """(n, k): wheel-speed set-points, as in `state/setpoint`, scaled by the battery voltage over
-    the nominal one where it is known, since motor speed is proportional to it."""
+    """(n, k): wheel-speed setpoints as in `state/setpoint`. If the battery voltage is known, scaled
+    by its ratio to the nominal voltage, because motor speed is proportional to it."""
     spin_rad_per_s: Array
     """(n, k): measured wheel speeds, NaN without a sensor."""
     camera_s: Array
@@ -49,7 +49,7 @@ class Recording:
         return self.commanded_rad_per_s.shape[1]
 
     def part(self, first_s: float, last_s: float) -> Recording:
-        """Part between two times."""
+        """Return the part between two times."""
         rows = (self.t_s >= first_s) & (self.t_s <= last_s)
         t_s = self.t_s[rows]
         frames = (self.camera_s >= t_s[0]) & (self.camera_s <= t_s[-1])
@@ -64,7 +64,7 @@ class Recording:
 
 
 def recording_columns(recordings: Sequence[Recording]) -> dict[str, Array]:
-    """Recordings as a table; joints and poses of one time share a row."""
+    """Return recordings as a table; joints and poses at the same time share a row."""
     table: dict[str, list[Array]] = {}
     for number, run in enumerate(recordings):
         t_s = np.union1d(run.t_s, run.camera_s)
@@ -86,18 +86,18 @@ def recording_columns(recordings: Sequence[Recording]) -> dict[str, Array]:
 
 
 def angle_columns(modules: int) -> list[str]:
-    """Columns of the gimbals."""
+    """Return the column names of the gimbals."""
     return [f"module{i + 1}_{part}_rad" for i in range(modules) for part in ("alpha", "beta")]
 
 
 def read_recordings(file: str, robot: SingularityDescription) -> list[Recording]:
     """Read the drives in a recording of `tsd-record`, or in a CSV file of `recording_columns`.
 
-    Of a CSV file, empty or `nan` is not measured. A row may hold joints, a pose, or both. Measured
-    wheel speeds may be left out.
+    In CSV files, empty or `nan` means not measured. A row may contain joints, a pose, or both.
+    Measured wheel speeds are optional.
 
     Raises:
-        TwinError: the file cannot be read, lacks a column, or has too few rows.
+        TwinError: If the file cannot be read, lacks a column, or has too few rows.
     """
     if file.endswith(".mcap"):
         return _read_mcap(Path(file), robot)
@@ -123,7 +123,7 @@ def read_recordings(file: str, robot: SingularityDescription) -> list[Recording]
 
 
 def _read_mcap(path: Path, robot: SingularityDescription) -> list[Recording]:
-    """Return one recording for each time that the robot was ready or drove, if it moved then."""
+    """Return one recording per period in which the robot was ready or driving, if it moved."""
     found = open_recording(path)
     if len(found.robots) != 1:
         raise TwinError(
@@ -165,7 +165,7 @@ _UP = frozenset({Mode.READY, Mode.DRIVING})
 
 
 class _Drive:
-    """Time from the first to the last status of a robot that was ready or drove."""
+    """Period in which a robot was ready or driving."""
 
     def __init__(self, first_s: float) -> None:
         self.first_s = self.last_s = first_s
@@ -179,7 +179,7 @@ class _Drive:
 
 
 def battery_v(status: Status) -> float | None:
-    """Reported battery voltage, None when there is none."""
+    """Return the reported battery voltage, or None."""
     volts = status.hardware.get("battery_v")
     return float(volts) if isinstance(volts, int | float) and 0.0 < volts < np.inf else None
 
@@ -208,17 +208,17 @@ def _columns_as_array(rows: list[_Row], names: Sequence[str]) -> Array:
 
 
 _MAX_POSE_AGE_S, _MAX_POSE_LEAD_S = 2.0, 0.2
-"""Largest offset of a stamp from the newest joints; beyond it the clocks differ."""
+"""Maximum offset of a stamp from the latest joints; beyond it the clocks differ."""
 _MAX_CLOCK_JUMP_S = 0.05
-"""Largest jump of the robot's wall clock relative to its monotonic clock."""
+"""Maximum jump of the robot's wall clock relative to its monotonic clock."""
 _CLOCK_SAMPLES = 25
 
 
 class RobotRecorder:
     """Recorder of the samples of `state/joints`, `state/setpoint` and `sensor/pose`.
 
-    Stamps of poses are of the robot's wall clock, which may be set at any time. All times here are
-    of its monotonic clock; messages on `state/*` carry both stamps, from which the offset follows.
+    Pose stamps are on the robot's wall clock, which may be set at any time. All times here are on
+    its monotonic clock; messages on `state/*` carry both stamps, which give the offset.
     """
 
     def __init__(self, robot: SingularityDescription) -> None:
@@ -232,10 +232,10 @@ class RobotRecorder:
         self._poses: list[tuple[float, Array]] = []
         self._clock_offsets_s: list[float] = []
         self.refused = ""
-        """Reason why the last rejected pose was rejected."""
+        """Reason for the last rejected pose."""
 
     def add_joints(self, sample: Sample) -> None:
-        """Add measured joints; samples that are malformed or not measured are skipped."""
+        """Add measured joints; skip malformed or incomplete samples."""
         found = self._row(sample)
         if found is None:
             return
@@ -252,7 +252,7 @@ class RobotRecorder:
             self._commanded.append((found[0], found[2][2::3]))
 
     def add_pose(self, sample: Sample) -> tuple[SE2, float] | None:
-        """Add a camera pose; return it with its time, None if it is rejected."""
+        """Add a camera pose; return it with its time, or None if it is rejected."""
         try:
             pose, stamp_ns = decode_pose_measurement(sample)
         except MessageError as error:
@@ -269,10 +269,11 @@ class RobotRecorder:
         return pose, seen_s
 
     def recording(self, first_s: float, last_s: float, battery_v: float | None) -> Recording:
-        """Recording between two times; `battery_v` is the battery voltage, if known.
+        """Return the recording between two times; `battery_v` is the voltage, if known.
 
         Raises:
-            TwinError: there are too few samples, or the robot's wall clock was set meanwhile.
+            TwinError: If there are too few samples, or the robot's wall clock was set during the
+                recording.
         """
         joints = [(t_s, row) for t_s, row in self._joints if first_s <= t_s <= last_s]
         poses = sorted(
@@ -298,11 +299,11 @@ class RobotRecorder:
         return Recording(t_s - t_s[0], angles, share * commanded[last], spin, seen_s - t_s[0], seen)
 
     def _clock_offset_s(self) -> float:
-        """Offset of the wall clock from the monotonic one, from the newest joints."""
+        """Return the offset between wall and monotonic clock, from the latest joints."""
         return float(np.median(self._clock_offsets_s[-_CLOCK_SAMPLES:]))
 
     def _row(self, sample: Sample) -> tuple[float, int, Array] | None:
-        """Robot's time, its wall clock, and angles and speeds (n,) of all joints."""
+        """Return the robot's time, its wall clock, and angles and speeds (n,) of all joints."""
         try:
             _, robot_ns = decode_stamp(sample.attachment)
             state = decode_joints(sample.payload)

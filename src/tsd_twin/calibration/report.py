@@ -1,6 +1,4 @@
-"""Calibration report: table of parameters before and after the fit, its figure, and the edited
-description file.
-"""
+"""Calibration report: parameter table, figure, and the edited description file."""
 
 from __future__ import annotations
 
@@ -30,29 +28,29 @@ TomlTables = Mapping[str, Mapping[str, Any]]
 def write_description(file: str, used: str, tables: TomlTables) -> None:
     """Set keys in the description `file` and keep its comments; a new file starts from `used`.
 
-    The file is replaced as a whole or not at all.
+    The file is replaced atomically.
 
     Raises:
-        RobotFileError: the file is not a valid description of this kind, before or after the
+        RobotFileError: If the file is not a valid description of this kind, before or after the
             change, or cannot be written.
     """
     path = Path(file)
     if path.suffix != ".toml":
         raise RobotFileError(file, "is no place for a description", "a name that ends in .toml")
     text = edit_description(robots.read_description(file) if path.exists() else used, file, tables)
-    beside = path.with_name(f".{path.name}.new")
+    temporary = path.with_name(f".{path.name}.new")
     try:
-        beside.write_text(text, encoding="utf-8")
-        beside.replace(path)
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(path)
     except OSError as error:
         raise RobotFileError(file, f"cannot be written: {error.strerror}") from error
 
 
 def edit_description(text: str, file: str, tables: TomlTables) -> str:
-    """TOML text of a description with changed values.
+    """Return the TOML text of a description with changed values.
 
     Raises:
-        RobotFileError: as in `write_description`.
+        RobotFileError: As in `write_description`.
     """
     robots.description_of_kind(robots.parse_description(text, file), SingularityDescription)
     try:
@@ -71,14 +69,14 @@ def edit_description(text: str, file: str, tables: TomlTables) -> str:
 
 
 _WRITTEN_DIGITS = {"deg": 4, "m": 6, "1": 5}
-"""Printed symbol of each unit."""
+"""Number of written digits of each unit."""
 _PRINTED_UNITS = {"deg": ("deg", 1.0, 3), "m": ("mm", 1000.0, 2), "1": ("", 1.0, 5)}
 """Printed unit, factor and number of digits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParameterRow:
-    """One parameter of the robot: before, fitted, and true if known."""
+    """Robot parameter: before, fitted, and true if known."""
 
     name: str
     unit: str
@@ -91,7 +89,7 @@ class ParameterRow:
 def parameter_table(
     robot: SingularityDescription, found: CalibrationFit, true: SingularityDescription | None
 ) -> list[ParameterRow]:
-    """Table of parameters: described, fitted and, if known, true values."""
+    """Return the parameter table: described, fitted and, if known, true values."""
     before, by, sigma = _parameters(robot), found.found, found.sigma
     after = before.copy()
     angles = 2 * robot.drive.modules
@@ -114,7 +112,7 @@ def parameter_table(
 
 
 def _parameters(robot: SingularityDescription) -> Array:
-    """Zeros (2k) in degrees, both radii, and the spins (k)."""
+    """Return zeros (2k) in degrees, both radii, and wheel-speed scales (k)."""
     trim, drive = robot.actuator_offsets(), robot.drive
     offset = np.degrees(trim.offset).reshape(-1, 3)[:, :2]
     radii = [drive.wheel_radius_m, drive.pivot_radius_m]
@@ -122,7 +120,7 @@ def _parameters(robot: SingularityDescription) -> Array:
 
 
 def description_changes(rows: list[ParameterRow]) -> dict[str, dict[str, Any]]:
-    """Description keys with the fitted values."""
+    """Return the description keys with the fitted values."""
     values = {row.name: round(row.found, _WRITTEN_DIGITS[row.unit]) for row in rows}
     by_unit = {
         unit: [values[row.name] for row in rows if row.unit == unit] for unit in _WRITTEN_DIGITS
@@ -141,7 +139,7 @@ def description_changes(rows: list[ParameterRow]) -> dict[str, dict[str, Any]]:
 
 
 def parameter_columns(rows: Sequence[ParameterRow]) -> dict[str, list[Any]]:
-    """Columns of a table."""
+    """Return the columns of a table."""
     names = ("name", "unit", "before", "found", "sigma", "true")
     return {
         name: ["" if (value := getattr(row, name)) is None else value for row in rows]
@@ -150,7 +148,7 @@ def parameter_columns(rows: Sequence[ParameterRow]) -> dict[str, list[Any]]:
 
 
 def parameter_lines(rows: Sequence[ParameterRow]) -> list[str]:
-    """Rows to print."""
+    """Return the rows to print."""
     known = rows[0].true is not None
     heads = ("before", "found", "+-", *(("true",) if known else ()))
     shown = [f"{'':19}" + "".join(f"{head:>9}" for head in heads)]
@@ -165,7 +163,7 @@ def parameter_lines(rows: Sequence[ParameterRow]) -> list[str]:
 def draw_calibration(
     recordings: Sequence[Recording], found: CalibrationFit, rows: Sequence[ParameterRow]
 ) -> Figure:
-    """Figure of the calibration."""
+    """Draw the calibration figure."""
     figure: Any = experiment.new_figure(11.0, 4.6, "Calibration from driven squares")
     left, middle, right = figure.subplots(1, 3, width_ratios=[1.2, 1.0, 1.0])
     for residuals, colour, style, name in (
@@ -189,7 +187,7 @@ def draw_calibration(
 
 
 def _bars(axes: experiment.Axes, rows: list[ParameterRow], unit: str, scale: float) -> None:
-    """Draw the errors of the parameters, or their changes where the truth is not known."""
+    """Draw the parameter errors, or the changes if the true values are unknown."""
     at = np.arange(len(rows))[::-1]
     sizes = np.array([abs(row.before) if row.unit == "m" else 1.0 for row in rows])
     true = np.array([row.before if row.true is None else row.true for row in rows])

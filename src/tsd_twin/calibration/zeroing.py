@@ -1,7 +1,6 @@
-"""Experiment `zero`: zeroing of the gimbals as in the thesis, at most an inch of drift in 30 s at
-2,500 rpm.
+"""Experiment `zero`: zeroing of the gimbals as in the thesis (an inch in 30 s at 2,500 rpm).
 
-It turns the wheels of a robot on the bus, simulated or real, but drives it nowhere.
+It spins the wheels of a simulated or real robot on the bus, but does not drive it.
 """
 
 from __future__ import annotations
@@ -40,11 +39,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TimedPose = tuple[float, Array]
-"""A time, and x, y, heading (3,) at that time."""
+"""Time, and x, y, heading (3,) at that time."""
 
 
 class PoseTracker:
-    """Tracker of a robot's pose, from `sensor/pose` or, without it, from the simulator's truth."""
+    """Tracks a robot's pose from `sensor/pose` or, without it, the simulator's ground truth."""
 
     def __init__(self, link: RobotConnection) -> None:
         self._poses = link.subscriber(topics.SENSOR_POSE, 256)
@@ -52,7 +51,7 @@ class PoseTracker:
         self._by_camera: list[TimedPose] = []
         self._by_simulator: list[TimedPose] = []
         self.refused = ""
-        """Reason why the last rejected pose was rejected."""
+        """Reason for the last rejected pose."""
 
     def poll(self) -> None:
         """Process the samples since the last call."""
@@ -99,10 +98,10 @@ class PoseTracker:
 
 
 LIMIT_M, LIMIT_S, LIMIT_RPM = 0.0254, 30.0, 2500.0
-"""Limit of the drift of zeroed gimbals: an inch in 30 s (thesis)."""
+"""Drift limit of zeroed gimbals: an inch in 30 s (thesis)."""
 _CANDIDATES = 120_000
-_LIMIT_SHARE = 0.8
-"""Share of the limit that may remain after a change; a smaller one allows larger offsets."""
+_LIMIT_FRACTION = 0.8
+"""Fraction of the limit that may remain after a change; a smaller one needs larger offsets."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +115,7 @@ class ZeroOffsetDrift:
 
     @property
     def distance_m(self) -> float:
-        """Drift of the centre in 30 s at 2,500 rpm; it is proportional to the wheel speed."""
+        """Drift of the centre in 30 s at 2,500 rpm; proportional to the wheel speed."""
         return float(np.hypot(*self.twist[:2])) * LIMIT_S * self._limit_scale
 
     @property
@@ -126,7 +125,7 @@ class ZeroOffsetDrift:
 
     @property
     def turn_rad(self) -> float:
-        """Turn in that time."""
+        """Rotation in that time."""
         return float(self.twist[2]) * LIMIT_S * self._limit_scale
 
     @property
@@ -139,7 +138,7 @@ class ZeroOffsetDrift:
         return LIMIT_RPM / self.spin_rpm
 
     def sentence(self) -> str:
-        """Text of the drift in 30 s at 2,500 rpm."""
+        """Describe the drift in 30 s at 2,500 rpm."""
         vx, vy, _ = self.twist
         toward = np.degrees(np.arctan2(vy, vx))
         return (
@@ -149,7 +148,7 @@ class ZeroOffsetDrift:
 
 
 def drift_of(t_s: Array, poses: Array, spin_rpm: float) -> ZeroOffsetDrift:
-    """Fit a constant twist to poses (n, 3) by least squares; times (n,) rise.
+    """Fit a constant twist to poses (n, 3) by least squares; times (n,) increase.
 
     The heading gives the turn rate; with it, the displacement is linear in the velocity.
     """
@@ -158,7 +157,8 @@ def drift_of(t_s: Array, poses: Array, spin_rpm: float) -> ZeroOffsetDrift:
     seen[:, 2] = np.unwrap(seen[:, 2])
     by_line = np.column_stack([after_s, np.ones_like(after_s)])
     turning, start = np.linalg.lstsq(by_line, seen[:, 2], rcond=None)[0].tolist()
-    # The noise of the first heading would rotate all others; the line through all does not.
+    # Use the heading of the fitted line, because noise of the first heading would rotate all
+    # others.
     local = SE2(np.array([0.0, 0.0, -start])).rotate(seen[:, :2])
     rows = np.zeros((len(t_s), 2, 4))
     for i in (0, 1):
@@ -177,12 +177,12 @@ def drift_of(t_s: Array, poses: Array, spin_rpm: float) -> ZeroOffsetDrift:
 def drift_by_hand(
     moved_m: Array, turned_rad: float, seconds: float, spin_rpm: float
 ) -> ZeroOffsetDrift:
-    """Constant twist of a displacement `moved_m` (2,), start frame, and a turn."""
+    """Return the constant twist for a displacement (2,), start frame, and a rotation."""
     return ZeroOffsetDrift(SE2(np.append(moved_m, turned_rad)).log() / seconds, spin_rpm)
 
 
 def twist_by_zero_offsets(robot: SingularityDescription) -> Array:
-    """Jacobian (3, 2k) of the twist of a robot at zero command by its gimbal angles.
+    """Return the Jacobian (3, 2k) of the twist at zero command w.r.t. the gimbal angles.
 
     Contact velocities of upright wheels are r_w spin (alpha, -beta).
     """
@@ -192,7 +192,7 @@ def twist_by_zero_offsets(robot: SingularityDescription) -> Array:
 
 
 def spin_rpm(robot: SingularityDescription) -> float:
-    """Mean speed of the wheels when the robot is ready."""
+    """Return the mean wheel speed while the robot is ready."""
     drive = robot.kinematics()
     return float(np.mean(drive.spin_rad_per_s * drive.spin_ratio)) / RPM
 
@@ -200,11 +200,11 @@ def spin_rpm(robot: SingularityDescription) -> float:
 def corrective_steps(
     robot: SingularityDescription, drift: ZeroOffsetDrift
 ) -> tuple[Array, ZeroOffsetDrift]:
-    """Return corrections of the zeros in servo steps (2k,), and the predicted drift after them.
+    """Return corrections of the zeros in servo steps (2k,), and the predicted remaining drift.
 
-    A drift has three components, and there are six zeros or more, so the solution is not unique.
-    This is the smallest one in whole servo steps that stays within the limit; where there is none,
-    the one with the least drift.
+    A drift has three components, but there are six or more zeros, so the solution is not unique.
+    This is the smallest in whole servo steps within the limit or, without one, the solution with
+    the smallest drift.
     """
     matrix, step_rad = twist_by_zero_offsets(robot), 2.0 * np.pi / robot.servo.steps_per_turn
     exact = np.linalg.pinv(matrix) @ drift.twist / step_rad
@@ -217,14 +217,14 @@ def corrective_steps(
     turns_least = np.abs(left[:, 2]) <= 1.01 * least_turn + 1e-9
     way_m = np.hypot(left[:, 0], left[:, 1]) * LIMIT_S * LIMIT_RPM / drift.spin_rpm
     size = np.square(steps - exact).sum(axis=1)
-    good = turns_least & (way_m < _LIMIT_SHARE * LIMIT_M)
+    good = turns_least & (way_m < _LIMIT_FRACTION * LIMIT_M)
     cost = np.where(good, size, np.inf) if good.any() else np.where(turns_least, way_m, np.inf)
     best = int(np.argmin(cost))
     return steps[best], ZeroOffsetDrift(left[best], drift.spin_rpm)
 
 
 def draw_drift(t_s: Array, poses: Array, drift: ZeroOffsetDrift) -> Figure:
-    """Draw poses (n, 3) relative to the start, from above and against time."""
+    """Draw poses (n, 3) relative to the start, from above and over time."""
     figure: Any = experiment.new_figure(9.5, 4.4, "Creep of a robot that is commanded to stand")
     left, right = figure.subplots(1, 2)
     millimetres = 1000.0 * poses[:, :2]
@@ -263,12 +263,12 @@ def draw_drift(t_s: Array, poses: Array, drift: ZeroOffsetDrift) -> Figure:
 
 
 MAX_DISTANCE_M = 0.5
-"""Largest distance before the procedure ends, where a pose is measured."""
-_SHORTEST_S, _LONGEST_S = 1.0, 300.0
+"""Maximum distance before the procedure ends, if poses are measured."""
+_MIN_S, _MAX_S = 1.0, 300.0
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Zero the gimbals of a robot on the bus: it may creep an inch in 30 s at 2,500 rpm."""
+    """Zero the gimbals of a robot on the bus to less than an inch of creep in 30 s at 2,500 rpm."""
     with connect(args) as client:
         robot = description_of_kind(client.robot, SingularityDescription)
         _confirm(args, robot, client.id)
@@ -322,7 +322,7 @@ def _hold_still(
 
 
 def _hold_and_track(control: RobotControl, seconds: float, tracker: PoseTracker) -> Iterator[float]:
-    """Hold, track the pose, and end early when the robot drifts too far."""
+    """Hold and track the pose; end early if the robot drifts too far."""
     for held_s in control.staying_ready(seconds):
         tracker.poll()
         yield held_s
@@ -332,7 +332,7 @@ def _hold_and_track(control: RobotControl, seconds: float, tracker: PoseTracker)
 
 
 def _confirm(args: argparse.Namespace, robot: SingularityDescription, robot_id: str) -> None:
-    """Print what the robot will do, and wait for the operator's confirmation."""
+    """Describe the robot's motion, and wait for the operator's confirmation."""
     if args.yes:
         return
     print_line(
@@ -374,7 +374,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     add_bus_flags(parser)
     parser.add_argument(
         "--seconds",
-        type=flag_types.number(_SHORTEST_S, _LONGEST_S),
+        type=flag_types.number(_MIN_S, _MAX_S),
         default=LIMIT_S,
         help=f"to watch it; default {LIMIT_S:g}",
     )

@@ -1,21 +1,23 @@
-"""Adaptations of viser 1.1.1, whose version its private API pins: patches, and access control.
+"""Adaptations of viser 1.1.1, which is pinned because of its private API: patches and access
+control.
 
-Poses: each frame moves half a dozen nodes, and viser asks `numpy.allclose` about three or four
-numbers each time. That took an eighth of all that a frame takes.
+Poses: each frame moves about six nodes, and viser calls `numpy.allclose` on three or four numbers
+for each. This took an eighth of the frame time.
 
-Queues: viser sets the event of a queue on the thread that fills it, and then once more on the loop
-that empties it. The first adds nothing to the second, and fails when the loop begins or ends to
-wait at that moment ("deque mutated during iteration"): the rest of that frame is lost.
+Queues: viser sets the event of a queue on the thread that fills it, and again on the loop that
+empties it. The first call is redundant, and fails if the loop starts or stops waiting at that
+moment ("deque mutated during iteration"), which loses the rest of the frame.
 
-Replay: every message that viser broadcasts gets the next id, and one that overtakes an older one (a
-newer pose of the same node) removes it, so few are kept of many. viser tries all ids from zero on
-for each client that connects, on the loop that serves all of them: at 1200 poses a second the
-hundred million ids of one day stop every picture for seconds. Here only what is kept is looked at.
+Replay: every broadcast message gets the next id, and a message that supersedes an older one (a new
+pose of the same node) removes it, so only a few are kept. For each new client, viser tries all ids
+from zero, on the loop that serves all clients: at 1200 poses per second, the hundred million ids of
+a day freeze all pages for seconds. This patch visits only the kept messages.
 
-Access: the server is on the loopback, behind a secret key that only the HTTP server of the
-dashboard sends. viser has no authentication: another user of this machine, or a foreign page in the
-operator's browser, which may open a WebSocket to any port of the loopback, could connect. A browser
-sends no header of a page's choice, and only this process knows the key.
+Access: the server listens on the loopback interface and requires a secret key that only the
+dashboard's HTTP server sends. Because viser has no authentication, another user of this machine
+could otherwise connect, and so could a foreign page in the operator's browser, which may open a
+WebSocket to any loopback port. Pages cannot set request headers of WebSockets, and only this
+process knows the key.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ import numpy as np
 import rich
 import viser
 import viser.infra
-from viser import _messages as messages  # The classes of what it sends; it exports none.
+from viser import _messages as messages  # Message classes, which viser does not export.
 from viser.infra import Message
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.asyncio import server as websockets_server
@@ -51,9 +53,9 @@ from tsd_twin.security import Role
 _SETTER_MODULE = sys.modules[viser.SceneNodeHandle.__module__]
 _SETTER = "_set_pose_vector"
 ORIGINAL_SETTER = getattr(_SETTER_MODULE, _SETTER)
-"""What is replaced."""
+"""Replaced function."""
 _RELATIVE, _ABSOLUTE = 1e-5, 1e-8
-"""As `numpy.allclose` has them."""
+"""Tolerances of `numpy.allclose`."""
 
 
 def set_pose_vector(
@@ -63,7 +65,7 @@ def set_pose_vector(
     queue: Callable[[Any], None],
     make_message: Callable[[Any], Any],
 ) -> None:
-    """Write `value` (length,) into `current` and queue the message, unless it is there already."""
+    """Write `value` (length,) into `current` and queue the message, unless it is unchanged."""
     numbers = tuple(map(float, value))
     if len(numbers) != length:
         raise ValueError(f"{len(numbers)} numbers are given, {length} are needed")
@@ -86,16 +88,14 @@ _QUEUE_CLASS = "AsyncMessageBuffer"
 
 
 class LoopEvent(asyncio.Event):
-    """Event that only its own loop sets; calls of other threads are ignored, since viser repeats
-    them.
-    """
+    """Event that only its loop can set; redundant calls from other threads are ignored."""
 
     def __init__(self, home: asyncio.AbstractEventLoop) -> None:
         super().__init__()
         self._home = home
 
     def set(self) -> None:
-        """Set the event, when called on the thread of the loop."""
+        """Set the event if called on the loop's thread."""
         try:
             here = asyncio.get_running_loop()
         except RuntimeError:
@@ -113,7 +113,7 @@ class ThreadSafeQueue(AsyncMessageBuffer):
 
 
 def install_thread_safe_queues() -> None:
-    """Make viser create `ThreadSafeQueue`s from now on; idempotent."""
+    """Make viser create `ThreadSafeQueue`s in the future; idempotent."""
     setattr(_QUEUE_MODULE, _QUEUE_CLASS, ThreadSafeQueue)
 
 
@@ -125,7 +125,7 @@ _WINDOW_METHOD = "_window_loop"
 
 
 def check_viser_version() -> None:
-    """Raise TwinError unless the viser that is installed is the one that this file knows."""
+    """Raise TwinError unless the supported version of viser is installed."""
     if viser.__version__ != VISER_VERSION:
         raise TwinError(
             f"viser {viser.__version__} is installed, and the dashboard needs {VISER_VERSION}: "
@@ -134,10 +134,10 @@ def check_viser_version() -> None:
 
 
 def install_bounded_replay(server: viser.ViserServer) -> None:
-    """Send new clients the kept messages in bounded time, skipping those already replaced.
+    """Send new clients the kept messages in bounded time, skipping superseded ones.
 
-    What is sent, and in which order, stays as it is. Only this server's broadcast changes: the
-    queue that each client has besides is new with it, and starts at zero.
+    Content and order of the messages do not change. Only the broadcast buffer of this server is
+    patched; each client also has a separate queue, which starts at zero.
     """
     buffer: AsyncMessageBuffer = _BROADCAST(server)
     setattr(buffer, _WINDOW_METHOD, partial(message_windows, buffer))
@@ -146,15 +146,15 @@ def install_bounded_replay(server: viser.ViserServer) -> None:
 async def message_windows(
     buffer: AsyncMessageBuffer, client_id: int, backlog_id: int, replay_done: Message | None
 ) -> AsyncGenerator[Sequence[Message]]:
-    """Yield kept messages, then new ones, for one client until the buffer is done.
+    """Yield kept messages, then new ones, for a client until the buffer is done.
 
-    Takes the place of `AsyncMessageBuffer._window_loop`. `replay_done` follows `backlog_id`, the
-    newest id when the client connected, and goes before anything newer.
+    Replaces `AsyncMessageBuffer._window_loop`. `replay_done` follows `backlog_id`, the latest id
+    when the client connected, and precedes later messages.
     """
     cursors, sent_id = buffer.generator_cursors, -1
     flushed = asyncio.ensure_future(buffer.flush_event.wait())
     try:
-        # viser forgets a removal only once it was sent to all clients in this list.
+        # viser discards a removal only after it was sent to all clients in this list.
         cursors[client_id] = sent_id
         while not buffer.done:
             newest_id = buffer.message_counter - 1 if replay_done is None else backlog_id
@@ -170,8 +170,8 @@ async def message_windows(
                 await buffer.message_event.wait()
                 buffer.message_event.clear()
             if window and sent_id < buffer.message_counter - 1:
-                continue  # More is there already.
-            # A frame's time, for what belongs together to come together, unless a flush cuts it.
+                continue  # More messages are available already.
+            # Wait for a frame period to group related messages, unless a flush ends it.
             await asyncio.wait([flushed], timeout=buffer.window_duration_sec)
             if flushed.done() and not buffer.done:
                 buffer.flush_event.clear()
@@ -185,16 +185,16 @@ async def message_windows(
 def next_message_window(
     buffer: AsyncMessageBuffer, client_id: int, sent_id: int, newest_id: int
 ) -> tuple[list[Message], int]:
-    """Return what is kept after `sent_id` up to `newest_id`, and the id that this leads up to.
+    """Return the messages kept after `sent_id` up to `newest_id`, and the last id covered.
 
-    No more than a window holds, nothing that a client is not to be told of itself, and nothing
-    while an atomic block is open.
+    The result is limited to a window, excludes messages that are not for the client itself, and is
+    empty while an atomic block is open.
     """
     with buffer.buffer_lock:
         if buffer.atomic_counter > 0:
             return [], sent_id
         kept = buffer.message_from_id
-        # Ids are added in rising order, so that what is new stands at the end.
+        # Ids are added in ascending order, so new messages are at the end.
         new = [i for i in takewhile(sent_id.__lt__, reversed(kept)) if i <= newest_id]
         meant = (i for i in reversed(new) if kept[i].excluded_self_client != client_id)
         ids = list(islice(meant, buffer.max_window_size))
@@ -205,7 +205,7 @@ def next_message_window(
 _CONTROLS_BY_UUID = attrgetter("_gui_input_handle_from_uuid")
 _VALUE_SETTER = "_handle_gui_updates"
 ORIGINAL_UPDATE = getattr(viser.GuiApi, _VALUE_SETTER)
-"""What is replaced."""
+"""Replaced method."""
 
 
 async def handle_gui_update(gui: Any, client_id: int, message: Any) -> None:
@@ -217,7 +217,7 @@ async def handle_gui_update(gui: Any, client_id: int, message: Any) -> None:
 
 
 def value_fits(handle: Any, value: object) -> bool:
-    """Return whether a user can choose `value` at a control."""
+    """Return whether a user can select `value` in a control."""
     if handle.disabled or not handle.visible:
         return False
     now = handle.value
@@ -235,13 +235,13 @@ def install_strict_value_check() -> None:
 
 
 PAGE_HEADER = "X-Tsd-Page"
-"""The gateway adds it to the request of a viser socket: the page that the socket belongs to."""
+"""Header added by the gateway to the request of a viser socket: its page."""
 DARK_HEADER = "X-Tsd-Dark"
-"""Likewise: 1 or 0 as the browser prefers dark or light colours."""
+"""Header added by the gateway: 1 or 0, whether the browser prefers dark colours."""
 PLAIN_HEADER = "X-Tsd-Plain"
-"""Likewise: 1 or 0, whether the browser draws without a graphics card."""
+"""Header added by the gateway: 1 or 0, whether the browser has no graphics card."""
 ROLE_HEADER = "X-Tsd-Role"
-"""Likewise: role of the login."""
+"""Header added by the gateway: role of the login."""
 
 _SOCKET_SERVER = attrgetter("_websock_server")
 _LIVE_CONNECTIONS = attrgetter("_websock_server._live_connections")
@@ -252,18 +252,18 @@ _REBUILD_TAB = attrgetter("_parent._rebuild_tab_props")
 
 
 def page_of(server: viser.ViserServer, client_id: int) -> str | None:
-    """Page that a client belongs to; None when unknown or disconnected."""
+    """Return the page of a client, or None if unknown or disconnected."""
     return _header_of(server, client_id, PAGE_HEADER)
 
 
 def prefers_dark(server: viser.ViserServer, client_id: int) -> bool | None:
-    """Return whether the browser of a client prefers dark colours; None when unknown."""
+    """Return whether a client's browser prefers dark colours, or None if unknown."""
     word = _header_of(server, client_id, DARK_HEADER)
     return None if word is None else word == "1"
 
 
 def has_no_gpu(server: viser.ViserServer, client_id: int) -> bool:
-    """Return whether the browser of a client draws without a graphics card."""
+    """Return whether a client's browser has no graphics card."""
     return _header_of(server, client_id, PLAIN_HEADER) == "1"
 
 
@@ -280,27 +280,27 @@ def _header_of(server: viser.ViserServer, client_id: int, name: str) -> str | No
 
 
 def is_disconnected(client: viser.ClientHandle) -> bool:
-    """Return whether a client's connection is closed; viser reports it a little later."""
+    """Return whether a client's connection is closed; viser reports it slightly later."""
     return bool(_SOCKET(client).get_message_buffer().done)
 
 
 def refuse_sharing(server: viser.ViserServer) -> None:
-    """Unregister the handlers with which any client could open a public tunnel to the server."""
+    """Unregister the handlers that let any client open a public tunnel to the server."""
     for message in (messages.ShareUrlRequest, messages.ShareUrlDisconnect):
         _SOCKET_SERVER(server).unregister_handler(message)
 
 
 def scale_instances(client: viser.ClientHandle, name: str, scales: Array) -> None:
-    """Let one client see the instances of a shared batched node scaled by `scales` (n,); 0 hides.
+    """Scale the instances of a shared batched node by `scales` (n,) for a client; 0 hides.
 
-    A client's own node of that name would hide all instances, and would have to be moved for it.
+    A client-specific node of this name would hide all instances and would have to be moved.
     """
     update = messages.SceneNodeUpdateMessage(name, {"batched_scales": np.float32(scales)})
     _SOCKET(client).queue_message(update)
 
 
 def rename_tab(tab: viser.GuiTabHandle, label: str) -> None:
-    """Rename a tab; it keeps its place and content."""
+    """Rename a tab, keeping its position and content."""
     if _LABEL(tab) != label:
         setattr(tab, _LABEL_NAME, label)
         _REBUILD_TAB(tab)()
@@ -315,12 +315,12 @@ _ProcessRequest: TypeAlias = Callable[[ServerConnection, Request], Response | No
 
 @functools.cache
 def access_key() -> str:
-    """Key of all viser servers of this process."""
+    """Return the key of all viser servers of this process."""
     return secrets.token_hex(32)
 
 
 def has_access_key(request: Request) -> bool:
-    """Return whether a request brings the key, once."""
+    """Return whether a request contains the key exactly once."""
     brought = request.headers.get_all(KEY_HEADER)
     return len(brought) == 1 and secrets.compare_digest(
         brought[0].encode("utf-8", "replace"), access_key().encode()
@@ -331,7 +331,7 @@ def has_access_key(request: Request) -> bool:
 def require_access_key() -> Generator[None]:
     """Make servers started in this context refuse requests without the key, before the upgrade.
 
-    viser names the function that makes its server when it starts, and only then.
+    viser looks up the function that creates its server only at start.
     """
     serve = websockets_server.serve
 
@@ -354,27 +354,27 @@ def require_access_key() -> Generator[None]:
 LOOPBACK = "127.0.0.1"
 BRAND_COLOUR = (36, 132, 227)
 CAMERA_OFFSET_M = (-0.78, -0.58, 0.62)
-"""Where the camera starts, seen from the robot: behind it on its right, so that it drives away."""
+"""Initial camera position relative to the robot: behind it to its right, so that it drives away."""
 LOOK_AT_M = (0.0, 0.0, 0.03)
 FIELD_OF_VIEW_RAD = 0.80
 PANEL_WIDTH_PX = 320
-"""All tabs fit into it in one row, with the padding that `static/page.css` gives them."""
+"""Fits all tabs in one row, with the padding in `static/page.css`."""
 
 
 def start_server(title: str, *, dark: bool = True) -> viser.ViserServer:
-    """Running server on a free port of the loopback; `get_port()` returns it.
+    """Return a running server on a free loopback port; `get_port()` returns the port.
 
-    viser has no authentication and no check of origins, so the port requires `access_key()`. A
-    port that the system chooses is free, so viser does not go looking for another one.
+    viser checks neither authentication nor origins, so the port requires `access_key()`. The system
+    chooses a free port, so viser does not search for another one.
 
     Raises:
-        TwinError: another version of viser is installed than the one that this is made for.
+        TwinError: If the installed version of viser is not supported.
     """
     check_viser_version()
     install_thread_safe_queues()
     install_fast_pose_setter()
     install_strict_value_check()
-    # viser announces itself on standard output, where our programs print one line only.
+    # viser prints to standard output, where our programs print a single line.
     rich.get_console().quiet = True
     with require_access_key():
         server = viser.ViserServer(host=LOOPBACK, port=0, label=title, verbose=False)

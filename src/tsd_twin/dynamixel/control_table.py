@@ -1,8 +1,7 @@
-"""Control table of the controller board: the single definition that C header, structs and docs are
-generated from.
+"""Control table of the controller board, the single source for the C header, structs and docs.
 
-`python -m tsd_twin.dynamixel` writes what is generated. Codes of modes, trips and refusals are here
-as well, and the base class of the generated blocks.
+`python -m tsd_twin.dynamixel` generates these files. This module also defines the codes for modes,
+trips and refusals.
 """
 
 from __future__ import annotations
@@ -14,33 +13,33 @@ from typing import Literal
 TABLE_VERSION = 5
 FW_VERSION = 5
 MODEL = 2014
-"""What a ping answers; the year of the thesis."""
+"""Model number in ping responses; the year of the thesis."""
 BOARD_ID = 200
-"""The id of TurtleBot3's board as well, out of the way of servos."""
+"""Same id as TurtleBot3's board, outside the usual range of servos."""
 SERVOS = 6
 ESCS = 3
 RC_CHANNELS = 6
 RECEIVER_CHANNELS = 16
-"""Of a receiver with SBUS."""
+"""Number of SBUS channels."""
 STICKS = 4
 """The first four channels: forward, left, turn, speed."""
 SERVO_HOT_C = 75
-"""A servo this hot stops the robot, before it switches itself off at 80."""
+"""A servo at this temperature stops the robot, before it switches itself off at 80."""
 RC_US = (800, 2200)
-"""Pulses of a receiver, at the least and at the most."""
+"""Shortest and longest valid receiver pulse."""
 ZERO_THROTTLE = 2000
-"""In half microseconds, for a speed controller whose pulses end at 1000 and 2000 us."""
+"""Half microseconds, for speed controllers with a pulse range of 1000 to 2000 us."""
 FULL_THROTTLE = 4000
 
 Type = Literal["u8", "u16", "u32", "i16"]
 Access = Literal["r", "w", "setup"]
-"""Read only; written at any time; written while disarmed only, else error 7."""
+"""Read only; writable at any time; writable while disarmed, else error 7."""
 SIZES: dict[Type, int] = {"u8": 1, "u16": 2, "u32": 4, "i16": 2}
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One entry: a number, or an array of `count` of them."""
+    """Table entry: a number, or an array of `count` numbers."""
 
     name: str
     type: Type
@@ -48,21 +47,21 @@ class Item:
     default: int = 0
     """Value after a reset."""
     limits: tuple[int, int] | None = None
-    """Smallest and largest that can be written; another is error 4, and nothing of it is taken."""
+    """Smallest and largest writable value; others are error 4, and the whole write is rejected."""
     unit: str = ""
     count: int = 1
     rise: int = 0
-    """What the default of each further entry of an array is above that of the one before."""
+    """Increment of the default from one array element to the next."""
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
         return SIZES[self.type] * self.count
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Neighbours that are read or written together."""
+    """Adjacent items that are read or written together."""
 
     name: str
     access: Access
@@ -71,29 +70,35 @@ class Block:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
         return sum(item.size for item in self.items)
 
 
 IDENTITY = Block(
     "identity",
     "r",
-    "Identity of the board, and fixed parameters.",
+    "Identity of the board and fixed parameters.",
     (
-        Item("model", "u16", "Kind of board.", MODEL),
-        Item("fw", "u8", "Version of the firmware, as a ping answers it.", FW_VERSION),
+        Item("model", "u16", "Model number of the board.", MODEL),
+        Item("fw", "u8", "Firmware version, also in ping responses.", FW_VERSION),
         Item("table_version", "u8", "Version of this table.", TABLE_VERSION),
-        Item("id", "u8", "Id on the wire.", BOARD_ID),
-        Item("host_baud", "u32", "Rate of the line to the PC.", 1_000_000, unit="Bd"),
-        Item("servo_baud", "u32", "Rate of the servo bus.", 1_000_000, unit="Bd"),
-        Item("heartbeat_timeout_ms", "u16", "Trips after this without a beat.", 500, unit="ms"),
-        Item("watchdog_ms", "u16", "A hung firmware is reset after this.", 250, unit="ms"),
-        Item("esc_hold_ms", "u16", "Zero throttle before arming.", 2000, unit="ms"),
-        Item("neutral_band", "u16", "Neutral is within this.", 11, unit="step"),
+        Item("id", "u8", "Dynamixel id.", BOARD_ID),
+        Item("host_baud", "u32", "Baud rate of the line to the PC.", 1_000_000, unit="Bd"),
+        Item("servo_baud", "u32", "Baud rate of the servo bus.", 1_000_000, unit="Bd"),
+        Item("heartbeat_timeout_ms", "u16", "Trip timeout without a heartbeat.", 500, unit="ms"),
+        Item("watchdog_ms", "u16", "Watchdog timeout that resets a hung firmware.", 250, unit="ms"),
+        Item(
+            "esc_hold_ms",
+            "u16",
+            "Required duration of zero throttle before arming.",
+            2000,
+            unit="ms",
+        ),
+        Item("neutral_band", "u16", "Tolerance of the neutral position.", 11, unit="step"),
         Item(
             "servo_hot_c",
             "u8",
-            "A servo this hot does not arm, and trips.",
+            "Servo temperature that prevents arming and trips.",
             SERVO_HOT_C,
             unit="deg C",
         ),
@@ -103,33 +108,40 @@ IDENTITY = Block(
 SETUP = Block(
     "setup",
     "setup",
-    "Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle.",
+    "Robot parameters in EEPROM. Written as a whole, at least 2 s after the last throttle.",
     (
         Item(
             "servo_id",
             "u8",
-            "Id of each servo, all different: alpha and beta of module 1, then 2, then 3.",
+            "Unique servo ids: alpha and beta of module 1, then 2, then 3.",
             1,
             (1, 252),
             count=SERVOS,
             rise=1,
         ),
-        Item("neutral", "u16", "Servo position of neutral.", 2048, (0, 4095), "step", SERVOS),
-        Item("reverse", "u8", "Bit i: servo i turns the other way.", 0, (0, 63)),
-        Item("goal_limit", "u16", "Goals are held within ± this.", 341, (0, 1023), "step"),
+        Item("neutral", "u16", "Servo position at neutral.", 2048, (0, 4095), "step", SERVOS),
+        Item("reverse", "u8", "Bit i: servo i turns in the opposite direction.", 0, (0, 63)),
+        Item("goal_limit", "u16", "Goals are clamped to ± this value.", 341, (0, 1023), "step"),
         Item(
             "servos_expected",
             "u8",
-            "Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos.",
+            "Bit i: servo i must respond to arm and stay armed; 0 if the board drives no servos.",
             63,
             (0, 63),
         ),
-        Item("battery_arm_mv", "u16", "No arming below this.", 0, (0, 65535), "mV"),
-        Item("battery_stop_mv", "u16", "Trips below this for 1 s.", 0, (0, 65535), "mV"),
+        Item("battery_arm_mv", "u16", "Minimum battery voltage for arming.", 0, (0, 65535), "mV"),
+        Item(
+            "battery_stop_mv",
+            "u16",
+            "Trips if the battery is below this voltage for 1 s.",
+            0,
+            (0, 65535),
+            "mV",
+        ),
         Item(
             "bandgap_mv",
             "u16",
-            "Of the chip's bandgap, which its supply is measured against.",
+            "Bandgap voltage of the chip, the reference for its supply voltage.",
             1100,
             (1000, 1200),
             "mV",
@@ -137,45 +149,45 @@ SETUP = Block(
         Item(
             "receiver_expected",
             "u8",
-            "1: a receiver must be there to arm and stay armed, though none was seen since power "
-            "came.",
+            "1: arming and staying armed requires a receiver, even if none was seen since "
+            "power-on.",
             0,
             (0, 1),
         ),
         Item(
             "stick_low",
             "u16",
-            "Pulse at the low end of forward, left, turn, speed.",
+            "Pulses at the low ends of forward, left, turn, speed.",
             1100,
             RC_US,
             "us",
             STICKS,
         ),
-        Item("stick_centre", "u16", "At rest; of the speed unused.", 1500, RC_US, "us", STICKS),
-        Item("stick_high", "u16", "At the high end.", 1900, RC_US, "us", STICKS),
-        Item("stick_dead", "u8", "Dead band at the centre, and at both ends.", 20, (0, 100), "us"),
-        Item("receiver_kind", "u8", "What the receiver sends: `ReceiverKind`.", 0, (0, 1)),
+        Item("stick_centre", "u16", "Pulses at rest; unused for speed.", 1500, RC_US, "us", STICKS),
+        Item("stick_high", "u16", "Pulses at the high ends.", 1900, RC_US, "us", STICKS),
+        Item("stick_dead", "u8", "Dead band at the centre and at both ends.", 20, (0, 100), "us"),
+        Item("receiver_kind", "u8", "Signal type of the receiver: `ReceiverKind`.", 0, (0, 1)),
         Item(
             "receiver_map",
             "u32",
-            "Channel of forward, left, turn, speed, kill, manual: 4 bits each, from the lowest.",
+            "Channels of forward, left, turn, speed, kill, manual: 4 bits each, lowest first.",
             0x543210,
             (0, 0xFFFFFF),
         ),
         Item(
             "pulse_low",
             "u16",
-            "Pulse of zero throttle of each speed controller; another only without power at them.",
+            "Pulse at zero throttle per speed controller; writable only while they have no power.",
             ZERO_THROTTLE,
             (ZERO_THROTTLE, 2400),
             "0.5 us",
             ESCS,
         ),
-        Item("pulse_high", "u16", "Of full throttle.", 4000, (3000, 4400), "0.5 us", ESCS),
+        Item("pulse_high", "u16", "Pulse at full throttle.", 4000, (3000, 4400), "0.5 us", ESCS),
         Item(
             "throttle_limit",
             "u16",
-            "No throttle exceeds this, whatever the source.",
+            "Maximum throttle from any source.",
             FULL_THROTTLE,
             (ZERO_THROTTLE, FULL_THROTTLE),
             "",
@@ -184,7 +196,7 @@ SETUP = Block(
         Item(
             "throttle_rise",
             "u16",
-            "Most by which a throttle rises in 10 ms; it falls at once.",
+            "Maximum throttle increase per 10 ms; decreases are immediate.",
             FULL_THROTTLE - ZERO_THROTTLE,
             (1, FULL_THROTTLE - ZERO_THROTTLE),
         ),
@@ -194,30 +206,30 @@ SETUP = Block(
 COMMAND = Block(
     "command",
     "w",
-    "Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5.",
+    "Joint commands: one WRITE of the whole block per cycle; a partial one is error 5.",
     (
         Item(
             "heartbeat",
             "u16",
-            "A change is a beat; arming needs one. While armed, a block that is behind is error 7.",
+            "Heartbeat counter; must change to arm. While armed, an older counter is error 7.",
             0,
             (0, 65535),
         ),
         Item(
             "arm",
             "u8",
-            "Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip "
-            "it has to be written 0 first: 1 again and again never arms again. 2 is STOP, for the "
-            "radio control too: until a 0 of this session no source gets the robot.",
+            "Changing 0 to 1 arms unless refused; 0 disarms. After a trip, 0 must be written "
+            "first; repeating 1 never re-arms. 2 is STOP, also for the radio control: no source "
+            "gets control until a 0 is written in this session.",
             0,
             (0, 2),
         ),
-        Item("torque", "u8", "0 switches servo torque off, while disarmed only.", 1, (0, 1)),
+        Item("torque", "u8", "0 switches servo torque off; only while disarmed.", 1, (0, 1)),
         Item(
             "throttle",
             "u16",
-            "Of each speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; put out "
-            "while armed.",
+            "Throttle per speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; "
+            "applied while armed.",
             ZERO_THROTTLE,
             (ZERO_THROTTLE, FULL_THROTTLE),
             "",
@@ -226,7 +238,7 @@ COMMAND = Block(
         Item(
             "goal",
             "i16",
-            "Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed.",
+            "Gimbal goals from neutral: alpha and beta of module 1, then 2, then 3; used if armed.",
             0,
             (-1023, 1023),
             "step",
@@ -235,7 +247,7 @@ COMMAND = Block(
         Item(
             "session",
             "u16",
-            "As `nonce`, or the block only disarms or stops: with `arm` 1 it is error 7.",
+            "Must equal `nonce`; else the block can only disarm or stop, and `arm` 1 is error 7.",
             0,
             (0, 65535),
             count=2,
@@ -246,79 +258,83 @@ COMMAND = Block(
 TELEMETRY = Block(
     "telemetry",
     "r",
-    "Measurements and states: one READ in each cycle.",
+    "Measurements and states: one READ per cycle.",
     (
-        Item("millis", "u32", "Since the reset.", unit="ms"),
+        Item("millis", "u32", "Time since the reset.", unit="ms"),
         Item("mode", "u8", "Source of the joint commands: `BoardMode`."),
-        Item("trip", "u8", "Why the board last disarmed itself, until it arms: `Trip`."),
-        Item("refusal", "u8", "Why arming was last refused: `Refusal`."),
-        Item("reset_cause", "u8", "Why the board started: `ResetCause`."),
-        Item("beat", "u16", "Echo of the heartbeat that was written last."),
+        Item("trip", "u8", "Reason of the last trip, until the board is armed: `Trip`."),
+        Item("refusal", "u8", "Reason of the last refusal to arm: `Refusal`."),
+        Item("reset_cause", "u8", "Reason of the last reset: `ResetCause`."),
+        Item("beat", "u16", "Echo of the last written heartbeat."),
         Item(
             "nonce",
             "u16",
-            "Number of this session; another after each start, each disarming, and each 1 in `arm` "
-            "that does not arm.",
+            "Session number; changes at each start, each disarming, and each 1 in `arm` that "
+            "does not arm.",
             count=2,
         ),
-        Item("setup_known", "u8", "1: the setup was written, now or before."),
+        Item("setup_known", "u8", "1: a setup was ever written."),
         Item("drive_on", "u8", "1: the speed controllers have power, behind the contactor."),
         Item(
             "esc_ready",
             "u8",
-            "1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power "
+            "1: zero throttle was output for `esc_hold_ms` since the speed controllers got power "
             "and since the last disarming.",
         ),
-        Item("servo_found", "u8", "Bit i: servo i answered a ping."),
-        Item("servo_alive", "u8", "Bit i: servo i answered within the last 50 ms."),
-        Item("servo_protocol", "u8", "Bit i: servo i speaks Protocol 2.0, else 1.0."),
+        Item("servo_found", "u8", "Bit i: servo i responded to a ping."),
+        Item("servo_alive", "u8", "Bit i: servo i responded within the last 50 ms."),
+        Item("servo_protocol", "u8", "Bit i: servo i uses Protocol 2.0, else 1.0."),
         Item("servo_fault", "u8", "Bit i: servo i reports a hardware error."),
-        Item("servo_torque", "u8", "Bit i: servo i said within the last 150 ms that it holds."),
+        Item("servo_torque", "u8", "Bit i: servo i reported torque on within the last 150 ms."),
         Item("servo_checked", "u8", "Bit i: the settings of servo i have the required values."),
         Item(
             "wrong_servo",
             "u8",
-            "Number, from 1, of a servo with a wrong setting, which the next two name; 0: none.",
+            "Number (from 1) of a servo with a wrong setting, see the next two items; else 0.",
         ),
-        Item("wrong_register", "u8", "Its address in the table of the servo; 0: its model."),
-        Item("wrong_value", "u32", "What it is there."),
-        Item("throttle_out", "u16", "Throttle that is put out.", ZERO_THROTTLE, None, "", ESCS),
-        Item("position", "i16", "Gimbals from neutral.", 0, None, "step", SERVOS),
-        Item("velocity", "i16", "Gimbals.", 0, None, "step/s", SERVOS),
-        Item("current", "i16", "Of the servos.", 0, None, "mA", SERVOS),
-        Item("voltage", "u8", "At the servos.", 0, None, "0.1 V", SERVOS),
-        Item("temperature", "u8", "Of the servos.", 0, None, "deg C", SERVOS),
+        Item(
+            "wrong_register", "u8", "Address of the setting in the servo's table; 0: model number."
+        ),
+        Item("wrong_value", "u32", "Value of the setting."),
+        Item("throttle_out", "u16", "Current throttle output.", ZERO_THROTTLE, None, "", ESCS),
+        Item("position", "i16", "Gimbal positions from neutral.", 0, None, "step", SERVOS),
+        Item("velocity", "i16", "Gimbal velocities.", 0, None, "step/s", SERVOS),
+        Item("current", "i16", "Servo currents.", 0, None, "mA", SERVOS),
+        Item("voltage", "u8", "Servo voltages.", 0, None, "0.1 V", SERVOS),
+        Item("temperature", "u8", "Servo temperatures.", 0, None, "deg C", SERVOS),
         Item(
             "rc",
             "u16",
-            "Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses.",
+            "Receiver pulses: forward, left, turn, speed, kill, manual; 0 if missing.",
             0,
             None,
             "us",
             RC_CHANNELS,
         ),
-        Item("battery_mv", "u16", "Of the battery.", unit="mV"),
-        Item("drive_mv", "u16", "Of the speed controllers, behind the contactor.", unit="mV"),
-        Item("supply_mv", "u16", "Of the board; the reference of the other two.", unit="mV"),
-        Item("crc_errors", "u16", "Packets from the PC with a wrong sum."),
-        Item("rx_errors", "u16", "Bytes from the PC lost, or cut packets given up."),
-        Item("servo_errors", "u16", "Answers of servos that were missing or wrong."),
-        Item("overruns", "u16", "Cycles that took longer than 10 ms."),
-        Item("trips", "u16", "Times that the board disarmed itself since power came."),
-        Item("resets", "u16", "Resets since power came."),
-        Item("stop_proven", "u8", "1: the stop circuit was seen open since power came."),
+        Item("battery_mv", "u16", "Battery voltage.", unit="mV"),
+        Item("drive_mv", "u16", "Speed-controller voltage, behind the contactor.", unit="mV"),
+        Item(
+            "supply_mv", "u16", "Board supply voltage, the reference for the other two.", unit="mV"
+        ),
+        Item("crc_errors", "u16", "Packets from the PC with a wrong CRC."),
+        Item("rx_errors", "u16", "Lost bytes and abandoned incomplete packets from the PC."),
+        Item("servo_errors", "u16", "Missing or invalid servo responses."),
+        Item("overruns", "u16", "Cycles longer than 10 ms."),
+        Item("trips", "u16", "Number of trips since power-on."),
+        Item("resets", "u16", "Number of resets since power-on."),
+        Item("stop_proven", "u8", "1: the stop circuit has been open since power-on."),
         Item(
             "servo_far",
             "u8",
-            "Bit i: servo i was not within 100 steps of its `neutral` yet, since power came or "
-            "`neutral` changed: it gets no torque.",
+            "Bit i: servo i has not been within 100 steps of `neutral` since power-on or a "
+            "change of `neutral`, so it gets no torque.",
         ),
-        Item("servo_stuck", "u8", "Bit i: servo i did not follow its goal, at the last trip."),
-        Item("servo_model", "u16", "Model numbers of the servos; 0: not read.", count=SERVOS),
+        Item("servo_stuck", "u8", "Bit i: servo i did not follow its goal at the last trip."),
+        Item("servo_model", "u16", "Servo model numbers; 0 if not read.", count=SERVOS),
         Item(
             "servo_missed",
             "u8",
-            "Missing or wrong answers of each servo; from 255 on to 0.",
+            "Missing or invalid responses per servo; wraps from 255 to 0.",
             count=SERVOS,
         ),
     ),
@@ -327,12 +343,12 @@ TELEMETRY = Block(
 RADIO = Block(
     "radio",
     "r",
-    "All that receivers of either kind send: for their set-up.",
+    "All receiver channels of both types, for setting up the receiver.",
     (
         Item(
             "channel",
             "u16",
-            "The channels of a frame, then the pulses of the wires; 0: none.",
+            "SBUS channels, then the pulses of the wires; 0 if missing.",
             0,
             None,
             "us",
@@ -345,7 +361,7 @@ BLOCKS = (IDENTITY, SETUP, COMMAND, TELEMETRY, RADIO)
 
 
 def addresses() -> dict[str, int]:
-    """Return where each item and each block begins."""
+    """Return the address of each item and each block."""
     found: dict[str, int] = {}
     at = 0
     for block in BLOCKS:
@@ -364,91 +380,93 @@ class BoardMode(IntEnum):
     """Source of the joint commands."""
 
     DISARMED = 0
-    """No source: zero throttle, gimbals to neutral."""
+    """No source: zero throttle, gimbals move to neutral."""
     ARMED = 1
-    """The PC: throttles and goals of the command block are put out."""
+    """The PC: throttles and goals of the command block are applied."""
     RC = 2
-    """The radio control: the command block is ignored, and arming refused."""
+    """The radio control: the command block is ignored, and arming is refused."""
 
 
 class Trip(IntEnum):
-    """Why the board last disarmed itself; stays until it is armed again."""
+    """Reason why the board last disarmed itself; kept until it is armed again."""
 
     NONE = 0
     HEARTBEAT = 1
     """The heartbeat did not change for `heartbeat_timeout_ms` while armed."""
     KILL = 2
-    """The kill switch of the radio control."""
+    """The kill switch of the radio control is on."""
     RC_LOST = 3
-    """The radio control was there, and its pulses ceased."""
+    """The pulses of the radio control ceased."""
     RC_TOOK_OVER = 4
-    """The radio control was switched to manual while the PC had the robot."""
+    """The radio control was switched to manual while the PC was in control."""
     SERVO = 5
-    """A servo of `servos_expected` no longer answers, or reports a hardware error."""
+    """A servo in `servos_expected` stopped responding or reports a hardware error."""
     WATCHDOG = 6
-    """The firmware hung, and its watchdog reset it."""
+    """The firmware hung and was reset by its watchdog."""
     DRIVE = 7
-    """The speed controllers lost their power: the stop circuit opened."""
+    """The speed controllers lost power because the stop circuit opened."""
     BATTERY = 8
     """The battery was below `battery_stop_mv` for 1 s."""
     TORQUE = 9
-    """A servo of `servos_expected` does not hold: its torque was switched off, or it restarted."""
+    """A servo in `servos_expected` lost torque: switched off, or the servo restarted."""
     FOLLOWING = 10
-    """A servo of `servos_expected` does not follow its goal."""
+    """A servo in `servos_expected` does not follow its goal."""
     HOT = 12
-    """A servo of `servos_expected` has `servo_hot_c`."""
+    """A servo in `servos_expected` reached `servo_hot_c`."""
     LINE = 13
-    """Servos were not heard or did not say that they hold, and in the same 50 ms bytes from the PC
-    were lost or wrong: its line kept the board too busy."""
+    """Servos missed responses or torque checks, and in the same 50 ms bytes from the PC were lost
+    or corrupt: the line kept the board too busy.
+    """
     STOPPED = 14
     """The PC wrote 2 to `arm`: STOP."""
 
 
 class Refusal(IntEnum):
-    """Why arming was last refused; 0 once it succeeds."""
+    """Reason why arming was last refused; 0 once it succeeds."""
 
     NONE = 0
     ESC_HOLD = 1
-    """Zero throttle has not been put out for `esc_hold_ms` yet, at speed controllers with power,
-    since the last disarming."""
+    """Zero throttle has not been output for `esc_hold_ms` since the speed controllers got power and
+    since the last disarming.
+    """
     THROTTLE = 2
-    """A throttle of the command block is not zero throttle."""
+    """A throttle in the command block is not zero."""
     GOAL = 3
-    """A goal of the command block is not 0."""
+    """A goal in the command block is not 0."""
     SERVO = 4
-    """A servo of `servos_expected` does not answer, or reports a hardware error."""
+    """A servo in `servos_expected` does not respond or reports a hardware error."""
     NOT_NEUTRAL = 5
-    """A gimbal is measured more than `neutral_band` from neutral."""
+    """A measured gimbal position is more than `neutral_band` from neutral."""
     KILL = 6
     """The kill switch is on."""
     RC = 7
-    """The radio control has the robot."""
+    """The radio control is in control of the robot."""
     SETUP = 8
-    """No set-up was ever written: where neutral is, is not known."""
+    """No setup was ever written, so the neutral positions are unknown."""
     DRIVE = 9
-    """The speed controllers have no power: the stop circuit is open."""
+    """The speed controllers have no power because the stop circuit is open."""
     BATTERY = 10
     """The battery is below `battery_arm_mv`."""
     RECEIVER = 11
-    """A receiver is expected, or was there, and a channel has no pulses."""
+    """A channel has no pulses, although a receiver is expected or was seen."""
     SETTING = 12
-    """A setting of a servo of `servos_expected` differs from the required value, or is unread."""
+    """A setting of a servo in `servos_expected` is wrong or unread."""
     TORQUE = 13
-    """A servo of `servos_expected` does not hold."""
+    """A servo in `servos_expected` has no torque."""
     STOP_NOT_PROVEN = 14
-    """The stop circuit was not seen open since power came: whether it can stop is not known."""
+    """The stop circuit has not been open since power-on, so its function is unproven."""
     RC_WITHOUT_SERVOS = 15
-    """The radio control drives with all six servos at the board: `servos_expected` must be 63."""
+    """Radio control requires all six servos at the board: `servos_expected` must be 63."""
     NEUTRAL = 17
-    """A servo of `servos_expected` is far from its `neutral`, and gets no torque."""
+    """A servo in `servos_expected` is far from its `neutral` and gets no torque."""
     HOT = 18
-    """A servo of `servos_expected` has `servo_hot_c`."""
+    """A servo in `servos_expected` reached `servo_hot_c`."""
     STOPPED = 19
-    """STOP, as of 2 in `arm`, is not released."""
+    """STOP (2 in `arm`) is not released."""
 
 
 class ResetCause(IntFlag):
-    """Why the board started: the bits of MCUSR."""
+    """Reason why the board started: the bits of MCUSR."""
 
     POWER_ON = 1
     EXTERNAL = 2
@@ -457,25 +475,25 @@ class ResetCause(IntFlag):
 
 
 class ReceiverKind(IntEnum):
-    """What the receiver of the radio control sends."""
+    """Signal type of the radio receiver."""
 
     PULSES = 0
-    """A wire for each of six channels."""
+    """One wire per channel (six)."""
     SBUS = 1
-    """One wire, with frames of 16 channels."""
+    """One wire with frames of 16 channels."""
 
 
 class RcChannel(IntEnum):
-    """Which entry of `rc` is what; a switch is on the side of its pulse, seen from `SWITCH_US`."""
+    """Entries of `rc`; the pulse of a switch is compared with `SWITCH_US`."""
 
     FORWARD = 0
     LEFT = 1
     TURN = 2
     SPEED = 3
     KILL = 4
-    """Shorter kills: a receiver that loses its transmitter is set to do that."""
+    """Shorter pulses kill; the receiver's fail-safe must be set to this."""
     MANUAL = 5
-    """Longer gives the robot to the radio control."""
+    """Longer pulses give control to the radio."""
 
 
 SWITCH_US = 1500

@@ -1,4 +1,4 @@
-"""Dynamixel packets: frames of Protocol 1.0 and 2.0, CRC-16, stream decoder, packed numbers."""
+"""Dynamixel packets: framing of Protocol 1.0 and 2.0, CRC-16, stream decoder, packed numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self, cast
 
 
 def crc16(data: bytes) -> int:
-    """Return CRC-16 with polynomial 0x8005, start 0, not reflected (also called CRC-16/UMTS)."""
+    """Return the CRC-16 with polynomial 0x8005, start 0, not reflected (CRC-16/UMTS)."""
     table = _table()
     crc = 0
     for byte in data:
@@ -44,7 +44,7 @@ class Instruction(IntEnum):
     WRITE = 0x03
     REBOOT = 0x08
     STATUS = 0x55
-    """An answer; Protocol 2.0 only."""
+    """Status packet; Protocol 2.0 only."""
     SYNC_READ = 0x82
     """Protocol 2.0 only."""
     SYNC_WRITE = 0x83
@@ -64,14 +64,12 @@ class Fault(IntEnum):
 
 
 ALERT = 0x80
-"""Bit of `Status.error` of Protocol 2.0: the device has a hardware error; no refusal."""
+"""Bit of `Status.error` in Protocol 2.0: the device has a hardware error but did not refuse."""
 
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """Packet: device id, instruction code and parameters; in a Protocol 1.0 status, `code` is the
-    error.
-    """
+    """Device id, instruction code and parameters; `code` is the error in a Protocol 1.0 status."""
 
     id: int
     code: int
@@ -84,53 +82,53 @@ class Status:
 
     id: int
     error: int
-    """0 is none; of Protocol 2.0 a `Fault`, and `ALERT`; of Protocol 1.0 bits."""
+    """0 if no error; in Protocol 2.0 a `Fault` and `ALERT`, in Protocol 1.0 error bits."""
     data: bytes = b""
 
 
 class Framing(ABC):
-    """Framing of one version of the protocol: frames of requests and responses, and back."""
+    """Framing of a protocol version, for requests and responses."""
 
     HEADER: ClassVar[bytes]
     OVERHEAD: ClassVar[int]
-    """Bytes of a frame without parameters."""
+    """Frame size without parameters, bytes."""
     NUMBER: ClassVar[str]
-    """Format of an address or a length, as `struct` has it."""
+    """`struct` format of an address or a length."""
 
     @abstractmethod
     def encode(self, packet: Packet) -> bytes:
-        """Frame of a packet."""
+        """Return the frame of a packet."""
 
     @abstractmethod
     def size(self, head: bytes) -> int | None:
-        """Return how long the frame is that begins so; None: more is needed; 0: no frame does."""
+        """Return the frame length from its first bytes; None if too few, 0 if invalid."""
 
     @abstractmethod
     def decode(self, frame: bytes) -> Packet | None:
-        """Packet in a whole frame; None: the sum is wrong."""
+        """Return the packet in a complete frame, or None if its checksum is wrong."""
 
     @abstractmethod
     def as_status(self, packet: Packet) -> Status | None:
-        """Answer that a packet is; None: it is none."""
+        """Parse a packet as a response, or return None."""
 
     @abstractmethod
     def status(self, device: int, error: int, data: bytes = b"") -> bytes:
-        """Frame of an answer."""
+        """Return the frame of a response."""
 
     def ping(self, device: int) -> bytes:
-        """Request a response, to find a device; in Protocol 2.0 with model and firmware version."""
+        """Request a response to find a device; in Protocol 2.0 with model and firmware version."""
         return self.encode(Packet(device, Instruction.PING))
 
     def read(self, device: int, address: int, length: int) -> bytes:
-        """Ask for `length` bytes of the table of a device."""
+        """Request `length` bytes of a device's table."""
         return self.encode(Packet(device, Instruction.READ, self._numbers(address, length)))
 
     def write(self, device: int, address: int, data: bytes) -> bytes:
-        """Write into the table of a device."""
+        """Write to a device's table."""
         return self.encode(Packet(device, Instruction.WRITE, self._numbers(address) + data))
 
     def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
-        """Write the same part of the tables of several devices; there is no response."""
+        """Write the same part of several devices' tables, without a response."""
         (length,) = {len(part) for part in data.values()}
         params = self._numbers(address, length)
         params += b"".join(bytes([device]) + part for device, part in data.items())
@@ -143,8 +141,8 @@ class Framing(ABC):
 class Protocol1(Framing):
     """Dynamixel Protocol 1.0, the factory protocol of an MX-64 of 2014.
 
-    Frame: FF FF, id, length (of what follows), instruction or error, parameters, inverted sum.
-    https://emanual.robotis.com/docs/en/dxl/protocol1/
+    Frame: FF FF, id, length (of the remaining bytes), instruction or error, parameters, inverted
+    sum. https://emanual.robotis.com/docs/en/dxl/protocol1/
     """
 
     HEADER = b"\xff\xff"
@@ -152,28 +150,28 @@ class Protocol1(Framing):
     NUMBER = "B"
 
     def encode(self, packet: Packet) -> bytes:
-        """Frame of a packet."""
+        """Return the frame of a packet."""
         inner = bytes([packet.id, len(packet.params) + 2, packet.code]) + packet.params
         return self.HEADER + inner + bytes([_inverted_sum(inner)])
 
     def size(self, head: bytes) -> int | None:
-        """Return the length of a frame by its first four bytes."""
+        """Return the frame length from its first four bytes."""
         if len(head) < 4:
             return None
         return 4 + head[3] if head[2] <= BROADCAST and head[3] >= 2 else 0
 
     def decode(self, frame: bytes) -> Packet | None:
-        """Packet in a whole frame; None: the sum is wrong."""
+        """Return the packet in a complete frame, or None if its checksum is wrong."""
         if _inverted_sum(frame[2:-1]) != frame[-1]:
             return None
         return Packet(frame[2], frame[4], frame[5:-1])
 
     def as_status(self, packet: Packet) -> Status | None:
-        """Packet as a status; Protocol 1.0 does not mark status packets."""
+        """Return the packet as a status; Protocol 1.0 does not mark status packets."""
         return Status(packet.id, packet.code, packet.params)
 
     def status(self, device: int, error: int, data: bytes = b"") -> bytes:
-        """Frame of an answer; the error is in place of the instruction."""
+        """Return the frame of a response, with the error in place of the instruction."""
         return self.encode(Packet(device, error, data))
 
 
@@ -184,14 +182,14 @@ def _inverted_sum(inner: bytes) -> int:
 _LIKE_HEADER = b"\xff\xff\xfd"
 _STUFFED = b"\xff\xff\xfd\xfd"
 _BODY = 7
-"""Where the instruction of a frame of Protocol 2.0 is."""
+"""Offset of the instruction in a Protocol 2.0 frame."""
 _SUM = 2
 
 
 class Protocol2(Framing):
-    """Dynamixel Protocol 2.0: a header, stuffing that keeps it out of the data, and a CRC.
+    """Dynamixel Protocol 2.0: a header, byte stuffing to keep it out of the data, and a CRC.
 
-    Frame: FF FF FD 00, id, length (2 bytes, of what follows), instruction, parameters, CRC
+    Frame: FF FF FD 00, id, length of the remaining bytes (2 bytes), instruction, parameters, CRC
     (2 bytes). https://emanual.robotis.com/docs/en/dxl/protocol2/
     """
 
@@ -200,38 +198,38 @@ class Protocol2(Framing):
     NUMBER = "H"
 
     def encode(self, packet: Packet) -> bytes:
-        """Frame of a packet, with stuffing."""
-        # The pattern does not overlap with itself: one pass finds every place.
+        """Return the frame of a packet, with byte stuffing."""
+        # The pattern cannot overlap with itself, so one pass finds every occurrence.
         body = (bytes([packet.code]) + packet.params).replace(_LIKE_HEADER, _STUFFED)
         frame = self.HEADER + pack("<BH", packet.id, len(body) + _SUM) + body
         return frame + pack("<H", crc16(frame))
 
     def size(self, head: bytes) -> int | None:
-        """Return the length of a frame by its first seven bytes."""
+        """Return the frame length from its first seven bytes."""
         if len(head) < _BODY:
             return None
         device, length = unpack_from("<BH", head, len(self.HEADER))
         return _BODY + length if device <= BROADCAST and device != 0xFD and length > _SUM else 0
 
     def decode(self, frame: bytes) -> Packet | None:
-        """Packet in a whole frame; None: the CRC is wrong."""
+        """Return the packet in a complete frame, or None if its CRC is wrong."""
         if crc16(frame[:-_SUM]) != unpack_from("<H", frame, len(frame) - _SUM)[0]:
             return None
         body = frame[_BODY:-_SUM].replace(_STUFFED, _LIKE_HEADER)
         return Packet(frame[4], body[0], body[1:])
 
     def as_status(self, packet: Packet) -> Status | None:
-        """Answer that a packet is; None: it is none."""
+        """Parse a packet as a response, or return None."""
         if packet.code != Instruction.STATUS or not packet.params:
             return None
         return Status(packet.id, packet.params[0], packet.params[1:])
 
     def status(self, device: int, error: int, data: bytes = b"") -> bytes:
-        """Frame of an answer."""
+        """Return the frame of a response."""
         return self.encode(Packet(device, Instruction.STATUS, bytes([error]) + data))
 
     def sync_read(self, devices: Sequence[int], address: int, length: int) -> bytes:
-        """Ask several devices for the same part of their tables; they answer in this order."""
+        """Request the same part of several devices' tables; they respond in this order."""
         params = self._numbers(address, length) + bytes(devices)
         return self.encode(Packet(BROADCAST, Instruction.SYNC_READ, params))
 
@@ -240,11 +238,11 @@ protocol1, protocol2 = Protocol1(), Protocol2()
 
 
 class Decoder:
-    """Incremental decoder: finds packets in a byte stream.
+    """Incremental decoder that finds packets in a byte stream.
 
-    What is kept is never longer than one frame of `longest` bytes and a chunk of input. A frame
-    that stays cut for `timeout_s` is given up. Of a frame that is given up, only the header is
-    thrown away: what follows may be whole.
+    The buffer never exceeds one frame of `longest` bytes plus one input chunk. A frame that remains
+    incomplete for `timeout_s` is abandoned. Only its header is discarded, because the following
+    bytes may contain complete frames.
     """
 
     def __init__(self, framing: Framing, *, longest: int = 512, timeout_s: float = 0.02) -> None:
@@ -255,17 +253,17 @@ class Decoder:
         self._kept = bytearray()
         self._heard_s = -math.inf
         self.sum_errors = 0
-        """Frames with a wrong sum."""
+        """Number of frames with a wrong checksum."""
         self.cut = 0
-        """Frames that were given up because no more came."""
+        """Number of abandoned incomplete frames."""
         self.skipped = 0
-        """Bytes that belong to no frame."""
+        """Number of bytes outside frames."""
 
     def feed(self, data: bytes, now_s: float) -> list[Packet]:
-        """Return the packets that are whole with `data`, which came at `now_s`; it may be empty."""
+        """Return the packets completed by `data`, received at `now_s`; `data` may be empty."""
         packets: list[Packet] = []
         if self._kept and now_s - self._heard_s > self._timeout_s:
-            # One frame at a time: what stood behind it may be whole, or cut as well.
+            # One frame at a time, because the following ones may be complete or incomplete too.
             while self._kept:
                 self._append_packets(packets)
                 if self._kept:
@@ -278,7 +276,7 @@ class Decoder:
         return packets
 
     def clear(self) -> None:
-        """Discard buffered bytes, as after the port was opened again."""
+        """Discard buffered bytes, for example after reopening the port."""
         self._kept.clear()
 
     def _append_packets(self, packets: list[Packet]) -> None:
@@ -300,10 +298,10 @@ class Decoder:
                     del self._kept[:size]
 
     def _find_header(self) -> bool:
-        """Discard bytes before the next header; return whether a complete header is there."""
+        """Discard bytes before the next header; return whether a complete header was found."""
         at = self._kept.find(self._header)
         if at < 0:
-            # The end may be the beginning of one.
+            # The last bytes may be the beginning of a header.
             at = len(self._kept) - len(self._header) + 1
             at = max(at, 0)
             while not self._header.startswith(bytes(self._kept[at:])):
@@ -318,13 +316,13 @@ class Decoder:
 
 @dataclass(frozen=True, slots=True)
 class Packed:
-    """Numbers, and arrays of as many numbers as their default has, in the order of the bytes."""
+    """Struct of numbers and number arrays in byte order; array lengths follow from the defaults."""
 
     ADDRESS: ClassVar[int]
     LAYOUT: ClassVar[Struct]
 
     def pack(self) -> bytes:
-        """Bytes of the block."""
+        """Return the bytes of the block."""
         numbers: list[int] = []
         for field in fields(self):
             value: int | tuple[int, ...] = getattr(self, field.name)
@@ -333,7 +331,7 @@ class Packed:
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """Block in these bytes."""
+        """Parse a block."""
         numbers = iter(cls.LAYOUT.unpack(data))
         values: dict[str, Any] = {}
         for field in fields(cls):

@@ -1,8 +1,8 @@
-"""Servo models that a gimbal can have: their settings, and the values with which a servo goes where
-its goal is, as soon as it can. `firmware/servo_models.h` is generated from this.
+"""Servo models for gimbals, and the settings with which a servo moves straight to its goal.
 
-Compared is all of the control table that can be written and is not in `NOT_COMPARED`, with the
-values with which a servo leaves the factory. Source: https://emanual.robotis.com/docs/en/dxl/.
+`firmware/servo_models.h` is generated from this module. All writable registers except
+`NOT_COMPARED` are compared with the factory defaults. Source:
+https://emanual.robotis.com/docs/en/dxl/.
 """
 
 from __future__ import annotations
@@ -15,31 +15,31 @@ ProtocolVersion = Literal[1, 2]
 MODEL_NUMBER = 0
 """Register of the model number in both protocols; two bytes."""
 LONGEST_READ: dict[ProtocolVersion, int] = {1: 10, 2: 21}
-"""Bytes of settings in one response, by protocol; as many as the board reads otherwise."""
+"""Maximum setting bytes in one response, by protocol; same as the board's other reads."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServoSetting:
-    """One register, and the values that it may have."""
+    """Register and its allowed values."""
 
     address: int
     size: int
-    """Bytes."""
+    """Size in bytes."""
     least: int
     most: int
     name: str
 
     def value(self, data: bytes) -> int:
-        """Return the value in the bytes of the register; of four, it is signed."""
+        """Return the value in the register's bytes; four-byte registers are signed."""
         return int.from_bytes(data[: self.size], "little", signed=self.size == 4)
 
     def allows(self, value: int) -> bool:
-        """Return whether the register may have this value."""
+        """Return whether the value is allowed."""
         return self.least <= value <= self.most
 
     @property
     def wanted(self) -> str:
-        """Text of the value that it must have, or of the range."""
+        """Allowed value or range as text."""
         return str(self.least) if self.least == self.most else f"{self.least} to {self.most}"
 
 
@@ -48,23 +48,23 @@ def _exactly(address: int, size: int, value: int, name: str) -> ServoSetting:
 
 
 _RETURN_DELAY = (25, 250)
-"""In 2 us: the board listens after 50 us; more than the factory value does not fit its cycle."""
+"""Units of 2 us. The board listens after 50 us; values above the default exceed its cycle."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServoModel:
-    """Model of a servo with one firmware."""
+    """Servo model with a specific firmware."""
 
     number: int
     name: str
     protocol: ProtocolVersion
     current_ma: float
-    """One unit of its measured current."""
+    """Measured current per unit, mA."""
     settings: tuple[ServoSetting, ...]
-    """By address."""
+    """Settings by address."""
 
     def reads(self) -> list[tuple[ServoSetting, ...]]:
-        """Return the settings in groups of neighbours, each of which one read returns."""
+        """Return groups of adjacent settings, each returned by one read."""
         groups: list[list[ServoSetting]] = []
         for setting in self.settings:
             group = groups[-1] if groups else []
@@ -80,7 +80,7 @@ class ServoModel:
 
 
 def span(group: Sequence[ServoSetting]) -> int:
-    """Bytes of neighbouring settings."""
+    """Return the size of adjacent settings, bytes."""
     return sum(setting.size for setting in group)
 
 
@@ -117,10 +117,10 @@ _MX64_1 = ServoModel(
 def _protocol2(
     current_limit: int, velocity_limit: int, p_gain: int, *more: ServoSetting
 ) -> tuple[ServoSetting, ...]:
-    """Settings that all models with Protocol 2.0 have.
+    """Return the settings common to all models with Protocol 2.0.
 
-    `velocity_limit` is the lowest with which versions of the firmware came: a higher one limits
-    nothing.
+    `velocity_limit` is the lowest factory value of any firmware version; higher values do not
+    limit.
     """
     settings = (
         *more,
@@ -173,7 +173,7 @@ MODELS: dict[int, ServoModel] = {
         replace(_XM430_W350, number=1130, name="XM540-W150", settings=_protocol2(2047, 230, 800)),
     )
 }
-"""By model number."""
+"""Servo models by model number."""
 
 NOT_COMPARED: dict[ProtocolVersion, dict[int, str]] = {
     1: {
@@ -201,11 +201,11 @@ NOT_COMPARED: dict[ProtocolVersion, dict[int, str]] = {
         116: "goal position: written in each cycle",
     },
 }
-"""Registers that can be written and are not compared, by protocol and address, with the reason."""
+"""Writable registers that are not compared, by protocol and address, with the reason."""
 
 
 def wrong_setting(servo: str, model: int, address: int, found: int) -> str:
-    """Sentence about a register of `servo` that has the value `found`, as it was read."""
+    """Return an error message for a register of `servo` with the value `found` as read."""
     if address == MODEL_NUMBER:
         known = ", ".join(f"{known.name} ({known.number})" for known in MODELS.values())
         return f"{servo}: model {found} is not one of {known}"

@@ -1,4 +1,4 @@
-"""State estimation: wheel odometry, odometry from other sensors, pose filter, consistency test."""
+"""State estimation: wheel odometry, other odometry, pose filters and the consistency test."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Consistency of the measured joints: a chi-square test of the residual of forward kinematics.
+"""Consistency of the measured joints: chi-square test of the forward-kinematics residual.
 
-More actuators than degrees of freedom leave a residual. Beyond its noise it means that one of them
-does not do what its measurement says; the test names the actuator that explains most of it.
+With more actuators than degrees of freedom, forward kinematics leaves a residual. If it exceeds its
+noise, some joint does not move as measured; the test names the actuator that explains most of the
+residual.
 """
 
 from __future__ import annotations
@@ -19,46 +20,45 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import JointCompliance, JointErrors
 
 FALSE_ALARM = 1e-4
-"""False-alarm probability of a decision about a sound robot."""
-_LEFT_OVER = 0.01
-_NUDGE = 1e-5
-"""Step of finite differences: radians, or a share of a speed."""
-_LEAST_SIGMA = 1e-5
-"""Minimum standard deviation, radians or rad/s, for joints described without noise."""
-_NOTHING = 1e-4
-"""m/s: directions of the residual below this are rounding, as with three wheels, which leave no
-residual."""
+"""False-alarm probability per test of a healthy robot."""
+_REMAINDER_TAIL = 0.01
+_DIFF_STEP = 1e-5
+"""Finite-difference step: radians, or a fraction of the speed."""
+_MIN_SIGMA = 1e-5
+"""Minimum standard deviation (rad or rad/s), for joints described without noise."""
+_MIN_SINGULAR_MPS = 1e-4
+"""m/s: residual directions below this are rounding errors, as with three wheels (no redundancy)."""
 _RANK = 1e-6
-"""Rank tolerance: directions below this share of the largest singular value are dropped."""
+"""Rank tolerance, relative to the largest singular value."""
 
 
-_YIELDS = (0.25, 0.5, 0.75, 1.0)
-"""Shares of the reckoned force of a small slip: that of a large slip is less."""
+_COMPLIANCE_FACTORS = (0.25, 0.5, 0.75, 1.0)
+"""Factors on the modelled contact force, which saturates as slip grows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParitySpace:
-    """Parity space at one joint vector: the residuals that errors of joints cause."""
+    """Parity space at one joint vector: the residuals that joint errors can cause."""
 
     slopes: Array
-    """(n, m): derivatives of the residual by the joints."""
+    """(n, m): derivatives of the residual with respect to the joints."""
     basis: Array
-    """(d, m): orthonormal directions of the residual."""
+    """(d, m): orthonormal basis of these residuals."""
 
     @staticmethod
     def at(kinematics: Kinematics[Any], joints: Array) -> ParitySpace:
-        """Return the space at `joints` (n,): the forward kinematics to first order."""
+        """Linearize forward kinematics at `joints` (n,)."""
         scale = np.maximum(1.0, np.abs(joints))
-        steps = _NUDGE * scale
+        steps = _DIFF_STEP * scale
         nudged = np.empty((len(joints) + 1, len(joints)))
         nudged[:] = joints
-        # The diagonal of the rows below the first, as one slice: each nudges a joint of its own.
+        # This slice is the diagonal of all rows but the first, so each row perturbs one joint.
         nudged.reshape(-1)[len(joints) :: len(joints) + 1] += steps
         residuals = kinematics.forward(nudged).residual
         slopes = (residuals[1:] - residuals[0]) / steps[:, None]
         _, sizes, directions = np.linalg.svd(slopes * scale[:, None], full_matrices=False)
-        # The sizes fall.
-        count = int(np.count_nonzero(sizes > _RANK * max(sizes[0], _NOTHING)))
+        # Singular values are in descending order.
+        count = int(np.count_nonzero(sizes > _RANK * max(sizes[0], _MIN_SINGULAR_MPS)))
         return ParitySpace(slopes, directions[:count])
 
 
@@ -67,11 +67,11 @@ class ParityTest:
     """Chi-square parity test at one joint vector."""
 
     whiten: Array
-    """(d, m): whitening of a residual to d independent, standard normal numbers."""
+    """(d, m): maps a residual to its parity vector: d independent, standard normal numbers."""
     threshold: float
-    """Threshold of the squared length of the parity vector; infinite for d = 0."""
+    """Threshold for the squared norm of the parity vector; infinite for d = 0."""
     slopes: Array
-    """(n, m): derivatives of the residual by the joints."""
+    """(n, m): derivatives of the residual with respect to the joints."""
 
     @staticmethod
     def at(
@@ -84,7 +84,8 @@ class ParityTest:
     ) -> ParityTest:
         """Return the test around `joints` (n,) with standard deviations `sigma` (n,).
 
-        `common` (n,) are deviations of all joints at once, by one standard normal number.
+        `common` (n,) is a joint deviation along a fixed direction, scaled by one standard normal
+        number.
         """
         space = ParitySpace.at(kinematics, joints)
         return ParityTest.of(space, sigma, false_alarm, common=common)
@@ -97,11 +98,11 @@ class ParityTest:
         *,
         common: Array | None = None,
     ) -> ParityTest:
-        """Return the test in a parity space, as `at` does."""
+        """Return the test for a given parity space; other arguments as in `at`."""
         slopes, basis = space.slopes, space.basis
         if len(basis) == 0:
             return ParityTest(np.zeros((0, slopes.shape[1])), np.inf, slopes)
-        noise = (np.maximum(sigma, _LEAST_SIGMA)[:, None] * slopes) @ basis.T
+        noise = (np.maximum(sigma, _MIN_SIGMA)[:, None] * slopes) @ basis.T
         covariance = noise.T @ noise
         if common is not None:
             together = common @ slopes @ basis.T
@@ -119,41 +120,43 @@ class ParityTest:
     def statistic(self, residual: Array, samples: float = 1.0) -> Array:
         """Return the test statistic (...) for the mean of `samples` residuals.
 
-        `residual` is (..., m); the noise of one sample is independent of that of the others.
+        `residual` is (..., m); noise is independent between samples.
         """
         white = residual @ self.whiten.T
         return samples * np.square(white).sum(axis=-1)
 
     def single_fault(self, residual: Array, by_slip: Array | None = None) -> tuple[Array, Any]:
-        """Return the joint that alone explains most of residuals (..., m), and whether all of it.
+        """Return the joint that explains most of residuals (..., m), and whether it explains all.
 
-        All means that the rest is within the 99th percentile of the noise. `by_slip` (n, m) is by
-        how much joints give way to a residual, if they do. A joint that explains all of it together
-        with how others give way counts only where no joint alone does.
+        It explains all if the remainder is below the 99th percentile of the noise. `by_slip` (n, m)
+        is the joint deflection per unit of residual, for compliant joints. Explanations that
+        include deflection of the other joints are used only if no single joint suffices.
         """
         white = residual @ self.whiten.T
         squared = np.square(white).sum(axis=-1)
-        most = chi_square_bound(self.dimensions - 1, _LEFT_OVER)
-        # Unit vectors of the parity space, for a fault of one joint each; or zero.
+        most = chi_square_bound(self.dimensions - 1, _REMAINDER_TAIL)
+        # Unit vectors in parity space, one per faulty joint; zero if the fault is not observable.
         explained = np.square(white @ _unit_lines(self.slopes @ self.whiten.T).T)
         joint: Array = explained.argmax(axis=-1)
         enough: Any = squared - explained.max(axis=-1) <= most
         if by_slip is not None:
-            each = [_unit_lines(slopes @ self.whiten.T) for slopes in self._yielding(by_slip)]
+            each = [
+                _unit_lines(slopes @ self.whiten.T) for slopes in self._compliant_slopes(by_slip)
+            ]
             explained = np.maximum.reduce([np.square(white @ lines.T) for lines in each])
             joint = np.where(enough, joint, explained.argmax(axis=-1))
             enough = enough | (squared - explained.max(axis=-1) <= most)
         return joint, enough
 
-    def _yielding(self, by_slip: Array) -> list[Array]:
-        """Return `slopes` where all joints give way to the residual, for each of `_YIELDS`.
+    def _compliant_slopes(self, by_slip: Array) -> list[Array]:
+        """Return `slopes` including joint deflection, for each of `_COMPLIANCE_FACTORS`.
 
-        Each change of the residual moves the other joints, which changes the residual again.
+        A change of the residual deflects the other joints, which changes the residual again.
         """
         again, eye = self.slopes.T @ by_slip, np.eye(len(by_slip.T))
         return [
             np.asarray(np.linalg.solve(eye - share * again, self.slopes.T), dtype=float).T
-            for share in _YIELDS
+            for share in _COMPLIANCE_FACTORS
         ]
 
     def exceeds_threshold(self, residual: Array, samples: float = 1.0) -> Any:
@@ -162,22 +165,22 @@ class ParityTest:
 
 
 def _unit_lines(lines: Array) -> Array:
-    """Return lines (n, d) of length one."""
+    """Normalize lines (n, d) to unit length."""
     lengths: Array = np.sqrt(np.square(lines).sum(axis=1, keepdims=True))
-    # The speed of an upright wheel is not observable: such a line would be rounding.
+    # The speed of an upright wheel is not observable; normalizing its line would amplify rounding.
     return np.where(lengths > _RANK * lengths.max(), lines / np.maximum(lengths, 1e-300), 0.0)
 
 
 @functools.cache
 def chi_square_bound(dimensions: int, beyond: float) -> float:
-    """Return the chi-square quantile that is exceeded with the probability `beyond`, below 0.3.
+    """Return the chi-square quantile with tail probability `beyond` (< 0.3).
 
-    To import scipy.special for it would take a third of the time in which a robot node starts.
+    Avoids scipy.special, whose import would take a third of a robot node's startup time.
     """
     if dimensions <= 0:
         return 0.0
     bound = float(dimensions)
-    # Newton's method on the logarithm of the survival function, which is nearly a line.
+    # Newton's method on the log survival function, which is nearly linear.
     for _ in range(10):
         survival, density = _chi_square(bound, dimensions)
         bound += math.log(survival / beyond) * survival / density
@@ -187,7 +190,7 @@ def chi_square_bound(dimensions: int, beyond: float) -> float:
 def _chi_square(x: float, dimensions: int) -> tuple[float, float]:
     """Return survival function and density of the chi-square distribution at `x`.
 
-    With each two dimensions the survival function grows by twice the density.
+    Each two additional dimensions increase the survival function by twice the density.
     """
     odd = dimensions % 2
     densities = [
@@ -206,47 +209,47 @@ class ConsistencyResult:
     """Result of the consistency test."""
 
     residual_mps: float
-    """Smoothed residual, root mean square over the contacts."""
+    """Smoothed residual, RMS over the contacts."""
     level: float
-    """Chi-square of the residual over the threshold: above 1 it is more than noise explains."""
+    """Test statistic divided by its threshold."""
     shares: Array
-    """(k,): share of the squared residual due to each actuator alone, 0 to 1."""
+    """(k,): fraction of the squared residual that each actuator alone explains, 0 to 1."""
     suspect: int | None
-    """The actuator suspected of a fault, when the residual exceeds the threshold."""
+    """Index of the suspected actuator if the residual exceeds the threshold."""
 
     @property
     def exceeds_threshold(self) -> bool:
-        """Whether the residual is larger than the known noise explains."""
+        """Whether the residual is larger than known noise explains."""
         return self.level > 1.0
 
 
 _EDGE_SHARE = math.sqrt(3.0 / chi_square_bound(3, FALSE_ALARM))
-"""Share of the dead band that counts as a standard deviation. Dead bands are no normal numbers, but
-have an end: with this share, all joints of three modules at their ends reach the threshold, and no
-more, on average over where the ends are."""
-_LEAN_SHARE = 0.3
-"""Standard deviation of how far a joint gives way, as a share of what is reckoned: loads are not
-equal, and joints move within their play."""
+"""Standard deviation assigned to a dead band, as a fraction of its width. Dead bands are bounded,
+not Gaussian: with this fraction, three modules with all joints at an edge just reach the threshold,
+averaged over the choice of edges."""
+_DEFLECTION_SIGMA = 0.3
+"""Standard deviation of a joint's deflection, relative to the model: loads are unequal, and joints
+move within their backlash."""
 _PLAY_SHARE = 1.0 / math.sqrt(12.0)
-"""Standard deviation of a number that is anything between 0 and 1."""
-_REMEMBERED_S = 0.2
-"""Time constant with which motion and load are forgotten: what they did wears off."""
+"""Standard deviation of the uniform distribution on [0, 1]."""
+_DECAY_S = 0.2
+"""Decay time constant for the effects of past motion and load."""
 _SETTLED_S = 3.0
-"""Time after which joints that stay the same change nothing any more."""
+"""Time after which unchanged joints no longer affect the result."""
 
 
 class ConsistencyMonitor:
-    """Monitor of the smoothed residual of forward kinematics against what a sound robot causes.
+    """Compares the smoothed forward-kinematics residual with its expectation for a healthy robot.
 
-    The residual is that of the joints alone, without the rolling of wheels by their turning
-    gimbals: set-points are consistent without it. Errors of joints persist: steps of a servo and a
-    wrong spin do not average out. So smoothing removes short disturbances, and the threshold is
-    nonetheless that of a single sample. Joints of a robot that speeds up give way and trail: see
-    `JointCompliance`. By how much together is not known, between not at all and as reckoned.
+    The residual excludes wheel rolling caused by turning gimbals, because setpoints are consistent
+    without it. Joint errors such as servo steps and wrong wheel speeds persist and do not average
+    out. Smoothing therefore only removes short disturbances, and the threshold still applies to a
+    single sample. While a robot accelerates, its joints deflect and lag (see `JointCompliance`), by
+    a common factor that is unknown between 0 and 1.
 
-    The suspect is the actuator of the one joint that explains the whole residual, if there is one.
-    Otherwise it is the actuator without which the others agree best. The second rule alone would
-    not suffice: an error in the distance between two modules may be due to either.
+    The suspect is the actuator of the joint that alone explains the whole residual, if any;
+    otherwise the actuator whose removal leaves the others most consistent. The second rule alone is
+    ambiguous: either of two modules may explain an error in the distance between them.
     """
 
     def __init__(
@@ -265,22 +268,23 @@ class ConsistencyMonitor:
             self._edge_rad = _EDGE_SHARE * compliance.dead_band_rad * self._is_angle
         self._joints, self._same_s = b"", 0.0
         self._latest: TwistSolution = TwistSolution(np.zeros(3), np.zeros(0))
-        """Newest joints, for how long they have been the same, and their motion."""
+        """Motion for the latest joints, which have been unchanged for `_same_s`."""
         self._smooth: Array | None = None
         """(m + 3 + n,): smoothed residual, twist and joints."""
-        self._lean: Array = np.zeros(len(self._is_angle))
-        """(n,): deviation of joints that give way as reckoned, smoothed as the residual is."""
-        self._largest: Array = np.zeros(2 * len(self._is_angle))
-        """(2n,): largest sizes of late, of the lean and then of the rates of joints."""
+        self._tilt_error: Array = np.zeros(len(self._is_angle))
+        """(n,): modelled deflection, smoothed like the residual."""
+        self._maxima: Array = np.zeros(2 * len(self._is_angle))
+        """(2n,): decaying maxima of the deflection and of the joint rates."""
         self._modelled: Array | None = None
         self._test: tuple[bytes, ParityTest] | None = None
-        """Newest joints, and the test around them: joints that stay have the same one."""
+        """Test and the joints it was built for, reused while they are unchanged."""
         self._space: tuple[bytes, ParitySpace] | None = None
 
     def advance(self, joints: Array, dt_s: float, *, modelled: Array | None = None) -> None:
         """Update with joints (n,), `dt_s` after the last ones.
 
-        `modelled` (n,) is true for speeds that a model supplies: they do not contradict each other.
+        `modelled` (n,) marks speeds supplied by a model, which cannot be inconsistent with each
+        other.
         """
         self._modelled = modelled
         same = joints.tobytes()
@@ -290,7 +294,7 @@ class ConsistencyMonitor:
         elif self._same_s > _SETTLED_S:
             return
         self._same_s += dt_s
-        # All in one array: for so few numbers, each call of numpy costs the same.
+        # Use one array, because numpy's per-call overhead dominates at this size.
         newest = np.concatenate((self._latest.residual, self._latest.twist, joints))
         at = len(self._latest.residual)
         if self._smooth is None:
@@ -300,17 +304,17 @@ class ConsistencyMonitor:
         self._smooth = smooth = self._smooth + share * (newest - self._smooth)
         if self._compliance is None:
             return
-        # The derivative of what such a filter smooths is its input less its output, over its time.
+        # The derivative of a low-pass output is (input − output) / time constant.
         rates = (newest - smooth) / _SMOOTHING_S
         vx, vy, omega = smooth[at : at + 3].tolist()
         over_ground = rates[at : at + 3] + np.array([-omega * vy, omega * vx, 0.0])
-        self._lean = self._compliance.by_acceleration @ over_ground
-        sizes = np.abs(np.concatenate((self._lean, rates[at + 3 :])))
-        kept = math.exp(-dt_s / _REMEMBERED_S)
-        self._largest = np.maximum(sizes, kept * self._largest)
+        self._tilt_error = self._compliance.by_acceleration @ over_ground
+        sizes = np.abs(np.concatenate((self._tilt_error, rates[at + 3 :])))
+        kept = math.exp(-dt_s / _DECAY_S)
+        self._maxima = np.maximum(sizes, kept * self._maxima)
 
     def judge(self, joints: Array) -> ConsistencyResult:
-        """Return the result of the test for a robot whose joints are at `joints` (n,)."""
+        """Evaluate the test for a robot whose joints are at `joints` (n,)."""
         residual = None if self._smooth is None else self._smooth[: len(self._latest.residual)]
         squared = 0.0 if residual is None else float(residual @ residual)
         if residual is None or squared == 0.0:
@@ -322,12 +326,12 @@ class ConsistencyMonitor:
         suspect = None
         if level > 1.0:
             joint, enough = test.single_fault(residual, self._by_slip(joints))
-            # Of actuators that explain it alike, the first, whatever the rounding.
+            # Round, so that ties resolve to the first actuator.
             suspect = self._owners[int(joint)] if enough else int(shares.round(9).argmax())
         return ConsistencyResult(math.sqrt(squared / len(residual)), level, shares, suspect)
 
     def _test_at(self, joints: Array) -> ParityTest:
-        key = joints.tobytes() + self._largest.tobytes()
+        key = joints.tobytes() + self._maxima.tobytes()
         if self._test is None or self._test[0] != key:
             self._test = (key, self._made_test(joints))
         return self._test[1]
@@ -344,26 +348,26 @@ class ConsistencyMonitor:
             sigma = np.where(self._modelled, 0.0, sigma)
         if compliance is None:
             return ParityTest.of(self._space_at(joints), sigma)
-        lean, rate = self._largest[: len(joints)], self._largest[len(joints) :]
+        lean, rate = self._maxima[: len(joints)], self._maxima[len(joints) :]
         trail = np.minimum(compliance.lag_s * rate, compliance.play_rad)
         parts = (
             sigma,
-            _LEAN_SHARE * lean,
+            _DEFLECTION_SIGMA * lean,
             self._play_share * trail,
             self._edge_rad,
         )
         sigma = np.sqrt(np.square(parts).sum(axis=0))
-        return ParityTest.of(self._space_at(joints), sigma, common=self._lean)
+        return ParityTest.of(self._space_at(joints), sigma, common=self._tilt_error)
 
     def _by_slip(self, joints: Array) -> Array | None:
-        """Return by how much joints (n, m) give way to a residual, if they do."""
+        """Return the joint deflection (n, m) per unit of residual, or None without compliance."""
         if self._compliance is None:
             return None
         return self._compliance.by_slip(float(np.abs(joints[~self._is_angle]).mean()))
 
 
 def _owner(joint: str, actuators: tuple[str, ...]) -> int:
-    """Return the actuator of a joint, whose name equals the joint's or is a prefix of it."""
+    """Return the index of a joint's actuator, whose name equals the joint's name or its prefix."""
     (owner,) = (
         i for i, name in enumerate(actuators) if joint == name or joint.startswith(name + "_")
     )

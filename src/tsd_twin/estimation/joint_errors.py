@@ -1,7 +1,6 @@
-"""Errors of joints and of contacts with the floor: white noise, and errors that stay constant.
+"""Joint and floor-contact errors: white noise and biases, as errors of the twist.
 
-Zeros, wheel speeds, what friction does to wheels that always spin, and the creep of rollers: each
-as the error of the twist that it causes.
+Biases cover joint zeros, wheel speeds, friction on spinning wheels, and roller creep.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from tsd_twin.robots import FloorErrors, JointErrors
 
 
 class JointNoise:
-    """Noise model of joints: standard deviations of angles, and of speeds as a share."""
+    """Noise model of joints: absolute for angles, relative for speeds."""
 
     def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
@@ -30,11 +29,11 @@ class JointNoise:
 
     @property
     def white(self) -> Array:
-        """(n,): standard deviations of what is new in each sample."""
+        """(n,): standard deviations of the white noise."""
         return self._read_angle
 
     def walk(self, joints: Array) -> Array:
-        """Return the standard deviations (n,) of the ways of joints in a second, radians."""
+        """Return the random walk (n,) of the joints per square root of a second, radians."""
         turns = self._walk_rad > 0.0 and bool(joints[self._is_speed].any())
         return self._is_speed * (self._walk_rad if turns else 0.0)
 
@@ -44,38 +43,38 @@ class JointNoise:
 
 
 def acceleration(before: Array, twist: Array, elapsed_s: float) -> Array:
-    """Return the acceleration (3,) over the ground, in the axes of the body, between two twists."""
+    """Return the acceleration (3,) over the ground between two twists, in body axes."""
     vx, vy, omega = twist.tolist()
     return (twist - before) / elapsed_s + np.array([-omega * vy, omega * vx, 0.0])
 
 
 class FloorEffects:
-    """What the floor does to a robot whose wheels always spin, for standard errors of one cause.
+    """Systematic floor effects on a robot with continuously spinning wheels (1σ, one common cause).
 
-    It brakes wheels, and turns the robot against their spin. When it pushes, wheels slide, and
-    those that drive the robot get slower for a while. It also pushes when wheels change their
-    speed, against the turn that their motors give to the robot.
+    The floor slows the wheels and turns the robot against their spin. When the floor accelerates
+    the robot, wheels slip, and driving wheels lose speed for a while. When wheel speeds change, the
+    floor also counteracts the motors' reaction torque.
     """
 
     def __init__(self, is_speed: npt.NDArray[np.bool_], errors: FloorErrors) -> None:
         self._is_speed = is_speed
         self._errors = errors
         self.any = errors.slip_lag_s > 0.0
-        """Whether it does anything."""
+        """Whether there are any effects."""
         self._twist: Array = np.zeros(3)
         self._spin_rad_per_s: Array | None = None
         self._slip: Array = np.zeros(3)
-        """Twist by which the body is behind its wheels."""
+        """Slip: twist by which the body lags its wheels."""
         self._droop = 0.0
-        """Share of the speed that wheels have lost by driving the robot, at `at_rad_per_s`."""
+        """Relative speed lost by driving wheels, at `at_rad_per_s`."""
 
     @property
     def is_steady(self) -> bool:
-        """Whether nothing has changed of late."""
+        """Whether all transients have decayed."""
         return self._droop == 0.0 and not self._slip.any()
 
     def follow(self, twist: Array, joints: Array, elapsed_s: float) -> None:
-        """Follow `elapsed_s`, at whose end the robot moves with `twist` (3,) by `joints` (n,)."""
+        """Advance by `elapsed_s`, ending with `twist` (3,) and `joints` (n,)."""
         errors, before = self._errors, self._twist
         spin = joints[self._is_speed]
         last_spin = spin if self._spin_rad_per_s is None else self._spin_rad_per_s
@@ -84,7 +83,7 @@ class FloorEffects:
         push[2] += errors.turn_per_spin * float((spin - last_spin).sum()) / elapsed_s
         speed = 0.5 * float((spin + last_spin).mean()) / errors.at_rad_per_s
         self._slip = speed * errors.slip_lag_s * push
-        # The energy that the robot has gained is missing in the wheels, until motors restore it.
+        # Kinetic energy gained by the robot is taken from the wheels until the motors restore it.
         gained = errors.droop_s2_per_m2 * float(twist[:2] @ twist[:2] - before[:2] @ before[:2])
         restore_s = errors.restore_up_s if self._droop + gained > 0.0 else errors.restore_down_s
         half = math.exp(-0.5 * elapsed_s / restore_s)
@@ -93,67 +92,67 @@ class FloorEffects:
             self._droop = 0.0
 
     def of_joints(self, joints: Array) -> Array:
-        """Return the errors (n,) of `joints` (n,): the floor brakes wheels that spin."""
+        """Return the errors (n,) of `joints` (n,): friction slows spinning wheels."""
         loss_rad_per_s = self._errors.spin_share * self._errors.at_rad_per_s
         return np.where(self._is_speed & (joints > 0.0), -loss_rad_per_s, 0.0)
 
     def of_twist(self, joints: Array) -> Array:
-        """Return the errors (3,) of the twist at `joints` (n,), beside those that joints cause."""
+        """Return the errors (3,) of the twist at `joints` (n,), in addition to joint errors."""
         errors = self._errors
         speed = float(joints[self._is_speed].mean()) / errors.at_rad_per_s
-        effect = -self._slip - self._droop / max(speed, _LEAST_SPEED) ** 2 * self._twist
+        effect = -self._slip - self._droop / max(speed, _MIN_SPEED) ** 2 * self._twist
         effect[2] += self.turn_rad_per_s(joints)
         return effect
 
     def turn_rad_per_s(self, joints: Array) -> float:
-        """Return the error of the turn rate at `joints` (n,) of a robot that nothing pushes."""
+        """Return the turn-rate error at `joints` (n,) in steady motion."""
         speed = float(joints[self._is_speed].mean()) / self._errors.at_rad_per_s
         return -speed * self._errors.turn_rad_per_s
 
 
-_LEAST_SPEED = 0.1
-"""Speed of wheels, as a share of `at_rad_per_s`, below which they do not drive the robot."""
+_MIN_SPEED = 0.1
+"""Wheel speed relative to `at_rad_per_s` below which wheels do not drive the robot."""
 _NO_DROOP = 1e-6
-"""Share of a speed that is none."""
+"""Relative speed loss treated as zero."""
 
 
 class RollerCreep:
-    """What the floor does to a robot on rollers, as reckoned: they creep as far as they push."""
+    """Modelled creep of a robot on rollers, proportional to the contact force."""
 
     any = True
-    """Whether it does anything."""
+    """Whether there are any effects."""
 
     def __init__(self, lag_s: Array) -> None:
         self._lag_s = lag_s
         self._twist: Array = np.zeros(3)
         self._creep: Array = np.zeros(3)
-        """Twist by which the body is behind its wheels."""
+        """Twist by which the body lags its wheels."""
 
     @property
     def is_steady(self) -> bool:
-        """Whether nothing has changed of late."""
+        """Whether all transients have decayed."""
         return not self._creep.any()
 
-    def follow(self, twist: Array, joints: Array, elapsed_s: float) -> None:  # noqa: ARG002  `FloorEffects` uses it.
-        """Follow `elapsed_s`, at whose end the robot moves with `twist` (3,)."""
+    def follow(self, twist: Array, joints: Array, elapsed_s: float) -> None:  # noqa: ARG002  As in `FloorEffects`.
+        """Advance by `elapsed_s`, after which the robot moves with `twist` (3,)."""
         push = acceleration(self._twist, twist, elapsed_s)
         self._twist, self._creep = twist, self._lag_s @ push
 
     def of_joints(self, joints: Array) -> Array:
-        """Return the errors (n,) of `joints` (n,): none, as encoders measure wheels."""
+        """Return zero joint errors (n,), because encoders measure the wheels."""
         return np.zeros_like(joints)
 
-    def of_twist(self, joints: Array) -> Array:  # noqa: ARG002  `FloorEffects` uses it.
+    def of_twist(self, joints: Array) -> Array:  # noqa: ARG002  As in `FloorEffects`.
         """Return the errors (3,) of the twist."""
         return -self._creep
 
-    def turn_rad_per_s(self, joints: Array) -> float:  # noqa: ARG002  `FloorEffects` uses it.
-        """Return the error of the turn rate of a robot that nothing pushes: none."""
+    def turn_rad_per_s(self, joints: Array) -> float:  # noqa: ARG002  As in `FloorEffects`.
+        """Return the turn-rate error in steady motion: 0."""
         return 0.0
 
 
 class ConstantErrors:
-    """Constant errors of joints, in terms of independent, standard normal numbers."""
+    """Joint biases in terms of independent, standard normal numbers."""
 
     def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
@@ -167,17 +166,17 @@ class ConstantErrors:
         self._is_speed = ~is_angle
         self._floor_errors = noise.floor
         self.floor: FloorEffects | RollerCreep = FloorEffects(~is_angle, noise.floor)
-        """The last constant, if the floor does anything."""
+        """Its error is the last bias, if the floor has any effect."""
         if noise.creep_lag_s is not None:
             self.floor = RollerCreep(np.array(noise.creep_lag_s))
 
     @property
     def count(self) -> int:
-        """Number of constants, m."""
+        """Number of biases, m."""
         return len(self._zeros) + len(self._shares) + self.floor.any
 
     def of_twist(self, joints: Array, slopes: Array) -> Array:
-        """Return the errors (3, m) of the twist at `joints` (n,), with its `slopes` (3, n)."""
+        """Return the errors (3, m) of the twist at `joints` (n,), with Jacobian `slopes` (3, n)."""
         errors = slopes @ self.of_joints(joints)
         if self.floor.any:
             errors[:, -1] += self.floor.of_twist(joints)
@@ -191,10 +190,10 @@ class ConstantErrors:
         return np.concatenate(rows).T
 
     def rows(self) -> dict[str, Array]:
-        """Return what the constants add to each parameter of the robot, (m,); units are in names.
+        """Return the Jacobian row (m,) of each robot parameter; names contain units.
 
-        A wheel's speed is off by its own share and the common one. The creep is the twist of a
-        robot whose commanded gimbals are upright.
+        A wheel's speed error is the sum of its individual and the common error. Creep is the twist
+        of a robot whose commanded gimbals are upright.
         """
         rows: dict[str, Array] = {}
         zeros, shares = len(self._zeros), len(self._zeros) + len(self._shares)
@@ -218,14 +217,14 @@ class ConstantErrors:
         return rows
 
 
-_NUDGE = 1e-6
-"""Step of finite differences: radians, or a share of a speed."""
+_DIFF_STEP = 1e-6
+"""Finite-difference step: radians, or a fraction of the speed."""
 
 
 def jacobians(kinematics: Kinematics[Any], joints: Array) -> tuple[Array, Array]:
     """Return the Jacobians (3, n) and (r, n) of twist and residual at `joints` (n,)."""
-    # By differences, all joints in one batch.
-    steps = _NUDGE * np.maximum(1.0, np.abs(joints))
+    # Finite differences, evaluated in one batch.
+    steps = _DIFF_STEP * np.maximum(1.0, np.abs(joints))
     nudged = np.tile(joints, (len(joints) + 1, 1))
     nudged[1:] += np.diag(steps)
     motion = kinematics.forward(nudged)

@@ -1,6 +1,6 @@
-"""Constant errors of a robot, learned while it drives: extended Kalman filter of them and the pose.
+"""Online estimation of a robot's biases with an extended Kalman filter.
 
-The filter is beside the estimate of the pose and does not change it. Derived in
+The filter also tracks a pose, but does not affect the pose estimate. Derived in
 `docs/estimation.md`.
 """
 
@@ -18,52 +18,52 @@ from tsd_twin.estimation.pose_spread import TwistErrors
 from tsd_twin.lie import SE2, Array, wrap
 
 _STEPS_KEPT = 128
-"""Steps that wait for late poses: more than a second of them."""
+"""Steps buffered for late poses: more than one second."""
 _FORGET_S = 600.0
-"""Time constant with which constants may change, such as that of a battery that sags."""
+"""Time constant of bias changes, such as a sagging battery."""
 
 CAUTION = 0.005
-"""Share of the twist that is an error of its own in each second: printed layers, for example, and
-gimbals in their dead bands."""
+"""Additional twist error per second, relative to the twist: printed wheel layers, gimbal dead
+bands."""
 
 
 class Comparison(NamedTuple):
-    """Reading of a sensor less the joints' prediction of it: `by_constants @ u` and noise."""
+    """Sensor reading minus its prediction from the joints: `by_constants @ u` plus noise."""
 
     difference: float
     by_constants: Array
-    """(m,)."""
+    """(m,): Jacobian with respect to the biases."""
     variance: float
 
 
 class LearnedError(NamedTuple):
-    """Constant error of the robot, in the unit of its name."""
+    """Estimated bias, in the unit given by its name."""
 
     value: float
     sigma: float
 
 
-class _Step(NamedTuple):
+class _BiasStep(NamedTuple):
     end_s: float
     twist: Array
     errors: TwistErrors
 
 
 class ConstantsFilter:
-    """Extended Kalman filter of the constants of `TwistErrors`, and of the pose that they lead to.
+    """Extended Kalman filter for the biases of `TwistErrors` and the resulting pose.
 
-    It follows the same twists as the estimate of the pose, each corrected by the constants learned
-    so far, up to the time of the newest measured pose. So a late pose needs no recomputation; one
-    that is older than the last is not used.
+    It integrates the same twists as the pose estimate, corrected by the biases estimated so far, up
+    to the time of the latest measured pose. Late poses therefore need no recomputation; poses older
+    than the last one are ignored.
     """
 
     def __init__(self, constants: int) -> None:
         self._state: Array = np.zeros(3 + constants)
-        """Pose and constants."""
+        """(3 + m,): pose and biases."""
         self._covariance: Array = np.diag([0.0] * 3 + [1.0] * constants)
-        self._steps: deque[_Step] = deque()
+        self._steps: deque[_BiasStep] = deque()
         self._at_s: float | None = None
-        """Time of the pose; None without one."""
+        """Time of the pose, or None before the first."""
         self._measured_s: float | None = None
         """Time of the last comparison."""
         self._errors = TwistErrors.none(constants)
@@ -71,12 +71,12 @@ class ConstantsFilter:
 
     @property
     def has_measured(self) -> bool:
-        """Whether any measurement has come."""
+        """Whether any measurement has been fused."""
         return self._at_s is not None or self._measured_s is not None
 
     @property
     def constants(self) -> Array:
-        """(m,): estimated constants, in units of their described standard deviations."""
+        """(m,): estimated biases, relative to their described standard deviations."""
         return self._state[3:]
 
     @property
@@ -85,7 +85,7 @@ class ConstantsFilter:
         return self._covariance[3:, 3:]
 
     def learned(self, rows: Mapping[str, Array]) -> dict[str, LearnedError]:
-        """Return the errors that are `rows` (m,) times the constants."""
+        """Return the named biases whose Jacobian rows (m,) are `rows`."""
         return {
             name: LearnedError(
                 float(row @ self.constants), math.sqrt(float(row @ self.covariance @ row))
@@ -94,21 +94,21 @@ class ConstantsFilter:
         }
 
     def follow(self, now_s: float, twist: Array, errors: TwistErrors) -> None:
-        """Follow a step to `now_s` with a mean `twist` (3,), which has `errors`."""
+        """Add a step to `now_s` with the mean `twist` (3,) and its `errors`."""
         if self._at_s is None:
             return  # Without a pose, twists carry no information.
-        self._steps.append(_Step(now_s, twist, errors))
+        self._steps.append(_BiasStep(now_s, twist, errors))
         if len(self._steps) > _STEPS_KEPT:
             self._carry(self._steps[0].end_s)
 
     def forget_pose(self) -> None:
-        """Forget the pose, for it was set, or the robot was carried."""
+        """Discard the pose, after it was set or the robot was carried."""
         self._at_s = None
         self._steps.clear()
         self._begin()
 
     def compare(self, now_s: float, found: Comparison) -> None:
-        """Fuse the comparison of a sensor with the joints."""
+        """Fuse a comparison between a sensor and the joints."""
         if self._at_s is None and self._measured_s is not None:
             self._forget(now_s - self._measured_s)
         self._measured_s = now_s
@@ -117,10 +117,10 @@ class ConstantsFilter:
         self._correct(rows, off, np.array([[found.variance]]))
 
     def fuse_pose(self, pose: SE2, covariance: Array, mounting: Array, at_s: float) -> None:
-        """Fuse a pose measured at `at_s`; `mounting` (3, m) is what the constants add to it.
+        """Fuse a pose measured at `at_s`; `mounting` (3, m) is its Jacobian w.r.t. the biases.
 
-        A pose that contradicts the constants makes the filter begin anew from that pose: the robot
-        slid, or was carried.
+        A pose that contradicts the biases restarts the filter at that pose, because the robot slid
+        or was carried.
         """
         if self._at_s is not None:
             if at_s <= self._at_s:
@@ -156,7 +156,7 @@ class ConstantsFilter:
         self._covariance = keep @ self._covariance @ keep.T + gain @ noise @ gain.T
 
     def _forget(self, seconds: float) -> None:
-        """Let constants change a little; their stationary distribution is the described one."""
+        """Age the biases; their stationary distribution is the described one."""
         keep = math.exp(-seconds / _FORGET_S)
         self._state[3:] *= keep
         self._covariance[3:] *= keep
@@ -164,7 +164,7 @@ class ConstantsFilter:
         self._covariance[3:, 3:] += (1.0 - keep * keep) * np.eye(len(self._state) - 3)
 
     def _begin(self) -> None:
-        """Begin a block of steps with the same errors of the twist."""
+        """Begin a block of steps with equal twist errors."""
         self._rate: Array = self._errors.by_constants @ self.constants
         """(3,): correction of the twist."""
         self._elapsed_s = 0.0
@@ -173,7 +173,7 @@ class ConstantsFilter:
         self._mid_heading_s = self._speed_s = self._turn_rate_s = 0.0
 
     def _carry(self, until_s: float) -> None:
-        """Follow the steps up to a time."""
+        """Process the buffered steps until `until_s`."""
         at_s = self._at_s or 0.0
         while self._steps and at_s < until_s:
             step = self._steps[0]

@@ -1,8 +1,7 @@
-"""Kalman filters of the pose: twists integrated, late measurements applied at the time they were
-taken.
+"""Kalman filters for the pose: integrate twists, apply late measurements at their stamps.
 
-One filter takes poses and headings, and considers constant errors (Schmidt-Kalman); the other also
-estimates constant errors of the twist.
+`PoseFilter` fuses poses and headings, and considers biases (Schmidt-Kalman). `DriftFilter` also
+estimates biases of the twist.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
 
 GATE = chi_square_bound(3, FALSE_ALARM)
-"""Squared Mahalanobis distance of three numbers that one right pose in 10,000 exceeds."""
+"""Squared Mahalanobis distance (3 dimensions) exceeded by one correct pose in 10,000."""
 _POSITION = np.eye(3)[:2]
 _HEADING = np.eye(3)[2:]
 _POSE = np.eye(3)
@@ -29,33 +28,33 @@ _POSE = np.eye(3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measurement:
-    """Measured `value` (..., j) of the pose components that `rows` (j, 3) selects."""
+    """Measured `value` (..., j) of the pose components selected by `rows` (j, 3)."""
 
     rows: Array
     value: Array
     covariance: Array
     by_constants: Array
-    """(..., j, m): what the constants add to the measured value."""
+    """(..., j, m): Jacobian of the measured value with respect to the biases."""
 
 
 @dataclass(slots=True, eq=False)
-class _Step:
-    """One step of the filter: its input, the measurements at its end, and the resulting state."""
+class _FilterStep:
+    """Filter step: its input, the measurements at its end, and the resulting state."""
 
     end_s: float
     twist: Array
     moved: Array
-    """(..., 3): displacement of the step in the frame of its start; independent of that pose."""
+    """(..., 3): displacement in the frame of the step's start, independent of that pose."""
     growth_per_s: Array
     twist_by_constants: Array
-    """(..., 3, m): what the constants add to the twist."""
+    """(..., 3, m): Jacobian of the twist with respect to the biases."""
     pose: Array
     by_constants: Array
-    """(..., 3, m): what the constants add to the pose."""
+    """(..., 3, m): Jacobian of the pose with respect to the biases."""
     rest: Array
-    """(..., 3, 3): covariance of the pose, but for the constants."""
+    """(..., 3, 3): covariance of the pose without biases (process noise)."""
     cautious: Array
-    """(..., 3, 3): covariance of the pose if the constants of the twist were new each second."""
+    """(..., 3, 3): covariance of the pose if twist biases were redrawn every second."""
     measured: list[_Measurement] = field(default_factory=list[_Measurement])
 
     def correct(self) -> None:
@@ -70,17 +69,17 @@ class _Step:
 
 
 class PoseFilter:
-    """Kalman filter of the pose in the world, at the time of the newest twist.
+    """Kalman filter for the world pose at the time of the latest twist.
 
-    All arrays may have leading batch dimensions, the same for all. Times are seconds of one clock
-    and rise from twist to twist.
+    All arrays may have leading batch dimensions, equal for all. Times are in seconds on one clock
+    and increase from twist to twist.
 
-    Constants are independent, standard normal numbers that twists and measurements may depend on.
-    The filter considers them: it carries their effect on the pose, and does not estimate them.
-    Source: Schmidt, "Application of state-space methods to navigation problems" (1966). It weighs
-    measurements as if the constants of the twist were new each second and measurements had none:
-    so it also corrects errors that are larger than described, or not constant. The covariance is
-    that of these weights.
+    Biases are independent, standard normal numbers that twists and measurements may depend on. The
+    filter considers them: it propagates their effect on the pose without estimating them. Source:
+    Schmidt, "Application of state-space methods to navigation problems" (1966). The gains assume
+    that twist biases are redrawn every second and that measurements have none, so the filter also
+    corrects errors that are larger than described or not constant. The covariance accounts for
+    these suboptimal gains.
     """
 
     def __init__(
@@ -93,7 +92,7 @@ class PoseFilter:
         now_s: float = 0.0,
         memory_s: float = 1.0,
     ) -> None:
-        """`by_constants` (..., 3, m) is what m constants add to `pose`, beside `covariance`."""
+        """`by_constants` (..., 3, m): effect of m biases on `pose`, in addition to `covariance`."""
         self._kinematics = kinematics
         self._memory_s = memory_s
         start = np.array(pose.xy_heading, dtype=float)
@@ -103,12 +102,14 @@ class PoseFilter:
         self._none: Array = np.zeros_like(by)
         growth = np.zeros((*start.shape, 3))
         cautious = spread + by @ _transposed(by)
-        self._steps = [_Step(now_s, none, none, growth, self._none, start, by, spread, cautious)]
+        self._steps = [
+            _FilterStep(now_s, none, none, growth, self._none, start, by, spread, cautious)
+        ]
         self._still = SE2.identity(start.shape[:-1])
 
     @property
     def now_s(self) -> float:
-        """Time of the newest twist."""
+        """Time of the latest twist."""
         return self._steps[-1].end_s
 
     @property
@@ -118,7 +119,7 @@ class PoseFilter:
 
     @property
     def measurements(self) -> int:
-        """Number of measurements in the memory; the cost of a late one grows with it."""
+        """Number of measurements in the memory, which determines the cost of a late one."""
         return sum(len(step.measured) for step in self._steps)
 
     def newer(self, measured_s: float) -> int:
@@ -127,7 +128,7 @@ class PoseFilter:
 
     @property
     def pose(self) -> SE2:
-        """The estimate."""
+        """Estimated pose."""
         return SE2(self._steps[-1].pose)
 
     @property
@@ -145,9 +146,12 @@ class PoseFilter:
     ) -> None:
         """Predict to `now_s` with the mean `twist` (..., 3) since the last time.
 
-        `growth_per_s` (..., 3, 3) is the growth of the pose covariance in a second, in the body
-        frame: S times dt for white noise with the covariance S in each sample of dt. `by_constants`
-        (..., 3, m) is what the constants add to the twist; nothing unless given.
+        Args:
+            now_s: End of the step.
+            twist: (..., 3) mean twist in the body frame.
+            growth_per_s: (..., 3, 3) growth of the pose covariance per second, body frame: S dt for
+                white noise of covariance S in each sample of length dt.
+            by_constants: (..., 3, m) Jacobian of the twist w.r.t. the biases; zero by default.
         """
         if not now_s > self.now_s:
             return
@@ -156,13 +160,13 @@ class PoseFilter:
         by = self._none if by_constants is None else self._none + by_constants
         self._steps.append(self._step(last, now_s, np.array(twist), growth, by))
         self._run(len(self._steps) - 1)
-        # Keep one step older than the memory: it is the initial state of the others.
+        # Keep one step older than the memory as the initial state for the others.
         oldest = now_s - self._memory_s
         while len(self._steps) > 2 and self._steps[1].end_s <= oldest:
             del self._steps[0]
 
     def fuse_heading(self, heading: Array, sigma: float, measured_s: float | None = None) -> bool:
-        """Fuse headings (...), radians; return False if older than the memory, or not finite."""
+        """Fuse headings (...), radians; return False if older than the memory or not finite."""
         value = np.asarray(heading, dtype=float)[..., None]
         none = self._none[..., 2:, :]
         return self._fuse(_Measurement(_HEADING, value, np.array([[sigma**2]]), none), measured_s)
@@ -182,8 +186,8 @@ class PoseFilter:
     ) -> bool:
         """Fuse measured poses with a covariance (..., 3, 3); return False as in `fuse_heading`.
 
-        `by_constants` (..., 3, m) is what the constants add to a measured pose; nothing unless
-        given.
+        `by_constants` (..., 3, m) is the Jacobian of a measured pose w.r.t. the biases; zero by
+        default.
         """
         by = self._none if by_constants is None else by_constants
         value = np.array(pose.xy_heading, dtype=float)
@@ -198,9 +202,10 @@ class PoseFilter:
     ) -> Array:
         """Return the squared Mahalanobis distance (...) of measured poses from the prediction.
 
-        It is the shorter one by the covariance of the filter and by that of its weights, so at most
-        one with a chi-square distribution of three dimensions. The filter does not change.
-        `measured_s` must be within the memory, `by_constants` is as in `fuse_pose`.
+        It is the smaller of two distances, by the filter's covariance and by the covariance assumed
+        for the gains, so its distribution is at most chi-square with three degrees of freedom. The
+        filter is not changed. `measured_s` must be within the memory; `by_constants` as in
+        `fuse_pose`.
         """
         index = self._index(min(measured_s, self.now_s))
         step = self._steps[index]
@@ -216,7 +221,7 @@ class PoseFilter:
         return (off * weighed[..., 0]).sum(axis=-1).min(axis=0)
 
     def _index(self, at_s: float) -> int:
-        """Return the last step that ends at `at_s` or before."""
+        """Return the index of the last step that ends at or before `at_s`."""
         return bisect_right(self._steps, at_s, key=lambda step: step.end_s) - 1
 
     def _fuse(self, measurement: _Measurement, measured_s: float | None) -> bool:
@@ -235,28 +240,28 @@ class PoseFilter:
         return True
 
     def _split(self, index: int, at_s: float) -> None:
-        """Cut the step at `index` in two: a first that ends at `at_s`, and the rest."""
+        """Split the step at `index` at the time `at_s`."""
         whole = self._steps[index]
         first = self._part(self._steps[index - 1], at_s, whole)
         rest = self._part(first, whole.end_s, whole)
         rest.measured = whole.measured
         self._steps[index : index + 1] = [first, rest]
 
-    def _part(self, before: _Step, end_s: float, whole: _Step) -> _Step:
-        """Return a part of a step, from the end of another, not yet run."""
+    def _part(self, before: _FilterStep, end_s: float, whole: _FilterStep) -> _FilterStep:
+        """Return the part of a step from the end of `before` to `end_s`, not yet run."""
         twist_by = whole.twist_by_constants
         return self._step(before, end_s, whole.twist, whole.growth_per_s, twist_by)
 
     def _step(
-        self, before: _Step, end_s: float, twist: Array, growth_per_s: Array, twist_by: Array
-    ) -> _Step:
-        """Return a step from the end of another, not yet run."""
+        self, before: _FilterStep, end_s: float, twist: Array, growth_per_s: Array, twist_by: Array
+    ) -> _FilterStep:
+        """Return a step that starts at the end of `before`, not yet run."""
         moved = self._kinematics.integrate(self._still, twist, end_s - before.end_s).xy_heading
         state = (before.pose, before.by_constants, before.rest, before.cautious)
-        return _Step(end_s, twist, moved, growth_per_s, twist_by, *state)
+        return _FilterStep(end_s, twist, moved, growth_per_s, twist_by, *state)
 
     def _run(self, index: int) -> None:
-        """Recompute all steps from `index` on, in one batch up to the next with a measurement."""
+        """Recompute all steps from `index`, batched between measurements."""
         while index < len(self._steps):
             end = index + 1
             while end < len(self._steps) and not self._steps[end - 1].measured:
@@ -267,15 +272,15 @@ class PoseFilter:
 
 
 _PERSIST_S = 1.0
-"""Time over which weights take an error of the twist for constant."""
-_CAUTION = 0.01
-"""Share of the twist by which weights take it to be wrong, beside the described errors."""
+"""Time over which the gains treat a twist error as constant."""
+_TWIST_MARGIN = 0.01
+"""Relative twist error assumed by the gains, in addition to the described errors."""
 
 
-def _carry(before: _Step, steps: Sequence[_Step]) -> None:
-    """Propagate pose and covariance from the end of a step over the steps that follow.
+def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
+    """Propagate pose and covariance from the end of `before` over the following `steps`.
 
-    All in one batch: up to a second of steps follows a late measurement.
+    Batched, because up to a second of steps follows a late measurement.
     """
     moved = np.stack([step.moved for step in steps])
     growth = np.stack([step.growth_per_s for step in steps])
@@ -285,7 +290,7 @@ def _carry(before: _Step, steps: Sequence[_Step]) -> None:
     pose = np.stack([moved[..., 0], moved[..., 1], heading], axis=-1)
     pose[..., 0] = before.pose[..., 0] + (c * moved[..., 0] - s * moved[..., 1]).cumsum(axis=0)
     pose[..., 1] = before.pose[..., 1] + (s * moved[..., 0] + c * moved[..., 1]).cumsum(axis=0)
-    # The noise of each twist, in the frame at the middle of its step, then at the first start.
+    # Rotate the noise of each twist into the mid-step frame, then into the first start frame.
     middle = heading - 0.5 * moved[..., 2]
     turn = np.zeros_like(growth) + _POSE
     turn[..., 0, 0] = turn[..., 1, 1] = np.cos(middle)
@@ -305,7 +310,7 @@ def _carry(before: _Step, steps: Sequence[_Step]) -> None:
         twist_by = shift @ np.stack([step.twist_by_constants for step in steps])
         by_constants = carry @ (before.by_constants + (dt_s * twist_by).cumsum(axis=0))
         twist = np.stack([step.twist for step in steps])
-        square = np.square(_CAUTION * twist)
+        square = np.square(_TWIST_MARGIN * twist)
         square[..., :2] = square[..., :1] + square[..., 1:2]
         doubt = twist_by @ _transposed(twist_by) + (shift * square[..., None, :]) @ _transposed(
             shift
@@ -317,10 +322,10 @@ def _carry(before: _Step, steps: Sequence[_Step]) -> None:
         step.rest, step.cautious = rest[i], cautious[i]
 
 
-def _correct(step: _Step, measurement: _Measurement) -> None:
+def _correct(step: _FilterStep, measurement: _Measurement) -> None:
     """Correct the state at the end of a step; Joseph form, which stays symmetric.
 
-    The constants keep their prior, so the errors stay a part linear in them and a rest.
+    The biases keep their prior, so the error remains a part linear in them plus process noise.
     """
     rows, pose = measurement.rows, step.pose
     off = measurement.value - pose @ rows.T
@@ -341,18 +346,18 @@ def _transposed(matrices: Array) -> Array:
 
 
 class _TwistRecord(NamedTuple):
-    """State of the dead reckoning at the end of a step."""
+    """State of dead reckoning at the end of a step."""
 
     end_s: float
     reckoned: Array
-    """(3,): pose from the twists alone; headings are not wrapped."""
+    """(3,): pose integrated from the twists alone; headings are not wrapped."""
     shift: Array
     """(3, m): Jacobian of that pose with respect to the errors."""
     walk: Array
     """(3, 3): covariance of the random walk up to this time."""
 
     def towards(self, later: _TwistRecord, share: float) -> _TwistRecord:
-        """Interpolate towards a later record, by `share`."""
+        """Interpolate linearly towards a later record."""
         return _TwistRecord(
             self.end_s + share * (later.end_s - self.end_s),
             self.reckoned + share * (later.reckoned - self.reckoned),
@@ -362,17 +367,17 @@ class _TwistRecord(NamedTuple):
 
 
 class DriftFilter:
-    """Kalman filter of the pose at the time of the newest twist, and of constant twist errors.
+    """Kalman filter for the pose at the time of the latest twist, and for twist biases.
 
-    The integrated pose is off by a random walk, and by the integrated twist errors, which is linear
-    in them. Both have zero expected change, so the state of the filter is kept at the time of the
-    newest measured pose, however late that arrives: no step is recomputed.
+    The integrated pose deviates by a random walk and, linearly, by the integrated twist errors.
+    Neither changes in expectation, so the filter state is kept at the time of the latest measured
+    pose, however late it arrives, and no step is recomputed.
     """
 
     def __init__(
         self, pose: SE2, sigma: Array, *, now_s: float = 0.0, memory_s: float = 1.0
     ) -> None:
-        """`sigma` (m,) are standard deviations of the errors; the start is exact."""
+        """`sigma` (m,) are standard deviations of the errors; the start pose is exact."""
         errors = len(sigma)
         self._state: Array = np.zeros(3 + errors)
         self._covariance: Array = np.diag(np.square(np.concatenate([np.zeros(3), sigma])))
@@ -383,7 +388,7 @@ class DriftFilter:
 
     @property
     def pose(self) -> SE2:
-        """The estimate."""
+        """Estimated pose."""
         newest = self._past[-1]
         return SE2(newest.reckoned + self._off(newest.shift))
 
@@ -401,7 +406,7 @@ class DriftFilter:
         """Predict to `now_s` with the mean `twist` (3,) since the last time.
 
         The true twist is `twist + by_errors @ errors`, with `by_errors` (3, m), plus noise that
-        adds `growth_per_s` (3, 3) to the pose covariance in a second; all in the body frame.
+        adds `growth_per_s` (3, 3) to the pose covariance per second; all in the body frame.
         """
         last = self._past[-1]
         dt_s = now_s - last.end_s
@@ -421,9 +426,9 @@ class DriftFilter:
             self._past.popleft()
 
     def fuse_pose(self, pose: SE2, covariance: Array, measured_s: float) -> bool:
-        """Fuse a measured pose with a covariance (3, 3); poses must be in the order of their times.
+        """Fuse a measured pose with a covariance (3, 3), in the order of measurement.
 
-        Return False if it is older than the memory or than the last one, or not finite.
+        Return False if it is older than the memory or the last pose, or not finite.
         """
         at_s = min(measured_s, self._past[-1].end_s)
         oldest_s = max(self._seen.end_s, self._past[0].end_s)

@@ -1,7 +1,7 @@
 """Fusion of odometry with a pose sensor: gating by Mahalanobis distance, and relocalization.
 
-Rejected poses that agree with each other relocalize the robot. The rules, and how rarely they
-accept a wrong pose, are derived in `docs/estimation.md`.
+Rejected poses that agree with each other relocalize the robot. The rules and their rate of
+accepting wrong poses are derived in `docs/estimation.md`.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.robots import PoseSensor
 
 _VOTES = 10
-_LONG_ENOUGH_S = 0.5
+_MIN_VOTING_S = 0.5
 _MOVED = 4.0 * GATE
-"""Squared distance of two poses in units of their noise, for which the picture has moved: twice the
-distance that noise explains."""
+"""Squared normalized distance between two poses above which the image counts as moving: twice the
+distance explained by noise."""
 
 
 class PoseHypothesis:
-    """Hypothesis that rejected poses are right: a filter of its own that fuses them.
+    """Hypothesis that the rejected poses are correct, with a separate filter that fuses them.
 
-    Each pose that agrees with the filter, and so with the poses before it and with the odometry in
-    between, is a vote for the hypothesis; each other one is a vote against it. Without votes it is
-    over: the majority vote of Boyer and Moore (1981), which poses that jump alone cannot win.
+    Each pose that agrees with the filter, and thus with earlier poses and the odometry between
+    them, votes for the hypothesis; other poses vote against it. It ends without votes. This is the
+    majority vote of Boyer and Moore (1981), which isolated outliers cannot win.
     """
 
     def __init__(
         self, pose_filter: PoseFilter, pose: SE2, at_s: float, *, against_founded: bool
     ) -> None:
-        """`pose_filter` begins at `pose`, measured at `at_s`."""
+        """`pose_filter` starts at `pose`, measured at `at_s`."""
         self.filter = pose_filter
         self.against_founded = against_founded
         """Whether the estimate was well-founded when the hypothesis began."""
@@ -53,14 +53,14 @@ class PoseHypothesis:
         return at_s - self._first_s
 
     def vote(self, pose: SE2, covariance: Array, by_constants: Array, at_s: float) -> bool:
-        """Fuse a pose if it agrees, and return whether it does; the arguments as in `fuse_pose`."""
+        """Fuse a pose if it agrees, and return whether it did; arguments as in `fuse_pose`."""
         if not at_s >= self.filter.oldest_s:
             return False
         if float(self.filter.mahalanobis_sq(pose, covariance, at_s, by_constants)) > GATE:
             self._votes -= 1
             return False
         self.filter.fuse_pose(pose, covariance, at_s, by_constants)
-        self._votes = min(self._votes + 1, _VOTES)  # So a long-lived one can be outvoted soon.
+        self._votes = min(self._votes + 1, _VOTES)  # Capped, so that it can be outvoted soon.
         return True
 
     def vote_against(self) -> None:
@@ -69,69 +69,69 @@ class PoseHypothesis:
 
     @property
     def is_over(self) -> bool:
-        """Whether as many poses have disagreed as agreed."""
+        """Whether at least as many poses disagreed as agreed."""
         return self._votes <= 0
 
     def persists(self, at_s: float) -> bool:
         """Return whether enough poses have agreed for long enough."""
-        return self._votes >= _VOTES and self.age_s(at_s) >= _LONG_ENOUGH_S
+        return self._votes >= _VOTES and self.age_s(at_s) >= _MIN_VOTING_S
 
     def has_moved(self, pose: SE2, covariance: Array) -> bool:
-        """Return whether `pose` differs from the first by more than noise: the picture moves."""
+        """Return whether `pose` differs from the first by more than noise (the image is moving)."""
         off = pose.xy_heading - self._first.xy_heading
         off[2] = wrap(off[2])
         return float(off @ np.linalg.solve(2.0 * covariance, off)) > _MOVED
 
 
 MEMORY_S = 1.0
-"""Largest delay of a pose that can be fused."""
+"""Maximum delay of a pose that can be fused."""
 MOST = 128
-"""Capacity for measured poses within the memory."""
+"""Maximum number of measured poses within the memory."""
 MOST_NEWER = 16
-"""Largest number of later measurements for which a late pose is still fused; bounds the work of
-recomputing them."""
-_PATIENCE_S = 2.0
-"""Timeout of the pose sensor; then the inner estimate is used alone."""
-_FARTHEST_M = 1e6
-"""Largest coordinate; beyond it, squares lose the precision that the test needs."""
+"""Maximum number of later measurements for which a late pose is still fused; bounds the
+recomputation."""
+_SENSOR_TIMEOUT_S = 2.0
+"""Pose-sensor timeout, after which the correction is dropped."""
+_MAX_COORDINATE_M = 1e6
+"""Maximum coordinate; squares of larger values lose the precision needed for the gate."""
 _STEPS_KEPT = 128
-_NARROW = 4.0
-"""Share of what the sensor alone explains, up to which a covariance is narrow: an outlier within
-the gate is no further off than twice the gate of the sensor, and later poses correct it."""
-_LONG_S = 10.0
-"""Time for which poses must agree with each other to win against a well-founded estimate."""
+_NARROW_FACTOR = 4.0
+"""A covariance is narrow if it is at most this multiple of the sensor's own. An outlier within the
+gate is then at most twice the sensor gate away, and later poses correct it."""
+_OVERRIDE_S = 10.0
+"""Time for which poses must agree with each other to override a well-founded estimate."""
 
 
 class FusionResult(StrEnum):
-    """Result of the fusion of one measured pose."""
+    """Result of fusing one measured pose."""
 
     USED = "used"
     FOUND = "found"
-    """Relocalized at rest: the estimate was wrong, and is reset to the measured poses."""
+    """Relocalized at rest: the estimate was wrong and is reset to the measured poses."""
     OLD = "old"
     FLOOD = "flood"
     FAR = "far"
-    """Rejected by the Mahalanobis gate, which rejects one in 10,000 good poses; or not believed
-    alone, since the estimate is not well-founded."""
+    """Rejected by the Mahalanobis gate (one in 10,000 correct poses), or not accepted alone because
+    the estimate is not well-founded."""
 
 
 class _EstimateRecord(NamedTuple):
-    """A step of the inner estimate, and its pose after it."""
+    """Step of the inner estimate, and its pose afterwards."""
 
     end_s: float
     twist: Array
     errors: TwistErrors
     pose: SE2
     spread: Any
-    """State of the spread of the pose error; None in the middle of a block."""
+    """State of the pose uncertainty, or None in the middle of a block."""
 
 
 class FusedEstimate:
-    """Fused estimate of a robot on a floor: odometry with a pose corrected by a pose sensor.
+    """Planar estimate whose pose is corrected by a pose sensor.
 
-    The twist is always that of the inner estimate, so a jump of the pose does not change it.
-    Without pose measurements this is the inner estimate, and no filter runs. The mounting of the
-    sensor is a constant error, which many measurements do not average out.
+    The twist always comes from `inner`, so a pose jump does not change it. Without pose
+    measurements the pose does too, and no filter runs. The sensor mounting is a bias that does not
+    average out over measurements.
     """
 
     def __init__(
@@ -146,23 +146,25 @@ class FusedEstimate:
         self._mounting[:, -POSE_SENSOR_CONSTANTS:] = np.diag(mounting)
         self._past: deque[_EstimateRecord] = deque(maxlen=_STEPS_KEPT)
         self._filter: PoseFilter | None = None
-        self._narrow = _NARROW * (2.0 * self._noise + self._mounting @ self._mounting.T)
-        self._heard_s = -math.inf
+        self._well_founded_limit = _NARROW_FACTOR * (
+            2.0 * self._noise + self._mounting @ self._mounting.T
+        )
+        self._received_s = -math.inf
         self._used_s: float | None = None
-        """When a pose was last used or set; None before the step that follows."""
+        """Time when a pose was last used or set, or None until the next step."""
         self._hypothesis: PoseHypothesis | None = None
         self._rested = False
         self.learning = ConstantsFilter(inner.spread.constants)
-        """The constant errors, learned from the poses that are used."""
+        """Estimates the biases from the poses used."""
 
     @property
     def is_corrected(self) -> bool:
-        """Whether pose measurements have corrected the estimate lately."""
+        """Whether recent pose measurements have corrected the estimate."""
         return self._filter is not None
 
     @property
     def pose(self) -> Any:
-        """The pose in `odom`."""
+        """Estimated pose in `odom`."""
         return self.inner.pose if self._filter is None else self._filter.pose
 
     @property
@@ -172,7 +174,7 @@ class FusedEstimate:
 
     @property
     def end_twist(self) -> Array:
-        """(3,): twist in `base_link`, at the end of the last step."""
+        """(3,): twist in `base_link` at the end of the last step."""
         return self.inner.end_twist
 
     @property
@@ -188,7 +190,7 @@ class FusedEstimate:
         self.learning.forget_pose()
 
     def follow(self, now_s: float) -> None:
-        """Update with the step of the inner estimate to `now_s`."""
+        """Update with the step of `inner` that ends at `now_s`."""
         inner = self.inner
         twist, errors = inner.motion.twist, inner.errors
         self.learning.follow(now_s, twist, errors)
@@ -201,7 +203,7 @@ class FusedEstimate:
         if self._hypothesis is not None:
             held = self._hypothesis.filter
             held.advance(now_s, twist, errors.white_per_s, errors.by_constants)
-        if now_s - self._heard_s > _PATIENCE_S:
+        if now_s - self._received_s > _SENSOR_TIMEOUT_S:
             self.inner.set_pose(self._filter.pose, self._filter.errors)
             self._past.clear()
             self._filter = self._hypothesis = None
@@ -209,16 +211,16 @@ class FusedEstimate:
     def fuse(self, pose: SE2, measured_s: float, *, at_rest: bool) -> FusionResult:
         """Fuse a pose measured at `measured_s`, and return the result.
 
-        Poses that agree with each other, and with the odometry, become a hypothesis, which can
-        replace the estimate.
+        Poses that agree with each other and with the odometry form a hypothesis, which can replace
+        the estimate.
         """
         running = self._filter = self._filter or self._caught_up()
         if running is None:
             return FusionResult.OLD
-        now_s = self._heard_s = running.now_s
+        now_s = self._received_s = running.now_s
         at_s = min(measured_s, now_s)
         if at_rest and not self._rested:
-            self._hypothesis = None  # At rest other rules apply, to poses measured there.
+            self._hypothesis = None  # The rules differ at rest; use only poses measured there.
         self._rested = at_rest
         filters = [running] if self._hypothesis is None else [running, self._hypothesis.filter]
         if not at_s >= max(running.oldest_s, now_s - MEMORY_S):
@@ -227,7 +229,7 @@ class FusedEstimate:
             return FusionResult.OLD
         if any(each.measurements >= MOST for each in filters):
             return FusionResult.FLOOD
-        if not np.abs(pose.xy_heading).max() <= _FARTHEST_M:
+        if not np.abs(pose.xy_heading).max() <= _MAX_COORDINATE_M:
             return FusionResult.FAR
         distance_sq = float(running.mahalanobis_sq(pose, self._noise, at_s, self._mounting))
         is_founded = self._is_founded(running, at_s)
@@ -242,10 +244,10 @@ class FusedEstimate:
         return FusionResult.USED
 
     def _is_founded(self, running: PoseFilter, at_s: float) -> bool:
-        """Return whether the estimate is well-founded, so that a pose that agrees is used alone."""
-        if self._used_s is None or at_s - self._used_s <= _PATIENCE_S:
+        """Return whether the estimate is well-founded, so that a single agreeing pose is used."""
+        if self._used_s is None or at_s - self._used_s <= _SENSOR_TIMEOUT_S:
             return True
-        return bool(np.linalg.eigvalsh(self._narrow - running.covariance)[0] >= 0.0)
+        return bool(np.linalg.eigvalsh(self._well_founded_limit - running.covariance)[0] >= 0.0)
 
     def _test(
         self,
@@ -265,7 +267,7 @@ class FusedEstimate:
         if not held.persists(at_s):
             return FusionResult.FAR
         if not at_rest:
-            may_win = not held.against_founded or held.age_s(at_s) >= _LONG_S
+            may_win = not held.against_founded or held.age_s(at_s) >= _OVERRIDE_S
             if not (may_win and distance_sq <= GATE and held.has_moved(pose, self._noise)):
                 return FusionResult.FAR
         self._filter, self._hypothesis, self._used_s = held.filter, None, at_s
@@ -289,7 +291,7 @@ class FusedEstimate:
         return PoseHypothesis(made, pose, at_s, against_founded=is_founded)
 
     def _caught_up(self) -> PoseFilter | None:
-        """Return a new filter that has processed all steps in the memory; None without any."""
+        """Return a new filter that has processed all steps in the memory, or None without steps."""
         steps = list(dropwhile(lambda past: past.spread is None, self._past))
         if not steps:
             return None

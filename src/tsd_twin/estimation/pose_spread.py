@@ -1,6 +1,6 @@
-"""Spread of the pose error of dead reckoning: constant errors, which add up, and white noise.
+"""Pose uncertainty of dead reckoning: accumulated biases and white noise.
 
-Also the regions that hold the true pose with a stated probability. Derived in `docs/estimation.md`.
+Also computes confidence regions of the pose. Derived in `docs/estimation.md`.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ _Complex = npt.NDArray[np.complex128]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwistErrors:
-    """Errors of an estimated twist, in the axes of the base.
+    """Errors of an estimated twist, in base axes.
 
-    The true twist is the estimated one, plus `by_constants @ u` with constants `u` that are
-    independent, standard normal numbers, plus white noise.
+    The true twist is the estimated twist, plus `by_constants @ u` with biases `u` that are
+    independent and standard normal, plus white noise.
     """
 
     by_constants: Array
-    """(3, m)."""
+    """(3, m): Jacobian with respect to the biases."""
     white_per_s: Array
-    """(3, 3): covariance that the white noise adds to the integrated twist in a second."""
+    """(3, 3): covariance that white noise adds to the integrated twist per second."""
     covariance: Array
-    """(3, 3): covariance of the twist, of constants and noise together."""
+    """(3, 3): total covariance of the twist, from biases and noise."""
 
     @staticmethod
     def none(constants: int) -> TwistErrors:
@@ -42,18 +42,18 @@ class TwistErrors:
 
     @property
     def is_exact(self) -> bool:
-        """Whether there are no errors."""
+        """Whether all errors are zero."""
         return not (self.by_constants.any() or self.white_per_s.any())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseErrors:
-    """Errors of an estimated pose: `by_constants @ u` with the constants `u`, plus the rest."""
+    """Errors of an estimated pose: `by_constants @ u` with the biases `u`, plus process noise."""
 
     by_constants: Array
-    """(3, m)."""
+    """(3, m): Jacobian with respect to the biases."""
     rest: Array
-    """(3, 3): covariance of the rest, which is independent of the constants."""
+    """(3, 3): covariance of the process noise, which is independent of the biases."""
 
     @property
     def covariance(self) -> Array:
@@ -66,15 +66,15 @@ _SAMPLES = 128
 
 
 def unit_samples(constants: int) -> Array:
-    """Return samples (n, m) of standard normal numbers, the same at each call.
+    """Return deterministic samples (n, m) of standard normal numbers.
 
-    Their first five moments about the origin are those of the normal distribution: exactly for
-    mean and covariance, in the mean over all directions for the fourth.
+    Their first five moments about the origin match the normal distribution: mean and covariance
+    exactly, the fourth moment averaged over all directions.
     """
     random = np.random.default_rng(0)
     dimensions = max(constants, 3)
     pairs = max(1, round(_SAMPLES / (4 * dimensions)))
-    # Vectors of two lengths, so that squared lengths have the mean m and the variance 2 m.
+    # Two vector lengths give squared lengths the mean m and the variance 2 m.
     lengths = [math.sqrt(dimensions + sign * math.sqrt(2.0 * dimensions)) for sign in (-1.0, 1.0)]
     blocks = [
         length * np.linalg.qr(random.standard_normal((dimensions, dimensions)))[0]
@@ -85,8 +85,8 @@ def unit_samples(constants: int) -> Array:
     return np.concatenate([half, -half])[:, :constants]
 
 
-class _State(Protocol):
-    """State of a spread."""
+class _SampleState(Protocol):
+    """State of a pose uncertainty."""
 
     @property
     def rest(self) -> Array:
@@ -94,15 +94,15 @@ class _State(Protocol):
         ...
 
 
-StateT = TypeVar("StateT", bound=_State)
+StateT = TypeVar("StateT", bound=_SampleState)
 
 
 class PoseSpread(ABC, Generic[PoseT, StateT]):
-    """Spread of the pose error, in exponential coordinates about the axes of `odom`.
+    """Pose uncertainty in exponential coordinates about the axes of `odom`.
 
-    Each sample is a robot with constant errors of its own. All samples follow the same measured
-    twists, each with the error that its constants cause. The covariance is their second moment,
-    plus that of the white noise. The samples advance a block of steps at a time.
+    Each sample is a robot with its own biases. All samples follow the measured twists, each with
+    the error caused by its biases. The covariance is their second moment plus the covariance of the
+    white noise. Samples advance by blocks of steps.
     """
 
     def __init__(self, constants: int) -> None:
@@ -115,12 +115,12 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
 
     @property
     def constants(self) -> int:
-        """Number of constants, m."""
+        """Number of biases, m."""
         return self._units.shape[1]
 
     @property
     def state(self) -> StateT | None:
-        """State for `errors_at`; None in the middle of a block."""
+        """State for `errors_at`, or None in the middle of a block."""
         return self._state if self._elapsed_s == 0.0 else None
 
     @property
@@ -131,7 +131,7 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
                 self._began = self._coordinates(self._state)
             errors, rest = self._began, self._state.rest
             if self._elapsed_s > 0.0:
-                # Within a block, to first order in what it adds.
+                # Within a block, linearize in the additional error.
                 carry, by_twist = self._linear()
                 errors = errors @ carry.T + self._rates @ by_twist.T
                 rest = self._ended_rest(carry)
@@ -139,19 +139,19 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
         return self._covariance
 
     def errors_at(self, state: StateT) -> PoseErrors:
-        """Return the pose errors of a `state`, linear in the constants by regression."""
+        """Return the pose errors of a `state`, linear in the biases by regression."""
         errors = self._coordinates(state)
         by_constants = errors.T @ self._units / len(errors)
         bent = errors.T @ errors / len(errors) - by_constants @ by_constants.T
         return PoseErrors(by_constants, bent + state.rest)
 
     def set(self, errors: PoseErrors | None) -> None:
-        """Set the pose errors; None is none."""
+        """Set the pose errors; None means zero."""
         self._state = self._exact() if errors is None else self._given(errors)
         self._begin()
 
     def refresh(self, errors: TwistErrors) -> None:
-        """End the block, whose twist errors changed evenly to `errors`."""
+        """End the block, assuming that twist errors changed linearly to `errors`."""
         rates = self._rates
         if errors is not self._errors:
             rates = self._units @ errors.by_constants.T
@@ -161,9 +161,9 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
         self._errors, self._rates, self._is_exact = errors, rates, errors.is_exact
 
     def step(self, before: PoseT, after: PoseT, twist: Array, dt_s: float) -> None:
-        """Follow a step from one estimated pose to another by `twist` (3,)."""
+        """Advance from one estimated pose to another by `twist` (3,)."""
         if self._is_exact and not twist.any():
-            return  # No sample moves.
+            return  # All samples are at rest.
         self._advance(before, after, twist, dt_s)
         self._elapsed_s += dt_s
         self._covariance = None
@@ -178,7 +178,7 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
 
     @abstractmethod
     def _clear(self) -> None:
-        """Clear what has been summed up over a block."""
+        """Clear the sums over a block."""
 
     @abstractmethod
     def _advance(self, before: PoseT, after: PoseT, twist: Array, dt_s: float) -> None:
@@ -186,7 +186,7 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
 
     @abstractmethod
     def _linear(self) -> tuple[Array, Array]:
-        """Return the Jacobians (3, 3) of the errors by those at the start, and by the twist."""
+        """Return the Jacobians (3, 3) of the errors w.r.t. the initial errors and the twist."""
 
     @abstractmethod
     def _ended_rest(self, carry: Array) -> Array:
@@ -213,26 +213,26 @@ class PlanarState(NamedTuple):
     """Samples of planar poses, and the white noise."""
 
     off: _Complex
-    """(n,): position of each sample less the estimated one, x + i y."""
+    """(n,): position error x + i y of each sample."""
     turned: Array
-    """(n,): heading of each sample less the estimated one."""
+    """(n,): heading error of each sample."""
     rest: Array
-    """(3, 3)."""
+    """(3, 3): covariance of the white noise."""
 
 
 class PlanarSpread(PoseSpread[SE2, PlanarState]):
-    """Spread of a planar pose: x, y, heading."""
+    """Uncertainty of a planar pose: x, y, heading."""
 
     def _clear(self) -> None:
         self._way = 0j
         """Estimated displacement in the block."""
         self._by_velocity = 0j
-        """Its derivative by an error of vx; that of vy is at a right angle."""
+        """Derivative of the displacement w.r.t. an error of vx; for vy, rotate by 90°."""
         self._by_turn_rate = 0j
-        """Its derivative by an error of omega."""
+        """Derivative of the displacement w.r.t. an error of omega."""
         self._heading_s = 0.0
 
-    def _advance(self, before: SE2, after: SE2, twist: Array, dt_s: float) -> None:  # noqa: ARG002  The shape.
+    def _advance(self, before: SE2, after: SE2, twist: Array, dt_s: float) -> None:  # noqa: ARG002  Common signature.
         x, y, heading = before.xy_heading.tolist()
         x_after, y_after, heading_after = after.xy_heading.tolist()
         way = complex(x_after - x, y_after - y)
@@ -246,7 +246,7 @@ class PlanarSpread(PoseSpread[SE2, PlanarState]):
         off, turned, _ = self._state
         error = self._by_velocity * (rates[:, 0] + 1j * rates[:, 1])
         error += self._by_turn_rate * rates[:, 2]
-        # A sample that is turned already drives its way turned.
+        # A sample's heading error rotates its displacement in this block.
         off = off + np.exp(1j * turned) * (self._way + error) - self._way
         turned = turned + self._elapsed_s * rates[:, 2]
         return PlanarState(off, turned, self._ended_rest(self._linear()[0]))
@@ -280,19 +280,19 @@ class PlanarSpread(PoseSpread[SE2, PlanarState]):
 
 
 def chord(turned: Array) -> _Complex:
-    """Return what a turn by `turned` (...) makes of a straight line, as a complex factor.
+    """Return the complex factor by which a turn by `turned` (...) deforms a straight line.
 
-    Beyond half a turn, where exponential coordinates lose their meaning, it is that of half a turn.
+    Clamped at half a turn, beyond which exponential coordinates are ambiguous.
     """
     half = np.clip(0.5 * turned, -0.5 * np.pi, 0.5 * np.pi)
     return np.asarray(sinc(half) * np.exp(1j * half), dtype=complex)
 
 
 def exponential_error(estimate: SE2, true: SE2) -> Array:
-    """Return the error (..., 3) of an estimate in exponential coordinates, in the axes of `odom`.
+    """Return the error (..., 3) of an estimate in exponential coordinates, axes of `odom`.
 
-    `estimate` moved by it as by a constant twist, given in these axes, is `true`: the covariance of
-    a planar pose is that of these numbers. Headings are compared around the circle.
+    Moving `estimate` by the error as a constant twist in these axes yields `true`. Covariances of
+    planar poses refer to these coordinates. Heading differences are wrapped.
     """
     off = true.xy_heading - estimate.xy_heading
     turned = (off[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
@@ -304,19 +304,19 @@ class TurningState(NamedTuple):
     """Samples of orientations, and the white noise."""
 
     off: Array
-    """(n, 3): rotation vector from the estimated orientation to that of each sample."""
+    """(n, 3): rotation vector from the estimated orientation to each sample."""
     rest: Array
-    """(3, 3)."""
+    """(3, 3): covariance of the white noise."""
 
 
 class TurningSpread(PoseSpread[SO3, TurningState]):
-    """Spread of the orientation of a sphere, as rotation vectors about the axes of the base."""
+    """Uncertainty of a sphere's orientation, as rotation vectors about the base axes."""
 
     def _clear(self) -> None:
         self._carry: Array = np.eye(3)
         self._by_twist: Array = np.zeros((3, 3))
 
-    def _advance(self, before: SO3, after: SO3, twist: Array, dt_s: float) -> None:  # noqa: ARG002  The shape.
+    def _advance(self, before: SO3, after: SO3, twist: Array, dt_s: float) -> None:  # noqa: ARG002  Common signature.
         turn = SO3.exp(dt_s * twist).as_matrix()
         self._carry = turn @ self._carry
         self._by_twist = turn @ self._by_twist + dt_s * np.eye(3)
@@ -345,32 +345,32 @@ class TurningSpread(PoseSpread[SO3, TurningState]):
 
 
 SPREADS: dict[type[Any], type[PoseSpread[Any, Any]]] = {SE2: PlanarSpread, SO3: TurningSpread}
-"""Spread of each pose type."""
+"""Uncertainty class for each pose type."""
 
 
 REGION_SIGMAS = 2.0
-"""Radius of the region of the position, in standard deviations."""
+"""Radius of the position region, in standard deviations."""
 REGION_SHARE = 1.0 - math.exp(-0.5 * REGION_SIGMAS**2)
-"""Probability of the region of the position, and of that of the heading: 86 %."""
+"""Probability of the position and heading regions: 86 %."""
 HEADING_SIGMAS = NormalDist().inv_cdf(0.5 * (1.0 + REGION_SHARE))
-"""Half-width of the region of the heading, in standard deviations: its probability is the same."""
+"""Half-width of the heading region, in standard deviations, for the same probability."""
 _SIDES = 48
 
 
 def position_region(covariance: Array) -> Array:
-    """Return the outline (n, 2) of the region of the position, less the estimated position.
+    """Return the outline (n, 2) of the position region, relative to the estimated position.
 
-    `covariance` (3, 3) is that of a pose in exponential coordinates, axes of `odom`. The region is
-    an ellipse in these coordinates. Over the floor it is bent: each point of it goes with the most
-    likely heading there.
+    `covariance` (3, 3) is the pose covariance in exponential coordinates, axes of `odom`, where the
+    region is an ellipse. On the floor it is bent, because each point has a different most likely
+    heading.
     """
     angles = np.arange(_SIDES) * 2.0 * np.pi / _SIDES
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     variances, axes = np.linalg.eigh(covariance[:2, :2])
     variances = np.maximum(variances, 0.0)
     errors = REGION_SIGMAS * np.sqrt(variances) * circle @ axes.T
-    # The regression of the heading on the position, by its principal axes; none along an axis
-    # without extent.
+    # Regression of the heading on the position along the principal axes; zero along an axis without
+    # extent.
     along = np.where(variances > 0.0, 1.0 / np.maximum(variances, 1e-300), 0.0)
     turned = errors @ (axes * along) @ axes.T @ covariance[:2, 2]
     bent = (errors[:, 0] + 1j * errors[:, 1]) * chord(turned)
@@ -378,7 +378,7 @@ def position_region(covariance: Array) -> Array:
 
 
 def heading_region_rad(covariance: Array) -> float:
-    """Return the half-width of the region of the heading, at most half a turn."""
+    """Return the half-width of the heading region, at most half a turn."""
     return min(HEADING_SIGMAS * math.sqrt(max(float(covariance[2, 2]), 0.0)), math.pi)
 
 

@@ -1,6 +1,4 @@
-"""Odometry from other sensors beside wheel odometry: yaw gyro, dead wheels, the dual-row model of a
-sphere, and a pose that another program reports.
-"""
+"""Odometry from gyros, tracking wheels, a sphere's dual-row model and external poses."""
 
 from __future__ import annotations
 
@@ -33,8 +31,8 @@ def with_gyro(
 ) -> tuple[Array, Array]:
     """Return planar twists (..., 3) and covariances, corrected by a yaw gyro's `turn_rate` (...).
 
-    The gyro is weighted by its variance. Correlated errors of the wheels, such as a slow wheel that
-    both turns and shifts the robot, are corrected with it.
+    The gyro is weighted by its variance. The correction extends to correlated wheel errors, such as
+    a slow wheel that both turns and shifts the robot.
     """
     column = covariance[..., :, 2]
     gain = column / (column[..., 2:] + sigma_rad_per_s**2)
@@ -45,25 +43,25 @@ def with_gyro(
 _COMPARED = 10
 """Steps over which gyro and wheels are compared."""
 _COMPARED_S = 0.1
-"""Their time, about."""
-_APART_S = 0.01
-"""Largest time by which the joints may be behind the gyro."""
+"""Approximate duration of these steps."""
+_MAX_LAG_S = 0.01
+"""Maximum lag of the joints behind the gyro."""
 _RANGE_RAD_PER_S = math.radians(2000.0)
-"""Range limit of a small gyro; a larger reading is discarded."""
+"""Range limit of a small gyro; larger readings are discarded."""
 
 
 class GyroOdometry(PlanarOdometry):
     """Odometry from wheels and yaw gyro, weighted by their covariances in each step.
 
-    A step without a gyro reading uses the wheels only. While the wheels are shut off the robot is
-    known to stand, so the gyro bias does not turn the pose.
+    A step without a gyro reading uses the wheels only. While the wheels are off the robot is at
+    rest, so the gyro bias does not turn the pose.
     """
 
     def __init__(self, robot: SingularityDescription | OmniDescription) -> None:
-        """Start the odometry of a `robot` with a gyro.
+        """Initialize the odometry for a `robot` with a gyro.
 
         Raises:
-            ValueError: it has none.
+            ValueError: If the robot has no gyro.
         """
         if robot.gyro is None:
             raise ValueError(f"{robot.name} has no gyro")
@@ -75,17 +73,17 @@ class GyroOdometry(PlanarOdometry):
         self._wheels = TwistErrors.none(self.spread.constants)
         self._compared: list[float] = []
         self._compared_from = 0.0
-        """Turn rate by the wheels at the first comparison."""
+        """Turn rate from the wheels at the first comparison."""
         self.comparison: Comparison | None = None
-        """Comparison of the gyro with the wheels that ended with the last step, or None."""
+        """Comparison of gyro and wheels that ended with the last step, or None."""
 
     def constant_rows(self) -> Mapping[str, Array]:
-        """Return what the constants (m,) add to each parameter of the robot."""
+        """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
         bias = self._bias * np.eye(self.spread.constants)[self._constants.count]
         return {**super().constant_rows(), "gyro_bias_rad_per_s": bias}
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
-        """Update with joints (n,) and the turn rate (1,), measured `dt_s` after the last ones."""
+        """Update with joints (n,) and turn rate (1,), measured `dt_s` after the last ones."""
         rate = self._mean_rate(sensors)
         reads = math.isfinite(rate)
         self._compare(rate, float(motion.twist[2]))
@@ -98,7 +96,7 @@ class GyroOdometry(PlanarOdometry):
         self._move(motion, joints, dt_s)
 
     def coast(self, step: OutageStep, dt_s: float) -> None:
-        """Follow a step without measurements, also of the gyro."""
+        """Advance by a step in which neither joints nor gyro were measured."""
         super().coast(step, dt_s)
         self._rate, self.comparison = math.nan, None
         self._compared.clear()
@@ -116,19 +114,19 @@ class GyroOdometry(PlanarOdometry):
         difference, wheels = fmean(self._compared), self._wheels
         row = wheels.by_constants[2].copy()
         row[self._constants.count] = self._bias
-        # Rounded angles stay the same for many steps, so their error is not averaged.
+        # Rounded angles stay constant for many steps, so their error does not average out.
         by_wheels_alone = wheels.covariance[2, 2] - np.square(wheels.by_constants[2]).sum()
-        # What gimbals seem to turn, by their noise, and wheels that spin up, add to that.
+        # Also account for gimbal noise, seen as a turn rate, and for accelerating wheels.
         noise = self._noise_rad_per_s**2
         seen = variance(self._compared) / _COMPARED
         faster = by_wheels - self._compared_from
         total = max(float(by_wheels_alone), seen, 0.0) + noise / _COMPARED
-        total += (_APART_S * faster / _COMPARED_S) ** 2
+        total += (_MAX_LAG_S * faster / _COMPARED_S) ** 2
         self._compared.clear()
         self.comparison = Comparison(difference, row, total)
 
     def _mean_rate(self, sensors: Array) -> float:
-        """Return the mean turn rate of the step, NaN when there is no reading at its end."""
+        """Return the mean turn rate of the step, or NaN without a reading at its end."""
         before, now = self._rate, float(sensors[0]) if len(sensors) else math.nan
         self._rate = now if abs(now) <= _RANGE_RAD_PER_S else math.nan
         return 0.5 * (before + self._rate) if math.isfinite(before) else self._rate
@@ -150,22 +148,22 @@ class GyroOdometry(PlanarOdometry):
 
 
 _PULSE_S = 1.0
-"""Time over which the rounding to a whole pulse persists."""
+"""Time over which pulse rounding persists."""
 
 
 class DeadWheelOdometry(PlanarOdometry):
-    """Odometry from two dead wheels in L and a rate gyro; slip of driven wheels has no effect.
+    """Odometry from two perpendicular tracking wheels and a rate gyro, immune to drive-wheel slip.
 
-    Source: Savnani et al. 2019, Eq. 12 to 16: distances from pulses, heading from the gyro. Eq. 14
-    and 15 as printed hold for a straight line only; here twist and pose follow in the robot frame.
-    A step without these sensors uses the driven wheels.
+    Source: Savnani et al. 2019, Eq. 12 to 16: distances from pulses, heading from the gyro.
+    Corrected: Eq. 14 and 15 as printed hold only for straight lines; here twist and pose are
+    computed in the robot frame. A step without these sensors uses the driven wheels.
     """
 
     def __init__(self, robot: OmniDescription) -> None:
-        """Start the odometry of a `robot` with dead wheels.
+        """Initialize the odometry for a `robot` with tracking wheels.
 
         Raises:
-            ValueError: it has none.
+            ValueError: If the robot has no tracking wheels.
         """
         if robot.dead_wheels is None:
             raise ValueError(f"{robot.name} has no dead wheels")
@@ -177,12 +175,12 @@ class DeadWheelOdometry(PlanarOdometry):
         self._angles: Array | None = None
         self._rate = 0.0
         self._between_rad2 = 0.0
-        """Variance of the heading by turns between two readings, since the last refresh."""
+        """Heading variance from turning between two readings, since the last refresh."""
         self._between_s = 0.0
         self._rates: Array | None = None
 
     def constant_rows(self) -> Mapping[str, Array]:
-        """Return what the constants (m,) add to each parameter of the robot."""
+        """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
         sensors, first = self._sensors, self._constants.count
         mounting = math.radians(sensors.mounting_deg)
         drift = math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
@@ -217,9 +215,9 @@ class DeadWheelOdometry(PlanarOdometry):
         self._move(motion, joints, dt_s)
 
     def coast(self, step: OutageStep, dt_s: float) -> None:
-        """Follow a step without measurements, also of the dead wheels.
+        """Advance by a step without measurements, also of the tracking wheels.
 
-        They count on meanwhile, but the heading of what they count is not known.
+        They keep counting, but the heading at each count is unknown.
         """
         super().coast(step, dt_s)
         self._angles = self._rates = None
@@ -231,11 +229,11 @@ class DeadWheelOdometry(PlanarOdometry):
         by_constants = np.zeros_like(self.errors.by_constants)
         own = by_constants[:, self._constants.count :]
         own[:, :2] = by_rates[:, :2] * (sensors.radius_share * self._rates[:2])
-        # A wheel that is turned also measures part of the motion across it.
+        # A misaligned wheel also measures part of the lateral motion.
         across = self._across @ self.motion.twist
         own[:, 2:4] = -by_rates[:, :2] * (math.radians(sensors.mounting_deg) * across)
         own[:, 4] = -by_rates[:, 2] * math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
-        # A pulse, evenly spread; of the way in a step, both ends are rounded.
+        # Uniform rounding to a pulse, at both ends of each step.
         pulses = by_rates[:, :2] * (2.0 * math.pi / sensors.pulses_per_turn / math.sqrt(12.0))
         rounding = pulses @ pulses.T
         turned = (
@@ -249,9 +247,9 @@ class DeadWheelOdometry(PlanarOdometry):
 
 
 class ReportedOdometry(PlanarOdometry):
-    """Pose that another program reports; the twist is that of the joints.
+    """Pose reported by another program; the twist comes from the joints.
 
-    A pose that is set is a constant offset from then on. Without a report the pose stays.
+    Setting the pose fixes an offset to the reported poses. Without a report the pose is held.
     """
 
     def __init__(self, robot: ImportedDescription) -> None:
@@ -275,17 +273,17 @@ class ReportedOdometry(PlanarOdometry):
             self.pose = before
 
     def coast(self, step: OutageStep, dt_s: float) -> None:
-        """Follow a step without a report: the pose stays."""
+        """Hold the pose in a step without a report."""
         before = self.pose
         super().coast(step, dt_s)
         self.pose = before
 
 
 class DualRowOdometry(OrientationOdometry):
-    """Odometry of a sphere by dual-row kinematics: the wheel angle determines which row carries.
+    """Dual-row odometry of a sphere: the wheel angle determines the supporting row.
 
-    Source: Weiss et al. 2008, Eq. 8 to 12 and 25. The angle is the integral of the wheel's speed,
-    from zero at the start.
+    Source: Weiss et al. 2008, Eq. 8 to 12 and 25. The angle is the integrated wheel speed, starting
+    at zero.
     """
 
     def __init__(self, robot: SphereDescription) -> None:
@@ -294,16 +292,16 @@ class DualRowOdometry(OrientationOdometry):
         self.angles_rad: Array = np.zeros(self._sphere.wheels)
         """(k,): angle of each wheel."""
 
-    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:  # noqa: ARG002  The shape.
+    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:  # noqa: ARG002  Common signature.
         """Update with the wheel speeds (k,) measured `dt_s` after the last ones."""
         self.advance(joints, dt_s)
 
     def coast(self, step: OutageStep, dt_s: float) -> None:
-        """Follow a step without measurements, in which wheels turn as far as the sphere does."""
+        """Advance by a step without measurements, in which wheels roll with the sphere."""
         self.angles_rad = self.angles_rad + dt_s * self._sphere.inverse(step.twist)
         super().coast(step, dt_s)
 
-    def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  The shape.
+    def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  Common signature.
         turned = self.angles_rad + dt_s * joints
         side = self._sphere.mean_side(self.angles_rad, turned)
         self.angles_rad = turned
@@ -317,12 +315,12 @@ class Estimate(Protocol):
 
     @property
     def pose(self) -> Any:
-        """The pose in `odom`."""
+        """Estimated pose in `odom`."""
         ...
 
     @property
     def end_twist(self) -> Array:
-        """(3,): twist in `base_link`, at the end of the last step."""
+        """(3,): twist in `base_link` at the end of the last step."""
         ...
 
     @property
@@ -344,7 +342,7 @@ class DeadReckoning(Estimate, Protocol):
     """Estimate that a pose sensor can correct."""
 
     def coast(self, step: OutageStep, dt_s: float) -> None:
-        """Follow a step of `dt_s` in which nothing was measured."""
+        """Advance by a step of `dt_s` without measurements."""
         ...
 
     @property
@@ -353,7 +351,7 @@ class DeadReckoning(Estimate, Protocol):
         ...
 
     def constant_rows(self) -> Mapping[str, Array]:
-        """Return what the constants (m,) add to each parameter of the robot."""
+        """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
         ...
 
     @property
@@ -363,22 +361,22 @@ class DeadReckoning(Estimate, Protocol):
 
     @property
     def spread(self) -> PoseSpread[Any, Any]:
-        """Spread of the pose error."""
+        """Uncertainty of the pose."""
         ...
 
     def set_pose(self, pose: Any, errors: PoseErrors | None = None) -> None:
-        """Set the estimate to `pose`, with pose `errors`; none if not given."""
+        """Set the estimate to `pose`, with pose `errors` (zero by default)."""
         ...
 
 
 class SensorOdometry(DeadReckoning, Protocol):
-    """Alternative estimate, which uses sensors beside the joints of the drive."""
+    """Alternative estimate, using sensors in addition to the drive joints."""
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
-        """Update with joints (n,) and other sensors (s,), NaN where there is no reading.
+        """Update with joints (n,) and other sensors (s,), NaN without a reading.
 
-        They were measured `dt_s` after the last ones; `motion` is the solution of the forward
-        kinematics for the joints.
+        They were measured `dt_s` after the last ones; `motion` is the forward-kinematics solution
+        for the joints.
         """
         ...
 
@@ -389,12 +387,12 @@ _Factory: TypeAlias = Callable[[Any], "tuple[SensorOdometry, bool] | None"]
 def odometry_by_gyro(
     robot: SingularityDescription | OmniDescription,
 ) -> tuple[SensorOdometry, bool] | None:
-    """Return the odometry from wheels and yaw gyro, None for a robot without a gyro."""
+    """Return odometry from wheels and yaw gyro, or None for a robot without a gyro."""
     return None if robot.gyro is None else (GyroOdometry(robot), True)
 
 
 def odometry_of_platform(robot: OmniDescription) -> tuple[SensorOdometry, bool] | None:
-    """Return the odometry from dead wheels, or from a yaw gyro; None for a robot without them."""
+    """Return odometry from tracking wheels or a yaw gyro, or None for a robot without them."""
     if robot.dead_wheels is None:
         return odometry_by_gyro(robot)
     return DeadWheelOdometry(robot), True
@@ -406,12 +404,12 @@ def odometry_by_rows(robot: SphereDescription) -> tuple[SensorOdometry, bool]:
 
 
 def odometry_of_another(robot: ImportedDescription) -> tuple[SensorOdometry, bool]:
-    """Return the odometry that the robot itself reports."""
+    """Return the odometry reported by the robot itself."""
     return ReportedOdometry(robot), True
 
 
 def sensor_odometry_of(robot: RobotDescription) -> tuple[SensorOdometry | None, bool]:
-    """Return the alternative odometry of a robot or None, and whether it is the better one."""
+    """Return the robot's alternative odometry or None, and whether it is preferred."""
     make: _Factory = implementation(kind_of(robot).sensor_odometry)
     made = make(robot)
     return (None, False) if made is None else made

@@ -1,6 +1,4 @@
-"""Odometry by forward kinematics of the measured joints, with covariance; model of unmeasured wheel
-speeds.
-"""
+"""Wheel odometry with covariance, and a model for unmeasured wheel speeds."""
 
 from __future__ import annotations
 
@@ -23,17 +21,18 @@ _PREDICTIONS_KEPT = 16
 
 
 class SpinModel:
-    """First-order model of unmeasured wheel speeds that follow their set-points."""
+    """First-order model of unmeasured wheel speeds that follow their setpoints."""
 
     def __init__(self, spin_up: SpinUp, joints: int) -> None:
         self._spin_up = spin_up
         self.spin_rad_per_s: Array = np.zeros(joints)
         """(m,): modelled speeds."""
         self._predictions: dict[tuple[bytes, float], Array] = {}
-        """Results of `after`, by its arguments, while the modelled speeds are the same."""
+        """Cached results of `after` by its arguments, valid while the modelled speeds are
+        unchanged."""
 
     def advance(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
-        """Return the speeds (m,) after `dt_s` of a set-point (m,)."""
+        """Return the speeds (m,) after `dt_s` of a setpoint (m,)."""
         speeds = self.after(setpoint_rad_per_s, dt_s)
         if speeds.tobytes() != self.spin_rad_per_s.tobytes():
             self._predictions.clear()
@@ -41,7 +40,7 @@ class SpinModel:
         return speeds
 
     def after(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
-        """Predict the speeds (m,) after `dt_s` of a set-point (m,), without changing the state."""
+        """Predict the speeds (m,) after `dt_s` of a setpoint (m,), without changing the state."""
         key = (setpoint_rad_per_s.tobytes(), dt_s)
         found = self._predictions.get(key)
         if found is None:
@@ -55,9 +54,9 @@ class SpinModel:
         law = self._spin_up
         up, down = math.exp(-dt_s / law.up_s), math.exp(-dt_s / law.down_s)
 
-        # In plain floats: for a few wheels, numpy would take four times as long.
-        start, told = law.start_speed_rad_per_s, setpoint_rad_per_s.tolist()
-        goals = [speed if abs(speed) >= start else 0.0 for speed in told]
+        # Plain floats, because numpy would take four times as long for a few wheels.
+        start, commanded = law.start_speed_rad_per_s, setpoint_rad_per_s.tolist()
+        goals = [speed if abs(speed) >= start else 0.0 for speed in commanded]
         pairs = zip(goals, self.spin_rad_per_s.tolist(), strict=True)
         speeds = np.array(
             [goal + (spin - goal) * (up if abs(goal) > abs(spin) else down) for goal, spin in pairs]
@@ -66,26 +65,26 @@ class SpinModel:
         return speeds
 
 
-_CONTRADICTION = 10.0
-"""Squared residual over its expectation beyond which joints contradict each other: a healthy robot
+_MAX_RESIDUAL_RATIO = 10.0
+"""Ratio of squared residual to its expectation above which joints are inconsistent; a healthy robot
 exceeds it once in thousands of samples."""
 _ROUNDING = 1e-18
 """Squared m/s: rounding level of the residual of joints without redundancy."""
-_REFRESH_EVERY = 10
-"""Steps for which the errors of the twist are kept, since they change slowly."""
+_REFRESH_STEPS = 10
+"""Steps between updates of the twist errors, which change slowly."""
 
 
 class JointOdometry(Generic[PoseT]):
     """Wheel odometry: pose, twist and their covariances from a stream of joint vectors.
 
-    Joints are interpolated linearly between two samples, so that the terms in the gimbal rates add
-    up to the exact displacement; the pose moves by the exponential of the twist.
+    Joints are interpolated linearly between samples, so that the gimbal-rate terms sum to the exact
+    displacement; the pose moves by the exponential of the twist.
     """
 
     def __init__(
         self, kinematics: Kinematics[PoseT], noise: JointErrors, other_constants: int = 0
     ) -> None:
-        """`other_constants` is the number of constant errors beside those of the joints."""
+        """`other_constants` is the number of biases in addition to the joint biases."""
         self._kinematics = kinematics
         self._noise = JointNoise(kinematics, noise)
         self._constants = ConstantErrors(kinematics, noise)
@@ -94,22 +93,22 @@ class JointOdometry(Generic[PoseT]):
         self._solved_for = b""
         self._refreshed_for: tuple[object, object] = (None, None)
         self._jacobians: tuple[bytes, Array, Array] | None = None
-        """Joints, and the Jacobians of twist and residual there: those of a robot at a steady
-        twist stay the same while the floor restores the speed of its wheels."""
+        """Joints, and the Jacobians of twist and residual there. Cached because they are constant
+        during steady motion, while the floor restores wheel speeds."""
         self._until_refresh = 0
         self._since_refresh_s = 0.0
         self._means: tuple[Array | None, Array] = (None, np.zeros(3))
         """Mean twists of the last two steps."""
         self._moved = False
         self._before_outage: TwistErrors | None = None
-        """Errors of the twist before an outage; None outside of one."""
+        """Errors of the twist before the current outage, or None without an outage."""
         self.pose: PoseT = kinematics.pose_type.identity()
         self.motion = TwistSolution(np.zeros(3), np.zeros(0))
         """Mean motion during the last step."""
         self.errors = TwistErrors.none(count)
-        """Errors of the twist; larger when joints contradict each other."""
+        """Errors of the twist; larger if joints are inconsistent."""
         self.spread: PoseSpread[PoseT, Any] = SPREADS[kinematics.pose_type](count)
-        """Spread of the pose error."""
+        """Uncertainty of the pose."""
 
     @property
     def pose_covariance(self) -> Array:
@@ -118,22 +117,22 @@ class JointOdometry(Generic[PoseT]):
 
     @property
     def twist_covariance(self) -> Array:
-        """(3, 3): covariance of the twist, in `base_link`; larger when joints are inconsistent."""
+        """(3, 3): covariance of the twist, in `base_link`; larger if joints are inconsistent."""
         return self.errors.covariance
 
     def constant_rows(self) -> Mapping[str, Array]:
-        """Return what the constants (m,) add to each parameter of the robot."""
+        """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
         rows, count = self._constants.rows(), self.spread.constants
         return {name: np.pad(row, (0, count - len(row))) for name, row in rows.items()}
 
     @property
     def end_twist(self) -> Array:
-        """(3,): twist at the end of the last step, by a straight line through the last two."""
+        """(3,): twist at the end of the last step, extrapolated linearly from the last two."""
         before, last = self._means
         return last if before is None else last + 0.5 * (last - before)
 
     def set_pose(self, pose: PoseT, errors: PoseErrors | None = None) -> None:
-        """Set the estimate to `pose`, with pose `errors`; none if not given."""
+        """Set the estimate to `pose`, with pose `errors` (zero by default)."""
         self.pose = pose
         self.spread.set(errors)
         self._until_refresh = 0
@@ -148,38 +147,38 @@ class JointOdometry(Generic[PoseT]):
         return self.motion
 
     def twist_of_last(self) -> Array:
-        """Return the twist (3,) by the last joints, without their rates; zero before the first."""
+        """Return the twist (3,) at the last joints, without their rates; zero before the first."""
         if self._previous is None:
             return np.zeros(3)
         return self._kinematics.forward(self._previous, np.zeros_like(self._previous)).twist
 
     def coast(self, step: OutageStep, dt_s: float) -> None:
-        """Follow a step of `dt_s` in which the joints were not measured."""
+        """Advance by a step of `dt_s` in which the joints were not measured."""
         if step.share == 0.0 and self._before_outage is not None and not self.motion.twist.any():
-            return  # It is at rest already.
-        usual = self._before_outage = self._before_outage or self.errors
+            return  # Already at rest.
+        nominal = self._before_outage = self._before_outage or self.errors
         by_constants, white_per_s = (
-            step.share * usual.by_constants,
-            step.share**2 * usual.white_per_s,
+            step.share * nominal.by_constants,
+            step.share**2 * nominal.white_per_s,
         )
-        covariance = step.share**2 * usual.covariance + step.twist_covariance
+        covariance = step.share**2 * nominal.covariance + step.twist_covariance
         own = TwistErrors(by_constants, white_per_s, covariance)
         self.errors = replace(own, white_per_s=white_per_s + step.white_per_s)
         before, self.motion = self.pose, TwistSolution(step.twist, np.zeros(0))
         self._means = (None, step.twist)
         if any(step.twist.tolist()):
             self.pose = self._kinematics.integrate(before, step.twist, dt_s)
-        # Blocks of the spread end before and after it: what it adds is no rate of the others.
+        # Isolate the step in its own block, so that its noise is not applied to other steps.
         self.spread.refresh(self.errors)
         self.spread.step(before, self.pose, step.twist, dt_s)
         self.spread.refresh(own)
-        self._previous = None  # How the joints have moved since is not known.
+        self._previous = None  # Joint motion during the outage is unknown.
         self._solved_for, self._refreshed_for, self._until_refresh = b"", (None, None), 0
         self._since_refresh_s += dt_s
 
-    def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  The shape.
-        """Return the motion over a step of `dt_s`, from the joints (n,) half-way through it."""
-        # Of a robot that stands, the same equations need not be solved again.
+    def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  Common signature.
+        """Return the motion over a step of `dt_s`, from the joints (n,) at its midpoint."""
+        # Skip the solution if nothing changed, as for a robot at rest.
         same = joints.tobytes() + rates.tobytes()
         if same == self._solved_for:
             return self.motion
@@ -187,7 +186,7 @@ class JointOdometry(Generic[PoseT]):
         return self._kinematics.forward(joints, rates)
 
     def _move(self, motion: TwistSolution, joints: Array, dt_s: float) -> None:
-        """Follow a step of `dt_s` with a mean `motion`; `joints` (n,) are those half-way."""
+        """Advance by `dt_s` with the mean `motion`; `joints` (n,) are at the midpoint."""
         before, twist = self.pose, motion.twist
         self._before_outage = None
         self._means = (self._means[1] if self._moved else None, twist)
@@ -199,10 +198,10 @@ class JointOdometry(Generic[PoseT]):
         self._since_refresh_s += dt_s
         if self._until_refresh == 0:
             self.spread.refresh(self._refreshed(joints, dt_s))
-        self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
+        self._until_refresh = (self._until_refresh + 1) % _REFRESH_STEPS
 
     def _refreshed(self, joints: Array, dt_s: float) -> TwistErrors:
-        """Return the errors of the twist; the same object for a robot that moves as before."""
+        """Return the errors of the twist; the same object in steady motion."""
         now, floor = (self.motion, joints.tobytes()), self._constants.floor
         was_steady = floor.is_steady
         if floor.any:
@@ -220,7 +219,7 @@ class JointOdometry(Generic[PoseT]):
         _, slopes, left = self._jacobians
         constant, white = self._constants.of_joints(joints), self._noise.white
         explained = np.square(left @ constant).sum() + np.square(left * white).sum()
-        doubt = self._doubt(float(explained))
+        doubt = self._birge_ratio(float(explained))
         by_constants = np.zeros_like(self.errors.by_constants)
         own = self._constants.of_twist(joints, slopes)
         by_constants[:, : self._constants.count] = math.sqrt(doubt) * own
@@ -229,40 +228,40 @@ class JointOdometry(Generic[PoseT]):
         covariance = white_per_s / dt_s + by_constants @ by_constants.T
         return TwistErrors(by_constants, white_per_s, covariance)
 
-    def _doubt(self, explained: float) -> float:
-        """Return the Birge ratio, or 1 if the residual is no larger than errors make it.
+    def _birge_ratio(self, explained: float) -> float:
+        """Return the Birge ratio, or 1 if errors explain the residual.
 
-        It is the squared residual over what errors `explained`. Measurements that contradict each
-        other have larger errors than stated: Birge, "The calculation of errors by the method of
-        least squares" (1932).
+        The ratio of the squared residual to its `explained` expectation, because inconsistent
+        measurements have larger errors than stated. Source: Birge, "The calculation of errors by
+        the method of least squares" (1932).
         """
         residual = self.motion.residual
         found = float(residual @ residual)
-        return found / explained if found > _CONTRADICTION * explained > _ROUNDING else 1.0
+        return found / explained if found > _MAX_RESIDUAL_RATIO * explained > _ROUNDING else 1.0
 
 
 POSE_SENSOR_CONSTANTS = 3
-"""Constant errors of a pose sensor, the last ones of each planar odometry: x, y, heading."""
+"""Biases of a pose sensor (x, y, heading), the last ones of each planar odometry."""
 
 
 class PlanarOdometry(JointOdometry[SE2]):
-    """Wheel odometry of a robot on a floor: covariance of x, y, heading and of vx, vy, omega.
+    """Wheel odometry on a floor: covariance of x, y, heading and of vx, vy, omega.
 
-    Its last constants are those of a pose sensor. They affect no twist, but a pose that was
-    corrected by the sensor depends on them.
+    The last biases belong to a pose sensor. They do not affect the twist, but a pose corrected by
+    the sensor depends on them.
     """
 
     def __init__(
         self, kinematics: Kinematics[SE2], noise: JointErrors, other_constants: int = 0
     ) -> None:
-        """`other_constants` is the number of constant errors of other sensors."""
+        """`other_constants` is the number of biases of other sensors."""
         super().__init__(kinematics, noise, other_constants + POSE_SENSOR_CONSTANTS)
 
 
 class OrientationOdometry(JointOdometry[SO3]):
-    """Wheel odometry of a turning sphere: covariance of a small turn about the axes of the base.
+    """Wheel odometry of a turning sphere: covariance of small rotations about the base axes.
 
-    Twist and error are both in the axes of the base; an error turns along with the sphere.
+    Twist and error are both in base axes; errors rotate with the sphere.
     """
 
 

@@ -1,9 +1,9 @@
-"""Front door of `tsd-foxglove`: the WebSocket that clients connect to.
+"""Gateway of `tsd-foxglove`: the WebSocket server for clients.
 
-It checks `Host`, `Origin` and token, limits what a client may send, and passes all but commands on
-to the SDK. What a client publishes and which service it calls goes to its operator here, so that
-no command waits in a queue behind this check. Pings bound the age of each message: what arrives
-after the answer to a ping was sent after that ping.
+It checks `Host`, `Origin` and token, limits client messages, and forwards everything except
+commands to the SDK. Publications and service calls go directly to the client's operator, so that
+commands never wait in a queue. Pings bound the age of messages: any message received after a pong
+was sent after the corresponding ping.
 """
 
 from __future__ import annotations
@@ -34,15 +34,15 @@ FOXGLOVE_ORIGIN = "https://app.foxglove.dev"
 """Origin of Foxglove's web application."""
 MOST_CLIENTS = 16
 PING_S = 0.02
-"""Period of pings: the age of a message is known to so much more than the round trip."""
+"""Ping period, which adds to the round trip as uncertainty of the message age."""
 SILENT_S = 2.0
-"""A client that has answered no ping for so long is cut off; its robot comes to rest."""
+"""Clients that answer no ping for this time are disconnected, and their robot stops."""
 LARGEST_BYTES = 64 * 2**10
-"""Longest message of a client; a longer one closes its connection."""
+"""Maximum message size; larger messages close the connection."""
 MOST_MESSAGES, MOST_BYTES = 1000, 512 * 2**10
-"""Of one client in one second; more closes its connection."""
+"""Maximum messages and bytes per client and second; more close the connection."""
 MOST_CHANNELS = 64
-"""Channels that a client may publish on at once."""
+"""Maximum channels that a client may publish on simultaneously."""
 _TRIPS = 50
 _MOST_CALLS = 32
 _MOST_SENTENCES = 64
@@ -56,21 +56,21 @@ _INFO, _ERROR = 0, 2
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Who may connect."""
+    """Access settings of the server."""
 
     token: str | None = None
-    """Secret that a client has to bring; None without one."""
+    """Secret that clients must present, if any."""
     tls: ssl.SSLContext | None = None
     allowed_hosts: Collection[str] = ()
-    """Values of `Host` that are answered, beside those of this machine."""
+    """Accepted values of `Host`, in addition to this machine's names."""
     origins: Collection[str] = (FOXGLOVE_ORIGIN,)
-    """Pages of other sites that may connect."""
+    """Origins of other sites that may connect."""
 
     def check(self, host: str) -> None:
-        """Refuse settings that let in other machines without a token, or show it to all.
+        """Reject settings that admit other machines without a token or expose the token.
 
         Raises:
-            TwinError: the settings are unsafe.
+            TwinError: If the settings are unsafe.
         """
         if is_loopback(host):
             return
@@ -86,7 +86,7 @@ class Access:
             )
 
     def refusal(self, request: web.Request, host: str, port: int) -> web.HTTPException | None:
-        """Return the answer that refuses a request, None when it may connect."""
+        """Return the error response for a request, or None if it may connect."""
         secure = self.tls is not None
         names = {*self.allowed_hosts, *(f"{name}:{port}" for name in self.allowed_hosts)}
         host_header = ", ".join(request.headers.getall("Host", []))
@@ -110,7 +110,7 @@ class Access:
 
 
 def _readable(text: str) -> str:
-    """Return text that can be encoded; aiohttp leaves bytes of headers that are not UTF-8 in it."""
+    """Make text encodable; aiohttp keeps header bytes that are not UTF-8."""
     return text.encode(errors="replace").decode()
 
 
@@ -122,32 +122,32 @@ def _token_of(request: web.Request) -> str:
 
 
 class ClientOperator(Protocol):
-    """Operator behind one client; belongs to the event loop."""
+    """Operator of a client; runs on the event loop."""
 
     def publish(
         self, topic: str, encoding: str, schema: str, payload: bytes, sent_after_s: float
     ) -> None:
-        """Act on a message; what is wrong with it is told to the client."""
+        """Handle a message; the client is notified of errors."""
         ...
 
     async def call(self, service: str) -> tuple[bool, str]:
-        """Carry out a service; return whether it worked, and a text."""
+        """Call a service; return whether it succeeded, and a message."""
         ...
 
     async def close(self) -> None:
-        """Bring what it drives to rest, and release it: the client has gone."""
+        """Stop and release all driven robots, because the client has disconnected."""
         ...
 
 
 MakeOperator = Callable[[Callable[[str], None], Callable[[], float]], ClientOperator]
-"""Makes the operator of a client, from functions that show it a sentence, and measure its link."""
+"""Creates a client's operator, given functions that send it a notice and return its RTT."""
 
 
 class _ClientChannel(msgspec.Struct, frozen=True):
     id: int
     topic: str
     encoding: str
-    schemaName: str = ""  # noqa: N815  As the protocol has it.
+    schemaName: str = ""  # noqa: N815  Name defined by the protocol.
 
 
 class _Operation(msgspec.Struct, frozen=True):
@@ -159,7 +159,7 @@ class _Advertise(msgspec.Struct, frozen=True):
 
 
 class _Unadvertise(msgspec.Struct, frozen=True):
-    channelIds: list[int]  # noqa: N815  As the protocol has it.
+    channelIds: list[int]  # noqa: N815  Name defined by the protocol.
 
 
 class _Service(msgspec.Struct, frozen=True):
@@ -174,11 +174,11 @@ class _Services(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class Front:
-    """Server that clients connect to."""
+    """Server for clients."""
 
     access: Access
     make_operator: MakeOperator | None
-    """None when nothing can be driven."""
+    """Creates operators; None if nothing can be driven."""
     sdk_port: int
     trust: ssl.SSLContext
     """Trusts the certificate of the SDK's port."""
@@ -188,10 +188,10 @@ class Front:
     _clients: set[_Client] = field(default_factory=set["_Client"])
 
     async def start(self, host: str, port: int) -> None:
-        """Listen; port 0 takes a free one.
+        """Start listening; port 0 picks a free one.
 
         Raises:
-            TwinError: the port is in use, or the settings are unsafe.
+            TwinError: If the port is in use or the settings are unsafe.
         """
         self.access.check(host)
         app = web.Application(client_max_size=1024)
@@ -208,7 +208,7 @@ class Front:
         self.port = runner.addresses[0][1]
 
     async def stop(self) -> None:
-        """Close all connections, which brings their robots to rest, and stop listening."""
+        """Close all connections, which stops their robots, and stop listening."""
         for client in list(self._clients):
             await client.end(aiohttp.WSCloseCode.GOING_AWAY, "tsd-foxglove ends")
         if self._runner is not None:
@@ -250,7 +250,7 @@ class Front:
 
 
 class _Budget:
-    """Messages and bytes of one client in the current second."""
+    """Messages and bytes of a client in the current second."""
 
     def __init__(self) -> None:
         self._since_s, self._messages, self._bytes = 0.0, 0, 0
@@ -265,7 +265,7 @@ class _Budget:
 
 
 class _Client:
-    """One connection."""
+    """Connection of a client."""
 
     def __init__(self, socket: web.WebSocketResponse) -> None:
         self._socket = socket
@@ -283,11 +283,11 @@ class _Client:
     async def run(
         self, inner: aiohttp.ClientWebSocketResponse, make_operator: MakeOperator | None
     ) -> None:
-        """Serve until one side closes; then the operator of this client lets go of its robots."""
+        """Serve until one side closes; then the client's operator releases its robots."""
         self._inner = inner
         if make_operator is not None:
             self._operator = make_operator(self.say, self.trip_s)
-        # A ping waits behind data that the client does not read, so that the watch is apart.
+        # Pings can be stuck behind unread data, so a separate task watches for silence.
         works = (self._from_client(), self._from_sdk(inner), self._ping(), self._until_silent())
         tasks = [asyncio.create_task(work) for work in works]
         try:
@@ -304,7 +304,7 @@ class _Client:
             await self.end(aiohttp.WSCloseCode.GOING_AWAY, "")
 
     def trip_s(self) -> float:
-        """Return the median round-trip time of recent pings; 0 while none is known."""
+        """Return the median round-trip time of recent pings, or 0 if unknown."""
         return statistics.median(self._trips_s) if self._trips_s else 0.0
 
     async def end(self, code: int, reason: str) -> None:
@@ -314,16 +314,16 @@ class _Client:
                 await self._socket.close(code=code, message=reason.encode())
 
     def say(self, text: str, level: int = _INFO + 1) -> None:
-        """Tell the client a sentence, which its application shows."""
+        """Send a notice, which the client's application shows."""
         self._send_json({"op": "status", "level": level, "message": text})
 
-    # From the client.
+    # Client to server.
 
     async def _from_client(self) -> None:
         async for message in self._socket:
             now_s = time.monotonic()
             if message.type is WSMsgType.ERROR:
-                return  # A message that is too long, or no WebSocket: aiohttp closes it.
+                return  # The message was too long or malformed; aiohttp closes the connection.
             if not self._budget.spend(len(message.data or b""), now_s):
                 await self.end(aiohttp.WSCloseCode.POLICY_VIOLATION, "too many messages")
                 return
@@ -337,7 +337,7 @@ class _Client:
                 await self._on_binary(message.data)
 
     def _on_pong(self, data: bytes, now_s: float) -> None:
-        # One that was never sent counts for nothing.
+        # Ignore unsolicited pongs.
         at = next((i for i, (sent, _) in enumerate(self._pings) if sent == data), None)
         if at is not None:
             self._sent_after_s, self._answered_s = self._pings[at][1], now_s
@@ -413,11 +413,11 @@ class _Client:
         self._send_json({**failure, "message": text})
 
     def _send_json(self, message: dict[str, object]) -> None:
-        if len(self._said) < _MOST_SENTENCES:  # Otherwise the client does not read.
+        if len(self._said) < _MOST_SENTENCES:  # Otherwise the client is not reading.
             text = msgspec.json.encode(message).decode()
             self._later(self._socket.send_str(text), self._said)
 
-    # To the client.
+    # Server to client.
 
     async def _from_sdk(self, inner: aiohttp.ClientWebSocketResponse) -> None:
         async for message in inner:
@@ -428,7 +428,7 @@ class _Client:
                 await self._socket.send_bytes(message.data)
 
     def _learn(self, text: str) -> None:
-        """Note the numbers of services on their way to the client."""
+        """Record the ids of services sent to the client."""
         with contextlib.suppress(msgspec.DecodeError):
             message = msgspec.json.decode(text, type=_Services)
             if message.op == "advertiseServices":
@@ -447,7 +447,7 @@ class _Client:
 
     def _later(self, work: Awaitable[Any], tasks: set[asyncio.Task[None]]) -> None:
         async def run() -> None:
-            with contextlib.suppress(ConnectionError, RuntimeError):  # It has gone.
+            with contextlib.suppress(ConnectionError, RuntimeError):  # The client has disconnected.
                 await work
 
         task = asyncio.create_task(run())

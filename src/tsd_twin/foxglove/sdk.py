@@ -1,8 +1,8 @@
-"""Server of the Foxglove SDK, on the loopback, behind TLS with a certificate of this process.
+"""Foxglove SDK server on the loopback interface, behind TLS with an ephemeral certificate.
 
-The SDK checks neither origins nor tokens, so only `front` speaks to it. Its port has a certificate
-that no browser accepts, so that no page reaches it past the front; and it passes on no command.
-The only module that imports the SDK, which is an optional extra.
+The SDK checks neither origins nor tokens, so only `front` connects to it. Browsers reject its
+certificate, so web pages cannot bypass `front`, and it does not forward commands. The only module
+that imports the SDK, which is an optional extra.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from tsd_twin.security.certificates import CertificateAuthority, new_key
 
 LOOPBACK = "127.0.0.1"
 SUBPROTOCOL = "foxglove.sdk.v1"
-"""Version of the protocol, which clients have to offer."""
+"""Protocol version that clients must offer."""
 BACKLOG = 256
-"""Messages that wait for a slow client; the oldest are dropped."""
+"""Maximum messages queued for a slow client; the oldest are dropped."""
 _DAYS = 365
 _TRIGGER = "std_srvs/srv/Trigger"
 _REQUEST = b'{"type": "object", "properties": {}}'
@@ -40,10 +40,10 @@ _RESPONSE = (
 
 
 def load_sdk() -> Any:
-    """Module `foxglove`.
+    """Return the module `foxglove`.
 
     Raises:
-        MissingExtraError: it is not installed.
+        MissingExtraError: If it is not installed.
     """
     try:
         return importlib.import_module("foxglove")
@@ -53,12 +53,12 @@ def load_sdk() -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Playback:
-    """Control of a recording by clients."""
+    """Playback control of a recording by clients."""
 
     start_ns: int
     end_ns: int
     on_request: Callable[[Any], Any]
-    """Takes a `PlaybackControlRequest`, returns a `PlaybackState`; on a thread of the SDK."""
+    """Maps a `PlaybackControlRequest` to a `PlaybackState`; called on an SDK thread."""
 
 
 class SdkServer:
@@ -67,13 +67,13 @@ class SdkServer:
     def __init__(
         self, name: str, *, may_drive: bool = False, playback: Playback | None = None
     ) -> None:
-        """Listen on a free port of the loopback.
+        """Listen on a free loopback port.
 
         Raises:
-            MissingExtraError: the SDK is not installed.
+            MissingExtraError: If the SDK is not installed.
         """
         self._sdk = load_sdk()
-        # It logs each mistake of a client, which could fill a disk; the client is told as well.
+        # It logs every client error, which could fill a disk; clients are notified anyway.
         logging.getLogger("foxglove").setLevel(logging.CRITICAL)
         web: Any = importlib.import_module("foxglove.websocket")
         self._context: Any = self._sdk.Context()
@@ -106,14 +106,14 @@ class SdkServer:
         self.port: int = self.server.port
 
     def close(self) -> None:
-        """Close all connections, and stop listening."""
+        """Close all connections and stop listening."""
         self.server.stop()
         self._resending.shutdown()
 
     # Messages.
 
     def declare(self, rows: Collection[tuple[RosTopic, str]], robot: str) -> None:
-        """Advertise the topics of a robot, each with its absolute name."""
+        """Advertise the topics of a robot, with their absolute names."""
         with self._lock:
             for row, name in rows:
                 self._users.setdefault(name, set()).add(robot)
@@ -126,20 +126,20 @@ class SdkServer:
         return channel is not None and channel.has_sinks()
 
     def log(self, message: RosMessage, robot: str, log_ns: int | None = None) -> None:
-        """Send a message to the clients that have subscribed; latched ones also to later ones."""
+        """Send a message to its subscribers; latched messages also reach later subscribers."""
         payload = message.payload
         if message.topic.type == JSON_TEXT and message.topic.name == "status":
             payload = decode_cdr(payload, JSON_TEXT).data.encode()
         with self._lock:
             channel = self._channels.get(message.name)
             if channel is None:
-                return  # It was withdrawn meanwhile.
+                return  # It was withdrawn.
             if message.topic in LATCHED_TOPICS:
                 self._latched.setdefault(message.name, {})[robot] = payload
             channel.log(payload, log_time=log_ns)
 
     def forget(self, names: Collection[str], robot: str) -> None:
-        """Withdraw the topics of a robot; those that others use stay."""
+        """Withdraw a robot's topics, except those used by other robots."""
         with self._lock:
             for name in names:
                 users = self._users.get(name, set())
@@ -150,7 +150,7 @@ class SdkServer:
 
     def _new_channel(self, row: RosTopic, name: str) -> Any:
         if row.type == JSON_TEXT and row.name == "status":
-            # Its fields can be plotted, where those of a text could not.
+            # JSON fields can be plotted, unlike a text message.
             return self._sdk.Channel(name, message_encoding="json", context=self._context)
         text = definition(row.type).encode()
         schema = self._sdk.Schema(name=row.type, encoding="ros2msg", data=text)
@@ -158,7 +158,7 @@ class SdkServer:
 
     def _on_subscribe(self, name: str) -> None:
         if name in self._latched:
-            # On another thread: in the callback of a subscription the SDK holds its locks.
+            # The SDK holds its locks during subscription callbacks, so use another thread.
             self._resending.submit(self._resend, name)
 
     def _resend(self, name: str) -> None:
@@ -172,7 +172,7 @@ class SdkServer:
     # Services and assets.
 
     def add_services(self, names: Sequence[str]) -> None:
-        """Advertise services; the front answers the calls."""
+        """Advertise services; `front` answers the calls."""
         sdk = self._sdk
         schema = sdk.ServiceSchema(
             _TRIGGER,
@@ -187,7 +187,7 @@ class SdkServer:
         self.server.remove_services(list(names))
 
     def set_assets(self, prefix: str, get: Callable[[str], bytes | None] | None) -> None:
-        """Serve what `get` returns for the rest of each URI that begins with `prefix`."""
+        """Serve assets: `get` receives the rest of each URI that starts with `prefix`."""
         if get is None:
             self._assets.pop(prefix, None)
         else:

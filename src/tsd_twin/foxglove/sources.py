@@ -1,4 +1,4 @@
-"""Sources of the Foxglove server: live robots with an operator for each client, and recordings."""
+"""Sources of the Foxglove server: live robots with an operator per client, and recordings."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ _WATCH_S = 0.05
 
 
 class FoxgloveSource(RobotSource):
-    """One robot on the bus, as channels and services of the SDK."""
+    """Robot on the bus, as channels and services of the SDK."""
 
     def __init__(self, server: SdkServer, services: bool, operator: str, link: BusLink) -> None:
-        """With `services` it can be driven."""
+        """If `services` is set, the robot can be driven."""
         self._server, self._services = server, services
         super().__init__(link, operator)
 
@@ -68,14 +68,14 @@ class FoxgloveSource(RobotSource):
             self._server.add_services([names.topic(name) for name in SERVICES])
 
     async def withdraw(self, names: RosNames) -> None:
-        """Withdraw what `show` has declared."""
+        """Withdraw everything that `show` declared."""
         self._server.forget([names.topic(row.name) for row in PUBLISHED], self.id)
         self._server.set_assets(self.mesh_uri(names), None)
         if self._services:
             self._server.remove_services([names.topic(name) for name in SERVICES])
 
     def mesh_uri(self, names: RosNames) -> str:
-        """Return what goes before the name of each mesh file."""
+        """Return the URI prefix of mesh files."""
         return package_of(names)
 
     def wants(self, topic: str) -> bool:
@@ -83,12 +83,12 @@ class FoxgloveSource(RobotSource):
         return self._server.wants(topic)
 
     def publish(self, message: RosMessage) -> None:
-        """Log a message for all subscribers."""
+        """Send a message to all subscribers."""
         self._server.log(message, self.id)
 
 
 class LiveOperator:
-    """Operator behind one client: a driver for each robot that it drives."""
+    """Operator of a client, with a driver for each robot that it drives."""
 
     def __init__(
         self,
@@ -97,10 +97,13 @@ class LiveOperator:
         say: Callable[[str], None],
         trip_s: Callable[[], float],
     ) -> None:
-        """Prepare for one client.
+        """Create the operator of a client.
 
-        `operator` is the name before the digits; `say` shows the client a sentence; `trip_s`
-        returns its round-trip time.
+        Args:
+            fleet: All robots.
+            operator: Name prefix; random digits are appended.
+            say: Sends the client a notice.
+            trip_s: Returns the client's round-trip time.
         """
         self._fleet, self._say, self._trip_s = fleet, say, trip_s
         self._name = f"{operator}-{secrets.token_hex(4)}"
@@ -111,7 +114,7 @@ class LiveOperator:
     def publish(
         self, topic: str, encoding: str, schema: str, payload: bytes, sent_after_s: float
     ) -> None:
-        """Act on a twist."""
+        """Handle a twist."""
         now_s = time.monotonic()
         found = self._robot_of(topic)
         if found is None or found[1] != CMD_VEL.name:
@@ -133,14 +136,14 @@ class LiveOperator:
         self._driver(source).on_cmd_vel(message, now_s, sent_after_s)
 
     async def call(self, service: str) -> tuple[bool, str]:
-        """Carry out a service."""
+        """Call a service; return whether it succeeded, and a message."""
         found = self._robot_of(service)
         if found is None:
             return False, f"there is no service {service}"
         return await self._driver(found[0]).call(found[1])
 
     async def close(self) -> None:
-        """Bring all that it drives to rest, and release it."""
+        """Stop and release all driven robots."""
         drivers, self._drivers = self._drivers, {}
         await asyncio.gather(*(driver.close() for _, driver in drivers.values()))
 
@@ -151,7 +154,7 @@ class LiveOperator:
             if made is None:
                 machine = CmdVelOperator(self._name)
                 machine.on_unread(self._unread_s)
-            else:  # The robot was restarted, or was out of reach.
+            else:  # The robot was restarted or unreachable.
                 machine = made[1].machine
                 self._closing = asyncio.create_task(made[1].close())
             driver = RobotDriver(source.client, machine, say, self._trip_s)
@@ -187,7 +190,7 @@ async def serve_live(
     """Serve all robots on the bus until `stop` is set.
 
     Raises:
-        TwinError: the SDK is missing, or the address or the access settings cannot be used.
+        TwinError: If the SDK is missing, or the address or the access settings cannot be used.
     """
     access.check(address[0])
     server = SdkServer("tsd-twin", may_drive=may_drive)
@@ -211,20 +214,20 @@ async def serve_live(
 
 
 SLOWEST, FASTEST = 0.01, 100.0
-"""Speeds of playback."""
+"""Range of playback speeds."""
 _STEP_S = 0.02
 _LATEST_NS = (1 << 63) - 1
 
 
 class RecordingPlayback:
-    """One recording at a time that plays on; thread-safe."""
+    """Playback of a recording; thread-safe."""
 
     def __init__(self, path: Path, name: str) -> None:
         """Open a recording and serve it.
 
         Raises:
-            RecordingError: it is none, or no robot in it can be shown.
-            MissingExtraError: the SDK is not installed.
+            RecordingError: If the file is not a recording, or none of its robots can be shown.
+            MissingExtraError: If the SDK is not installed.
         """
         self._index = RecordingIndex(path)
         self._lock = threading.RLock()
@@ -279,10 +282,10 @@ class RecordingPlayback:
                 return msgspec.json.decode(entry.data, type=Description)
         raise RecordingError(f"there is no description of '{robot}'")
 
-    # On threads of the SDK.
+    # Called on SDK threads.
 
     def on_request(self, request: Any) -> Any:
-        """Act on a request of a client, and return the state."""
+        """Handle a client request; return the playback state."""
         with self._lock:
             sought = request.seek_time is not None
             if sought:
@@ -301,10 +304,10 @@ class RecordingPlayback:
             now = status.Ended
         return self._web.PlaybackState(now, self._at_ns, self._speed, sought, request_id)
 
-    # Time.
+    # Timing.
 
     def advance(self) -> None:
-        """Send what is due by the clock."""
+        """Send all messages due by now."""
         with self._lock:
             now_s = time.monotonic()
             step_ns = round(1e9 * self._speed * (now_s - self._clock_s))
@@ -321,7 +324,7 @@ class RecordingPlayback:
                 self.server.server.broadcast_playback_state(self._state())
 
     def _seek(self, at_ns: int) -> None:
-        """Show the newest message of each stream at a time."""
+        """Show the latest message of each stream at a time."""
         self._at_ns = min(max(at_ns, self._index.start_ns), self._index.end_ns)
         for topic in sorted(self._topics):
             for entry in self._index.newest_first(topic, self._at_ns):
@@ -349,7 +352,7 @@ async def serve_recording(
     """Serve a recording until `stop` is set; nothing can be driven.
 
     Raises:
-        TwinError: the SDK is missing, or file, address or access settings cannot be used.
+        TwinError: If the SDK is missing, or file, address or access settings cannot be used.
     """
     access.check(address[0])
     playback = RecordingPlayback(path, path.name)

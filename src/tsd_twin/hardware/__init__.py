@@ -1,4 +1,4 @@
-"""Drivers of real robots on serial ports; the only package that imports pyserial."""
+"""Drivers for real robots on serial ports; the only package that imports pyserial."""
 
 from __future__ import annotations
 

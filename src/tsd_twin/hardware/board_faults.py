@@ -1,4 +1,4 @@
-"""Faults that telemetry of the controller board shows, as sentences that name servo and channel."""
+"""Fault messages for telemetry of the controller board, naming servo and channel."""
 
 from __future__ import annotations
 
@@ -6,30 +6,25 @@ from tsd_twin.dynamixel.blocks import Telemetry
 from tsd_twin.dynamixel.control_table import SWITCH_US, BoardMode, RcChannel, Refusal, Trip
 from tsd_twin.dynamixel.servo_models import wrong_setting
 from tsd_twin.hardware.controller_board import REFUSALS, TRIPS
-from tsd_twin.hardware.joints import NO_TORQUE, TOO_HOT, JointConverter, hot_servos
-
-_FAR = (
-    "more than 9 degrees from its neutral position, so it gets no torque: turn its gimbal upright "
-    "by hand, or correct neutral_step in the calibration"
-)
+from tsd_twin.hardware.joints import FAR, NO_TORQUE, TOO_HOT, JointConverter, hot_servos
 
 
 class BoardFaults:
-    """Sentences about what telemetry reports, for a robot with these joints."""
+    """Converts telemetry to fault messages, for a robot with these joints."""
 
     def __init__(
         self, joints: JointConverter, expected: int, *, arm_mv: int, receiver_expected: bool
     ) -> None:
-        """`expected` is the mask of servos that must be at the board."""
+        """`expected` is the mask of servos that must be connected to the board."""
         self._joints = joints
         self._expected = expected
         self._arm_mv = arm_mv
         self._receiver_expected = receiver_expected
 
     def fault(self, board: Telemetry, lost: str) -> str:
-        """Fault that the board reports; empty without one.
+        """Return the fault reported by the board, or "".
 
-        `lost` is the reason why it is not armed although it should be.
+        `lost` is the reason why the board is disarmed although it should be armed.
         """
         if board.mode == BoardMode.RC:
             return "the radio control has the robot"
@@ -42,7 +37,7 @@ class BoardFaults:
         return self._arming_obstacle(board)
 
     def _arming_obstacle(self, board: Telemetry) -> str:
-        """Reason why the board would not arm, apart from its servos; empty without one."""
+        """Return the reason why the board would not arm, apart from its servos, or ""."""
         if not board.drive_on:
             return REFUSALS[Refusal.DRIVE]
         if not board.stop_proven:
@@ -60,7 +55,7 @@ class BoardFaults:
         return "the radio control is switched to manual" if manual else ""
 
     def _servo_fault(self, board: Telemetry) -> str:
-        """Fault of a servo that the board reports; empty without one."""
+        """Return the servo fault reported by the board, or ""."""
         if dead := self._expected & ~board.servo_alive:
             return self._joints.silent(dead)
         if broken := self._expected & board.servo_fault:
@@ -70,15 +65,13 @@ class BoardFaults:
         if hot := self._expected & hot_servos(dict(enumerate(board.temperature))):
             return f"{self._joints.named(hot)}: {TOO_HOT}"
         if far := self._expected & board.servo_far:
-            return f"{self._joints.named(far)}: {_FAR}"
-        if hot := self._expected & hot_servos(dict(enumerate(board.temperature))):
-            return f"{self._joints.named(hot)}: {TOO_HOT}"
+            return f"{self._joints.named(far)}: {FAR}"
         if limp := self._expected & board.servo_checked & ~board.servo_torque:
             return f"{self._joints.named(limp)}: {NO_TORQUE}"
         return ""
 
     def last_trip(self, board: Telemetry) -> str:
-        """Reason of the last trip, with the servos it concerns."""
+        """Return the reason of the last trip, with the affected servos."""
         if not board.trip:
             return "none"
         return f"{self._stuck(board)}{TRIPS.get(board.trip, f'trip {board.trip}')}"

@@ -1,6 +1,4 @@
-"""Controller board: handshake and set-up, arming, and what telemetry says of trips, refusals and
-restarts.
-"""
+"""Controller board: handshake, setup, arming, and messages for trips, refusals and restarts."""
 
 from __future__ import annotations
 
@@ -22,14 +20,14 @@ from tsd_twin.dynamixel.servo_models import MODELS
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 
 REST_COMMAND = Command()
-"""Disarmed, zero throttle, neutral."""
+"""Disarmed, zero throttle, neutral gimbals."""
 READ_DELAY = protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
 SETTLE_S = 0.03
-"""Silence after which no response to an older request can follow."""
+"""After this silence, no response to an earlier request can arrive."""
 _BOOT_S = 4.0
-"""To open its port resets the board, whose boot loader then waits about a second for uploads."""
+"""Opening the port resets the board, and its boot loader then waits about 1 s for uploads."""
 _RUN_DOWN_S = 3.0
-"""The board refuses to be set up for 2 s after the last throttle."""
+"""Timeout for the setup, which the board refuses for 2 s after the last throttle."""
 _AGAIN_S = 0.1
 _ZERO_MOVES = "it takes another zero throttle only while the speed controllers have no power"
 _TRY_S = 0.3
@@ -40,13 +38,13 @@ def handshake(transport: SerialTransport, setup: Setup, baud: int) -> Telemetry:
     """Disarm and configure a board; return its telemetry.
 
     Raises:
-        HardwareError: it is missing, another device, or refuses.
+        HardwareError: If the board is missing, another device, or refuses.
     """
     find_board(transport, baud)
     telemetry = Telemetry.unpack(request_data(transport, READ_DELAY, Telemetry.LAYOUT.size))
     size = Setup.LAYOUT.size
     has = request_data(transport, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
-    # A board without a written set-up does not arm, though it has these values by default.
+    # Without a written setup, a board does not arm, even if its defaults match.
     if not telemetry.setup_known or has != setup.pack():
         if telemetry.mode == BoardMode.RC:
             raise HardwareError(
@@ -58,10 +56,10 @@ def handshake(transport: SerialTransport, setup: Setup, baud: int) -> Telemetry:
 
 
 def find_board(transport: SerialTransport, baud: int) -> None:
-    """Wait for a board, check what it is, and disarm it.
+    """Wait for a board, check its model, and disarm it.
 
     Raises:
-        HardwareError: it is missing, or another device.
+        HardwareError: If the board is missing or another device.
     """
     _wait_for_answer(transport, baud)
     size = Identity.LAYOUT.size
@@ -78,15 +76,15 @@ def find_board(transport: SerialTransport, baud: int) -> None:
             f"{identity.table_version}: this program needs model {MODEL} with table "
             f"{TABLE_VERSION}; flash the firmware that comes with it"
         )
-    # A board that was not reset may still be armed, which would refuse the set-up.
+    # A board that was not reset may still be armed and would refuse the setup.
     request_data(transport, protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack()))
 
 
 def _write_setup(transport: SerialTransport, setup: Setup) -> None:
-    """Write the set-up; the board takes it once its wheels have run down.
+    """Write the setup, retrying until the wheels have run down.
 
     Raises:
-        HardwareError: it refuses, or does not answer.
+        HardwareError: If the board refuses or does not respond.
     """
     request = protocol2.write(BOARD_ID, Setup.ADDRESS, setup.pack())
     end_s = time.monotonic() + _RUN_DOWN_S
@@ -114,7 +112,7 @@ def _wait_for_answer(transport: SerialTransport, baud: int) -> None:
 
 
 def request_data(transport: SerialTransport, request: bytes, size: int = 0) -> bytes:
-    """Return the `size` bytes of the response."""
+    """Send a request and return the `size` bytes of the response."""
     answer = _request(transport, request, size)
     if error := answer.error & ~ALERT:
         raise HardwareError(
@@ -124,17 +122,17 @@ def request_data(transport: SerialTransport, request: bytes, size: int = 0) -> b
 
 
 def _request(transport: SerialTransport, request: bytes, size: int = 0) -> Status:
-    """Return the response with `size` bytes, or an error; the request is repeated."""
+    """Send a request with retries; return the response with `size` bytes, or an error."""
     for _ in range(_TRIES):
         for answer in transport.request(request, 1, _TRY_S):
-            # Otherwise the response belongs to an older request.
+            # Skip responses to an earlier request.
             if answer.error & ~ALERT or len(answer.data) == size:
                 return answer
     raise HardwareError(f"the controller board at {transport.name} does not answer as it should")
 
 
 ANSWERS = 3
-"""Cycles within which the board arms or gives its reason for refusing."""
+"""Maximum cycles until the board arms or reports its refusal."""
 
 TRIPS: dict[int, str] = {
     Trip.NONE: "it does not say why",
@@ -176,11 +174,11 @@ REFUSALS: dict[int, str] = {
 
 
 _STARTED_MS = 4000
-"""A board that has run for less was reset when its port was opened, or just got power."""
+"""A board with a shorter uptime was reset when its port was opened, or just powered on."""
 _MEASURED_MS = 500
-"""After this, the board has measured its battery."""
+"""After this uptime, the board has measured its battery."""
 _BATTERY_LEAST_MV = 5000
-"""A board that runs although its battery is below this is fed by something else."""
+"""If the battery voltage is lower, something else powers the board."""
 _RESTARTED = "the controller board has restarted"
 RESETS: dict[int, str] = {
     ResetCause.POWER_ON: "it had lost its power",
@@ -191,15 +189,18 @@ RESETS: dict[int, str] = {
 
 
 def restart_reason(cause: int) -> str:
-    """Text for a board that has restarted; a boot loader may have cleared the cause."""
+    """Return a message for a restarted board; a boot loader may have cleared the cause."""
     causes = [text for bit, text in RESETS.items() if cause & bit]
     return ": ".join([_RESTARTED, *causes[:1]])
 
 
 def wiring_faults(telemetry: Telemetry, *, opened: bool, returned: bool) -> dict[str, str]:
-    """Mistakes in the wiring of a board that telemetry shows, by a short name; empty without one.
+    """Return wiring faults that telemetry reveals, by a short name.
 
-    `opened` says that its port was just opened, `returned` that it was connected before.
+    Args:
+        telemetry: Latest telemetry.
+        opened: Whether the port was just opened.
+        returned: Whether the board was connected before.
     """
     found: dict[str, str] = {}
     young, powered = telemetry.millis < _STARTED_MS, telemetry.reset_cause & ResetCause.POWER_ON
@@ -224,7 +225,7 @@ def wiring_faults(telemetry: Telemetry, *, opened: bool, returned: bool) -> dict
 
 
 STOP = 2
-"""In the `arm` register: no source has the robot, the radio control neither, until it is 0."""
+"""Value of `arm` that locks out all sources, including the radio control, until it is 0."""
 
 
 class _State(Enum):
@@ -235,19 +236,19 @@ class _State(Enum):
 
 
 class ArmSwitch:
-    """Value of the board's `arm` register, and why the board is off while the robot is armed.
+    """Value of the board's `arm` register, and the reason if it is off while the robot is armed.
 
-    A board that disarms itself, restarts or is lost stays off until the robot has been disarmed.
+    A board that disarms itself, restarts or is lost stays off until the robot is disarmed.
     """
 
     def __init__(self) -> None:
         self._state = _State.OFF
         self._answers = 0
         self.lost = ""
-        """Reason why it is off although it should be on; else empty."""
+        """Reason why the board is off although it should be on, or ""."""
 
     def turn(self, wanted: bool, *, stop: bool = False) -> int:
-        """Value to write for a robot that is armed, disarmed or stopped."""
+        """Return the value to write while the robot is armed, disarmed or stopped."""
         if stop:
             self._state, self.lost = _State.OFF, ""
             return STOP
@@ -258,7 +259,7 @@ class ArmSwitch:
         return int(self._state in (_State.ASKED, _State.ON))
 
     def update(self, telemetry: Telemetry) -> None:
-        """Update with the telemetry of the board."""
+        """Update with the board's telemetry."""
         armed = telemetry.mode == BoardMode.ARMED
         if self._state is _State.ASKED:
             self._answers += 1
@@ -272,6 +273,6 @@ class ArmSwitch:
             self.mark_lost(f"the board disarmed itself: {why}")
 
     def mark_lost(self, reason: str) -> None:
-        """Record that the board has lost its armed state; does nothing while it is off."""
+        """Record that the board is no longer armed; no effect if it is off."""
         if self._state in (_State.ASKED, _State.ON):
             self._state, self.lost = _State.LOST, reason

@@ -1,4 +1,4 @@
-"""Joints and actuators: conversion of units, servo calibration file."""
+"""Joints and actuators: unit conversion and servo calibration file."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat
 
 COMMAND_TIMEOUT_S = 0.25
-"""Maximum age of a joint command; an older one comes from a node that hangs, and is dropped."""
+"""Maximum age of a joint command, to drop commands from a hung node."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointCommand:
-    """Joint set-point with the heartbeat it was given under and its time."""
+    """Joint setpoint with its heartbeat and time."""
 
     setpoint: Array
-    """(n,)."""
+    """(n,): joint setpoints."""
     heartbeat: Heartbeat
     given_s: float
-    """On the monotonic clock."""
+    """Monotonic time."""
 
     def in_force(self, now_s: float) -> bool:
-        """Return whether the command is still within `COMMAND_TIMEOUT_S`."""
+        """Return whether the command is at most `COMMAND_TIMEOUT_S` old."""
         return now_s - self.given_s <= COMMAND_TIMEOUT_S
 
 
@@ -55,31 +55,31 @@ _Pulses = tuple[_Pulse, _Pulse, _Pulse, _Pulse]
 _Channel = Annotated[int, Meta(ge=1, le=RECEIVER_CHANNELS)]
 _STICKS = ("forward", "left", "turn", "speed")
 LOW_US, HIGH_US = (1000.0, 1200.0), (1500.0, 2200.0)
-"""What the board takes for zero and for full throttle."""
+"""Pulse widths that the board accepts as zero and full throttle."""
 _Low = Annotated[float, Meta(ge=LOW_US[0], le=LOW_US[1])]
 _High = Annotated[float, Meta(ge=HIGH_US[0], le=HIGH_US[1])]
 
 
 class Receiver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """`[receiver]` of a calibration: there is one, whose sticks end and rest at these pulses."""
+    """`[receiver]` of a calibration: type, channels and stick ranges of a radio receiver."""
 
     kind: Literal["pulses", "sbus"] = "pulses"
-    """A wire for each of six channels, or one with frames of sixteen."""
+    """One wire per channel (six), or a single wire with SBUS frames (16 channels)."""
     channels: tuple[_Channel, _Channel, _Channel, _Channel, _Channel, _Channel] = (1, 2, 3, 4, 5, 6)
-    """Forward, left, turn, speed, kill, manual; the first is 1."""
+    """Channels from 1: forward, left, turn, speed, kill, manual."""
     low_us: _Pulses = (1100, 1100, 1100, 1100)
-    """Forward, left, turn, speed."""
+    """Pulses at the low ends: forward, left, turn, speed."""
     centre_us: _Pulses = (1500, 1500, 1500, 1500)
     high_us: _Pulses = (1900, 1900, 1900, 1900)
     dead_us: Annotated[int, Meta(ge=0, le=100)] = 20
-    """Dead band at the centre, and at both ends."""
+    """Dead band at the centre and at both ends."""
 
     def __post_init__(self) -> None:
-        """Check the map of channels.
+        """Check the channel map and stick ranges.
 
         Raises:
-            ValueError: two functions have the same channel, there is no such wire, or a stick does
-            not rest between its ends.
+            ValueError: If two functions share a channel, a channel has no wire, or a stick's centre
+                is outside its ends.
         """
         if len(set(self.channels)) < len(self.channels):
             raise ValueError("two functions of the radio control have the same channel")
@@ -89,7 +89,7 @@ class Receiver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for stick, low_us, centre_us, high_us in ends:
             if low_us >= high_us:
                 raise ValueError(f"{stick}: low_us {low_us} is not below high_us {high_us}")
-            # The stick of the speed rests at its low end.
+            # The speed stick rests at its low end.
             if stick != "speed" and not low_us <= centre_us <= high_us:
                 raise ValueError(
                     f"{stick}: centre_us {centre_us} is outside its ends, {low_us} to {high_us}: "
@@ -98,18 +98,18 @@ class Receiver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def map(self) -> int:
-        """Channels as the control table has them: four bits each, counted from 0."""
+        """Channel map for the control table: four bits per function, counted from 0."""
         return sum((channel - 1) << 4 * i for i, channel in enumerate(self.channels))
 
 
 class SpeedControllers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """`[speed_controllers]` of a calibration: pulses of zero and of full throttle of each."""
+    """`[speed_controllers]` of a calibration: pulses at zero and full throttle, for each wheel."""
 
     low_us: tuple[_Low, _Low, _Low] = (1000.0, 1000.0, 1000.0)
     high_us: tuple[_High, _High, _High] = (2000.0, 2000.0, 2000.0)
 
     def pulses_us(self, throttles: Sequence[int]) -> list[float]:
-        """Pulses that the board puts out for throttles."""
+        """Return the pulses that the board outputs for throttles."""
         span = FULL_THROTTLE - ZERO_THROTTLE
         return [
             low + (throttle - ZERO_THROTTLE) / span * (high - low)
@@ -118,26 +118,26 @@ class SpeedControllers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Ids, neutral positions and directions of servos, read from a TOML file."""
+    """Calibration file (TOML): servo ids, neutral positions and directions, receiver, pulses."""
 
     neutral_step: dict[str, Annotated[int, Meta(ge=0, le=4095)]] = {}
-    """Position that a servo reports with its gimbal upright; 2048 unless given."""
+    """Reported servo position with the gimbal upright; 2048 by default."""
     reversed: Sequence[str] = ()
-    """Joints whose servo turns the other way."""
+    """Joints whose servo turns in the opposite direction."""
     servo_id: dict[str, Annotated[int, Meta(ge=1, le=252)]] = {}
-    """Id of a servo on its bus; 1 to 6 in the order of the joints unless given."""
+    """Servo id on the bus; 1 to 6 in joint order by default."""
     bandgap_mv: Annotated[int, Meta(ge=1000, le=1200)] = 1100
-    """Voltage of the bandgap of the board's chip, which its voltages are measured against."""
+    """Bandgap voltage of the board's chip, the reference for its voltage measurements."""
     receiver: Receiver | None = None
-    """The receiver of a radio control; without it, none is expected."""
+    """Radio receiver; None if the robot has no radio control."""
     speed_controllers: SpeedControllers = SpeedControllers()
 
     @staticmethod
     def read(file: str) -> ServoCalibration:
-        """Calibration read from a file.
+        """Read a calibration file.
 
         Raises:
-            HardwareError: it cannot be read, or is not a calibration.
+            HardwareError: If the file cannot be read or is not a calibration.
         """
         try:
             return msgspec.toml.decode(Path(file).read_bytes(), type=ServoCalibration)
@@ -145,10 +145,10 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise HardwareError(f"{file} cannot be used as a calibration: {error}") from error
 
     def check_joints(self, names: Sequence[str]) -> None:
-        """Check that every joint named in the file exists, and that all ids differ.
+        """Check that all joints in the file exist and that servo ids are unique.
 
         Raises:
-            HardwareError: it names another, or two servos have one id.
+            HardwareError: If a joint is unknown or an id is not unique.
         """
         ids = self.ids(names)
         for name, servo_id in zip(names, ids, strict=True):
@@ -163,45 +163,45 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 )
 
     def ids(self, names: Sequence[str]) -> list[int]:
-        """Id of the servo of each joint."""
+        """Return the servo id of each joint."""
         return [self.servo_id.get(name, i) for i, name in enumerate(names, start=1)]
 
     def neutral(self, names: Sequence[str]) -> list[int]:
-        """Neutral step of each joint."""
+        """Return the neutral step of each joint."""
         return [self.neutral_step.get(name, CENTRE) for name in names]
 
     def signs(self, names: Sequence[str]) -> list[int]:
-        """Return +1 for each joint whose servo turns as drawn, -1 for each reversed one."""
+        """Return the direction of each joint's servo: +1 as drawn, -1 if reversed."""
         return [-1 if name in self.reversed else 1 for name in names]
 
 
 _PULSES_PER_US = 2.0
 THROTTLE_RISE_S = 0.25
-"""Time that the board takes from zero throttle to the limit, whatever it is told."""
+"""Minimum time that the board takes from zero throttle to the limit."""
 _RISE_PERIOD_S = 0.01
 
 
 class ThrottleLaw(Protocol):
-    """Throttle curve of the motors: signal for a speed; `simulation.actuators.Motors` is one."""
+    """Throttle curve of the motors, such as `simulation.actuators.Motors`."""
 
     def signal(self, speed_rad_per_s: Array) -> Array:
-        """Throttle signal that makes each motor turn at its speed."""
+        """Return the throttle signal for each motor's speed."""
         ...
 
     def pulse_us(self, signal: Array) -> Array:
-        """Pulse width, microseconds, of a signal."""
+        """Return the pulse width of a signal, microseconds."""
         ...
 
 
 class JointConverter:
-    """Conversion between the joint vector and the units of servos and speed controllers."""
+    """Converts between the joint vector and the units of servos and speed controllers."""
 
     def __init__(self, robot: SingularityDescription, throttle: ThrottleLaw) -> None:
-        """Assign the joints of a robot to servos and speed controllers.
+        """Assign a robot's joints to servos and speed controllers.
 
         Raises:
-            HardwareError: the board has not enough servos or speed controllers for it, or another
-            pulse for zero throttle.
+            HardwareError: If the board has too few servos or speed controllers, or another
+                zero-throttle pulse.
         """
         drive = robot.kinematics()
         angles = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
@@ -224,52 +224,50 @@ class JointConverter:
         self._step_rad = 2.0 * math.pi / robot.servo.steps_per_turn
         self.count = len(drive.joints)
         self.names = [drive.joints[i].name for i in self._angles]
-        """Of the gimbals, in the order of the servos."""
+        """Gimbal names in servo order."""
         self.servos = (1 << len(self.names)) - 1
-        """Mask of the servos there are."""
+        """Mask of the robot's servos."""
         most_rad, zero_rad = (
             math.radians(robot.drive.max_tilt_deg),
             self._offsets.offset[self._angles],
         )
-        # It is the gimbal that must not tilt further; its servo may stand beside it.
+        # The limit applies to the gimbal, which may be offset from its servo.
         self._least = np.ceil((-most_rad - zero_rad) / self._step_rad)
         self._most = np.floor((most_rad - zero_rad) / self._step_rad)
         self.goal_limit = int(max(-self._least.min(), self._most.max()))
-        """Steps from neutral that no goal exceeds."""
+        """Maximum distance of goals from neutral, steps."""
         fastest = np.zeros(self.count)
         fastest[self._wheels] = robot.wheel_speed_range.most_rad_per_s * drive.spin_ratio
         self.throttle_limit = self.throttles(fastest)
-        """Throttle of each wheel at the fastest speed that an operator can select."""
+        """Throttle of each wheel at the maximum speed that operators can select."""
         rise = (max(self.throttle_limit) - ZERO_THROTTLE) * _RISE_PERIOD_S / THROTTLE_RISE_S
         self.throttle_rise = max(1, math.ceil(rise))
-        """Most by which a throttle rises in 10 ms."""
+        """Maximum throttle increase per 10 ms."""
 
     def checked(self, setpoint: Array) -> Array:
-        """Validated copy of a set-point (n,).
+        """Validate and copy a setpoint (n,).
 
         Raises:
-            ValueError: a number is not finite, or there is not one for each joint.
+            ValueError: If the setpoint has the wrong shape or a value is not finite.
         """
         if np.shape(setpoint) != (self.count,) or not np.isfinite(setpoint).all():
             raise ValueError(f"set-points must be {self.count} finite numbers, not {setpoint}")
         return setpoint.copy()
 
     def goals(self, setpoint: Array) -> tuple[int, ...]:
-        """Return steps from neutral for each gimbal."""
+        """Return the goal of each gimbal, steps from neutral."""
         steps = np.rint(self._offsets.to_actuators(setpoint)[self._angles] / self._step_rad)
         return _ints(np.clip(steps, self._least, self._most))
 
     def throttles(self, setpoint: Array) -> tuple[int, ...]:
-        """Pulse for each wheel, in half microseconds; a speed of 0 is zero throttle."""
+        """Return the pulse of each wheel in half microseconds; speed 0 is zero throttle."""
         actuators = self._offsets.to_actuators(setpoint)[self._wheels]
         pulses = self._throttle.pulse_us(self._throttle.signal(actuators))
         return _ints(np.clip(np.rint(_PULSES_PER_US * pulses), ZERO_THROTTLE, FULL_THROTTLE))
 
     def measured(self, steps: Sequence[int], alive: int) -> Array:
-        """Return joints (n,) from steps relative to neutral; NaN for servos not `alive`, and for
-        wheels.
-
-        `alive` is a mask of servos.
+        """Convert steps from neutral to joints (n,); NaN for wheels and servos not in the mask
+        `alive`.
         """
         joints = np.full(self.count, np.nan)
         for servo, joint in enumerate(self._angles):
@@ -278,12 +276,12 @@ class JointConverter:
         return self._offsets.from_servos(joints)
 
     def named(self, mask: int) -> str:
-        """Servos in a mask by number and joint."""
+        """Return the servos in a mask as text, with number and joint."""
         here = [f"{i + 1} ({name})" for i, name in enumerate(self.names) if mask >> i & 1]
         return ("servo " if len(here) == 1 else "servos ") + ", ".join(here)
 
     def silent(self, mask: int) -> str:
-        """Sentence about servos that do not answer."""
+        """Return a fault message for servos that do not respond."""
         if mask == self.servos:
             return "all servos: no answer: the bus, its supply or its fuse"
         several = mask & mask - 1
@@ -292,13 +290,13 @@ class JointConverter:
 
 
 def padded_ids(ids: Sequence[int]) -> tuple[int, ...]:
-    """Return `ids` with other ones for servos that the robot does not have."""
+    """Pad `ids` with unused ids for servos that the robot does not have."""
     free = [servo_id for servo_id in range(1, 2 * SERVOS) if servo_id not in ids]
     return (*ids, *free[: SERVOS - len(ids)])
 
 
 def padded(values: Sequence[int], count: int, filler: int) -> tuple[int, ...]:
-    """Return `values` padded with the filler for actuators that the robot does not have."""
+    """Pad `values` for actuators that the robot does not have."""
     return (*values, *(filler,) * (count - len(values)))
 
 
@@ -307,9 +305,13 @@ def _ints(values: Array) -> tuple[int, ...]:
 
 
 NO_TORQUE = "no torque: it restarted, or another program switched it off"
+FAR = (
+    "more than 9 degrees from its neutral position, so it gets no torque: turn its gimbal upright "
+    "by hand, or correct neutral_step in the calibration"
+)
 TOO_HOT = f"at least {SERVO_HOT_C} °C: let it cool"
 
 
 def hot_servos(temperature_c: Mapping[int, int]) -> int:
-    """Mask of servos, by index, that are too hot to drive."""
+    """Return the mask of servos, by index, that are too hot to drive."""
     return sum(1 << i for i, celsius in temperature_c.items() if celsius >= SERVO_HOT_C)

@@ -56,27 +56,27 @@ from tsd_twin.safety import Heartbeat
 _LOG = logging.getLogger(__name__)
 BAUD = 1_000_000
 ANSWER_S = 0.04
-"""Response time-out of a cycle: two lost responses stay below `SILENT_S`."""
+"""Response timeout of a cycle; two lost responses stay below `SILENT_S`."""
 _LEAVING = 5
 _RECOVERED_V = 0.3
-"""A battery rises by this when its load is gone, and is as low as before."""
+"""Warning hysteresis: an unloaded battery recovers by about this voltage."""
 
 
 @dataclass(frozen=True, slots=True)
 class BoardReport:
-    """Newest telemetry of the board, with its time."""
+    """Latest telemetry of the board and its time of receipt."""
 
     telemetry: Telemetry
     heard_s: float
     lost: str
-    """Reason why it is not armed although it should be; else empty."""
+    """Reason why the board is disarmed although it should be armed, or ""."""
 
 
 class ControllerBoard:
     """Controller board as the device of a `DeviceThread`.
 
-    Other threads write `command`, and read `report` and `disconnect_reason`. Each is replaced as a
-    whole, so that no thread reads a partial update.
+    Other threads write `command`, and read `report` and `disconnect_reason`. These are replaced as
+    a whole, so that no thread sees a partial update.
     """
 
     name = "the controller board"
@@ -90,20 +90,20 @@ class ControllerBoard:
         servos: bool = True,
         baud: int = BAUD,
     ) -> None:
-        """Configure for a board that drives the servos too, or the speed controllers only."""
+        """`servos`: whether the board drives the servos too, or only the speed controllers."""
         self._battery = battery
         self.missed = [0] * SERVOS
-        """Missing or wrong answers of each servo, since the bridge began."""
+        """Missing or invalid responses per servo since the start."""
         self.battery_warning = ""
-        """Text while the battery is low; else empty."""
+        """Warning while the battery is low, or ""."""
         self.baud = baud
         self.health = LinkHealth("the serial line")
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.report: BoardReport | None = None
         self.disconnect_reason = ""
-        """Reason of a lost connection; else empty."""
+        """Reason of a lost connection, or ""."""
         self.wiring_faults: dict[str, str] = {}
-        """Mistakes in the wiring that were seen, by a short name; replaced as a whole."""
+        """Wiring faults detected so far, by a short name; replaced as a whole."""
         self._was_connected = False
         self._joints = joints
         self._servos = servos
@@ -134,10 +134,10 @@ class ControllerBoard:
         self.receiver_expected = calibration.receiver is not None
 
     def connect(self, transport: SerialTransport) -> None:
-        """Check model and version of the control table, and configure the board.
+        """Check model and control table version, and configure the board.
 
         Raises:
-            HardwareError: it is another device, or does not answer.
+            HardwareError: If it is another device or does not respond.
         """
         telemetry = handshake(transport, self._setup, self.baud)
         self._find_wiring_faults(telemetry, opened=self.report is None)
@@ -147,12 +147,12 @@ class ControllerBoard:
         self.disconnect_reason = ""
 
     def cycle(self, transport: SerialTransport) -> bool:
-        """Write the command and read the telemetry in one exchange; return whether it answered.
+        """Write the command and read telemetry in one exchange; return whether it succeeded.
 
-        The echo of the heartbeat shows that the response belongs to this request.
+        The echoed heartbeat shows that the response belongs to this request.
 
         Raises:
-            HardwareError: the port is gone, or the board restarted and failed the handshake.
+            HardwareError: If the port is gone, or the board restarted and failed the handshake.
         """
         began_s = time.monotonic()
         before, broken = self.report, transport.broken
@@ -164,7 +164,7 @@ class ControllerBoard:
         if telemetry is None or telemetry.beat != command.heartbeat:
             self.health.add_timeout()
             self._add_cycle(corrupt, now_s)
-            # Responses to an older request: all later ones would be late as well.
+            # Drain late responses, or all later ones would be late too.
             if answers and not corrupt:
                 transport.drain(SETTLE_S)
             return False
@@ -189,13 +189,13 @@ class ControllerBoard:
         return True
 
     def disconnected(self, reason: str) -> None:
-        """Record that the connection is lost: the board stays disarmed after it returns."""
+        """Record a lost connection; the board stays disarmed after it reconnects."""
         self._switch.mark_lost("the controller board was lost")
         self.report, self.disconnect_reason = None, reason
         self.health.reconnects += 1
 
     def rest(self, transport: SerialTransport) -> None:
-        """Disarm the board, repeatedly if it does not answer."""
+        """Disarm the board, retrying if it does not respond."""
         for _ in range(_LEAVING):
             request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack())
             if transport.request(request, 1, ANSWER_S):
@@ -245,7 +245,7 @@ def _half_us(pulses_us: Sequence[float]) -> tuple[int, ...]:
 
 
 def _telemetry(answers: list[Status]) -> Telemetry | None:
-    """Telemetry if the responses are those of one write and one read."""
+    """Return the telemetry if the responses are from one write and one read."""
     if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
         return None
     return Telemetry.unpack(answers[1].data)
@@ -275,9 +275,9 @@ MODES: dict[int, str] = {
 
 
 class MegaHardware:
-    """Hardware interface of a robot on one serial line: a `RobotIO` with its own command watchdog.
+    """`RobotIO` for a robot on one serial line, with a command watchdog.
 
-    No method waits for the line: an I/O thread exchanges data, with the newest command.
+    All methods return immediately; an I/O thread exchanges data using the latest command.
     """
 
     def __init__(
@@ -293,8 +293,8 @@ class MegaHardware:
         """Connect; without `servos`, the board drives the speed controllers only.
 
         Raises:
-            HardwareError: the board is missing, another device, does not answer, or has too few
-            channels.
+            HardwareError: If the board is missing, another device, does not respond, or has too few
+                channels.
         """
         self._joints = JointConverter(robot, throttle)
         calibration = calibration or ServoCalibration()
@@ -315,9 +315,7 @@ class MegaHardware:
         self._thread = DeviceThread(port, self._board)
 
     def read(self, now_s: float) -> Array | None:
-        """Measured joints (n,), NaN where not measured; None without a new
-        measurement.
-        """
+        """Return newly measured joints (n,), NaN where unmeasured; None without a measurement."""
         report = self._board.report
         if report is None or report.heard_s <= self._read_s or now_s - report.heard_s > SILENT_S:
             return None
@@ -325,20 +323,20 @@ class MegaHardware:
         return self._joints.measured(report.telemetry.position, report.telemetry.servo_alive)
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Pass the newest set-point (n,) to the I/O thread.
+        """Pass the latest setpoint (n,) to the I/O thread.
 
         Raises:
-            ValueError: a number is not finite, or there is not one for each joint.
+            ValueError: If the setpoint has the wrong shape or a value is not finite.
         """
         self._board.command = JointCommand(self._joints.checked(setpoint), self._heartbeat, now_s)
         self._thread.cycle()
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Set the heartbeat under which the next set-point is sent."""
+        """Set the heartbeat to send with the next setpoint."""
         self._heartbeat = heartbeat
 
     def fault(self, now_s: float) -> str:
-        """Fault of the board or its devices; empty without one."""
+        """Return the fault of the board or its devices, or ""."""
         report = self._board.report
         fault = connection_fault(self._board, report and report.heard_s, now_s)
         if fault or report is None:
@@ -346,21 +344,21 @@ class MegaHardware:
         return self._faults.fault(report.telemetry, report.lost)
 
     def battery_v(self, now_s: float) -> float | None:
-        """Return the newest voltage of the battery; None while there is none."""
+        """Return the latest battery voltage, or None if unknown."""
         report = self._board.report
         if report is None or now_s - report.heard_s > SILENT_S:
             return None
         return report.telemetry.battery_mv / 1000.0
 
     def servo_c(self, now_s: float) -> float | None:
-        """Return the newest temperature of the hottest servo; None while there is none."""
+        """Return the latest temperature of the hottest servo, or None if unknown."""
         report = self._board.report
         if report is None or now_s - report.heard_s > SILENT_S or not self._expected:
             return None
         return float(max(report.telemetry.temperature[: len(self._joints.names)]))
 
     def hardware(self) -> dict[str, Any]:
-        """Hardware section of the status, JSON-serializable."""
+        """Return the hardware section of the status, JSON-serializable."""
         board, report = self._board, self._board.report
         status: dict[str, Any] = {"kind": "mega", "connected": report is not None}
         if report is not None:

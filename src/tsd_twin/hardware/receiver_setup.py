@@ -1,5 +1,7 @@
-"""Guided set-up of a radio control and of the speed controllers, for the calibration file: kind of
-receiver, channels, end points, rest, dead band and fail-safe; ends of the pulses.
+"""Guided setup of a radio control and the speed controllers, for the calibration file.
+
+Determines type of receiver, channels, stick ranges, rest positions, dead band and fail-safe, and
+the pulse range of the speed controllers.
 """
 
 from __future__ import annotations
@@ -34,11 +36,11 @@ from tsd_twin.hardware.joints import (
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 
 _LOOK_S = 0.5
-"""Time for which channels are watched that should stand still."""
+"""Time for which channels are watched at rest."""
 _MOVE_S = 10.0
-"""Time in which a person moves all sticks to their ends."""
+"""Time for moving all sticks to their ends."""
 _TRAVEL_US = 150
-"""A stick that moves less from its centre was not moved to its end, or is not connected."""
+"""Minimum travel from the centre; a smaller one means not moved or not connected."""
 _STEADY_US = 20
 _DEAD_US = (20, 100)
 _PERIOD_S = 0.02
@@ -50,32 +52,32 @@ _STEPS: dict[RcChannel, tuple[str, bool]] = {
     RcChannel.KILL: ("All sticks at rest, speed at zero, kill switch at 'kill'", False),
     RcChannel.MANUAL: ("Kill switch at 'run', manual switch at 'radio control'", True),
 }
-"""What a person does to show the channel of a function, and whether its pulse gets longer."""
+"""Instruction that reveals the channel of a function, and whether its pulse gets longer."""
 
 Ask = Callable[[str], object]
-"""Shows a step to a person, and returns what was typed when it is done."""
+"""Shows an instruction and returns the user's input."""
 Pulses = tuple[int, ...]
-"""Of all channels, microseconds; 0 where there are none."""
+"""Pulses of all channels, microseconds; 0 if missing."""
 
 
 class ReceiverWatcher:
-    """Reads all channels of the receiver from a board, which stays disarmed without commands."""
+    """Reads all receiver channels from a board, which stays disarmed."""
 
     def __init__(self, transport: SerialTransport, baud: int) -> None:
-        """Find the board, and disarm it.
+        """Find and disarm the board.
 
         Raises:
-            HardwareError: it is another device, or does not answer.
+            HardwareError: If it is another device or does not respond.
         """
         self._transport = transport
         find_board(transport, baud)
 
     def watch(self, seconds: float) -> list[Pulses]:
-        """Return what both kinds of receiver sent in a while: 16 of SBUS, then six wires.
+        """Return the pulses received during `seconds`: 16 SBUS channels, then six wires.
 
         Raises:
-            HardwareError: the drive has power: with channels that are not known yet, a stick could
-            be the switch to radio control, and another the speed.
+            HardwareError: If the drive has power, because an unknown channel could enable radio
+                control and another set the speed.
         """
         size = Telemetry.LAYOUT.size
         request = protocol2.read(BOARD_ID, Telemetry.ADDRESS, size)
@@ -94,10 +96,10 @@ class ReceiverWatcher:
 def learn_receiver(
     watch: Callable[[float], Sequence[Pulses]], ask: Ask, move_s: float = _MOVE_S
 ) -> Receiver:
-    """Lead a person through the steps; return what was learned.
+    """Guide the user through the steps; return the receiver settings.
 
     Raises:
-        HardwareError: a channel is not heard, a stick was not moved, or the fail-safe is not set.
+        HardwareError: If a channel is missing, a stick was not moved, or the fail-safe is not set.
     """
     ask(
         "Transmitter on. Sticks at rest, speed at zero, kill switch at 'run', manual switch at "
@@ -156,7 +158,7 @@ def _steady(rest: Sequence[Pulses], wires: slice) -> list[int]:
 
 
 def _learn_channels(look: Callable[[], Pulses], ask: Ask, centre: Sequence[int]) -> list[int]:
-    """Return the channel, from 0, that a person moves for each function."""
+    """Return the channel, from 0, that the user moves for each function."""
     found: list[int] = []
     for function, (step, longer) in _STEPS.items():
         ask(f"{step}. Then press Enter.")
@@ -219,10 +221,10 @@ def _six(values: Sequence[int]) -> tuple[int, int, int, int, int, int]:
 
 
 def learn_pulse_ends(ask: Ask) -> SpeedControllers:
-    """Ask for the pulse ends of the speed controllers, as their manual or calibration has them.
+    """Ask for the pulse ranges of the speed controllers, from their manual or calibration.
 
     Raises:
-        HardwareError: they are none.
+        HardwareError: If the input is invalid or out of range.
     """
     low_us: list[float] = []
     high_us: list[float] = []
@@ -247,7 +249,7 @@ def learn_pulse_ends(ask: Ask) -> SpeedControllers:
 
 
 def write_section(name: str, values: msgspec.Struct, file: Path) -> None:
-    """Put a section into a calibration file, in place of what it had, and keep the rest."""
+    """Replace a section of a calibration file and keep the rest."""
     text = file.read_text(encoding="utf-8") if file.exists() else ""
     before, found, after = text.partition(f"[{name}]\n")
     _, following, rest = after.partition("\n[") if found else ("", "", "")
@@ -260,10 +262,10 @@ def write_section(name: str, values: msgspec.Struct, file: Path) -> None:
 
 
 def ask_line(question: str) -> str:
-    """Show a step, and return the line that is typed.
+    """Show an instruction and return the entered line.
 
     Raises:
-        HardwareError: the input has ended.
+        HardwareError: If the input has ended.
     """
     try:
         return input(question)
@@ -272,11 +274,10 @@ def ask_line(question: str) -> str:
 
 
 def set_up_receiver(port: str, baud: int, file: Path, ask: Ask = ask_line) -> None:
-    """Learn the radio control at the board of a port and the pulses of the speed controllers, and
-    write them into a calibration file.
+    """Determine radio control and pulse ranges, and write them to a calibration file.
 
     Raises:
-        HardwareError: the board or the radio control is not as it has to be.
+        HardwareError: If the board or the radio control is not as required.
     """
     if file.exists():
         ServoCalibration.read(str(file))

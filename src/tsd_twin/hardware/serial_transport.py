@@ -24,44 +24,45 @@ from tsd_twin.errors import TwinError
 
 
 class HardwareError(TwinError):
-    """A device is missing, is of another kind, or does not answer."""
+    """Raised if a device is missing, of another kind, or does not respond."""
 
 
 class PortError(HardwareError):
-    """A serial port cannot be opened, or is gone."""
+    """Raised if a serial port cannot be opened or is gone."""
 
 
 WINDOW_S = 0.5
 LIMIT = 5
-"""Number of corrupt cycles within the window from which the line is faulty.
+"""Corrupt cycles within the window at which the line is faulty.
 
-The fault clears when the window has none. Five of the fifty cycles at 100 Hz. A bad line with one
-corrupt cycle in a thousand reaches the limit by chance once in years. The limit is low since one
-corrupt packet in 65,536 passes the check sum.
+The fault clears when the window has none. The limit is 5 of 50 cycles at 100 Hz: a poor line with
+one corrupt cycle in 1000 reaches it by chance once in years. It is low because one corrupt packet
+in 65,536 passes the checksum.
 """
 
 
 class PacketErrorMonitor:
     """Detects sustained packet errors on a serial line, cycle by cycle.
 
-    Only the I/O thread updates it. Its results are replaced as a whole, and any thread may read
+    Updated by the I/O thread only. Its results are replaced as a whole, and any thread may read
     them.
     """
 
     def __init__(self, name: str) -> None:
-        """`name` is the name of the line in messages."""
+        """`name` identifies the line in messages."""
         self.corrupt = 0
-        """Total number of cycles with a corrupt packet."""
+        """Total cycles with a corrupt packet."""
         self.suspicion = ""
-        """Message about recent corrupt packets, two or more; a likely cause of missing
-        responses."""
+        """Message about two or more recent corrupt packets, a likely cause of missing responses, or
+        "".
+        """
         self.fault = ""
-        """Fault message while the error rate is above the limit; else empty."""
+        """Fault message while the error rate is above the limit, or ""."""
         self._name = name
         self._corrupt_s: list[float] = []
 
     def add_cycle(self, corrupt: bool, now_s: float) -> None:
-        """Record a finished cycle, and whether a packet in it was corrupt."""
+        """Record a cycle, and whether it contained a corrupt packet."""
         self._corrupt_s = [at_s for at_s in self._corrupt_s if now_s - at_s < WINDOW_S]
         if corrupt:
             self.corrupt += 1
@@ -84,7 +85,7 @@ class LinkHealth:
     """Statistics of a serial line: round trips, missed responses and packet errors."""
 
     def __init__(self, name: str) -> None:
-        """`name` is the name of the line in messages."""
+        """`name` identifies the line in messages."""
         self.packet_errors = PacketErrorMonitor(name)
         self._trips_ms: deque[float] = deque(maxlen=_REMEMBERED)
         self.cycles = 0
@@ -92,7 +93,7 @@ class LinkHealth:
         self.reconnects = 0
 
     def add_round_trip(self, trip_s: float) -> None:
-        """Record a cycle that was answered after `trip_s`."""
+        """Record a cycle with a complete response after `trip_s`."""
         self.cycles += 1
         self._trips_ms.append(1000.0 * trip_s)
 
@@ -102,8 +103,8 @@ class LinkHealth:
         self.missed += 1
 
     def status(self) -> dict[str, object]:
-        """Return figures for the status; round trips in milliseconds."""
-        # Copied first: another thread may add to it.
+        """Return statistics for the status; round trips in milliseconds."""
+        # Copy first, because another thread may append.
         trips = sorted(self._trips_ms.copy())
         figures: dict[str, object] = {"cycles": self.cycles, "missed": self.missed}
         figures["broken"] = self.packet_errors.corrupt
@@ -117,24 +118,25 @@ class LinkHealth:
 _LOG = logging.getLogger(__name__)
 _BY_ID = Path("/dev/serial/by-id")
 _WRITE_TIMEOUT_S = 0.1
-"""Write time-out; without it a write blocks as long as the other end does not read."""
+"""Write timeout; without it, a write blocks until the other end reads."""
 
 GONE = (serial.SerialException, OSError, termios.error, TypeError)
-"""Exceptions of pyserial 3.5 when a device is unplugged: `read` and `write` the first, `in_waiting`
-the second, `flush` and the like the third, which is no OSError, and now and then the last (#328).
+"""Exceptions that pyserial 3.5 raises if a device is unplugged: `read` and `write` the first,
+`in_waiting` the second, `flush` and similar the third (not an OSError), and occasionally the last
+(#328).
 """
 
 
 class Port(Protocol):
-    """Part of the interface of a pyserial port that `SerialTransport` uses."""
+    """Part of a pyserial port that `SerialTransport` uses."""
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that can be read at once."""
+        """Number of bytes that can be read immediately."""
         ...
 
     def read(self, size: int) -> bytes:
-        """Return received bytes, at most `size`; fewer after the time-out."""
+        """Return at most `size` received bytes; fewer after the timeout."""
         ...
 
     def write(self, data: bytes) -> int | None:
@@ -154,7 +156,7 @@ def open_port(name: str, baud: int, timeout_s: float) -> Port:
     """Open a device, or a pyserial URL such as `socket://host:port`, for exclusive use.
 
     Raises:
-        PortError: it cannot be opened; the text says what to do.
+        PortError: If the port cannot be opened; the message suggests a remedy.
     """
     try:
         port: Any = serial.serial_for_url(
@@ -166,14 +168,14 @@ def open_port(name: str, baud: int, timeout_s: float) -> Port:
     try:
         port.set_low_latency_mode(True)
     except (*GONE, ValueError, AttributeError, NotImplementedError) as error:
-        # Only FTDI chips know it; they wait 16 ms for more to send without.
+        # Only FTDI chips support it; by default they wait 16 ms for further bytes.
         _LOG.debug("%s: no low latency mode: %s", name, error)
     return port
 
 
 def close_port(port: Port) -> None:
-    """Unlock and close a port; also after it is gone."""
-    # A device that another program holds open, as the simulator does, would stay locked.
+    """Unlock and close a port, even if it is gone."""
+    # A device that another program holds open, like the simulator, would stay locked.
     _set_exclusive(port, termios.TIOCNXCL)
     try:
         port.close()
@@ -182,21 +184,21 @@ def close_port(port: Port) -> None:
 
 
 def _set_exclusive(port: Any, request: int) -> None:
-    """Lock the device against programs that do not look at the lock of pyserial, or unlock it.
+    """Lock the device against programs that ignore pyserial's lock, or unlock it.
 
-    pyserial locks with `flock` only, which other programs need not ask for. The kernel refuses to
-    open a device that is locked with TIOCEXCL, except for root.
+    pyserial locks with `flock` only, which other programs may ignore. With TIOCEXCL the kernel
+    refuses to open the device again, except for root.
     """
     try:
         fcntl.ioctl(port.fileno(), request)
-    except (OSError, AttributeError, ValueError) as error:  # A URL has no device here.
+    except (OSError, AttributeError, ValueError) as error:  # URLs have no local device.
         _LOG.debug("no exclusive mode: %s", error)
 
 
 def persistent_name(name: str, links: Path = _BY_ID) -> str:
-    """Name that stays with the device: its link in /dev/serial/by-id if there is one.
+    """Return a persistent name: the device's link in /dev/serial/by-id, if it exists.
 
-    A device that is plugged in again may be ttyACM1 where it was ttyACM0.
+    After reconnecting, a device may be ttyACM1 instead of ttyACM0.
     """
     if "://" in name or not links.is_dir():
         return name
@@ -208,10 +210,10 @@ def persistent_name(name: str, links: Path = _BY_ID) -> str:
 
 
 def serial_ports() -> list[str]:
-    """Return one line for each serial port: its persistent name and its description."""
+    """Return one line per serial port: its persistent name and its description."""
     try:
         found = sorted(list_ports.comports())
-    except TypeError:  # A device that vanishes during the scan: pyserial #774.
+    except TypeError:  # A device vanished during the scan: pyserial #774.
         found = sorted(list_ports.comports())
     return [f"{persistent_name(port.device)}  {port.device}: {port.description}" for port in found]
 
@@ -222,12 +224,12 @@ _SLOW_CHIPS = {
     (0x2A03, 0x0042): "ATmega16U2",
     (0x1A86, 0x7523): "CH340",
 }
-"""USB chips of a Mega and of its clones, by vendor and product."""
+"""USB chips of the Mega and its clones, by vendor and product id."""
 _SAFE_BAUD = 115_200
 
 
 def chip_warning(name: str, baud: int) -> str:
-    """Text for a port whose USB chip is known to corrupt bytes at this rate; else empty."""
+    """Return a warning if the port's USB chip is known to corrupt bytes at this rate, or ""."""
     if baud <= _SAFE_BAUD or "://" in name:
         return ""
     device = str(Path(name).resolve())
@@ -261,7 +263,7 @@ def _open_error(name: str, error: BaseException) -> str:
 
 
 def _number(error: BaseException | None) -> int | None:
-    """Errno of an error, or of the one that it was raised for; pyserial drops some."""
+    """Return the errno of an error or of its cause; pyserial drops some."""
     while error is not None:
         number = getattr(error, "errno", None) or next(iter(error.args), None)
         if isinstance(number, int):
@@ -271,29 +273,27 @@ def _number(error: BaseException | None) -> int | None:
 
 
 _READ_S = 0.002
-"""Time-out of one read: a fraction of a cycle, so that the time-out of a request holds."""
+"""Timeout of a single read, short enough to keep the timeout of a request."""
 _CHUNK = 4096
 _LONGEST_DRAIN = 5.0
 _LONGEST_REST = 256
-"""Maximum number of bytes of a late response that can precede the next one."""
+"""Maximum bytes of a late response that can precede the next one."""
 
 
 class SerialTransport:
-    """Packet transport on an open port. One thread uses and closes it: pyserial's `close` is
-    unsafe.
-    """
+    """Packet transport on an open port; not thread-safe, not even `close`."""
 
     def __init__(self, name: str, baud: int) -> None:
         """Open the port.
 
         Raises:
-            PortError: it cannot be opened.
+            PortError: If the port cannot be opened.
         """
         self.name = name
         self._port = open_port(name, baud, _READ_S)
-        self._late = True  # Waiting bytes belong to an earlier user of the port.
+        self._late = True  # Pending bytes belong to an earlier user of the port.
         self.broken = 0
-        """Number of corrupt responses, and of bytes outside packets."""
+        """Number of corrupt responses and of bytes outside packets."""
 
     def request(
         self,
@@ -302,30 +302,31 @@ class SerialTransport:
         patience_s: float,
         framing: Framing = protocol2,
     ) -> list[Status]:
-        """Send a request, and return the responses; fewer than expected after the time-out.
+        """Send a request and return the responses; fewer than expected after the timeout.
 
         Raises:
-            PortError: the port is gone.
+            PortError: If the port is gone.
         """
         decoder = Decoder(framing)
         rest = _LONGEST_REST if self._late else 0
         try:
-            if self._late:  # What comes now may be the response to an older request.
+            if self._late:  # Pending bytes may be the response to an earlier request.
                 self._port.reset_input_buffer()
             self._port.write(request)
             found = self._receive(decoder, answers, patience_s)
         except GONE as error:
             raise PortError(f"{self.name} is gone") from error
-        # A response in two pieces is late, not corrupt: one of the two programs was delayed.
+        # A response in two parts is late, not corrupt: one of the programs was delayed.
         self.broken += decoder.sum_errors + (decoder.skipped > rest and not decoder.cut)
         self._late = len(found) < answers
         return found
 
     def drain(self, silence_s: float) -> None:
-        """Discard incoming bytes until none came for `silence_s`, or for a maximum time.
+        """Discard incoming bytes until the line is silent for `silence_s`, or a maximum time has
+        passed.
 
         Raises:
-            PortError: the port is gone.
+            PortError: If the port is gone.
         """
         try:
             began_s = now_s = heard_s = time.monotonic()
@@ -340,7 +341,7 @@ class SerialTransport:
         found: list[Status] = []
         end_s = time.monotonic() + patience_s
         while len(found) < answers:
-            # Read all waiting bytes, or wait for the first: a larger read waits for all of them.
+            # Read only available bytes, or wait for the first; a larger read would wait for all.
             data = self._port.read(min(max(1, self._port.in_waiting), _CHUNK))
             now_s = time.monotonic()
             for packet in decoder.feed(data, now_s):
@@ -352,54 +353,55 @@ class SerialTransport:
         return found
 
     def close(self) -> None:
-        """Close the port; also after it is gone."""
+        """Close the port, even if it is gone."""
         close_port(self._port)
 
 
 _IDLE_S = 0.02
-"""Period of the cycles when the node requests none."""
+"""Cycle period if the node requests no cycles."""
 _RETRY_S = 0.25
 _GIVE_UP_S = 2.0
-"""Time without a response after which the port is opened again."""
+"""Time without a response after which the port is reopened."""
 _LEAVE_S = 2.0
 SILENT_S = 0.1
 """Maximum age of a report."""
 
 
 class Device(Protocol):
-    """Device on a serial port, as `DeviceThread` uses it; only that thread calls it."""
+    """Device on a serial port; called only by its `DeviceThread`."""
 
     name: str
     baud: int
     health: LinkHealth
     disconnect_reason: str
-    """Reason of a lost connection; else empty."""
+    """Reason of a lost connection, or ""."""
 
     def connect(self, transport: SerialTransport) -> None:
         """Identify and configure the device.
 
         Raises:
-            HardwareError: it is another device, or does not answer.
+            HardwareError: If it is another device or does not respond.
         """
         ...
 
     def cycle(self, transport: SerialTransport) -> bool:
-        """Exchange data once; return whether all responses came."""
+        """Exchange data once; return whether all responses arrived."""
         ...
 
     def disconnected(self, reason: str) -> None:
-        """Record that the connection is lost, and why."""
+        """Record a lost connection and its reason."""
         ...
 
     def rest(self, transport: SerialTransport) -> None:
-        """Put the device into its rest state; the last call."""
+        """Put the device into its rest state; called last."""
         ...
 
 
 def connection_fault(device: Device, reported_s: float | None, now_s: float) -> str:
-    """Fault of the connection to a device; empty while its reports are recent and its line clean.
+    """Return the connection fault of a device, or "" while reports are recent and the line is
+    clean.
 
-    `reported_s` is the time of its newest report, None while it is not connected.
+    `reported_s` is the time of its latest report, or None if not connected.
     """
     if reported_s is None:
         return f"{device.name} is not connected: {device.disconnect_reason}"
@@ -410,13 +412,13 @@ def connection_fault(device: Device, reported_s: float | None, now_s: float) -> 
 
 
 class DeviceThread:
-    """I/O thread of one device; opens the port again whenever the connection is lost."""
+    """I/O thread of a device; reopens the port whenever the connection is lost."""
 
     def __init__(self, port: str, device: Device) -> None:
         """Connect.
 
         Raises:
-            HardwareError: the device is not there, not ours, or does not answer.
+            HardwareError: If the device is missing, of another kind, or does not respond.
         """
         self._device = device
         self._port = persistent_name(port)

@@ -1,5 +1,5 @@
-"""Robot whose servos, MX-64 with Protocol 2.0, are on a U2D2 adapter at the computer; the
-controller board drives the motors only.
+"""Robot with MX-64 servos (Protocol 2.0) on a U2D2 adapter; the controller board drives only the
+motors.
 
 Registers of the servos: https://emanual.robotis.com/docs/en/dxl/mx/mx-64-2/
 """
@@ -17,7 +17,9 @@ import numpy as np
 
 from tsd_twin.dynamixel.packets import ALERT, Status, protocol1, protocol2
 from tsd_twin.dynamixel.servo_models import MODEL_NUMBER, MODELS, ServoModel, span, wrong_setting
+from tsd_twin.hardware.approach import Approach
 from tsd_twin.hardware.joints import (
+    FAR,
     NO_TORQUE,
     TOO_HOT,
     JointCommand,
@@ -41,14 +43,17 @@ from tsd_twin.safety import Heartbeat
 
 _LOG = logging.getLogger(__name__)
 RETURN_DELAY = 9
-"""Units of 2 us between question and answer; 250 as it comes."""
+"""Response delay in units of 2 us; factory default 250."""
 TORQUE_ENABLE = 64
-"""While it is 1, addresses below 64 cannot be written."""
+"""If 1, addresses below 64 are read-only."""
 BUS_WATCHDOG = 98
-"""Units of 20 ms without a request until the servo stops; 255 then, until 0 is written."""
+"""Time without a request until the servo stops, in units of 20 ms; then reads 255 until 0 is
+written.
+"""
 BUS_WATCHDOG_S = 0.02
 GOAL_POSITION = 116
 GOAL = Struct("<i")
+POSITION = 132
 PRESENT = 126
 _LAYOUT = Struct("<hiiiiHB")
 PRESENT_SIZE = _LAYOUT.size
@@ -60,16 +65,16 @@ class Present:
     """Measurements of a servo."""
 
     position: int
-    """Steps."""
+    """Position in steps."""
     velocity_step_per_s: float
     current_units: int
-    """Of `ServoModel.current_ma`."""
+    """Current in units of `ServoModel.current_ma`."""
     voltage_v: float
     temperature_c: int
 
     @staticmethod
     def unpack(data: bytes) -> Present:
-        """Measurements decoded from the `PRESENT_SIZE` bytes from `PRESENT` on."""
+        """Decode the `PRESENT_SIZE` bytes starting at `PRESENT`."""
         current, velocity, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
         return Present(
             position,
@@ -81,44 +86,44 @@ class Present:
 
 
 _WRITTEN = (RETURN_DELAY, BUS_WATCHDOG)
-"""Settings that this program writes itself."""
+"""Settings written by this program."""
 SERVO_BAUD = 1_000_000
 ALIVE_S = 0.05
-"""A servo that answered within this counts as alive, as it does for the board."""
+"""Maximum age of a response from a live servo, as on the board."""
 _ANSWER_S = 0.02
 _SERVO_TRY_S = 0.1
-"""Response time-out of a servo during configuration."""
+"""Response timeout of a servo during configuration."""
 _SERVO_TRIES = 3
 _WATCHDOG = 10
-"""200 ms: less than the board gives the speed controllers."""
+"""200 ms, shorter than the board's timeout for the speed controllers."""
 _TORQUE_CYCLES = 4
-"""Cycles from one question to all servos whether they hold to the next."""
+"""Cycles between two torque checks of all servos."""
 _FEED_S = 0.5
 """Period at which the watchdogs are set again, in case one expired during a pause."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServoReport:
-    """Newest measurements of the servos, by index from 0."""
+    """Latest measurements of the servos, by index from 0."""
 
     present: Mapping[int, Present]
     heard_s: Mapping[int, float]
     faults: int
-    """Mask of those that report a hardware error."""
+    """Mask of servos with a hardware error."""
     newest_s: float
     limp: int = 0
-    """Mask of those whose torque is off."""
+    """Mask of servos with torque off."""
 
     def alive(self, now_s: float) -> int:
-        """Mask of servos that answered within `ALIVE_S`."""
+        """Return the mask of servos that responded within `ALIVE_S`."""
         return sum(1 << i for i, at_s in self.heard_s.items() if now_s - at_s <= ALIVE_S)
 
 
 class ServoBus:
     """Servo bus as the device of a `DeviceThread`.
 
-    Other threads write `command`, and read `report` and `disconnect_reason`. When this program
-    dies, the servos hold their position; the board stops the robot by shutting off the wheels.
+    Other threads write `command`, and read `report` and `disconnect_reason`. If this program dies,
+    the servos hold their position, and the board stops the robot by shutting off the wheels.
     """
 
     name = "the servo bus"
@@ -129,23 +134,29 @@ class ServoBus:
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.report: ServoReport | None = None
         self.disconnect_reason = ""
-        """Reason of a lost connection; else empty."""
+        """Reason of a lost connection, or ""."""
         self._joints = joints
         self._ids = calibration.ids(joints.names)
         self._neutral = calibration.neutral(joints.names)
         self._signs = calibration.signs(joints.names)
         self._rest = np.zeros(joints.count)
         self._models: dict[int, ServoModel] = {}
-        """By index."""
+        """Servo models by index."""
+        self._approach = Approach(len(joints.names))
         self._fed_s = 0.0
         self._cycles = 0
 
+    @property
+    def far(self) -> int:
+        """Mask of servos without torque, which were not near their neutral position yet."""
+        return self._approach.far
+
     def connect(self, transport: SerialTransport) -> None:
-        """Find all servos, check their settings, and configure those that need it.
+        """Find all servos, check their settings, and configure them if needed.
 
         Raises:
-            HardwareError: one does not answer, speaks Protocol 1.0, or has a setting that is not
-            as it must be; the text names it.
+            HardwareError: If a servo does not respond, uses Protocol 1.0, or has a wrong setting;
+                the message names it.
         """
         for device in self._ids:
             self._find(transport, device)
@@ -155,10 +166,10 @@ class ServoBus:
         self.disconnect_reason = ""
 
     def cycle(self, transport: SerialTransport) -> bool:
-        """Write goals and read measurements in one exchange; return whether all servos answered.
+        """Write goals and read measurements in one exchange; return whether any servo responded.
 
         Raises:
-            HardwareError: the port is gone.
+            HardwareError: If the port is gone.
         """
         began_s, broken = time.monotonic(), transport.broken
         command = self.command
@@ -167,7 +178,8 @@ class ServoBus:
             self._fed_s = began_s
             request += self._all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
             request += self._all(BUS_WATCHDOG, [bytes([_WATCHDOG])] * len(self._ids))
-        request += self._goals(command.setpoint if command.in_force(began_s) else self._rest)
+        setpoint = command.setpoint if command.in_force(began_s) else self._rest
+        request += self._goals(setpoint, began_s, armed=command.heartbeat.armed)
         request += protocol2.sync_read(self._ids, PRESENT, PRESENT_SIZE)
         answers = transport.request(request, len(self._ids), _ANSWER_S)
         now_s = time.monotonic()
@@ -188,23 +200,24 @@ class ServoBus:
         self.health.reconnects += 1
 
     def rest(self, transport: SerialTransport) -> None:
-        """Send the gimbals to neutral; the servos hold it."""
+        """Send the gimbals to neutral, where the servos hold them."""
         off = self._all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
-        transport.request(off + self._goals(self._rest), 0, 0.0)
+        goals = self._goals(self._rest, time.monotonic(), armed=self.command.heartbeat.armed)
+        transport.request(off + goals, 0, 0.0)
 
     def measured(self, report: ServoReport) -> list[int]:
-        """Return steps from neutral, as the joints are drawn; 0 where nothing was measured."""
+        """Return steps from neutral, with the joints' signs; 0 if not measured."""
         return [
-            sign * (report.present[i].position - neutral) if i in report.present else 0
-            for i, (sign, neutral) in enumerate(zip(self._signs, self._neutral, strict=True))
+            self._steps(i, report.present[i].position) if i in report.present else 0
+            for i in range(len(self._ids))
         ]
 
     def current_a(self, i: int, present: Present) -> float:
-        """Return the measured current of servo `i`, by its model."""
+        """Return the measured current of servo `i`, A."""
         return 1e-3 * self._models[i].current_ma * present.current_units
 
     def _add_responses(self, answers: list[Status], now_s: float) -> None:
-        before = self.report or ServoReport({}, {}, 0, now_s)
+        before = self.report or ServoReport({}, {}, 0, now_s, self.far)
         whole = [a for a in answers if a.id in self._ids and len(a.data) == PRESENT_SIZE]
         if whole:
             faults = before.faults
@@ -220,9 +233,12 @@ class ServoBus:
                 now_s,
                 before.limp,
             )
+            for i, servo in present.items():
+                steps = self._steps(i, servo.position)
+                self._approach.see(i, steps, holds=not before.limp >> i & 1)
 
     def _look_at_torque(self, transport: SerialTransport, *, armed: bool) -> None:
-        """Ask whether the servos hold; while disarmed, switch those on that do not."""
+        """Check which servos have torque; while disarmed, enable it if off."""
         request = protocol2.sync_read(self._ids, TORQUE_ENABLE, 1)
         limp = self.report.limp if self.report else 0
         for answer in transport.request(request, len(self._ids), _ANSWER_S):
@@ -231,17 +247,21 @@ class ServoBus:
                 limp = limp & ~bit if answer.data[0] else limp | bit
         if self.report is not None:
             self.report = replace(self.report, limp=limp)
-        if limp and not armed:
-            on = {device: b"\x01" for device in self._ids if limp & self._bit(device)}
+        held = limp & ~self.far
+        if held and not armed:
+            on = {device: b"\x01" for device in self._ids if held & self._bit(device)}
             transport.request(protocol2.sync_write(TORQUE_ENABLE, on), 0, 0.0)
 
-    def _goals(self, setpoint: np.ndarray) -> bytes:
-        goals = self._joints.goals(setpoint)
-        steps = [
-            GOAL.pack(neutral + sign * goal)
-            for neutral, sign, goal in zip(self._neutral, self._signs, goals, strict=True)
-        ]
-        return self._all(GOAL_POSITION, steps)
+    def _goals(self, setpoint: np.ndarray, now_s: float, *, armed: bool) -> bytes:
+        goals = self._approach.step(self._joints.goals(setpoint), now_s, armed=armed)
+        return self._all(GOAL_POSITION, [self._goal(i, steps) for i, steps in enumerate(goals)])
+
+    def _goal(self, i: int, steps: int) -> bytes:
+        return GOAL.pack(self._neutral[i] + self._signs[i] * steps)
+
+    def _steps(self, i: int, position: int) -> int:
+        """Steps from neutral, as the joints are drawn."""
+        return self._signs[i] * (position - self._neutral[i])
 
     def _all(self, address: int, data: list[bytes]) -> bytes:
         return protocol2.sync_write(address, dict(zip(self._ids, data, strict=True)))
@@ -268,10 +288,10 @@ class ServoBus:
         )
 
     def _check_settings(self, transport: SerialTransport, device: int) -> None:
-        """Check what must be set once, in the hand of a person: nothing of it is written here.
+        """Check settings that must be configured manually; never writes them.
 
         Raises:
-            HardwareError: a setting is not as it must be.
+            HardwareError: If a setting is wrong.
         """
         servo = self._named(device)
         number = int.from_bytes(self._read(transport, device, MODEL_NUMBER, 2), "little")
@@ -288,12 +308,25 @@ class ServoBus:
 
     def _set_up(self, transport: SerialTransport, device: int) -> None:
         if (delay := self._read(transport, device, RETURN_DELAY, 1)[0]) != 0:
-            # Only then: a servo without torque does not hold its gimbal.
+            # Write only if needed, because a servo without torque does not hold its gimbal.
             servo = self._named(device)
             _LOG.warning("%s: return delay time is %s, set to 0", servo, delay)
             self._write(transport, device, TORQUE_ENABLE, 0)
             self._write(transport, device, RETURN_DELAY, 0)
         self._write(transport, device, BUS_WATCHDOG, 0)
+        self._hold(transport, device)
+
+    def _hold(self, transport: SerialTransport, device: int) -> None:
+        """Let a servo near its neutral position hold where it is; others get no torque."""
+        (position,) = GOAL.unpack(self._read(transport, device, POSITION, GOAL.size))
+        i = self._ids.index(device)
+        steps = self._steps(i, position)
+        self._approach.see(i, steps, holds=False)
+        if self.far >> i & 1:
+            self._write(transport, device, TORQUE_ENABLE, 0)
+            return
+        there = protocol2.write(device, GOAL_POSITION, self._goal(i, steps))
+        self._request(transport, device, there)
         self._write(transport, device, TORQUE_ENABLE, 1)
 
     def _read(self, transport: SerialTransport, device: int, address: int, size: int) -> bytes:
@@ -308,7 +341,7 @@ class ServoBus:
         """Return the response with `size` bytes.
 
         Raises:
-            HardwareError: the servo refuses, or does not answer.
+            HardwareError: If the servo refuses or does not respond.
         """
         for _ in range(_SERVO_TRIES):
             for answer in transport.request(request, 1, _SERVO_TRY_S):
@@ -316,13 +349,13 @@ class ServoBus:
                     raise HardwareError(
                         f"{self._named(device)} refuses its set-up: error {answer.error & ~ALERT}"
                     )
-                if len(answer.data) == size:  # Else it belongs to an older request.
+                if len(answer.data) == size:  # Otherwise it belongs to an earlier request.
                     return answer
         raise HardwareError(f"{self._named(device)} fell silent")
 
 
 class U2D2Hardware:
-    """Hardware interface of a robot on two serial lines: a `RobotIO` with a command watchdog."""
+    """`RobotIO` for a robot on two serial lines, with a command watchdog."""
 
     def __init__(
         self,
@@ -337,7 +370,7 @@ class U2D2Hardware:
         """Connect to the board at `board_port` and the servos at `servo_port`.
 
         Raises:
-            HardwareError: a device is missing, of another kind, or does not answer.
+            HardwareError: If a device is missing, of another kind, or does not respond.
         """
         calibration = calibration or ServoCalibration()
         self._joints = JointConverter(robot, throttle)
@@ -354,9 +387,7 @@ class U2D2Hardware:
             raise
 
     def read(self, now_s: float) -> Array | None:
-        """Measured joints (n,), NaN where not measured; None without a new
-        measurement.
-        """
+        """Return newly measured joints (n,), NaN where unmeasured; None without a measurement."""
         report = self._bus.report
         if report is None or report.newest_s <= self._read_s or now_s - report.newest_s > SILENT_S:
             return None
@@ -364,37 +395,37 @@ class U2D2Hardware:
         return self._joints.measured(self._bus.measured(report), report.alive(now_s))
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Pass the newest set-point (n,) to both I/O threads.
+        """Pass the latest setpoint (n,) to both I/O threads.
 
         Raises:
-            ValueError: a number is not finite, or there is not one for each joint.
+            ValueError: If the setpoint has the wrong shape or a value is not finite.
         """
         self._wheels.write(setpoint, now_s)
         self._bus.command = JointCommand(self._joints.checked(setpoint), self._heartbeat, now_s)
         self._thread.cycle()
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Set the heartbeat under which the next set-point is sent."""
+        """Set the heartbeat to send with the next setpoint."""
         self._heartbeat = heartbeat
         self._wheels.set_heartbeat(heartbeat)
 
     def fault(self, now_s: float) -> str:
-        """Fault of the board, the servos or the lines; empty without one."""
+        """Return the fault of the board, the servos or the lines, or ""."""
         return self._wheels.fault(now_s) or self._servo_fault(now_s)
 
     def battery_v(self, now_s: float) -> float | None:
-        """Return the newest voltage of the battery; None while there is none."""
+        """Return the latest battery voltage, or None if unknown."""
         return self._wheels.battery_v(now_s)
 
     def servo_c(self, now_s: float) -> float | None:
-        """Return the newest temperature of the hottest servo; None while there is none."""
+        """Return the latest temperature of the hottest servo, or None if unknown."""
         report = self._bus.report
         if report is None or now_s - report.newest_s > SILENT_S:
             return None
         return float(max(servo.temperature_c for servo in report.present.values()))
 
     def hardware(self) -> dict[str, Any]:
-        """Hardware section of the status, JSON-serializable."""
+        """Return the hardware section of the status, JSON-serializable."""
         status = self._wheels.hardware() | {"kind": "u2d2"}
         report = self._bus.report
         if report is not None:
@@ -417,6 +448,8 @@ class U2D2Hardware:
             return f"{self._joints.named(report.faults)}: hardware error"
         if hot := hot_servos({i: it.temperature_c for i, it in report.present.items()}):
             return f"{self._joints.named(hot)}: {TOO_HOT}"
+        if far := self._bus.far:
+            return f"{self._joints.named(far)}: {FAR}"
         if report.limp:
             return f"{self._joints.named(report.limp)}: {NO_TORQUE}"
         return ""

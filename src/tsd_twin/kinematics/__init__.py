@@ -1,6 +1,4 @@
-"""Forward and inverse kinematics of omnidirectional robots; arrays of numpy with batch
-dimensions.
-"""
+"""Forward and inverse kinematics of omnidirectional robots, vectorized with numpy."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
-"""Interface of all kinematics: joint vector, inverse, forward, residual; wheels that are linear in
-the twist; and reachable twists.
+"""Kinematics interface, kinematics linear in the twist, and sets of reachable twists.
 
 The set of twists within the joint limits is convex and symmetric about zero, and
-`joint_utilization` is its gauge: 1 on its boundary, and twice as much at twice the twist. For
-wheels with a speed limit it is a polytope, for gimbals an intersection of elliptic cylinders.
+`joint_utilization` is its gauge: 1 on the boundary, 2 at twice the twist. For wheels with a speed
+limit it is a polytope, for gimbals an intersection of elliptic cylinders.
 """
 
 from __future__ import annotations
@@ -24,12 +23,12 @@ PoseT = TypeVar("PoseT", SE2, SO3)
 
 
 class JointKind(StrEnum):
-    """Quantity that a joint value represents: an angle or a speed."""
+    """Quantity of a joint value: angle or speed."""
 
     POSITION = "position"
-    """An angle in radians; positive as REP-103 turns."""
+    """Angle in radians; sign as in REP-103."""
     VELOCITY = "velocity"
-    """A speed in radians a second."""
+    """Speed in rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,20 +41,20 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwistSolution:
-    """Solution of the forward kinematics: least-squares twist and residual."""
+    """Forward-kinematics solution: least-squares twist and residual."""
 
     twist: Array
-    """(..., 3): least-squares twist, metres and radians a second."""
+    """(..., 3): least-squares twist, m/s and rad/s."""
     residual: Array
-    """(..., m): residual at the contacts, m/s; zero when all actuators are consistent."""
+    """(..., m): residual at the contacts, m/s; zero if all actuators are consistent."""
 
 
 class Kinematics(Protocol, Generic[PoseT]):
     """Stateless kinematics of one kind of robot.
 
-    A joint vector has one number for each of `joints`, in that order: an angle for a position
-    joint, a speed for a velocity joint. All arrays take leading batch dimensions. Callers must not
-    assume linearity.
+    A joint vector has one value per entry of `joints`, in that order: an angle for a position
+    joint, a speed for a velocity joint. All arrays accept leading batch dimensions. Callers must
+    not assume linearity.
     """
 
     @property
@@ -65,12 +64,12 @@ class Kinematics(Protocol, Generic[PoseT]):
 
     @property
     def joints(self) -> tuple[Joint, ...]:
-        """Names and kinds of the joints, in the order of the joint vector."""
+        """Names and kinds of the joints, in joint-vector order."""
         ...
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """Names of the actuators whose measurements are compared: modules or wheels."""
+        """Names of the actuators checked for consistency: modules or wheels."""
         ...
 
     @property
@@ -80,39 +79,40 @@ class Kinematics(Protocol, Generic[PoseT]):
 
     @property
     def pose_type(self) -> type[PoseT]:
-        """Lie group of the poses: SE2 for a robot on a floor, SO3 for a sphere that turns."""
+        """Lie group of the poses: SE2 on a floor, SO3 for a turning sphere."""
         ...
 
     @property
     def twist_scale_m(self) -> float:
-        """Speed in m/s of one unit of the first two twist components: 1 for a planar twist.
+        """Speed in m/s per unit of the first two twist components; 1 for planar twists.
 
-        For a sphere, whose twist is in rad/s, it is the radius; limits are in m/s for all robots.
+        For a sphere, whose twist is in rad/s, it is the radius, because limits are in m/s for all
+        robots.
         """
         ...
 
     def inverse(self, twist: Array) -> Array:
-        """Joint vector (..., n) that moves the robot by `twist` (..., 3)."""
+        """Return the joint vector (..., n) for `twist` (..., 3)."""
         ...
 
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:
-        """Motion produced by `joints` (..., n) that change at `rates` (..., n)."""
+        """Return the motion produced by `joints` (..., n) changing at `rates` (..., n)."""
         ...
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Share of the squared residual (..., m) due to each actuator, (..., k)."""
+        """Return the fraction (..., k) of the squared residual (..., m) due to each actuator."""
         ...
 
     def joint_utilization(self, twist: Array) -> Array:
-        """Largest joint value for `twist` (..., 3) as a share of its limit, (...)."""
+        """Return the largest joint value for `twist` (..., 3) relative to its limit, (...)."""
         ...
 
     def rate_utilization(self, step: Array, dt_s: float) -> Array:
-        """Largest joint rate for a twist `step` in `dt_s` over its limit, (...)."""
+        """Return the largest relative joint rate for a twist `step` in `dt_s`, (...)."""
         ...
 
     def integrate(self, pose: PoseT, twist: Array, dt_s: float) -> PoseT:
-        """Return `pose` after `dt_s` seconds of constant `twist` (..., 3)."""
+        """Return `pose` after `dt_s` of constant `twist` (..., 3)."""
         ...
 
 
@@ -124,27 +124,27 @@ def set_matrices(kinematics: object, matrices: Mapping[str, npt.NDArray[Any]]) -
 
 
 class PlanarMotion:
-    """Motion on a floor: the part of `Kinematics` that all planar robots share."""
+    """Planar part of `Kinematics`, shared by all robots on a floor."""
 
     __slots__ = ()
 
     @property
     def twist_axes(self) -> tuple[int, int, int]:
-        """The motion is planar: vx, vy, omega."""
+        """Planar: vx, vy, omega."""
         return (0, 1, 5)
 
     @property
     def pose_type(self) -> type[SE2]:
-        """Poses are planar."""
+        """Planar poses."""
         return SE2
 
     @property
     def twist_scale_m(self) -> float:
-        """Twists are in metres a second."""
+        """Twists are in m/s."""
         return 1.0
 
     def integrate(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
-        """Return `pose` after `dt_s` seconds of constant body `twist` (..., 3)."""
+        """Return `pose` after `dt_s` of constant body `twist` (..., 3)."""
         return pose.plus(twist * dt_s)
 
 
@@ -162,23 +162,23 @@ def _wheel_joints(wheels: int) -> tuple[Joint, ...]:
 class WheelKinematics:
     """Kinematics of wheels that are linear in the twist: limits, inverse and least-squares forward.
 
-    Subclasses call `_set_wheel_matrices` at their end of construction.
+    Subclasses call `_set_wheel_matrices` at the end of construction.
     """
 
     wheel_radius_m: float
     max_speed_rad_per_s: float
     """Speed limit of a wheel."""
     max_acceleration_rad_per_s2: float
-    """Acceleration limit of a wheel that carries the robot."""
+    """Acceleration limit of a wheel under load."""
     speeds_from_twist: Array = field(init=False)
-    """(k, 3): wheel speeds from the twist."""
+    """(k, 3): maps a twist to wheel speeds."""
     twist_from_speeds: Array = field(init=False)
-    """(3, k): its pseudo-inverse."""
+    """(3, k): pseudo-inverse of `speeds_from_twist`."""
     _leave_one_out_gain: Array = field(init=False, repr=False)
-    """(k,): inverse of each wheel's own part of the residual projection; 0 where it has none."""
+    """(k,): reciprocal diagonal of the residual projection; 0 for wheels without redundancy."""
 
     def _set_wheel_matrices(self, speeds_from_twist: Array, **others: Array) -> None:
-        """Set the matrices of the wheels, and `others` of the subclass."""
+        """Set the wheel matrices, and `others` of the subclass."""
         back: Array = np.asarray(np.linalg.pinv(speeds_from_twist), dtype=float)
         own = 1.0 - np.einsum("ij,ji->i", speeds_from_twist, back)
         # A wheel without redundancy leaves no residual.
@@ -202,54 +202,54 @@ class WheelKinematics:
         return _wheel_names(self.wheels)
 
     def joint_utilization(self, twist: Array) -> Array:
-        """Speed of the fastest wheel over its limit, (...); 1 is at the limit."""
-        return self._largest_speed(twist) / self.max_speed_rad_per_s
+        """Return the speed of the fastest wheel relative to its limit, (...)."""
+        return self._max_wheel_speed(twist) / self.max_speed_rad_per_s
 
     def rate_utilization(self, step: Array, dt_s: float) -> Array:
-        """Acceleration of the worst wheel over its limit, (...), for a twist `step`."""
-        return self._largest_speed(step) / (self.max_acceleration_rad_per_s2 * dt_s)
+        """Return the largest relative wheel acceleration, (...), for a twist `step`."""
+        return self._max_wheel_speed(step) / (self.max_acceleration_rad_per_s2 * dt_s)
 
-    def _largest_speed(self, twist: Array) -> Array:
+    def _max_wheel_speed(self, twist: Array) -> Array:
         return np.maximum.reduce(np.abs(twist @ self.speeds_from_twist.T), axis=-1)
 
     def inverse(self, twist: Array) -> Array:
-        """Wheel speeds (..., k) for `twist` (..., 3), scaled to the speed limit."""
+        """Return the wheel speeds (..., k) for `twist` (..., 3), scaled to the speed limit."""
         speeds = twist @ self.speeds_from_twist.T
         worst = np.maximum.reduce(np.abs(speeds), axis=-1, keepdims=True)
         return speeds * (self.max_speed_rad_per_s / np.maximum(worst, self.max_speed_rad_per_s))
 
-    def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:  # noqa: ARG002  The shape.
-        """Least-squares twist, and the residual (..., k) in m/s that no twist explains.
+    def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:  # noqa: ARG002  Common signature.
+        """Return the least-squares twist, and the unexplained residual (..., k) in m/s.
 
-        The residual is zero when the wheels agree; three wheels always do. Equal slip of all wheels
-        is not observable. Rates of wheel speeds do not affect the twist.
+        The residual is zero if the wheels are consistent, as three wheels always are. Equal slip of
+        all wheels is not observable. Rates of wheel speeds do not affect the twist.
         """
         twist = joints @ self.twist_from_speeds.T
         left = joints - twist @ self.speeds_from_twist.T
         return TwistSolution(twist, self.wheel_radius_m * left)
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Share of the squared `residual` (..., k) due to each wheel alone, (..., k).
+        """Return the fraction (..., k) of the squared `residual` (..., k) due to each wheel.
 
-        The drop of the squared residual when the equation of a wheel is left out.
+        It equals the decrease of the squared residual when the wheel's equation is omitted.
         """
         return residual * residual * self._leave_one_out_gain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwistKinematics(PlanarMotion):
-    """Kinematics of a robot that follows a twist by itself: the joints are the twist's components.
+    """Kinematics of a robot that accepts twists: the joints are the twist's components.
 
-    For robots that are driven through a controller of their own, whose wheels are not known. The
-    residual is empty: nothing is measured twice.
+    For robots with an external motion controller, whose wheels are unknown. The residual is empty
+    because there is no redundancy.
     """
 
     speed_mps: float
     turn_rate_rad_per_s: float
     sideways: bool
-    """Whether it can drive sideways; otherwise `vy` has no joint, and no effect."""
+    """Whether the robot can drive sideways; otherwise `vy` has no joint and no effect."""
     wheel_radius_m: float = field(init=False, default=0.0)
-    """It has no wheels that are known."""
+    """Zero, because the wheels are unknown."""
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -258,7 +258,7 @@ class TwistKinematics(PlanarMotion):
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """Names of the components that it follows."""
+        """Names of the twist components that the robot can follow."""
         return ("vx", "vy", "omega") if self.sideways else ("vx", "omega")
 
     @property
@@ -266,70 +266,73 @@ class TwistKinematics(PlanarMotion):
         return [0, 1, 2] if self.sideways else [0, 2]
 
     @property
-    def _most(self) -> Array:
+    def _component_limits(self) -> Array:
         most = np.array([self.speed_mps, self.speed_mps, self.turn_rate_rad_per_s])
         return most[self._columns]
 
     def inverse(self, twist: Array) -> Array:
-        """Components (..., n) of `twist` (..., 3), scaled to the limits."""
+        """Return the components (..., n) of `twist` (..., 3), scaled to the limits."""
         joints = twist[..., self._columns]
-        worst = np.max(np.abs(joints) / self._most, axis=-1, keepdims=True)
+        worst = np.max(np.abs(joints) / self._component_limits, axis=-1, keepdims=True)
         return joints / np.maximum(1.0, worst)
 
-    def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:  # noqa: ARG002  The shape.
-        """Return the twist with these components, and no residual."""
+    def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:  # noqa: ARG002  Common signature.
+        """Return the twist with these components, and an empty residual."""
         twist = np.zeros((*joints.shape[:-1], 3))
         twist[..., self._columns] = joints
         return TwistSolution(twist, np.zeros((*joints.shape[:-1], 0)))
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Return zeros (..., k): there is no residual."""
+        """Return zeros (..., k), because there is no residual."""
         return np.zeros((*residual.shape[:-1], len(self.actuators)))
 
     def joint_utilization(self, twist: Array) -> Array:
-        """Largest component of `twist` (..., 3) as a share of its limit, (...)."""
-        return np.maximum.reduce(np.abs(twist[..., self._columns]) / self._most, axis=-1)
+        """Return the largest component of `twist` (..., 3) relative to its limit, (...)."""
+        return np.maximum.reduce(
+            np.abs(twist[..., self._columns]) / self._component_limits, axis=-1
+        )
 
-    def rate_utilization(self, step: Array, dt_s: float) -> Array:  # noqa: ARG002  The shape.
-        """Return 0 (...): how fast it can change its speed is in the limits of the description."""
+    def rate_utilization(self, step: Array, dt_s: float) -> Array:  # noqa: ARG002  Common signature.
+        """Return 0 (...): accelerations are limited by the description only."""
         return np.maximum.reduce(0.0 * step, axis=-1)
 
 
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _STEPS = 64
-"""Steps of the golden-section search: the last interval is 1e-13 of the first."""
+"""Iterations of the golden-section search, which reduce the interval by a factor of 1e-13."""
 
 
 def largest_twist(kinematics: Kinematics[Any], direction: Array) -> Array:
-    """Largest twist (..., 3) along `direction` (..., 3), not zero, within the joint limits."""
+    """Return the largest twist (..., 3) along a non-zero `direction` within the joint limits."""
     return direction / kinematics.joint_utilization(direction)[..., None]
 
 
 def section(kinematics: Kinematics[Any], axes: tuple[int, int], points: int) -> Array:
-    """Boundary (points, 2) of the reachable twists whose third component is zero."""
+    """Return the boundary (points, 2) of the reachable twists whose third component is zero."""
     return largest_twist(kinematics, _directions(kinematics, axes, points))[:, axes]
 
 
 def shadow(kinematics: Kinematics[Any], axes: tuple[int, int], points: int) -> Array:
-    """Boundary (points, 2) of the projection of all reachable twists onto two components.
+    """Return the boundary (points, 2) of all reachable twists projected onto two components.
 
-    The third component is free: where it helps, the projection is wider than the section.
+    The third component is free, so the projection can be wider than the section.
     """
     towards = _directions(kinematics, axes, points)
     return largest_projection(kinematics, towards, 3 - sum(axes))[:, axes]
 
 
 def largest_projection(kinematics: Kinematics[Any], towards: Array, free: int) -> Array:
-    """Largest twists (n, 3) along `towards` (n, 3), whose component `free` is zero and may change.
+    """Return the largest twists (n, 3) along `towards` (n, 3), with a free component `free`.
 
-    The least demand over that component, which is convex in it, by a golden-section search.
+    `towards` is zero in that component. Utilization is convex in it and minimized by a
+    golden-section search.
     """
     axis = np.eye(3)[free]
 
     def demand(s: Array) -> Array:
         return kinematics.joint_utilization(towards + s[:, None] * axis)
 
-    # u(d + s e) >= |s| u(e) - u(d), so the least one is where |s| <= 2 u(d) / u(e).
+    # u(d + s e) >= |s| u(e) - u(d), so the minimum satisfies |s| <= 2 u(d) / u(e).
     alone = kinematics.joint_utilization(towards)
     high = 2.0 * alone / kinematics.joint_utilization(axis)
     low = -high
@@ -341,7 +344,7 @@ def largest_projection(kinematics: Kinematics[Any], towards: Array, free: int) -
 
 
 def _directions(kinematics: Kinematics[Any], axes: tuple[int, int], points: int) -> Array:
-    """Directions (points, 3) in a plane, evenly around once both axes are scaled to their tops."""
+    """Return directions (points, 3) in a plane, evenly spaced relative to the axes' limits."""
     angles = np.linspace(0.0, 2.0 * np.pi, points, endpoint=False)
     directions = np.zeros((points, 3))
     directions[:, axes[0]], directions[:, axes[1]] = np.cos(angles), np.sin(angles)

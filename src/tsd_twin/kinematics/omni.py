@@ -1,12 +1,13 @@
-"""Kinematics of wheels with rollers: platforms on omni or Mecanum wheels, a sphere on omni wheels.
+"""Kinematics of wheels with rollers: omni and Mecanum platforms, and a sphere on omni wheels.
 
-Platforms: Savnani et al. 2019, Eq. 4 for one wheel and Eq. 8 to 11 for four of them. One class does
-any number of wheels with any roller angle; `docs/kinematics.md` has symbols and a drawing.
+Platforms: Savnani et al. 2019, Eq. 4 for one wheel and Eq. 8 to 11 for four wheels. One class
+covers any number of wheels and any roller angle; see `docs/kinematics.md` for symbols and a
+drawing.
 
-The Atlas platform, a sphere that three omni wheels turn in place: Weiss, Langlois and Hayes 2008.
-The wheels have two rows of rollers, and the contact hops from one row to the other as a wheel
-turns; the ideal kinematics take it to be half-way between. Misprints: Eq. 29 drops the cosine of
-the offset that Eq. 27 has, Eq. 24 has +d^2 for -d^2 in three places.
+Atlas platform, a sphere turned in place by three omni wheels: Weiss, Langlois and Hayes 2008. The
+wheels have two rows of rollers, and the contact alternates between the rows as a wheel turns; the
+ideal kinematics place it midway. Corrected: Eq. 29 omits the cosine of the offset that Eq. 27
+contains, and Eq. 24 has +d^2 instead of -d^2 in three places.
 """
 
 from __future__ import annotations
@@ -20,34 +21,34 @@ from tsd_twin.kinematics.base import PlanarMotion, WheelKinematics
 from tsd_twin.lie import SO3, Array
 
 _SINGULAR = 1e-3
-"""Smallest ratio of singular values of a layout; below this a motion counts as impossible."""
+"""Minimum ratio of singular values of a layout; below it, a motion counts as impossible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OmniKinematics(PlanarMotion, WheelKinematics):
     """Kinematics of three or more driven wheels with rollers.
 
-    A wheel turns forward towards its `direction`. The axle of the roller on the floor lies in that
-    direction, turned by the `roller` angle about Z: 0 for an omni wheel, 45 degrees for Mecanum.
-    Along its axle a roller holds the floor, across it rolls freely. In the symbols of the paper the
-    direction is `lambda + alpha - 90 degrees` and the roller angle `psi`. The joint vector holds
-    the speeds of the wheels.
+    A wheel drives forward along its `direction`. The axle of the roller on the floor is parallel to
+    that direction, rotated by the `roller` angle about Z: 0 for an omni wheel, 45 degrees for
+    Mecanum. A roller grips along its axle and rolls freely across it. In the paper's symbols, the
+    direction is `lambda + alpha - 90 degrees` and the roller angle `psi`. The joint vector contains
+    the wheel speeds.
     """
 
     positions_m: Array
-    """(k, 2): positions of the wheels in the robot frame, X forward and Y left."""
+    """(k, 2): wheel positions in the robot frame, X forward and Y left."""
     directions_rad: Array
     """(k,): driving direction of each wheel, from X towards Y."""
     rollers_rad: Array
-    """(k,): axle of the roller on the floor, relative to the direction of the wheel."""
+    """(k,): axle angle of the roller on the floor, relative to the wheel's direction."""
     grip_from_twist: Array = field(init=False)
-    """(k, 3): velocity of each wheel over the ground along the axle of its roller."""
+    """(k, 3): maps a twist to the ground velocity of each wheel along its roller axle."""
 
     def __post_init__(self) -> None:
         """Build the matrices.
 
         Raises:
-            ValueError: the wheels cannot move the robot in every way, or one has no grip forward.
+            ValueError: If some motion is impossible or a wheel has no grip forward.
         """
         problem = layout_problem(self.positions_m, self.directions_rad, self.rollers_rad)
         if problem:
@@ -59,10 +60,10 @@ class OmniKinematics(PlanarMotion, WheelKinematics):
 
 
 def layout_problem(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> str:
-    """Text that names the missing motion or the faulty wheel of a layout; "" if valid.
+    """Return an error message about the wheel layout, or "" if it is valid.
 
-    An omnidirectional platform needs a matrix of full rank: a twist that turns no wheel can neither
-    be driven nor held.
+    An omnidirectional platform needs a matrix of full rank: a twist that turns no wheel can be
+    neither driven nor held.
     """
     weak = np.flatnonzero(np.abs(np.cos(rollers_rad)) < 0.1)
     if len(weak):
@@ -82,10 +83,10 @@ def layout_problem(positions_m: Array, directions_rad: Array, rollers_rad: Array
 
 
 def _grip(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> Array:
-    """Velocities (k, 3) over the ground along the rollers' axles, from the twist.
+    """Return the matrix (k, 3) from twist to ground velocity along the roller axles.
 
-    Eq. 4, left side: the axle of the roller is at lambda + alpha + psi - 90 degrees, and
-    -l cos(alpha + psi) is what turning moves the wheel along it.
+    Eq. 4, left side: the roller axle is at lambda + alpha + psi - 90 degrees, and turning moves the
+    wheel along it by -l cos(alpha + psi).
     """
     c, s = np.cos(directions_rad + rollers_rad), np.sin(directions_rad + rollers_rad)
     x, y = positions_m[:, 0], positions_m[:, 1]
@@ -96,29 +97,30 @@ def _grip(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> Arra
 class SphereKinematics(WheelKinematics):
     """Kinematics of a sphere on three or more omni wheels in any mounting (Eq. 31).
 
-    The base stands still; X forward, Y left, Z up, from the centre of the sphere. A twist is the
-    sphere's angular velocity in the base frame, the joint vector holds the speeds of the wheels.
-    `inverse` and `forward` are ideal; the controller uses them. `true_rows`, `true_inverse` and
-    `true_twist` also model the rows: the angle of a wheel determines which row carries.
+    The base is fixed; X forward, Y left, Z up, with the origin at the sphere's centre. A twist is
+    the sphere's angular velocity in the base frame; the joint vector contains the wheel speeds.
+
+    `inverse` and `forward` are ideal and used by the controller. `true_rows`, `true_inverse` and
+    `true_twist` also model the rows: the wheel angle determines the supporting row.
     """
 
     contacts: Array
-    """(k, 3): unit vectors to the contacts, half-way between the rows of a wheel: R_i (Eq. 21)."""
+    """(k, 3): unit vectors to the contacts, midway between the rows of a wheel: R_i (Eq. 21)."""
     actuations: Array
-    """(k, 3): unit vectors of the driving directions at the contacts: v_i (Eq. 23)."""
+    """(k, 3): unit driving directions at the contacts: v_i (Eq. 23)."""
     sphere_radius_m: float
     row_offset_rad: float
-    """Offset of a row's contact from half-way: arcsin d / (2 (R + r_r)) (Eq. 12); 0 is ideal."""
+    """Offset of a row's contact from midway: arcsin d / (2 (R + r_r)) (Eq. 12); 0 is ideal."""
     row_rad: float
-    """Angle that a wheel turns through on one row: pi / N with N rollers in each (Eq. 8 to 11)."""
+    """Wheel angle covered by one row: pi / N with N rollers per row (Eq. 8 to 11)."""
     axes: Array = field(init=False)
-    """(k, 3): axes that each wheel turns the sphere about: Omega_i = R_i x v_i (Eq. 5)."""
+    """(k, 3): axes about which each wheel turns the sphere: Omega_i = R_i x v_i (Eq. 5)."""
 
     def __post_init__(self) -> None:
         """Build the matrices.
 
         Raises:
-            ValueError: the wheels cannot turn the sphere about every axis.
+            ValueError: If the wheels cannot turn the sphere about every axis.
         """
         problem = sphere_layout_problem(self.contacts, self.actuations)
         if problem:
@@ -139,11 +141,11 @@ class SphereKinematics(WheelKinematics):
 
     @property
     def twist_scale_m(self) -> float:
-        """A turn about X or Y moves the top of the sphere by its radius."""
+        """Rotation about X or Y moves the top of the sphere by its radius."""
         return self.sphere_radius_m
 
     def integrate(self, pose: SO3, twist: Array, dt_s: float) -> SO3:
-        """Return `pose` after `dt_s` seconds of constant `twist` (..., 3), in the base's axes."""
+        """Return `pose` after `dt_s` of constant `twist` (..., 3), in base axes."""
         return SO3.exp(twist * dt_s) @ pose
 
     # Dual-row model.
@@ -151,39 +153,39 @@ class SphereKinematics(WheelKinematics):
     def side(self, angles_rad: Array) -> Array:
         """Return (-1)^l for wheels at `angles_rad` (..., k): -1 on the first row, 1 on the second.
 
-        l = floor(N phi / pi mod 2) + 1 (Eq. 8 to 11). On the first, the contact is towards
-        `axes`, which in the mounting of the paper is towards the equator.
+        l = floor(N phi / pi mod 2) + 1 (Eq. 8 to 11). On the first row, the contact is offset
+        towards `axes`, which is towards the equator in the paper's mounting.
         """
         return 2.0 * np.mod(np.floor(angles_rad / self.row_rad), 2.0) - 1.0
 
     def mean_side(self, before_rad: Array, after_rad: Array) -> Array:
-        """Exact mean of `side` between two wheel angles (..., k)."""
+        """Return the exact mean of `side` between two wheel angles (..., k)."""
         way = after_rad - before_rad
         hops = self.row_rad * (self._fold(after_rad) - self._fold(before_rad))
         still = np.abs(way) < 1e-9 * self.row_rad
         return np.where(still, self.side(before_rad), hops / np.where(still, 1.0, way))
 
     def _fold(self, angles_rad: Array) -> Array:
-        """Integral of `side` over N phi / pi: a triangle wave from 0 to -1 and back."""
+        """Integrate `side` over N phi / pi: a triangle wave from 0 to -1 and back."""
         return np.abs(np.mod(angles_rad / self.row_rad, 2.0) - 1.0) - 1.0
 
     def true_rows(self, side: Array) -> Array:
-        """Wheel speeds from the twist (..., k, 3) with the contacts on `side` (..., k).
+        """Return the matrix (..., k, 3) from twist to wheel speeds; contacts on `side` (..., k).
 
-        (R / r) (cos dtheta Omega_i + side sin dtheta R_i): the contact R_i moved by dtheta towards
-        or from Omega_i, crossed with v_i. That is Eq. 25 with the cosine that Eq. 29 drops, in any
-        mounting (Eq. 31). A side between -1 and 1 is the mean over a step.
+        (R / r) (cos dtheta Omega_i + side sin dtheta R_i): the contact R_i, rotated by dtheta
+        towards or away from Omega_i, crossed with v_i. This is Eq. 25 with the cosine that Eq. 29
+        omits, for any mounting (Eq. 31). A side between -1 and 1 is the mean over a step.
         """
         ratio = self.sphere_radius_m / self.wheel_radius_m
         offset = math.sin(self.row_offset_rad) * side[..., None] * self.contacts
         return ratio * (math.cos(self.row_offset_rad) * self.axes + offset)
 
     def true_inverse(self, twist: Array, side: Array) -> Array:
-        """Wheel speeds (..., k) that give the sphere `twist` (..., 3)."""
+        """Return the wheel speeds (..., k) for the sphere's `twist` (..., 3)."""
         return (self.true_rows(side) @ twist[..., None])[..., 0]
 
     def true_twist(self, joints: Array, side: Array) -> Array:
-        """Twist (..., 3) that wheel speeds `joints` (..., k) give the sphere."""
+        """Return the sphere's twist (..., 3) for wheel speeds `joints` (..., k)."""
         rows = self.true_rows(side)
         back = np.linalg.inv(rows) if self.wheels == 3 else np.linalg.pinv(rows)
         return np.asarray((back @ joints[..., None])[..., 0], dtype=float)
@@ -192,10 +194,10 @@ class SphereKinematics(WheelKinematics):
 def contacts_and_directions(
     azimuths_rad: Array, below_equator_rad: Array, turns_rad: Array
 ) -> tuple[Array, Array]:
-    """Contacts R_i and actuations v_i, (k, 3) each, of wheels given by angles (k,).
+    """Return contacts R_i and actuations v_i, (k, 3) each, of wheels given by angles (k,).
 
-    Contact by azimuth and angle below the equator (Eq. 21); a wheel pushes horizontally and
-    counter-clockwise seen from above (Eq. 23), turned about the outward normal by its turn.
+    Contact by azimuth and angle below the equator (Eq. 21). A wheel pushes horizontally,
+    counter-clockwise seen from above (Eq. 23), rotated about the outward normal by its turn.
     """
     c, s = np.cos(azimuths_rad), np.sin(azimuths_rad)
     up, down = np.cos(below_equator_rad), np.sin(below_equator_rad)
@@ -207,7 +209,7 @@ def contacts_and_directions(
 
 
 def sphere_layout_problem(contacts: Array, actuations: Array) -> str:
-    """Text that names a turn wheels (k, 3) cannot make; "" if there is none."""
+    """Return a message that names a rotation the wheels (k, 3) cannot produce, or ""."""
     if len(contacts) < 3:
         return f"{len(contacts)} wheels cannot turn a sphere about all three axes"
     _, strengths, turns = np.linalg.svd(np.cross(contacts, actuations))

@@ -1,7 +1,8 @@
-"""Kinematics of the singularity drive: hemispherical wheels that always spin, on two-axis gimbals.
+"""Kinematics of the singularity drive: continuously spinning hemispheres on two-axis gimbals.
 
-Source: Carothers, MIT thesis 2014, chapter 3. The printed equations slip by a metre a second for a
-command of one; the corrections are named where they are used and derived in `docs/kinematics.md`.
+Source: Carothers, MIT thesis 2014, chapter 3. Used as printed, the equations cause 1 m/s of slip
+per 1 m/s of commanded speed; each correction is named where it is used and derived in
+`docs/kinematics.md`.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from tsd_twin.kinematics.base import (
 from tsd_twin.lie import Array
 
 _BLOCK = 4096
-"""Batch size: its arrays fit into the processor's cache, which is 15 times as fast."""
-_FEW = 27
-"""Up to so many joint values, plain floats are faster than numpy: nine modules."""
+"""Batch size whose arrays fit into the CPU cache, which is 15 times as fast."""
+_SMALL_SIZE = 27
+"""Up to this number of joint values (nine modules), plain floats are faster than numpy."""
 
 
 @cache
@@ -47,13 +48,13 @@ def _actuators(modules: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SingularityKinematics(PlanarMotion):
-    """Kinematics of any number of spinning hemispheres on gimbals, three in the thesis.
+    """Kinematics of any number of spinning hemispheres on gimbals (three in the thesis).
 
-    Module frame `W_i` (in each pivot): `Y_W` radially outward, `Z_W` up, `X_W = Y_W x Z_W`, so it
-    is the robot frame turned by `azimuth - pi/2` (Eq. 7 prints a turn by the azimuth itself; text
-    and Fig. 12 agree with this). The joint vector holds, for each module, `alpha` (inner gimbal,
-    about the turned X_W, positive tips the axle outward), `beta` (outer gimbal, about Y_W) and the
-    wheel's speed about its axle, counter-clockwise seen from above.
+    Module frame `W_i` at each pivot: `Y_W` radially outward, `Z_W` up, `X_W = Y_W x Z_W`, so it is
+    the robot frame rotated by `azimuth - pi/2` (corrected: Eq. 7 prints a rotation by the azimuth;
+    text and Fig. 12 agree with this one). For each module, the joint vector contains `alpha` (inner
+    gimbal, about the rotated X_W, positive tips the axle outward), `beta` (outer gimbal, about Y_W)
+    and the wheel's speed about its axle, counter-clockwise seen from above.
     """
 
     azimuths_rad: Array
@@ -61,34 +62,35 @@ class SingularityKinematics(PlanarMotion):
     pivot_radius_m: float
     """Distance of the pivots from the robot's centre."""
     wheel_radius_m: float
-    """Radius of the spheres that the wheels are cut from."""
+    """Sphere radius of the hemispherical wheels."""
     spin_rad_per_s: float
     """Wheel speed that the inverse kinematics assume for all wheels."""
     max_tilt_rad: float
-    """Mechanical limit of the tilt, in any direction."""
+    """Mechanical tilt limit, in any direction."""
     max_tilt_rate_rad_per_s: float
     """Speed limit of a gimbal servo."""
     spin_ratio: Array = field(default_factory=lambda: np.ones(1))
-    """(k,) or (1,): speed of each wheel over `spin_rad_per_s`."""
+    """(k,) or (1,): speed of each wheel relative to `spin_rad_per_s`."""
     contact_from_twist: Array = field(init=False)
-    """(k, 2, 3): velocity of each pivot over the ground, in `W_i`, from the body twist: H."""
+    """(k, 2, 3): maps a body twist to each pivot's ground velocity in `W_i`: H."""
     twist_from_contacts: Array = field(init=False)
-    """(3, 2k): its pseudo-inverse (Eq. 33 prints [H^T + H]^-1 H^T for (H^T H)^-1 H^T)."""
+    """(3, 2k): pseudo-inverse of H (corrected: Eq. 33 prints [H^T + H]^-1 H^T for (H^T H)^-1
+    H^T)."""
     _axles_by_part: Array = field(init=False, repr=False)
-    """(2k, 3): horizontal parts of the axles from the body twist, all l_x first, then all l_y."""
+    """(2k, 3): maps a body twist to the horizontal axle parts, all l_x first, then all l_y."""
     _leave_one_out_gain: Array = field(init=False, repr=False)
-    """(k, 2, 2): inverse of each module's own block of the residual projection."""
+    """(k, 2, 2): inverse of each module's diagonal block of the residual projection."""
 
     def __post_init__(self) -> None:
         azimuths = np.array(self.azimuths_rad, dtype=float)
-        # Rows of Eq. 9 without its world-to-robot turn: Rot(-(azimuth - pi/2)) [1 0 -Ry; 0 1 Rx],
-        # where the thesis drops the signs and the factor R (Eq. 2, 3, 4).
+        # Rows of Eq. 9 without its world-to-robot rotation: Rot(-(azimuth - pi/2)) [1 0 -Ry; 0 1
+        # Rx], where the thesis omits the signs and the factor R (Eq. 2, 3, 4).
         c, s = np.cos(azimuths - np.pi / 2), np.sin(azimuths - np.pi / 2)
         x, y = self.pivot_radius_m * np.cos(azimuths), self.pivot_radius_m * np.sin(azimuths)
         h = np.stack(
             [np.stack([c, s, s * x - c * y], -1), np.stack([-s, c, c * x + s * y], -1)], axis=1
         )
-        # (l_x, l_y) = (-v_y, v_x) / (r_w spin): rolling, solved for the axle.
+        # (l_x, l_y) = (-v_y, v_x) / (r_w spin): the rolling constraint, solved for the axle.
         ratio = np.broadcast_to(np.array(self.spin_ratio, dtype=float), len(h)).copy()
         rims_mps = self.wheel_radius_m * self.spin_rad_per_s * np.tile(ratio, 2)
         axles = np.concatenate([-h[:, 1], h[:, 0]]) / rims_mps[:, None]
@@ -102,8 +104,8 @@ class SingularityKinematics(PlanarMotion):
             "contact_from_twist": h,
             "twist_from_contacts": np.linalg.pinv(flat),
             "_axles_by_part": axles,
-            # With two modules, one alone measures one direction only: its block has rank one, and
-            # what rounding leaves of the other direction must not be inverted.
+            # With two modules, a single one measures only one direction: its block has rank one,
+            # and rounding in the other direction must not be inverted.
             "_leave_one_out_gain": np.linalg.pinv(own_blocks, 1e-9, hermitian=True),
         }
         set_matrices(self, matrices)
@@ -131,9 +133,9 @@ class SingularityKinematics(PlanarMotion):
         )
 
     def with_spin(self, spin_rad_per_s: float) -> SingularityKinematics:
-        """These kinematics at another wheel speed; fast enough for every control period.
+        """Return these kinematics for another wheel speed; fast enough for every control period.
 
-        Only the axles depend on the spin; they scale with its inverse.
+        Only the axles depend on the wheel speed; they scale with its inverse.
         """
         geared = copy(self)
         axles = self._axles_by_part * (self.spin_rad_per_s / spin_rad_per_s)
@@ -143,31 +145,31 @@ class SingularityKinematics(PlanarMotion):
         return geared
 
     def axles(self, twist: Array) -> Array:
-        """Horizontal parts (..., k, 2) of the unit axles for `twist` (..., 3).
+        """Return the horizontal parts (..., k, 2) of the unit axles for `twist` (..., 3).
 
-        Linear in the twist, also beyond the tilt limit. No steer angle is formed: Eq. 14, 17, 18,
-        27 and 28 are singular at zero tilt, this is not.
+        Linear in the twist, even beyond the tilt limit. Uses no steer angle, in which Eq. 14, 17,
+        18, 27 and 28 are singular at zero tilt.
         """
         by_part = twist @ self._axles_by_part.T
         return np.swapaxes(by_part.reshape(*by_part.shape[:-1], 2, self.modules), -1, -2)
 
     def joint_utilization(self, twist: Array) -> Array:
-        """Sin(tilt) of the most tilted module over its limit, (...); 1 is at the limit."""
+        """Return the largest sin(tilt) of all modules relative to its limit, (...)."""
         return self._worst_sine(twist) / math.sin(self.max_tilt_rad)
 
     def rate_utilization(self, step: Array, dt_s: float) -> Array:
-        """Tilt rate of the fastest gimbal over its limit, (...), for a twist `step`.
+        """Return the largest gimbal rate relative to its limit, (...), for a twist `step`.
 
-        The worst case over all tilts within the limit. There the axle's horizontal part l moves
-        beta by (l_x' + l_x l_y l_y' / (1 - l_y^2)) / l_z, at most |l'| (1 + c^2) / (2 c^2) with
-        c = cos(max tilt); alpha, at most |l'| / c, is never the faster one.
+        This is the worst case over all tilts within the limit. There, the horizontal part l of the
+        axle moves beta by (l_x' + l_x l_y l_y' / (1 - l_y^2)) / l_z, at most |l'| (1 + c^2) / (2
+        c^2) with c = cos(max tilt); alpha, at most |l'| / c, is never faster.
         """
         c_squared = math.cos(self.max_tilt_rad) ** 2
         growth = (1.0 + c_squared) / (2.0 * c_squared)
         return self._worst_sine(step) * (growth / (self.max_tilt_rate_rad_per_s * dt_s))
 
     def _worst_sine(self, twist: Array) -> Array:
-        """Sin(tilt) of the most tilted module, (...), for `twist` (..., 3)."""
+        """Return the largest sin(tilt) of all modules, (...), for `twist` (..., 3)."""
         axles = twist @ self._axles_by_part.T
         k = self.modules
         if axles.ndim == 1:
@@ -178,11 +180,11 @@ class SingularityKinematics(PlanarMotion):
         return np.sqrt(np.maximum.reduce(squared[..., :k] + squared[..., k:], axis=-1))
 
     def limit(self, twist: Array) -> Array:
-        """Return `twist` (..., 3) scaled as a whole until no module tilts beyond its limit."""
+        """Scale `twist` (..., 3) uniformly until all modules are within their tilt limit."""
         return twist / np.maximum(1.0, self.joint_utilization(twist))[..., None]
 
     def inverse(self, twist: Array) -> Array:
-        """Joints (..., 3k) for body `twist` (..., 3), scaled to the tilt limit.
+        """Return the joints (..., 3k) for body `twist` (..., 3), scaled to the tilt limit.
 
         alpha = asin(l_y), beta = atan2(l_x, l_z) = asin(l_x / cos(alpha)): Eq. 24 and 25 solved for
         the gimbal angles.
@@ -204,7 +206,7 @@ class SingularityKinematics(PlanarMotion):
         return joints.reshape(*twist.shape[:-1], 3 * k)
 
     def _inverse_of_one(self, twist: Array, limit: float) -> Array:
-        """Joints (k, 3) for one `twist` (1, 3): `inverse` in plain floats."""
+        """Compute `inverse` (k, 3) for a single `twist` (1, 3) in plain floats."""
         k = self.modules
         axles = (self._axles_by_part @ twist.T).ravel().tolist()
         worst = math.sqrt(max(x * x + y * y for x, y in zip(axles[:k], axles[k:], strict=True)))
@@ -218,19 +220,19 @@ class SingularityKinematics(PlanarMotion):
         return joints
 
     def contacts(self, joints: Array, rates: Array | None = None) -> Array:
-        """Velocity (..., k, 2) of each pivot over the ground, in `W_i`, by rolling.
+        """Return the ground velocity (..., k, 2) of each pivot from rolling, in `W_i`.
 
-        v = r_w Omega x z with Omega = spin l + gimbal rate and
-        l = (cos a sin b, sin a, cos a cos b). The thesis lacks the terms in the gimbal rates.
+        v = r_w Omega x z with Omega = spin l + gimbal rate and l = (cos a sin b, sin a, cos a cos
+        b). Corrected: the thesis lacks the gimbal-rate terms.
         """
         flat = self._flat_contacts(joints, rates)
         return flat.reshape(*flat.shape[:-1], self.modules, 2)
 
     def _flat_contacts(self, joints: Array, rates: Array | None) -> Array:
-        """Return `contacts` as one vector for all modules, (..., 2k)."""
-        if joints.size <= _FEW:
+        """Return `contacts` as one vector (..., 2k) for all modules."""
+        if joints.size <= _SMALL_SIZE:
             numbers = joints.ravel().tolist()
-            if math.isfinite(sum(numbers)):  # The sine of an infinite angle would be an exception.
+            if math.isfinite(sum(numbers)):  # math.sin raises for infinite angles.
                 turning = None if rates is None else rates.ravel().tolist()
                 few = np.array(self._few_contacts(numbers, turning))
                 return few.reshape(*joints.shape[:-1], 2 * self.modules)
@@ -246,7 +248,7 @@ class SingularityKinematics(PlanarMotion):
         return v.reshape(*v.shape[:-2], 2 * self.modules)
 
     def _few_contacts(self, joints: list[float], rates: list[float] | None) -> list[float]:
-        """Return `contacts` in plain floats: for a few modules in less time, and the same bits."""
+        """Compute `contacts` in plain floats: faster for a few modules, and bit-identical."""
         radius_m, v, sin, cos = self.wheel_radius_m, list[float](), math.sin, math.cos
         modules = zip(joints[0::3], joints[1::3], joints[2::3], strict=True)
         if rates is None:
@@ -261,34 +263,34 @@ class SingularityKinematics(PlanarMotion):
         return v
 
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:
-        """Least-squares twist, and the residual (..., 2k) in m/s that no twist explains.
+        """Return the least-squares twist, and the unexplained residual (..., 2k) in m/s.
 
-        The residual is zero when the modules agree and grows when one conflicts with the others.
-        Slip of a wheel on the floor and an equal droop of all spins are not observable.
+        The residual is zero if the modules are consistent, and grows as one deviates. Wheel slip
+        and equal loss of all wheel speeds are not observable.
         """
         flat = self._flat_contacts(joints, rates)
         twist = flat @ self.twist_from_contacts.T
         return TwistSolution(twist, flat - twist @ self.contact_from_twist.reshape(-1, 3).T)
 
     def twist(self, joints: Array, rates: Array | None = None) -> Array:
-        """Twist (..., 3) of `forward` without its residual."""
+        """Return the twist (..., 3) of `forward`, without its residual."""
         return self._flat_contacts(joints, rates) @ self.twist_from_contacts.T
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Share of the squared `residual` (..., 2k) due to each module alone, (..., k).
+        """Return the fraction (..., k) of the squared `residual` (..., 2k) due to each module.
 
-        The drop of the squared residual when the two equations of a module are left out.
+        It equals the decrease of the squared residual when the module's two equations are omitted.
         """
         own = residual.reshape(*residual.shape[:-1], self.modules, 1, 2)
         return (own @ self._leave_one_out_gain @ np.swapaxes(own, -1, -2))[..., 0, 0]
 
     def tilt(self, joints: Array) -> Array:
-        """Tilt (..., k) of each axle from upright, radians, accurate near zero."""
+        """Return the tilt (..., k) of each axle from upright, radians, accurate near zero."""
         modules = joints.reshape(*joints.shape[:-1], self.modules, 3)
         alpha, beta = modules[..., 0], modules[..., 1]
         sine = np.hypot(np.cos(alpha) * np.sin(beta), np.sin(alpha))
         return np.arctan2(sine, np.cos(alpha) * np.cos(beta))
 
     def effective_radius_m(self, joints: Array) -> Array:
-        """Effective wheel radius (..., k): ground by wheel speed, r_w sin(tilt)."""
+        """Return the effective wheel radius (..., k), ground speed / wheel speed: r_w sin(tilt)."""
         return self.wheel_radius_m * np.sin(self.tilt(joints))

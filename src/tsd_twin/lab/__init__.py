@@ -1,1 +1,1 @@
-"""Experiments of the papers in virtual time: each writes a figure and a table."""
+"""Experiments of the papers in virtual time; each writes a figure and a table."""

@@ -1,4 +1,4 @@
-"""Experiment `alarms`: false alarms of the consistency monitor, and the tilt offsets it finds."""
+"""Experiment `alarms`: false alarms of the consistency monitor, and detected tilt offsets."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from tsd_twin.messages.status import ConsistencyStatus
 from tsd_twin.simulation import PLANTS, SimRobot
 
 _STATUS_PERIODS = 5
-"""Control periods from one status to the next."""
+"""Control periods between two statuses."""
 
-# Manoeuvres of a sound robot.
+# Manoeuvres of a healthy robot.
 
 _STICK_S = 0.35
 _STRAIGHT_S, _PAUSE_S = 3.0, 1.0
@@ -44,7 +44,7 @@ def _wander(random: np.random.Generator) -> TwistAt:
 
 
 def _full_stick(random: np.random.Generator) -> TwistAt:
-    """Full speed and full turn rate, in a new direction each."""
+    """Return full speed and full turn rate in changing random directions."""
     key = int(random.integers(2**32))
 
     def twist(t_s: float) -> tuple[float, float, float]:
@@ -77,7 +77,7 @@ MANOEUVRES: dict[str, Callable[[np.random.Generator], TwistAt]] = {
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One row of a table: robots of one description, all with errors of their own."""
+    """Table row: identical robots with individual errors."""
 
     robot: str
     plant: str
@@ -88,18 +88,18 @@ class Case:
 
 
 class OffsetRobot(SimRobot):
-    """Simulated robot, one gimbal of which stands aside from where it should."""
+    """Simulated robot with an offset on one gimbal."""
 
     offset: Array | float = 0.0
-    """(n,): what is added to the set-point."""
+    """(n,): offset added to the setpoint."""
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Obey a set-point (n,), with the offset."""
+        """Apply a setpoint (n,) with the offset."""
         super().write(setpoint + self.offset, now_s)
 
 
 def _robots(case: Case) -> Iterator[tuple[VirtualRobot, OffsetRobot, np.random.Generator]]:
-    """Yield the robots of a case, armed, with a generator of random numbers each."""
+    """Yield the armed robots of a case, each with a random generator."""
     robot = robots.load_robot(case.robot)
     for seed in range(case.first, case.first + case.seeds):
         simulated = OffsetRobot(robot, seed, 1.0, plant=case.plant, errors=case.errors)
@@ -109,7 +109,7 @@ def _robots(case: Case) -> Iterator[tuple[VirtualRobot, OffsetRobot, np.random.G
 def _statuses(
     virtual: VirtualRobot, twist_at: TwistAt, seconds: float
 ) -> Iterator[ConsistencyStatus]:
-    """Drive, and yield what each status says of the joints."""
+    """Drive, and yield the consistency section of each status."""
     for i in range(round(seconds / PERIOD_S)):
         virtual.drive(np.array(twist_at(i * PERIOD_S)))
         if i % _STATUS_PERIODS == _STATUS_PERIODS - 1:
@@ -118,12 +118,12 @@ def _statuses(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FalseAlarms:
-    """Sound robots on one manoeuvre."""
+    """Healthy robots on one manoeuvre."""
 
     case: Case
     manoeuvre: str
     levels: Array
-    """Of each status: chi-square over threshold."""
+    """Test statistic relative to its threshold, for each status."""
 
     @property
     def alarms(self) -> int:
@@ -132,7 +132,7 @@ class FalseAlarms:
 
 
 def false_alarms(case: Case, manoeuvre: str, seconds: float) -> FalseAlarms:
-    """Drive sound robots for `seconds` each."""
+    """Drive healthy robots for `seconds` each."""
     levels = [
         status.level
         for virtual, _, random in _robots(case)
@@ -151,20 +151,20 @@ _AFTER_S = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """Robots at 1 m/s, one gimbal of which is aside."""
+    """Robots at 1 m/s with an offset on one gimbal."""
 
     case: Case
     offset_deg: float
     found: Array
-    """(trials,): whether an actuator was named within half a second."""
+    """(trials,): whether an actuator was named within 0.5 s."""
     named: Array
-    """(trials,): whether it was the right one."""
+    """(trials,): whether the correct actuator was named."""
     first: Array
-    """(trials,): whether the first one named was."""
+    """(trials,): whether the first named actuator was correct."""
 
 
 def detection(case: Case, offset_deg: float, trials: int) -> Detection:
-    """Offset gimbals, chosen at random, `trials` times for each robot."""
+    """Offset randomly chosen gimbals, `trials` times per robot."""
     results: list[tuple[bool, bool, bool]] = []
     for virtual, simulated, random in _robots(case):
         kinematics = virtual.controller.robot.kinematics()
@@ -187,11 +187,11 @@ def detection(case: Case, offset_deg: float, trials: int) -> Detection:
 
 
 def _gimbals(kinematics: Kinematics[Any]) -> list[int]:
-    """Return the indices of the joints that are angles."""
+    """Return the indices of the position joints."""
     return [i for i, joint in enumerate(kinematics.joints) if joint.kind is JointKind.POSITION]
 
 
-# The tables.
+# Tables.
 
 
 _Call: TypeAlias = tuple[Callable[..., FalseAlarms | Detection], tuple[Any, ...]]
@@ -203,7 +203,7 @@ def _perform(call: _Call) -> FalseAlarms | Detection:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """False alarms of the consistency monitor on sound robots, and the tilt offsets it finds."""
+    """False alarms of the consistency monitor on healthy robots, and detected tilt offsets."""
     if not _gimbals(robots.load_robot(args.robot).kinematics()):
         raise TwinError(f"{args.robot} has no gimbals: none of them can be aside")
     cases = [Case(args.robot, args.plant, errors, args.seeds, args.seed) for errors in (0.0, 1.0)]
@@ -252,7 +252,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return a table in Markdown."""
+    """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return [f"| {' | '.join(line)} |" for line in lines]
 

@@ -1,6 +1,4 @@
-"""Experiment `budget`: error budget of the open-loop square, each error source alone and all
-together.
-"""
+"""Experiment `budget`: error budget of the open-loop square, by error source and in total."""
 
 from __future__ import annotations
 
@@ -35,20 +33,20 @@ _NO_LAG = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorSet:
-    """Error parameters of n robots; the default is no error."""
+    """Error parameters of n robots; all default to zero."""
 
     spin_share: Array
     """(n, k): relative error of each wheel speed."""
     zero_rad: Array
     """(n, g): zero offset of each gimbal."""
     step_rad: float = 0.0
-    """Resolution of gimbal set-points; 0 is continuous."""
+    """Resolution of gimbal setpoints; 0 is continuous."""
     lag: float = 0.0
-    """1: gimbals follow with the lag of servos; 0: without lag."""
+    """1: gimbals follow with servo lag; 0: without lag."""
     dead_band_rad: float = 0.0
     """Dead band of the gimbal servos."""
     backlash_rad: float = 0.0
-    """Backlash, crossed by the motor after a reversal; without effect if there is no lag."""
+    """Backlash crossed by the motor after a reversal; no effect without lag."""
     delay_s: float = 0.0
     """Delay of the commands."""
     layer_m: float = 0.0
@@ -56,14 +54,14 @@ class ErrorSet:
     phase_rad: float | Array = 0.0
     """(n, k): phase of the first layer of each wheel."""
     slip: float = 0.0
-    """1: wheels slip with the friction of the description; 0: pure rolling."""
+    """1: wheels slip with the described friction; 0: pure rolling."""
 
     def __add__(self, other: ErrorSet) -> ErrorSet:
-        """Sum of two error sets."""
+        """Add two error sets."""
         return ErrorSet(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(ErrorSet)))
 
     def part(self, rows: slice) -> ErrorSet:
-        """Errors of a slice of the robots."""
+        """Return the errors of a slice of the robots."""
         phase = self.phase_rad
         phase = phase[rows] if isinstance(phase, np.ndarray) else phase
         return replace(
@@ -81,11 +79,11 @@ class OpenLoopErrors:
     rms_m: Array
     """(n,): RMS distance to the reference at the same time."""
     worst_m: Array
-    """(n,): largest distance."""
+    """(n,): maximum distance."""
     closure_m: Array
     """(n,): distance at the end."""
     line_m: Array
-    """(n,): largest distance from the line of the path, which is all that an XY plot shows."""
+    """(n,): maximum distance from the path's line, the only error visible in an XY plot."""
 
 
 def drive_open_loop(
@@ -93,7 +91,7 @@ def drive_open_loop(
 ) -> OpenLoopErrors:
     """Simulate the trajectory open loop, all robots in lockstep.
 
-    Wheels are at speed at the start. The command of each period is the reference at its middle.
+    Wheels start at speed. Each period's command is the reference at its midpoint.
     """
     drive: Kinematics[SE2] = robot.kinematics()
     is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
@@ -110,13 +108,13 @@ def drive_open_loop(
     goals = setpoints[:, is_angle]
     if errors.step_rad > 0.0:
         goals = np.round(goals / errors.step_rad) * errors.step_rad
-    # The model is time-invariant: a delayed robot has the state of the earlier time.
+    # The model is time-invariant, so a delayed robot has the state of the earlier time.
     references = trajectory.at(t_s + STEP_S + errors.delay_s).pose[:, :2]
     nodes = np.empty((3, runs, len(is_angle)))
     nodes[..., ~is_angle] = setpoints[0, ~is_angle] * (1.0 + errors.spin_share)
     play = np.zeros_like(errors.zero_rad)
     angles, pose = errors.zero_rad.copy(), SE2(np.tile(trajectory.at(0.0).pose, (runs, 1)))
-    squared, worst, error_m, beside = (np.zeros(runs) for _ in range(4))
+    squared, worst, error_m, off_line = (np.zeros(runs) for _ in range(4))
     route = trajectory.route
     corners = route.at(np.array([0.0, *route.breaks_m, route.length_m])).pose[:, :2]
     halves = np.array([0.5, 1.0])[:, None, None] * STEP_S
@@ -135,12 +133,12 @@ def drive_open_loop(
             before = slip.twist
             tangent = 0.5 * STEP_S * (before + slip.advance(tangent / STEP_S, STEP_S, 2))
         pose = pose @ SE2.exp(tangent)
-        beside = np.maximum(beside, _distance_from_lines(pose.xy_heading[:, :2], corners))
+        off_line = np.maximum(off_line, _distance_from_lines(pose.xy_heading[:, :2], corners))
         error = pose.xy_heading[:, :2] - reference_xy
         error_m = np.hypot(error[:, 0], error[:, 1])
         squared += error_m * error_m
         worst = np.maximum(worst, error_m)
-    return OpenLoopErrors(np.sqrt(squared / steps), worst, error_m, beside)
+    return OpenLoopErrors(np.sqrt(squared / steps), worst, error_m, off_line)
 
 
 def _distance_from_lines(xy: Array, corners: Array) -> Array:
@@ -153,7 +151,7 @@ def _distance_from_lines(xy: Array, corners: Array) -> Array:
 
 
 def _servos_with(robot: SingularityDescription, errors: ErrorSet) -> Servos | None:
-    """Servo model with these errors; None for gimbals without lag."""
+    """Return the servo model with these errors, or None for gimbals without lag."""
     play = {"dead_band_rad": errors.dead_band_rad, "backlash_rad": errors.backlash_rad}
     servos = replace(Servos.of(robot, robot.battery.nominal_v), **play)
     if errors.lag > 0.0:
@@ -168,7 +166,7 @@ DrawErrors: TypeAlias = Callable[[SingularityDescription, np.random.Generator, i
 
 @dataclass(frozen=True, slots=True)
 class ErrorSource:
-    """A source of error: name, size with its source, and random generator."""
+    """Error source: name, size with its reference, and random generator."""
 
     name: str
     size: str
@@ -182,7 +180,7 @@ def _no_errors(robot: SingularityDescription, runs: int) -> ErrorSet:
 
 
 def _same_for_all(given: Callable[[SingularityDescription], dict[str, float]]) -> DrawErrors:
-    """Generator of errors that are equal for all robots of one description."""
+    """Return a generator of errors that depend only on the description."""
     return lambda robot, _random, runs: replace(_no_errors(robot, runs), **given(robot))
 
 
@@ -217,9 +215,9 @@ def _draw_layers(robot: SingularityDescription, random: np.random.Generator, run
 
 
 def spin_error_of_line(robot: SingularityDescription) -> Array:
-    """Relative speed error (k,) of motors driven by the line of Table 2.
+    """Return the relative speed error (k,) of motors driven by the line of Table 2.
 
-    The signal follows from the line through all rows, as in the thesis, the speed from the table.
+    The signal comes from the line through all rows, as in the thesis, and the speed from the table.
     """
     signal: Array = np.array(robot.motor.signal)
     rpm: Array = np.array(robot.motor.speed_rpm)
@@ -235,7 +233,7 @@ def spin_error_of_line(robot: SingularityDescription) -> Array:
 MOTOR_LINE = ErrorSource(
     "line of Table 2", "spin of each motor by the line, not the table", _draw_line
 )
-"""An avoidable calibration error: the simulator and the controller use the table instead."""
+"""Avoidable calibration error: simulator and controller use the table instead."""
 ERROR_SOURCES = (
     ErrorSource(
         "lag of the servos",
@@ -280,11 +278,11 @@ ERROR_SOURCES = (
 
 _ALL_SOURCES = "all of these"
 BATCH = 1000
-"""Batch size of robots: their arrays fit into the processor's cache."""
+"""Batch size of robots, so that their arrays fit into the CPU cache."""
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Which error costs how much on the open-loop square: one at a time, and together."""
+    """Error budget of the open-loop square: each source alone, and all together."""
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
     cases = {source.name: [source] for source in ERROR_SOURCES}
     variants = _variants(robot)
@@ -306,7 +304,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     for name, at in out.progress(jobs, "driving squares", len(jobs)):
         part = errors[name].part(slice(at, at + BATCH))
         found[name].append(drive_open_loop(variants.get(name, robot), trajectory, part))
-    worst, beside = (
+    worst, off_line = (
         {
             name: 100.0 * np.concatenate([getattr(outcome, key) for outcome in outcomes])
             for name, outcomes in found.items()
@@ -315,7 +313,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     )
     middle, high, line_middle, line_high = (
         {name: float(np.quantile(values, share)) for name, values in of.items()}
-        for of in (worst, beside)
+        for of in (worst, off_line)
         for share in (0.5, 0.95)
     )
     out.table(
@@ -331,7 +329,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         },
     )
     of_thesis = args.robot == THESIS_ROBOT
-    _draw_budget(beside, line_middle, line_high, out, of_thesis=of_thesis)
+    _draw_budget(off_line, line_middle, line_high, out, of_thesis=of_thesis)
     lines = [
         "largest error of position on the open-loop square, % of the side (median, 95 of 100):",
         f"  {'':20} {'in time':>11} {'from the line':>15}",
@@ -350,7 +348,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _variants(robot: SingularityDescription) -> dict[str, SingularityDescription]:
-    """Return robots for figures that are not known: friction of the floor, speed of the wheels."""
+    """Return robots for unknown values: floor friction, wheel speed."""
     made: dict[str, SingularityDescription] = {}
     for friction in (0.5, 0.35, 0.2):
         floor = msgspec.structs.replace(robot.floor, friction=friction)
@@ -369,7 +367,7 @@ def _draw_errors(
 
 
 def _draw_budget(
-    beside: dict[str, Array],
+    off_line: dict[str, Array],
     middle: dict[str, float],
     high: dict[str, float],
     out: Output,
@@ -378,7 +376,7 @@ def _draw_budget(
 ) -> None:
     figure: Any = experiment.new_figure(10.0, 4.4, "What each error costs on the open-loop square")
     left, right = figure.subplots(1, 2, width_ratios=[1.3, 1.0])
-    names = list(beside)[::-1]
+    names = list(off_line)[::-1]
     rows = np.arange(len(names))
     left.barh(rows, [high[n] for n in names], 0.7, color="#f0c8b4", label="95 of 100 runs")
     left.barh(
@@ -393,7 +391,7 @@ def _draw_budget(
         left, "largest distance from the line (% of the side)", "", "one at a time, and together"
     )
     experiment.add_legend(left, loc="upper right")
-    right.hist(beside[_ALL_SOURCES], 60, color=experiment.TRUTH_COLOUR)
+    right.hist(off_line[_ALL_SOURCES], 60, color=experiment.TRUTH_COLOUR)
     if of_thesis:
         line: dict[str, Any] = {"color": experiment.REFERENCE_COLOUR, "linestyle": "--"}
         left.axvline(100 * THESIS_SHARE, linewidth=1.0, **line)

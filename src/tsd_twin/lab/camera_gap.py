@@ -1,6 +1,4 @@
-"""Experiment `camera-gap`: a camera that comes back to a driving robot, with pictures right or
-wrong.
-"""
+"""Experiment `camera-gap`: a camera returns to a driving robot, with correct or wrong poses."""
 
 from __future__ import annotations
 
@@ -36,30 +34,30 @@ from tsd_twin.simulation import PLANTS, Camera, CameraNoise, Frame, simulate
 
 
 class Picture(StrEnum):
-    """What is wrong with the poses of a camera."""
+    """Kind of error in a camera's poses."""
 
     GOOD = "good"
     OUTLIERS = "outliers"
-    """One in twenty is off by half a metre."""
+    """One pose in twenty is off by 0.5 m."""
     MIRRORED = "mirrored"
     FROZEN = "frozen"
-    """The first pose is repeated for ever."""
+    """The first pose is repeated forever."""
     SHIFTED = "shifted"
-    """All are off by half a metre in one direction."""
+    """All poses are off by 0.5 m in one direction."""
 
     @property
     def is_right(self) -> bool:
-        """Whether nearly all poses are right."""
+        """Whether nearly all poses are correct."""
         return self in (Picture.GOOD, Picture.OUTLIERS)
 
 
 OFF_M = 0.5
 OUTLIER_SHARE = 0.05
 SEEN_S = 2.0
-"""Time from the start for which the camera is right."""
+"""Time from the start for which the camera is correct."""
 GAP_S, WATCHED_S = 20.0, 3.0
 WRONG_S = 5.0
-"""Time for which pictures are wrong where there is no gap."""
+"""Duration of wrong poses if there is no gap."""
 _MIRROR_RAD = 1.0
 """Direction of the mirror, a line through the start."""
 _NEAR_M, _NEAR_RAD = 0.05, 0.1
@@ -68,7 +66,7 @@ _LEAST_M = 1e-5
 
 
 class _FaultyCamera:
-    """Camera above one robot, as described, whose poses can go wrong."""
+    """Camera above a robot, as described, with optional pose errors."""
 
     def __init__(self, sensor: PoseSensor, key: str, seed: int) -> None:
         noise = CameraNoise(
@@ -85,11 +83,11 @@ class _FaultyCamera:
         self._picture: Picture | None = Picture.GOOD
 
     def change(self, picture: Picture | None, now_s: float) -> None:
-        """Take pictures of another kind from now on, or none."""
+        """Switch to another kind of poses, or to none."""
         self._before, self._picture, self._since_s = self._picture, picture, now_s
 
     def watch(self, estimator: StateEstimator, true: SE2, now_s: float) -> None:
-        """Take a picture when it is time, and pass on those whose processing has finished."""
+        """Take a picture if due, and forward poses whose processing has finished."""
         heard: list[Sample] = []
         for frame in self._camera.capture(now_s, true):
             is_new = frame.taken_s >= self._since_s - 1e-9
@@ -125,21 +123,21 @@ class _FaultyCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recovery:
-    """What becomes of the estimates of many robots once the camera is back with one picture."""
+    """Estimates of many robots after the camera returns with one kind of poses."""
 
     case: Case
     gap_s: float
     picture: Picture
     believed_s: Array
-    """(seeds,): time until the estimate is near the truth, and stays there; infinite if never."""
+    """(seeds,): time until the estimate is permanently near the true pose; infinite if never."""
     misled: Array
-    """(seeds,): whether the estimate is further from the truth than it claims, at the end."""
+    """(seeds,): whether the final estimate is further from the true pose than it claims."""
 
 
 def run_case(
     case: Case, gap_s: float = GAP_S, pictures: Sequence[Picture] = tuple(Picture)
 ) -> list[Recovery]:
-    """Drive all robots of a case, take the camera away, and bring it back with each picture."""
+    """Drive all robots of a case, remove the camera, and restore it with each kind of poses."""
     watched_s = WATCHED_S if gap_s > 0.0 else WRONG_S
     seconds = SEEN_S + gap_s + watched_s
     runs = [
@@ -199,7 +197,7 @@ def _drive(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Driven:
-    """A batch of robots that have driven."""
+    """Batch of simulated robots after a drive."""
 
     start: int
     """Period in which they start."""
@@ -207,10 +205,10 @@ class _Driven:
     measured: list[Array]
     """Measured joints (robots, n) of each period."""
     truths: list[Array]
-    """True poses (robots, 3) of each period, from the start on."""
+    """True poses (robots, 3) of each period since the start."""
 
     def step(self, estimator: StateEstimator, camera: _FaultyCamera, i: int, k: int) -> None:
-        """Let the estimator of robot `k` go through period `i`, under a camera."""
+        """Advance the estimator of robot `k` through period `i`, with a camera."""
         now_s, setpoint = (i + 1) * PERIOD_S, self.setpoints[max(i - 1, 0)]
         estimator.advance(now_s, self.measured[i][k], setpoint, PERIOD_S)
         if i == self.start:
@@ -239,7 +237,7 @@ def _driven(case: Case, seeds: Sequence[int], seconds: float) -> _Driven:
 
 
 def _judged(states: Sequence[Odometry], truths: Array) -> tuple[float, bool]:
-    """Return the time until the estimate is near the truth for good, and whether it is misled."""
+    """Return the time until the estimate stays near the truth, and whether it is misled."""
     poses = np.array([state.xy_heading for state in states])
     off = truths - poses
     near = (np.hypot(off[:, 0], off[:, 1]) < _NEAR_M) & (np.abs(wrap(off[:, 2])) < _NEAR_RAD)
@@ -251,7 +249,7 @@ def _judged(states: Sequence[Odometry], truths: Array) -> tuple[float, bool]:
     return believed_s if near[-1] else math.inf, is_misled
 
 
-# The table.
+# Table.
 
 _AFTER_GAP = (Picture.GOOD, Picture.OUTLIERS, Picture.MIRRORED, Picture.FROZEN)
 _WITHOUT_GAP = (Picture.OUTLIERS, Picture.MIRRORED, Picture.FROZEN, Picture.SHIFTED)
@@ -259,20 +257,22 @@ MANOEUVRES = ("straight 0.5 m/s", "circle", "wander")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Row:
-    """Results of one case: after a gap, and without one."""
+class _GapResult:
+    """Results of a case: after a gap, and without one."""
 
     after: dict[Picture, Recovery]
     without: dict[Picture, Recovery]
 
 
-def _row(case: Case) -> _Row:
+def _row(case: Case) -> _GapResult:
     after, without = run_case(case, GAP_S, _AFTER_GAP), run_case(case, 0.0, _WITHOUT_GAP)
-    return _Row({each.picture: each for each in after}, {each.picture: each for each in without})
+    return _GapResult(
+        {each.picture: each for each in after}, {each.picture: each for each in without}
+    )
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """A camera that comes back to a driving robot: when it is believed, and when it must not be."""
+    """A camera returns to a driving robot: time to accept good poses, rejection of wrong ones."""
     cases = [
         Case(args.robot, manoeuvre, errors, plant=args.plant, seeds=args.seeds, first=args.seed)
         for manoeuvre in MANOEUVRES
@@ -303,7 +303,7 @@ def _columns(results: Sequence[Recovery]) -> dict[str, Sequence[float | str]]:
     }
 
 
-def _lines(rows: Sequence[_Row]) -> list[str]:
+def _lines(rows: Sequence[_GapResult]) -> list[str]:
     """Return the table in Markdown."""
     wrong_after = [picture for picture in _AFTER_GAP if picture is not Picture.GOOD]
     head = ["manoeuvre", "errors", "good, s", "with outliers, s"]
@@ -321,7 +321,7 @@ def _lines(rows: Sequence[_Row]) -> list[str]:
     return experiment.markdown_table(head, lines)
 
 
-def _draw(rows: Sequence[_Row], out: Output) -> None:
+def _draw(rows: Sequence[_GapResult], out: Output) -> None:
     figure = experiment.new_figure(9.0, 4.2, "A camera that comes back: when it is believed again")
     axes: Any = figure.subplots()
     names: list[str] = []

@@ -1,4 +1,4 @@
-"""Experiment `consistency`: whether estimates are as exact as their covariances say."""
+"""Experiment `consistency`: agreement between estimation errors and their covariances."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from tsd_twin.simulation import PLANTS
 
 
 def band(seeds: int) -> tuple[float, float]:
-    """Return the interval that holds 95 % of the means of `seeds` robots that claim right."""
+    """Return the 95 % interval of the mean NEES of `seeds` consistent robots."""
     low, high = (2.0 * float(gammaincinv(1.5 * seeds, share)) / seeds for share in (0.025, 0.975))
     return low, high
 
@@ -43,8 +43,8 @@ def cases(args: argparse.Namespace) -> list[Case]:
     """Return the rows of the table.
 
     Raises:
-        TwinError: there is no such robot, manoeuvre or plant, or it does not drive over a floor,
-            or no robot has such sensors.
+        TwinError: If a robot, manoeuvre or plant does not exist, a robot does not drive over a
+            floor, or no robot has such sensors.
     """
     made: list[Case] = []
     for name in args.robots:
@@ -65,7 +65,7 @@ def cases(args: argparse.Namespace) -> list[Case]:
 
 
 def _variants(case: Case, robot: RobotDescription) -> Iterable[Case]:
-    """Yield a case with and without errors, gyro, dead wheels and camera."""
+    """Yield a case with and without errors, gyro, tracking wheels and camera."""
     odometry = [JOINTS, GYRO]
     if isinstance(robot, OmniDescription) and robot.dead_wheels is not None:
         odometry.append(DEAD_WHEELS)
@@ -77,7 +77,7 @@ def _variants(case: Case, robot: RobotDescription) -> Iterable[Case]:
 
 
 def _applies(case: Case) -> bool:
-    """Return whether the robot can do it, and has anything to be wrong about."""
+    """Return whether the manoeuvre is possible for the robot and has any uncertainty."""
     robot = robots.load_robot(case.robot)
     spins = robot.wheel_speed_range is not None
     if BY_NAME[case.manoeuvre].drive_speeds and not spins:
@@ -86,7 +86,7 @@ def _applies(case: Case) -> bool:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Whether estimates are as exact as their covariances say: the NEES of many robots."""
+    """Consistency of estimates with their covariances: the NEES of many robots."""
     rows = cases(args)
     made = drives(rows)
     results = collected(rows, made, experiment.run_cases(drive, made, args.jobs, out))
@@ -124,7 +124,7 @@ def _columns(results: Sequence[Consistency]) -> dict[str, Sequence[float | str]]
 
 
 def _table(results: Sequence[Consistency], cell: Callable[[Consistency], str]) -> list[str]:
-    """Return a table of one robot in Markdown: manoeuvres by sensors."""
+    """Return the Markdown table of a robot: manoeuvres by sensors."""
     sensors = list(dict.fromkeys(result.case.sensors for result in results))
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for result in results:
@@ -144,7 +144,7 @@ def _shares(result: Consistency) -> str:
 
 
 def _extremes(results: Sequence[Consistency]) -> str:
-    """Return the smallest and the largest mean, and of which robots, as text."""
+    """Format the smallest and largest means with their robots."""
     texts: list[str] = []
     for what, pick in (("smallest", np.argmin), ("largest", np.argmax)):
         means = np.array([result.means for result in results])

@@ -1,4 +1,4 @@
-"""Experiment `go-to`: the simulated robot goes to places over a link with a delay, known or not."""
+"""Experiment `go-to`: simulated robots drive to goals over a link with known or unknown delay."""
 
 from __future__ import annotations
 
@@ -26,40 +26,40 @@ from tsd_twin.motion.trajectory import plan
 from tsd_twin.simulation import SimRobot
 
 HELD = 2
-"""Periods for which a command holds: a page sends one every 20 ms."""
+"""Periods for which a command holds; a page sends one every 20 ms."""
 STATUS_EVERY = 5
 """Periods between two status messages."""
 _SPEED_SHARE = 0.8
 _REST_PERIODS = 100
-_MOST_PERIODS = 6000
+_MAX_PERIODS = 6000
 
 
-class _State(NamedTuple):
-    """What the robot sends: its pose, and the newest counted command where there is a status."""
+class _DelayedState(NamedTuple):
+    """Robot state on the link: pose, and with a status the latest accepted command."""
 
     pose: SE2
     command: CommandStatus | None
 
 
 class LinkedRobot:
-    """Robot in virtual time, behind a link that delays commands and states by half of `delay_s`."""
+    """Robot in virtual time behind a link that delays commands and states by `delay_s` / 2 each."""
 
     def __init__(self, name: str, delay_s: float = 0.0) -> None:
         self.robot = robots.load_robot(name)
         self.virtual = VirtualRobot(self.robot, SimRobot(self.robot, seed=1))
         late = round(0.5 * delay_s / PERIOD_S)
         self._there = deque([(0, np.zeros(3))] * late, late + 1)
-        self._back = deque([_State(self.seen, None)] * late, late + 1)
+        self._back = deque([_DelayedState(self.seen, None)] * late, late + 1)
         self._counted = (0, 0.0)
         self._periods = 0
         self._seq = 0
         self.delay = CommandDelay()
         self.way: list[Array] = []
-        """True poses, a row for each period."""
+        """True poses, a row per period."""
 
     @property
     def seen(self) -> SE2:
-        """Newest estimated pose."""
+        """Latest estimated pose."""
         return SE2(self.virtual.odometry().xy_heading)
 
     def follow(
@@ -68,9 +68,9 @@ class LinkedRobot:
         *,
         believed_s: float,
         is_measured: bool = True,
-        most_periods: int = _MOST_PERIODS,
+        most_periods: int = _MAX_PERIODS,
     ) -> tuple[TrajectoryExecutor, ExecutionStep]:
-        """Follow a path to a goal; at first the delay is taken to be `believed_s`."""
+        """Follow a path to a goal, initially assuming the delay `believed_s`."""
         limits = self.robot.limits
         limits = msgspec.structs.replace(limits, speed_mps=_SPEED_SHARE * limits.speed_mps)
         kinematics = self.robot.kinematics()
@@ -108,17 +108,17 @@ class LinkedRobot:
         self.way.append(self.virtual.truth.xy_heading)
 
     def rest(self) -> None:
-        """Send zeros for a second, for which every robot comes to rest."""
+        """Send zeros for a second, in which every robot comes to rest."""
         for _ in range(_REST_PERIODS):
             self.drive(np.zeros(3))
 
     def _receive(self, now_s: float) -> SE2:
-        """Send the state of now, and receive that which arrives now."""
+        """Send the current state, and receive the delayed one."""
         command = None
         if self._periods % STATUS_EVERY == 0:
             seq, counted_s = self._counted
             command = CommandStatus(seq=seq, age_s=self._periods * PERIOD_S - counted_s)
-        self._back.append(_State(self.seen, command))
+        self._back.append(_DelayedState(self.seen, command))
         state = self._back[0]
         if state.command is not None:
             self.delay.add_status(state.command, now_s)
@@ -127,7 +127,7 @@ class LinkedRobot:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One row of the table."""
+    """Row of the table."""
 
     robot: str
     delay_s: float
@@ -138,21 +138,21 @@ class Case:
 
 
 class Arrival(NamedTuple):
-    """How one robot arrives."""
+    """Result of a robot's drive to its goal."""
 
     has_arrived: bool
     overshoot_m: float
-    """Largest way beyond the goal, in the direction from start to goal; negative if short of it."""
+    """Maximum distance beyond the goal, in the direction from start to goal; negative if short."""
     beside_m: float
-    """Largest distance from the straight line."""
+    """Maximum distance from the straight line."""
     off_m: float
-    """Distance from the goal at the end."""
+    """Final distance from the goal."""
     time_s: float
     reason: str
 
 
 def go(case: Case, seed: int) -> Arrival:
-    """Send a robot with an exact odometry to a random place, with a random heading or its own."""
+    """Send a robot with exact odometry to a random place, with or without a random heading."""
     random = np.random.default_rng([seed, 6])
     direction = random.uniform(-math.pi, math.pi)
     goal = random.uniform(0.8, 2.5) * np.array([math.cos(direction), math.sin(direction)])
@@ -178,29 +178,29 @@ def go(case: Case, seed: int) -> Arrival:
     )
 
 
-# The table.
+# Table.
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
+class _ArrivalResult:
     case: Case
     arrivals: list[Arrival]
 
     def column(self, name: str) -> list[float]:
-        """Return one number of all arrivals."""
+        """Return one quantity of all arrivals."""
         return [float(getattr(arrival, name)) for arrival in self.arrivals]
 
 
-def _run_case(case: Case) -> _Row:
-    return _Row(case, [go(case, case.first + i) for i in range(case.seeds)])
+def _run_case(case: Case) -> _ArrivalResult:
+    return _ArrivalResult(case, [go(case, case.first + i) for i in range(case.seeds)])
 
 
 UNKNOWN_S = 0.2
-"""Part of a delay that is not known at the start."""
+"""Unknown part of the delay at the start."""
 
 
 def cases(robot: str, seeds: int, first: int) -> list[Case]:
-    """Return the rows of the table: delays that are known at the start, and that are not."""
+    """Return the rows of the table: delays that are known or unknown at the start."""
     make = functools.partial(Case, seeds=seeds, first=first)
     believed = (0.0, 0.1, 0.3)
     return [
@@ -211,7 +211,7 @@ def cases(robot: str, seeds: int, first: int) -> list[Case]:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Going to places over a link with a delay, which is known at the start or not."""
+    """Drive to goals over a link whose delay is known or unknown at the start."""
     wanted = cases(args.robot, args.seeds, args.seed)
     rows = experiment.run_cases(_run_case, wanted, args.jobs, out)
     numbers = ("has_arrived", "overshoot_m", "beside_m", "off_m", "time_s")
@@ -229,7 +229,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     ]
 
 
-def _lines(rows: Sequence[_Row]) -> list[str]:
+def _lines(rows: Sequence[_ArrivalResult]) -> list[str]:
     """Return the table in Markdown."""
     head = ["delay, ms", "at first believed", "measured", "lost"]
     head += ["overshoot, mm", "beside the line, mm", "time, s"]
@@ -249,7 +249,7 @@ def _lines(rows: Sequence[_Row]) -> list[str]:
     return experiment.markdown_table(head, lines)
 
 
-def _draw(rows: Sequence[_Row], out: Output) -> None:
+def _draw(rows: Sequence[_ArrivalResult], out: Output) -> None:
     figure = experiment.new_figure(9.0, 4.2, "Going to a place over a link with a delay")
     axes: Any = figure.subplots()
     names: list[str] = []

@@ -1,4 +1,4 @@
-"""Experiment `health`: a robot, a recording or many simulated robots beside their shadow twins."""
+"""Experiment `health`: robots, recordings or many simulated robots against their shadow twins."""
 
 from __future__ import annotations
 
@@ -36,27 +36,27 @@ from tsd_twin.simulation import BATTERY, PLANTS, Camera, CameraNoise, Wear, Worn
 
 _REPORT_S = 0.1
 WITHIN_S = 5.0
-"""Time within which a worn part should be named."""
+"""Maximum time in which a worn part should be named."""
 
 
 @dataclass(slots=True)
 class Health:
-    """A shadow twin, what it has named, and its newest report."""
+    """Shadow twin with the named parts and its latest report."""
 
     twin: ShadowTwin
     report: ShadowReport = field(default_factory=lambda: ShadowReport(0.0))
     named: list[tuple[float, Drift]] = field(default_factory=list[tuple[float, Drift]])
-    """Each part once, with the time at which it was named first."""
+    """Each part once, with the time at which it was first named."""
     compared_s: float = 0.0
     _next_s: float = 0.0
 
     def feed(self, state: RobotState) -> None:
-        """Hand the state of a robot to the twin."""
+        """Pass the state of a robot to the twin."""
         at_ns, odom = state.joints.stamp_ns, state.odom.message
         self.twin.advance(at_ns, state.joints, state.setpoint, odom, state.status)
 
     def look(self, t_s: float, *, last: bool = False) -> None:
-        """Take a report of a time, if that before is `_REPORT_S` older, or this is the last."""
+        """Create a report every `_REPORT_S`, and if this is the `last`."""
         if t_s < self._next_s and not last:
             return
         self._next_s = t_s + _REPORT_S
@@ -68,7 +68,7 @@ class Health:
 
 
 def _lines(health: Health, what: str) -> list[str]:
-    """Return what is printed of one robot."""
+    """Return the lines to print for a robot."""
     report = health.report
     lines = [f"{what}, compared for {health.compared_s:.1f} s"]
     if not report.joints:
@@ -104,14 +104,14 @@ def _inside(inside: bool) -> str:
     return "inside" if inside else "OUTSIDE"
 
 
-# A recording.
+# Recordings.
 
 
 def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[str]:
     """Return the health of a robot in a recording.
 
     Raises:
-        TwinError: it is no recording, or has no such robot or several.
+        TwinError: If the file is not a recording, or the robot is missing or ambiguous.
     """
     recording = open_recording(path)
     robot_id = robot_id or _only(recording)
@@ -158,14 +158,14 @@ def _only(recording: Recording) -> str:
     return recording.robots[0]
 
 
-# A robot on the bus.
+# Robots on the bus.
 
 
 def health_of_robot(args: argparse.Namespace, out: Output) -> list[str]:
     """Return the health of a robot on the bus, after `--seconds`.
 
     Raises:
-        TwinError: no robot answers, or several.
+        TwinError: If no robot answers, or several.
     """
     with connect(args.connect, robot=args.id, zenoh_config=args.zenoh_config) as client:
         health = Health(ShadowTwin(client.link.robot))
@@ -189,14 +189,14 @@ def health_of_robot(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _arc(random: np.random.Generator) -> TwistAt:
-    """Drive with one twist all the time: an arc at 80 % of the top speed."""
+    """Drive an arc with constant twist, at 80 % of the top speed."""
     angle, side = random.uniform(0.0, 2.0 * np.pi), random.choice([-1.0, 1.0])
     vx, vy = 0.8 * math.cos(angle), 0.8 * math.sin(angle)
     return lambda _: (vx, vy, 0.6 * side)
 
 
 def _line(random: np.random.Generator) -> TwistAt:
-    """Drive straight on with one speed, half of the top speed or more, all the time."""
+    """Drive straight at a constant speed of at least half the top speed."""
     angle, speed = random.uniform(0.0, 2.0 * np.pi), random.uniform(0.5, 1.0)
     twist = (speed * math.cos(angle), speed * math.sin(angle), 0.0)
     return lambda _: twist
@@ -205,12 +205,12 @@ def _line(random: np.random.Generator) -> TwistAt:
 MANOEUVRES = alarms.MANOEUVRES | {"arc": _arc, "line": _line}
 STAND, MIXED = "stand", "mixed"
 _TURN_S = 30.0
-"""Time of each manoeuvre, where they are mixed."""
+"""Duration of each manoeuvre if they are mixed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A simulated robot that drives beside its shadow twin."""
+    """Simulated robot with its shadow twin."""
 
     robot: str
     plant: str
@@ -220,16 +220,16 @@ class Case:
     seconds: float
     camera: bool = False
     wear: str = ""
-    """As `tsd-mock --wear` has it; "" leaves it sound."""
+    """Wear as in `tsd-mock --wear`, or "" for a healthy robot."""
     wear_s: float = 0.0
-    """When the wear begins."""
+    """Time at which the wear begins."""
     gyro: bool = False
 
     def description(self) -> RobotDescription:
         """Return the description of the robot.
 
         Raises:
-            TwinError: it cannot have a gyro.
+            TwinError: If the robot cannot have a gyro.
         """
         robot = robots.load_robot(self.robot)
         if not self.gyro or any(joint.name == "gyro" for joint in robot.sensors):
@@ -240,12 +240,12 @@ class Case:
 
     @property
     def worn_part(self) -> str:
-        """Name of the part that wears; "" leaves it sound."""
+        """Name of the worn part, or "" for a healthy robot."""
         return self.wear.partition("=")[0]
 
     @property
     def kind(self) -> str:
-        """Kind of the part that wears, and how much: `wheel -5%`; "" leaves it sound."""
+        """Kind of the worn part and amount of wear, such as `wheel -5%`, or "" if healthy."""
         part, _, size = self.wear.partition("=")
         if part in ("", BATTERY):
             return f"{part} {size}".strip()
@@ -255,25 +255,25 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What came of a case."""
+    """Result of a case."""
 
     case: Case
     named: list[tuple[float, Drift]]
     """Named parts; times since the wear began, or since the start."""
     compared_s: float
     processor_share: float
-    """Processor time of the twin over the time that it has compared."""
+    """CPU time of the twin relative to the compared time."""
 
     @property
     def found_s(self) -> float:
-        """Time until the worn part was named, infinite if it was not."""
+        """Time until the worn part was named, or infinite."""
         return min(
             (t_s for t_s, drift in self.named if self._is_right(t_s, drift)), default=math.inf
         )
 
     @property
     def wrong(self) -> list[tuple[float, Drift]]:
-        """Named parts that are sound."""
+        """Named parts that are healthy."""
         return [(t_s, drift) for t_s, drift in self.named if not self._is_right(t_s, drift)]
 
     def _is_right(self, t_s: float, drift: Drift) -> bool:
@@ -281,7 +281,7 @@ class Result:
 
 
 def _twists(case: Case, robot: RobotDescription) -> TwistAt:
-    """Return the twist for each time, at up to the limits of the robot."""
+    """Return the twist as a function of time, within the limits of the robot."""
     random = np.random.default_rng([case.seed, 5])
     made = {name: make(random) for name, make in MANOEUVRES.items()}
     scale = robot.kinematics().twist_scale_m
@@ -299,7 +299,7 @@ def _twists(case: Case, robot: RobotDescription) -> TwistAt:
 
 
 def drive(case: Case) -> Result:
-    """Drive one robot beside its twin."""
+    """Drive a robot with its twin."""
     robot = case.description()
     simulated = WornRobot(robot, seed=case.seed, noise=1.0, plant=case.plant, errors=case.errors)
     link = SimulationLink(robot, simulated, None)
@@ -338,7 +338,7 @@ def _camera_noise(robot: RobotDescription) -> CameraNoise:
 
 
 def _worn_part(wear: str, robot: RobotDescription, seed: int) -> str:
-    """Return the wear of a joint of the seed, for that of any `wheel` or `servo`."""
+    """Return wear of the seed's joint, if the part is `wheel` or `servo`."""
     part, _, size = wear.partition("=")
     kind = {"wheel": JointKind.VELOCITY, "servo": JointKind.POSITION}.get(part)
     names = [joint.name for joint in robot.kinematics().joints if joint.kind is kind]
@@ -433,10 +433,10 @@ def _times(results: Sequence[Result]) -> str:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """What differs between a robot and its shadow twin: of a recording, a live or simulated robots.
+    """Differences between a robot and its shadow twin: recorded, live or simulated.
 
     Raises:
-        TwinError: there is no such recording or robot, or several and none was chosen.
+        TwinError: If the recording or robot does not exist, or the choice is ambiguous.
     """
     if args.log is not None:
         return health_of_recording(args.log, args.id, out)

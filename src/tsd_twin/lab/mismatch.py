@@ -17,12 +17,12 @@ from tsd_twin.lie import Array
 
 _AS_DESCRIBED = "as described"
 _LOOPS = (Loop.CAMERA, Loop.GYRO)
-"""Loops of the table by default."""
+"""Default loops of the table."""
 _KEYS = ("rms_m", "cross_track_m", "closure_m")
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """What the closed-loop square costs where the true robot is not as described, in MuJoCo."""
+    """Errors of the closed-loop square if the true robot is not as described, in MuJoCo."""
     names = ("", *(args.differ or MISMATCHES))
     unknown = [name for name in names[1:] if name not in MISMATCHES]
     if unknown:

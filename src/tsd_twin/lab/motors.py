@@ -1,6 +1,4 @@
-"""Experiment `motors`: Table 1 of the thesis to its Table 2, lines through measured motor
-speeds.
-"""
+"""Experiment `motors`: from Table 1 of the thesis to its Table 2, line fits of motor speeds."""
 
 from __future__ import annotations
 
@@ -23,27 +21,27 @@ RowMask: TypeAlias = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotorLines:
-    """Least-squares lines rpm = slope signal + offset, one for each of k motors."""
+    """Least-squares lines rpm = slope signal + offset, one per motor."""
 
     slope: Array
-    """(k,): rpm for each unit of the signal."""
+    """(k,): rpm per unit of the signal."""
     offset: Array
     """(k,): rpm."""
     used: RowMask
     """(r,): mask of the fitted rows of the table."""
 
     def rpm(self, signal: Array) -> Array:
-        """Speeds (k, ...) at `signal` (...)."""
+        """Return the speeds (k, ...) at `signal` (...)."""
         return np.multiply.outer(self.slope, signal) + self.offset.reshape(-1, *[1] * signal.ndim)
 
     def error_rpm(self, signal: Array, rpm: Array, where: RowMask) -> Array:
-        """Root mean square errors (k,) over the rows `where` (r,) of a table."""
+        """Return the RMS errors (k,) over the rows `where` (r,) of a table."""
         off = (self.rpm(signal) - rpm)[:, where]
         return np.sqrt(np.mean(np.square(off), axis=-1))
 
 
 def fit_lines(signal: Array, rpm: Array, used: RowMask) -> MotorLines:
-    """Lines through the rows `used` (r,) of signal (r,) and rpm (k, r)."""
+    """Fit lines through the rows `used` (r,) of signal (r,) and rpm (k, r)."""
     x: Array = signal[used]
     y: Array = rpm[:, used]
     slope: Array = ((x - x.mean()) * (y - y.mean(axis=1, keepdims=True))).sum(axis=1)
@@ -52,7 +50,7 @@ def fit_lines(signal: Array, rpm: Array, used: RowMask) -> MotorLines:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Lines through the motor table: Table 1 of the thesis to its Table 2, and better."""
+    """Lines through the motor table: from Table 1 of the thesis to its Table 2, and better."""
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
     signal, rpm = np.array(robot.motor.signal), np.array(robot.motor.speed_rpm)
     turning: RowMask = np.asarray((rpm > 0.0).all(axis=0))
@@ -84,7 +82,7 @@ def _line_summary(lines: MotorLines, signal: Array, rpm: Array, turning: RowMask
 
 
 def round_half_up(value: float, digits: int) -> str:
-    """Number as the thesis rounds: halves away from zero."""
+    """Round a number as in the thesis: halves away from zero."""
     return f"{value + math.copysign(1e-9, value):.{digits}f}"
 
 

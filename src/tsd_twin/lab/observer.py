@@ -1,6 +1,4 @@
-"""Pose observer of a virtual robot: wheels, and a gyro and a camera if it has them; with a model of
-wheels that slip under side force.
-"""
+"""Pose observer of a virtual robot with wheels and optional gyro and camera, and a slip model."""
 
 from __future__ import annotations
 
@@ -26,20 +24,20 @@ _SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)
 _SLIP_IN_SPIN = 15.0 * math.pi / 16.0
 """Weight of the slip relative to the rim speed, for the torque of the patch."""
 _MEAN_LEVER = 3.0 * math.pi / 16.0
-"""Friction lever of a purely spinning patch, in radii, under Hertz pressure."""
-_ROUNDS = 20
-"""Iterations of a fixed point that halves its error each time, up to 0.7 of the friction."""
+"""Friction lever of a purely spinning patch, in radii, under Hertzian pressure."""
+_MAX_ITERATIONS = 20
+"""Fixed-point iterations; each halves the error, up to 0.7 of the friction limit."""
 
 
 class Slip:
-    """Slip model: twist of robots on a floor with friction, from the rolling of their wheels.
+    """Slip model: body twist on a floor with friction, from the rolling of the wheels.
 
-    The friction of a spinning wheel is viscous: it pushes only while it slides, by some centimetres
-    a second, which no gimbal measures. So the body lags its wheels, and hardly follows a demand
-    beyond the friction limit. Accelerating the body slows the wheels down, and braking it speeds
-    them up, faster than the motors compensate. All wheels carry the same load; the chassis is a
-    disc of the size of the pivot circle, with the modules on its rim, and a wheel is half a hollow
-    sphere.
+    The friction of a spinning wheel is viscous: it transmits force only while the wheel slides, by
+    a few cm/s, which gimbals cannot measure. The body therefore lags its wheels, and hardly follows
+    demands beyond the friction limit. Accelerating the body slows the wheels down, and braking
+    speeds them up, faster than the motors compensate. Assumptions: equal wheel loads; the chassis
+    is a disc with the diameter of the pivot circle, with the modules on its rim; a wheel is half a
+    hollow sphere.
     """
 
     def __init__(self, robot: SingularityDescription, batch: tuple[int, ...] = ()) -> None:
@@ -60,9 +58,9 @@ class Slip:
         self._down_s = robot.motor.time_constant_down_s
         slower = self._most_n * self._lever_m * self._up_s * self._share_per_nms
         self.rest_share: float = 1.0 - slower
-        """Speed of wheels that spin on the floor at rest, as a share of their set-point."""
+        """Speed of wheels that spin on the floor at rest, relative to their setpoint."""
         self.spin_share: Array = np.full((*batch, kinematics.modules), self.rest_share)
-        """(..., k): speed of each wheel, as a share of its set-point."""
+        """(..., k): speed of each wheel, relative to its setpoint."""
         self.twist: Array = np.zeros((*batch, 3))
         """(..., 3): twist of the body, in its frame."""
 
@@ -79,9 +77,9 @@ class Slip:
         return float(self._mass[2, 2]) * _SPIN_IN_SLIP * self._rim_mps / (across * self._most_n)
 
     def later(self, turning_s: float) -> Slip:
-        """Return this model at rest on a floor where the lag of turns is longer by `turning_s`.
+        """Return this model at rest on a floor with a turning lag longer by `turning_s`.
 
-        The friction is limited to between half and twice the present one.
+        The friction changes by at most a factor of two.
         """
         share = np.clip(1.0 + turning_s / self.turning_lag_s, 0.5, 2.0)
         floor = self._robot.floor
@@ -91,15 +89,15 @@ class Slip:
     def advance(self, rolling: Array, dt_s: float, pieces: int = 4) -> Array:
         """Return the twist (..., 3) after `dt_s` seconds.
 
-        `rolling` (..., 3) is the twist without slip and with wheels at their set-points. By the
-        trapezoidal rule, with the friction of the previous slip: stable for any step.
+        `rolling` (..., 3) is the twist without slip and with wheels at their setpoints. Uses the
+        trapezoidal rule with the friction of the previous slip, which is stable for any step.
         """
         step_s = dt_s / pieces
-        told = np.einsum("kij,...j->...ki", self._rows, rolling)
+        demanded = np.einsum("kij,...j->...ki", self._rows, rolling)
         for _ in range(pieces):
             share = self.spin_share
             over = np.einsum("kij,...j->...ki", self._rows, self.twist)
-            slip = share[..., None] * told - over
+            slip = share[..., None] * demanded - over
             slip2 = np.square(slip).sum(axis=-1)
             rim2 = np.square(share * self._rim_mps)
             pull = self._most_n / np.sqrt(slip2 + _SPIN_IN_SLIP**2 * rim2)
@@ -109,25 +107,25 @@ class Slip:
             gained = np.asarray(
                 np.linalg.solve(self._mass + 0.5 * drag, pulled[..., None]), dtype=float
             )
-            self.spin_share = share + step_s * self._spin_up(share, told, force, slip2, rim2)
+            self.spin_share = share + step_s * self._spin_up(share, demanded, force, slip2, rim2)
             self.twist = self.twist + gained[..., 0]
-            # Coriolis term: the axes of the body rotate.
+            # Coriolis term, because the axes of the body rotate.
             turned = step_s * self.twist[..., 2:]
             self.twist[..., :2] += turned * self.twist[..., 1::-1] * [1.0, -1.0]
         return self.twist
 
     def push(self, twist: Array, acceleration: Array, dt_s: float) -> tuple[Array, Array]:
-        """Inverse of `advance`: return the rolling and the forces for `twist` (3,), over `dt_s`.
+        """Invert `advance`: return rolling and forces for `twist` (3,) over `dt_s`.
 
-        The rolling velocities (k, 2) are those of wheels at their set-points; the forces (k, 2) are
-        those at the contacts. `acceleration` (3,) is over the ground, in the frame of the body.
-        Demands beyond the friction limit give finite results, but are not reached.
+        Returns the rolling velocities (k, 2) of wheels at their setpoints, and the contact forces
+        (k, 2). `acceleration` (3,) is over the ground, in the body frame. Demands beyond the
+        friction limit give finite results, but are not reached.
         """
         forces = self._mass @ acceleration
         rim2 = np.square(self.spin_share * self._rim_mps)
         slip = np.zeros((len(self._rows), 2))
         pull = np.zeros(len(self._rows))
-        for _ in range(_ROUNDS):
+        for _ in range(_MAX_ITERATIONS):
             slip2 = np.square(slip).sum(axis=-1)
             pull = self._most_n / np.sqrt(slip2 + _SPIN_IN_SLIP**2 * rim2)
             grip = np.einsum("k,kjl->jl", pull, self._squares)
@@ -139,29 +137,31 @@ class Slip:
         self.spin_share = self.spin_share + dt_s * rise_per_s
         return rolled, force
 
-    def _spin_up(self, share: Array, told: Array, force: Array, slip2: Array, rim2: Array) -> Array:
-        """Return the spin acceleration: motor torque less the load of push and spin friction."""
+    def _spin_up(
+        self, share: Array, demanded: Array, force: Array, slip2: Array, rim2: Array
+    ) -> Array:
+        """Return the wheel acceleration: motor torque minus the loads of push and spin friction."""
         time_constant_s = np.where(share < 1.0, self._up_s, self._down_s)
-        pushing = (force * told).sum(axis=-1) / self._spin_rad_per_s
+        pushing = (force * demanded).sum(axis=-1) / self._spin_rad_per_s
         drilling = self._most_n * self._lever_m * np.sqrt(rim2 / (rim2 + _SLIP_IN_SPIN**2 * slip2))
         return (1.0 - share) / time_constant_s - self._share_per_nms * (pushing + drilling)
 
 
 def twist_from_wheels(robot: VirtualRobot, slip: Slip | None) -> Array:
-    """Return the twist (3,) from the wheels after one period, with the slip model if given."""
+    """Return the twist (3,) from the wheels after one period, including slip if modelled."""
     twist = robot.spin_share * robot.controller.mean_twist
     return twist if slip is None else slip.advance(twist / slip.rest_share, PERIOD_S)
 
 
 REMAINING_SPIN_SIGMA = 0.002
-"""Standard deviation of the remaining error of the share, mainly due to wheel layers."""
+"""Standard deviation of the remaining speed error, mainly due to wheel layers."""
 _RATE_RAD_PER_S = 2.5
 _SWING_S = 2.5
 _REST_S = 0.5
 
 
 class SpinMeasurement(NamedTuple):
-    """Result of the spin measurement by a turn in place."""
+    """Result of a wheel-speed measurement by a turn in place."""
 
     spin_share: float
     """Wheel speed relative to the assumed one."""
@@ -170,10 +170,10 @@ class SpinMeasurement(NamedTuple):
 
 
 def measure_spin(robot: VirtualRobot, gyro: YawGyro, slip: Slip | None) -> SpinMeasurement:
-    """Measure the spin: turn a robot to and fro, and compare its gyro with its wheels.
+    """Turn a robot back and forth, and compare its gyro with its wheels.
 
-    The rate is a sine: gimbals pass through all tilts, so that servo steps and wheel layers average
-    out, and constant offsets cancel between both directions.
+    The rate is a sine, so gimbals pass through all tilts: servo steps and wheel layers average out,
+    and constant offsets cancel between both directions.
     """
     by_wheels: list[float] = []
     by_gyro: list[float] = []
@@ -184,7 +184,7 @@ def measure_spin(robot: VirtualRobot, gyro: YawGyro, slip: Slip | None) -> SpinM
         robot.drive(np.array([0.0, 0.0, rate]))
         by_wheels.append(float(twist_from_wheels(robot, slip)[2]))
         by_gyro.append(float(gyro.measure(robot.true_twist[2])))
-    # Wheel measurements are delayed, those of the gyro are not.
+    # Wheel measurements are delayed, but not the gyro.
     at_s: Array = PERIOD_S * np.arange(len(by_gyro), dtype=np.float64)
     seen = np.interp(at_s - robot.simulated.delay_s, at_s, by_gyro)
     expected = np.array(by_wheels)
@@ -200,9 +200,9 @@ _FRICTION_SHARE = 0.25
 class PoseObserver:
     """Pose observer of a virtual robot that starts at its mark.
 
-    The delay of the bus is known, and the slip model if given. Five constant errors are not known:
-    the common factor of the wheel speeds, the two components of the drift velocity due to gimbal
-    zeros, the gyro bias, and the additional lag on the floor. A camera makes them observable.
+    The bus delay is known, and so is the slip model if given. Five biases are unknown: the common
+    factor of the wheel speeds, the two components of the drift velocity due to gimbal zeros, the
+    gyro bias, and the additional lag on the floor. A camera makes them observable.
     """
 
     def __init__(
@@ -216,7 +216,7 @@ class PoseObserver:
     ) -> None:
         """`spin_sigma` is the standard deviation of the common factor of the wheel speeds.
 
-        The default is the described one of each wheel.
+        It defaults to the described value of a single wheel divided by the root of their number.
         """
         self._gyro, self._camera, self.slip = gyro, camera, slip
         self._delay_s = robot.simulated.delay_s
@@ -236,7 +236,7 @@ class PoseObserver:
         """Camera frames; times since the start."""
 
     def __call__(self, robot: VirtualRobot) -> SE2:
-        """Pose after the newest measurement."""
+        """Return the pose after the latest measurement."""
         now_s = robot.now_s - self._start_s
         before, self._twist = self._twist, twist_from_wheels(robot, self.slip)
         # Pure rolling gives the mean twist of the step; the slip model gives the twist at its end.
@@ -250,17 +250,17 @@ class PoseObserver:
         later = (before - self._twist) / PERIOD_S
         by_errors = np.column_stack([mean, np.eye(3), later])
         if self._gyro is not None:
-            # The gyro measures turns independently of spin and slip.
+            # The gyro measures rotation independently of wheel speed and slip.
             by_errors[2, [0, -1]] = 0.0
-        # Errors that are not constant are independent in each sample.
+        # Errors other than biases are independent in each sample.
         self._filter.advance(now_s - self._delay_s, mean, by_errors, covariance * PERIOD_S)
         self._fuse_camera(robot, now_s)
         return self._filter.pose @ SE2.exp(mean * self._delay_s)
 
     def _twist_noise(self, robot: VirtualRobot) -> Array:
-        """Return the covariance (3, 3) of the twist, but for errors that all wheels share.
+        """Return the covariance (3, 3) of the twist, without errors common to all wheels.
 
-        The filter estimates these.
+        The filter estimates the common errors.
         """
         joints = robot.controller.joints
         nudged = np.tile(joints, (len(joints) + 1, 1))
@@ -291,10 +291,10 @@ class Loop(StrEnum):
 def make_observer(
     loop: Loop, robot: VirtualRobot, seed: int, slip: Slip | None = None, *, turns: bool = False
 ) -> PoseObserver | None:
-    """Observer of a robot at its start pose; None when the loop is open.
+    """Return the observer of a robot at its start pose, or None for an open loop.
 
-    `slip` is for a plant whose wheels slide. With `turns`, a robot with a gyro first turns in place
-    to measure its spin and slip, and its mark is set afterwards.
+    `slip` is for a plant with slipping wheels. With `turns`, a robot with a gyro first turns in
+    place to measure its wheel speed and slip, and its mark is set afterwards.
     """
     if loop is Loop.OPEN:
         return None

@@ -1,7 +1,7 @@
-"""Open-loop drives of many simulated robots, and how exact their estimates are.
+"""Open-loop drives of many simulated robots, and the consistency of their estimates.
 
-Manoeuvres, set-points of the control loop for them, simulated robots with errors of their own, and
-the squared errors of the estimates in units of their covariances (NEES).
+Manoeuvres, the control loop's setpoints for them, simulated robots with individual errors, and
+squared estimation errors in units of their covariances (NEES).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tsd_twin.simulation import Camera, CameraNoise, SimRobot, simulate
 
 TIMES_S = (2.0, 5.0, 20.0)
 MOUNTED, CONSTANT = "mounted", "2 cm off"
-"""Cameras: mounted as exactly as described, or off by a constant distance."""
+"""Cameras: mounted with the described accuracy, or off by a constant distance."""
 _CONSTANT_M = 0.02
 _POINT_M = 1e-9
 
@@ -36,13 +36,13 @@ _POINT_M = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Manoeuvre:
-    """Twists in time for any robot over a floor."""
+    """Twists over time, for any robot on a floor."""
 
     name: str
     twist: Callable[[float], Sequence[float]]
-    """From seconds since the start to vx, vy, omega; m/s and rad/s."""
+    """Maps seconds since the start to vx, vy, omega; m/s and rad/s."""
     drive_speeds: Sequence[float] = ()
-    """Speeds of wheels that always spin, as shares of the usual one, for `_SPEED_S` each."""
+    """Speeds of continuously spinning wheels, relative to the default, for `_SPEED_S` each."""
 
 
 _SPEED_S = 2.0
@@ -74,35 +74,35 @@ BY_NAME = {manoeuvre.name: manoeuvre for manoeuvre in MANOEUVRES}
 
 
 class _Recorder(SimRobot):
-    """Ideal robot that keeps its set-points."""
+    """Ideal robot that records its setpoints."""
 
     def __init__(self, robot: RobotDescription) -> None:
         super().__init__(robot)
         self.setpoints: list[Array] = []
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Keep and obey a set-point (n,)."""
+        """Record and apply a setpoint (n,)."""
         self.setpoints.append(setpoint.copy())
         super().write(setpoint, now_s)
 
 
 @functools.lru_cache(maxsize=4)
 def driven_setpoints(robot_name: str, manoeuvre_name: str, seconds: float) -> tuple[Array, int]:
-    """Return the set-points (p, n) of a run from power-up, and at which of them the robot starts.
+    """Return the setpoints (p, n) of a run from power-up, and the index at which the robot starts.
 
-    They are those of the control loop with all its limits, for commands in the frame of the robot:
-    these depend on nothing that is measured.
+    They come from the control loop with all its limits, for commands in the robot frame, and so do
+    not depend on measurements.
     """
     robot, manoeuvre = robots.load_robot(robot_name), BY_NAME[manoeuvre_name]
     recorder = _Recorder(robot)
     virtual = VirtualRobot(robot, recorder)
     start = len(recorder.setpoints)
-    usual_rpm = getattr(robot.drive, "cruise_speed_rpm", 0.0)  # pyright: ignore
+    default_rpm = getattr(robot.drive, "cruise_speed_rpm", 0.0)  # pyright: ignore
     for i in range(round(seconds / PERIOD_S)):
         t_s = i * PERIOD_S
         if manoeuvre.drive_speeds and t_s % _SPEED_S < 0.5 * PERIOD_S:
             speeds = manoeuvre.drive_speeds
-            virtual.choose_drive_speed(usual_rpm * speeds[round(t_s / _SPEED_S) % len(speeds)])
+            virtual.choose_drive_speed(default_rpm * speeds[round(t_s / _SPEED_S) % len(speeds)])
         virtual.drive(np.array(manoeuvre.twist(t_s)))
     return np.array(recorder.setpoints), start
 
@@ -110,30 +110,30 @@ def driven_setpoints(robot_name: str, manoeuvre_name: str, seconds: float) -> tu
 # Cases.
 
 JOINTS, GYRO, DEAD_WHEELS = "joints", "gyro", "dead wheels"
-"""What odometry uses: joints of the drive alone, a yaw gyro too, or dead wheels with a gyro."""
+"""Sensors of the odometry: drive joints only, with a yaw gyro, or tracking wheels with a gyro."""
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One row of the table: many robots of one description, all with errors of their own."""
+    """Table row: many identical robots with individual errors."""
 
     robot: str
     manoeuvre: str
     errors: float = 0.0
     odometry: str = ""
-    """`JOINTS`, `GYRO` or `DEAD_WHEELS`; "" is as the robot is described."""
+    """`JOINTS`, `GYRO` or `DEAD_WHEELS`; "" uses the described sensors."""
     camera: str = ""
-    """A camera "mounted" as described; or "2 cm off"; or none."""
+    """A camera "mounted" as described, one "2 cm off", or ""."""
     plant: str = "kinematic"
     seeds: int = 40
     first: int = 0
     """Seed of the first robot."""
     times_s: tuple[float, ...] = TIMES_S
-    """When estimates are compared with the truth, seconds from the start."""
+    """Times since the start at which estimates are compared with the true poses, seconds."""
 
     @property
     def described(self) -> RobotDescription:
-        """The robot, as it is described to simulator and estimator."""
+        """Description used by simulator and estimator."""
         robot = robots.load_robot(self.robot).with_errors(self.errors)
         if isinstance(robot, OmniDescription) and self.odometry in (JOINTS, GYRO):
             robot = msgspec.structs.replace(robot, dead_wheels=None)
@@ -141,14 +141,14 @@ class Case:
             gyro = (robot.gyro or Gyro()) if self.odometry == GYRO else None
             robot = msgspec.structs.replace(robot, gyro=gyro)
         if isinstance(robot, SingularityDescription) and self.plant == "kinematic":
-            # This plant has no friction: a point that touches the floor does not slide.
+            # This plant has no friction, so use a contact point that does not slide.
             floor = msgspec.structs.replace(robot.floor, patch_radius_m=_POINT_M)
             robot = msgspec.structs.replace(robot, floor=floor)
         return robot
 
     @property
     def sensors(self) -> str:
-        """Sensors beside the joints, as text."""
+        """Sensors in addition to the joints, as text."""
         odometry = "" if self.odometry == JOINTS else self.odometry
         camera = f"camera, {self.camera}" if self.camera else ""
         return " + ".join(filter(None, (odometry, camera))) or JOINTS
@@ -173,12 +173,12 @@ class Consistency:
 
     @property
     def coverage(self) -> Array:
-        """(times,): share of the robots inside the drawn region."""
+        """(times,): fraction of the robots inside the drawn region."""
         return self.inside.mean(axis=-1)
 
     @property
     def heading_coverage(self) -> Array:
-        """(times,): share of the robots whose heading is inside the drawn wedge."""
+        """(times,): fraction of the robots whose heading is inside the drawn wedge."""
         return self.within.mean(axis=-1)
 
 
@@ -187,10 +187,10 @@ class Consistency:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """One simulated drive, which robots with other sensors share."""
+    """Simulated drive shared by robots with different sensors."""
 
     cases: tuple[Case, ...]
-    """They differ in gyro and camera only."""
+    """Cases, which differ in gyro and camera only."""
     first: int
     """Seed of the first robot."""
     batch: tuple[int, ...]
@@ -198,7 +198,7 @@ class Drive:
 
 
 def drives(cases: Sequence[Case]) -> list[Drive]:
-    """Return the drives that some cases need: what is simulated is the same with any sensors."""
+    """Return the drives needed for some cases; the simulation does not depend on the sensors."""
     groups: dict[Case, list[Case]] = {}
     for case in cases:
         own = case.odometry if case.odometry not in (JOINTS, GYRO) else JOINTS
@@ -214,7 +214,7 @@ def drives(cases: Sequence[Case]) -> list[Drive]:
 
 
 def run_case(case: Case) -> Consistency:
-    """Drive all robots of a case, and compare their estimates with the truth."""
+    """Drive all robots of a case, and compare their estimates with the true poses."""
     made = drives([case])
     return collected([case], made, [drive(each) for each in made])[0]
 
@@ -222,7 +222,7 @@ def run_case(case: Case) -> Consistency:
 def collected(
     cases: Sequence[Case], made: Sequence[Drive], results: Sequence[Sequence[tuple[Array, ...]]]
 ) -> list[Consistency]:
-    """Return the results of all cases, in their order, from those of the drives."""
+    """Return the results of all cases, in their order, from the results of the drives."""
     parts: dict[Case, list[tuple[Array, ...]]] = {case: [] for case in cases}
     for driven, by_case in zip(made, results, strict=True):
         for case, part in zip(driven.cases, by_case, strict=True):
@@ -236,7 +236,7 @@ def collected(
 
 
 def drive(driven: Drive) -> list[tuple[Array, ...]]:
-    """Drive, and return for each case what `_compared` does, (times, robots) each."""
+    """Drive, and return the arrays (times, robots) of `_compared` for each case."""
     case = next((case for case in driven.cases if case.odometry == GYRO), driven.cases[0])
     robot = case.described
     simulation = simulate(
@@ -282,12 +282,12 @@ class _Fleet:
         self._compared: list[tuple[Array, ...]] = []
 
     def advance(self, now_s: float, measured: Array, setpoint: Array) -> None:
-        """Update with what all robots measure, (robots, n + s or more), for a set-point (n,)."""
+        """Update with all robots' measurements, (robots, n + s or more), and a setpoint (n,)."""
         for estimator, values in zip(self._estimators, measured, strict=True):
             estimator.advance(now_s, values[: self._measured], setpoint, PERIOD_S)
 
     def start(self) -> None:
-        """Begin to estimate from the origin."""
+        """Start the estimation at the origin."""
         for estimator in self._estimators:
             estimator.set_pose(SE2.identity())
 
@@ -302,7 +302,7 @@ class _Fleet:
 
     @property
     def results(self) -> tuple[Array, ...]:
-        """What `_compared` returned, (times, robots) each."""
+        """Results of `_compared`, (times, robots) each."""
         return tuple(np.array(each) for each in zip(*self._compared, strict=True))
 
 
@@ -315,13 +315,13 @@ def unmeasured_joints(robot: RobotDescription) -> list[int]:
 
 
 _LEAST_M = 1e-5
-"""Standard deviation added to each number, for covariances without extent in some direction."""
+"""Standard deviation added to each component, for singular covariances."""
 
 
 def _compared(estimators: Sequence[StateEstimator], truths: SE2) -> tuple[Array, ...]:
-    """Return for each robot its squared error in units of the covariance, and what is inside.
+    """Return each robot's squared error in units of the covariance, and containment.
 
-    Inside the drawn regions, that is: its position, and its heading.
+    Containment in the drawn regions is given for position and heading.
     """
     messages = [estimator.odometry(0) for estimator in estimators]
     estimates = SE2(np.array([each.xy_heading for each in messages]))
@@ -347,7 +347,7 @@ def squared_errors(errors: Array, covariances: Array) -> Array:
 
 
 class _Cameras:
-    """Cameras above the robots of a case, one each, which they hear as over the bus."""
+    """One camera above each robot of a case, connected as over the bus."""
 
     def __init__(self, case: Case, robot: RobotDescription, count: int, seed: int) -> None:
         self._key = SENSOR_POSE.key(robot.name)
@@ -368,7 +368,7 @@ class _Cameras:
             self._off[:, 1] = _CONSTANT_M * np.sin(directions)
 
     def watch(self, i: int, estimator: StateEstimator, true: SE2, now_s: float) -> None:
-        """Look at robot `i`, and pass on what the camera has seen by now."""
+        """Capture robot `i`, and forward the finished frames."""
         if not self._cameras:
             return
         heard: list[Sample] = []
@@ -380,5 +380,5 @@ class _Cameras:
 
 
 def nanoseconds(now_s: float) -> int:
-    """Return a time as it is stamped."""
+    """Convert a time to its stamp."""
     return round(now_s * 1e9)

@@ -1,8 +1,8 @@
 """Experiments `omni-step` and `atlas`: figures of the two papers on other platforms.
 
-`omni-step`: 5 m/s and stop at half-way, against the time-optimal profile (Savnani et al. 2019).
-`atlas`: error of the ideal kinematics of a sphere on wheels with two rows of rollers,
-Fig. 7 of Weiss et al. 2008.
+`omni-step`: 5 m/s and stop at the midpoint, against the time-optimal profile (Savnani et al. 2019).
+`atlas`: error of the ideal kinematics of a sphere on wheels with two rows of rollers, Fig. 7 of
+Weiss et al. 2008.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from tsd_twin.robots.description import Limits
 from tsd_twin.simulation import SimRobot, simulate
 
 _SETTLE_S = 1.0
-_LONGEST_S = 120.0
+_MAX_S = 120.0
 
 
 @dataclass(frozen=True, slots=True)
 class PointToPointProfile:
     """Time-optimal velocity profile over a distance from rest to rest: triangle or trapezoid.
 
-    Half-way at the limit of acceleration and half braking (Savnani et al. 2019), with the top speed
-    held in between when it is reached.
+    Maximum acceleration, then maximum braking from the midpoint (Savnani et al. 2019), with the top
+    speed held in between if it is reached.
     """
 
     distance_m: float
@@ -43,13 +43,13 @@ class PointToPointProfile:
 
     @staticmethod
     def of(distance_m: float, limits: Limits) -> PointToPointProfile:
-        """Profile over `distance_m` within these limits."""
+        """Return the profile over `distance_m` within these limits."""
         a, d = limits.acceleration_mps2, limits.deceleration_mps2
         return PointToPointProfile(distance_m, limits.speed_mps, a, d)
 
     @property
     def peak_mps(self) -> float:
-        """Highest speed: the top speed, or less over a short distance."""
+        """Peak speed: the top speed, or less over a short distance."""
         a, d = self.acceleration_mps2, self.deceleration_mps2
         return min(self.speed_mps, math.sqrt(2.0 * self.distance_m * a * d / (a + d)))
 
@@ -60,7 +60,7 @@ class PointToPointProfile:
 
     @property
     def brake_at_m(self) -> float:
-        """Distance at which braking begins; half-way for equal acceleration and deceleration."""
+        """Position where braking begins; midway for equal acceleration and deceleration."""
         return self.distance_m - self.peak_mps**2 / (2.0 * self.deceleration_mps2)
 
     @property
@@ -71,7 +71,7 @@ class PointToPointProfile:
         return up + down + held_m / self.peak_mps
 
     def speed(self, t_s: Array) -> Array:
-        """Speed at times `t_s` (...), m/s."""
+        """Return the speed at times `t_s` (...), m/s."""
         rising = self.acceleration_mps2 * t_s
         falling = self.deceleration_mps2 * (self.duration_s - t_s)
         return np.clip(np.minimum(rising, falling), 0.0, self.peak_mps)
@@ -79,7 +79,7 @@ class PointToPointProfile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProfileRun:
-    """Record of a point-to-point run, a row for each period."""
+    """Record of a point-to-point run, with a row per period."""
 
     profile: PointToPointProfile
     t_s: Array
@@ -89,11 +89,11 @@ class ProfileRun:
 
     @property
     def overshoot_m(self) -> float:
-        """Overshoot of the final position; negative is short of the end."""
+        """Overshoot of the final position; negative if short of the end."""
         return float(self.distance_m[-1]) - self.profile.distance_m
 
     def columns(self) -> dict[str, Array]:
-        """Columns of a table."""
+        """Return the columns of a table."""
         return {
             "t_s": self.t_s,
             "commanded_mps": self.commanded_mps,
@@ -104,15 +104,15 @@ class ProfileRun:
 
 
 def run_profile(robot: VirtualRobot, profile: PointToPointProfile) -> ProfileRun:
-    """Command full speed, then zero from the braking point on, by the robot's own odometry.
+    """Command full speed, then zero from the braking point, using the robot's odometry.
 
-    Commands take effect a number of periods later, and are given as many ahead.
+    Commands take effect several periods later, and are sent ahead accordingly.
     """
     full, none = np.array([profile.speed_mps, 0.0, 0.0]), np.zeros(3)
     rows: list[tuple[float, float, float, float]] = []
     braking, left_s = False, _SETTLE_S
     start_s = robot.now_s
-    while left_s > 0.0 and robot.now_s - start_s < _LONGEST_S:
+    while left_s > 0.0 and robot.now_s - start_s < _MAX_S:
         speed = float(robot.true_twist[0])
         rows.append(
             (
@@ -133,7 +133,7 @@ def run_profile(robot: VirtualRobot, profile: PointToPointProfile) -> ProfileRun
 
 
 def run_omni_step(args: argparse.Namespace, out: Output) -> list[str]:
-    """5 m/s and stop at half-way: velocity against the ideal triangle and trapezoid."""
+    """5 m/s and stop at the midpoint: velocity against the ideal triangle and trapezoid."""
     robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
     limits = msgspec.structs.replace(
         robot.limits,
@@ -142,7 +142,7 @@ def run_omni_step(args: argparse.Namespace, out: Output) -> list[str]:
         deceleration_mps2=args.acceleration,
     )
     robot = msgspec.structs.replace(robot, limits=limits)
-    # The shortest distance on which the top speed is reached lies between the two.
+    # The minimum distance for reaching the top speed lies between the two.
     reach_m = args.speed**2 / args.acceleration
     runs: dict[str, ProfileRun] = {}
     goals = {"triangle": 0.6 * reach_m, "trapezoid": 1.6 * reach_m}
@@ -166,7 +166,7 @@ def run_omni_step(args: argparse.Namespace, out: Output) -> list[str]:
 def unlimited_step(
     robot: OmniDescription, speed_mps: float, seconds: float = 1.5
 ) -> dict[str, Array]:
-    """Response of a robot to a step of wheel speed without limits."""
+    """Return the response of a robot to an unlimited step of wheel speed."""
     simulation = simulate(robot)
     drive = simulation.kinematics
     full = np.array([speed_mps, 0.0, 0.0])
@@ -181,7 +181,7 @@ def unlimited_step(
 
 
 def _run_summary(name: str, each: ProfileRun, late_s: float) -> str:
-    """Return a text of a run; the lag of the wheels counts twice, at the start and in braking."""
+    """Format a run; the lag of the wheels counts twice, at the start and in braking."""
     goal = each.profile
     late_m = 2.0 * late_s * goal.peak_mps if goal.is_triangle else late_s * goal.peak_mps
     return (
@@ -263,19 +263,19 @@ TABLE_1 = np.array(
         [13.0, 0.0, 0.0, 0.0],
     ]
 )
-"""Time, s, and speeds of the three wheels, rad/s; straight lines between the rows."""
+"""Time, s, and speeds of the three wheels, rad/s, interpolated linearly between the rows."""
 STEP_S = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowEffect:
-    """Ideal and dual-row motion of a sphere at the same wheel speeds, a row for each time."""
+    """Ideal and dual-row motion of a sphere at the same wheel speeds, with a row per time."""
 
     t_s: Array
     speeds: Array
     """(n, 3): wheel speeds, rad/s."""
     ideal: Array
-    """(n, 3): angular velocity with contacts half-way between the rows, rad/s."""
+    """(n, 3): angular velocity with contacts midway between the rows, rad/s."""
     true: Array
     """(n, 3): angular velocity by the dual-row model, rad/s."""
 
@@ -292,7 +292,7 @@ class RowEffect:
         return np.where(true > 0.0, 1.0 - ideal / np.where(true > 0.0, true, 1.0), 0.0)
 
     def columns(self) -> dict[str, Array]:
-        """Columns of a table."""
+        """Return the columns of a table."""
         table = {"t_s": self.t_s}
         for i in range(self.speeds.shape[1]):
             table[f"wheel{i + 1}_rad_per_s"] = self.speeds[:, i]
@@ -305,7 +305,7 @@ class RowEffect:
 def row_effect(
     drive: SphereKinematics, table: Array = TABLE_1, step_s: float = STEP_S
 ) -> RowEffect:
-    """Dual-row effect for wheel speeds (r, 1 + k) that are linear between times."""
+    """Return the dual-row effect for wheel speeds (r, 1 + k), linear between times."""
     start, end = float(table[0, 0]), float(table[-1, 0])
     t: Array = np.linspace(start, end, round((end - start) / step_s) + 1)
     columns = [np.interp(t, table[:, 0], table[:, i]) for i in range(1, table.shape[1])]
@@ -343,7 +343,7 @@ def run_atlas(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _peak_text(values: Array, t_s: Array, unit: str) -> str:
-    """Text of the largest of `values` and its first time, without the time for rounding."""
+    """Format the maximum of `values` and its first time, if it exceeds rounding."""
     peak = float(values.max())
     first = int((values > (1.0 - _ROUNDING) * peak).argmax())
     when = f" at {t_s[first]:.2f} s" if peak > _ROUNDING else ""

@@ -1,7 +1,7 @@
-"""Experiment `square`: the 1 m square of the thesis at 1 m/s, its Figures 13 and 14, and beyond it.
+"""Experiment `square`: the 1 m square of the thesis at 1 m/s (Figures 13 and 14), and beyond.
 
-Open loop is as in the thesis: a reference that jumps from side to side, and no correction. Closed
-loop is timed to the limits, so that all of it can be followed.
+Open loop is as in the thesis: a reference that jumps from side to side, without correction. Closed
+loop is timed to the limits, so that the reference can be followed exactly.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ _FEEDFORWARD_STEP_S = 0.005
 
 
 class SlipFeedforward:
-    """Feed-forward that compensates slip, spin droop and gimbal compliance along a trajectory.
+    """Feed-forward that compensates slip, wheel-speed loss and gimbal compliance.
 
-    Wheels slide to push the body, slow down under the load, and deflect their gimbals: a servo acts
-    as a spring, whose stiffness follows from its torque and approach rate. All of this is computed
-    from the trajectory beforehand.
+    Wheels slide to push the body, slow down under the load, and deflect their gimbals. A servo acts
+    as a spring, whose stiffness follows from its torque and approach rate. The compensation is
+    precomputed from the trajectory.
     """
 
     def __init__(self, robot: SingularityDescription, slip: Slip, trajectory: Trajectory) -> None:
@@ -48,8 +48,8 @@ class SlipFeedforward:
         servo = robot.servo
         stiffness_nm = servo.stall_torque_nm * servo.approach_rate_per_s
         stiffness_nm /= servo.no_load_speed_rpm * RPM
-        # The floor turns a gimbal by the force times a radius, and the tilt moves the wheel by its
-        # spin times a radius, at right angles to the force.
+        # The floor rotates a gimbal by force times radius, and the tilt moves the wheel by its
+        # speed times radius, perpendicular to the force.
         self._aside_mps_per_n = drive.wheel_radius_m**2 * drive.spin_rad_per_s / stiffness_nm
         steps = int(np.ceil(trajectory.duration_s / _FEEDFORWARD_STEP_S)) + 1
         self._at_s: Array = _FEEDFORWARD_STEP_S * (0.5 + np.arange(steps, dtype=np.float64))
@@ -60,7 +60,7 @@ class SlipFeedforward:
         self._twists: Array = np.stack(twists)
 
     def __call__(self, t_s: float) -> Array:
-        """Twist (3,) to command for the time `t_s` of the trajectory."""
+        """Return the twist (3,) to command for the time `t_s` of the trajectory."""
         twists = self._twists
         return np.array([float(np.interp(t_s, self._at_s, twists[:, i])) for i in range(3)])
 
@@ -70,34 +70,34 @@ class SlipFeedforward:
         over_ground = rate + turn * np.array([-y, x, 0.0])
         rolled, force = slip.push(twist, over_ground, _FEEDFORWARD_STEP_S)
         aside = self._aside_mps_per_n * np.stack([-force[:, 1], force[:, 0]], axis=-1)
-        # The set-point of the wheel speed is that at rest on this floor.
+        # The wheel-speed setpoint refers to rest on this floor.
         return self._twist_from_contacts @ (slip.rest_share * rolled - aside).ravel()
 
 
 SPEED_MPS = 1.0
 ACCELERATION_MPS2, DECELERATION_MPS2 = 4.0, 4.0
-"""Limits of the closed loop; those of the robot are raised above them as a margin."""
+"""Limits of the closed loop; the robot's own limits are raised above them as a margin."""
 SMOOTH_S = 0.0495
 """Rise time of the acceleration: the remainder of 5.2 s, on four sides."""
 _LIMIT_SHARE = 0.5
-"""Share of these limits used by the trajectory; lag, slip and compliance need the margin."""
+"""Fraction of these limits used by the trajectory; lag, slip and compliance need the margin."""
 _SPEED_MARGIN = 1.5
-"""Speed limit relative to that of the square; a low battery needs higher commands."""
+"""Speed limit relative to the square's speed; a low battery needs higher commands."""
 _GAINS = Gains(6.0, 1.0, integral_limit=0.05)
 """Gains below the default: feed-forward leaves small errors, and camera frames are noisy."""
-_PLAY_LAG_S = 0.01
-"""Additional lag under load of a robot with the errors of `tsd`: while the motor of a servo crosses
-its backlash, the floor turns the gimbal. Measured in MuJoCo, as the only figure here; the rest of
-the lag is in the description."""
+_BACKLASH_LAG_S = 0.01
+"""Additional lag under load for the errors of `tsd`: while a servo motor crosses its backlash, the
+floor turns the gimbal. Measured in MuJoCo, as the only value here; the remaining lag is in the
+description."""
 THESIS_ROBOT = "tsd"
 THESIS_SHARE = 0.16
-"""Largest position error reported in the thesis, as a share of the side."""
+"""Maximum position error reported in the thesis, relative to the side."""
 _NO_LIMIT_MPS2 = 1000.0
-"""Acceleration limit of the thesis, which had none: corners at the speed of the servos."""
+"""Acceleration limit for the thesis, which had none: corners at servo speed."""
 
 
 def _replace(table: str, **values: float) -> Callable[..., SingularityDescription]:
-    """Return what gives a robot other values in one table of its description."""
+    """Return a function that changes values in one table of a robot's description."""
 
     def change(robot: SingularityDescription) -> SingularityDescription:
         changed = msgspec.structs.replace(getattr(robot, table), **values)
@@ -121,12 +121,12 @@ MISMATCHES: dict[str, Callable[[SingularityDescription], SingularityDescription]
     "motor time constants doubled": _slower_motors,
     "mass 4 kg": _replace("mass", total_kg=4.0),
 }
-"""In what a true robot may differ from its description, for robots like `tsd`."""
+"""Differences between a true robot and its description, for robots like `tsd`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Square:
-    """Settings of a square run, as by the flags of `tsd-lab square`."""
+    """Settings of a square run, as in the flags of `tsd-lab square`."""
 
     robot: str
     loop: Loop
@@ -135,15 +135,15 @@ class Square:
     errors: float
     plant: str
     believed_friction: float
-    """Friction assumed by the robot, relative to the true one."""
+    """Friction assumed by the robot, relative to the true friction."""
     turns: bool
-    """Whether the robot first turns in place to measure its spin."""
+    """Whether the robot first turns in place to measure its wheel speed."""
     differs: str = ""
-    """In which of `MISMATCHES` the simulated robot differs from the described one; empty: none."""
+    """Entry of `MISMATCHES` by which the simulated robot differs, or ""."""
 
     @staticmethod
     def of(args: argparse.Namespace, seed: int) -> Square:
-        """Settings of `args`, with another seed."""
+        """Return the settings of `args`, with another seed."""
         return Square(
             robot=args.robot,
             loop=Loop(args.loop),
@@ -190,7 +190,7 @@ class Square:
         return trajectory, follow_trajectory(virtual, trajectory, tracker, watching, periods)
 
     def _slip(self, robot: RobotDescription) -> Slip:
-        """Slip model with the friction that the robot assumes."""
+        """Return the slip model with the friction assumed by the robot."""
         known = description_of_kind(robot, SingularityDescription)
         friction = self.believed_friction * known.floor.friction
         floor = msgspec.structs.replace(known.floor, friction=friction)
@@ -199,13 +199,13 @@ class Square:
     def _tracker(
         self, robot: RobotDescription, trajectory: Trajectory, watching: PoseObserver | None
     ) -> TrackingController:
-        """Return the tracking controller; the described sizes of the errors are known to it."""
+        """Return the tracking controller, which knows the described error sizes."""
         if watching is None:
             return TrackingController(trajectory, TrackingSettings(lag_s=0.0))
         lag_s = robot.lag_s + robot.with_errors(self.errors).delay_s
         if watching.slip is None:
             return TrackingController(trajectory, TrackingSettings(lag_s, _GAINS, _GAINS))
-        lag_s += _PLAY_LAG_S * min(self.errors, 1.0)
+        lag_s += _BACKLASH_LAG_S * min(self.errors, 1.0)
         pushing = SlipFeedforward(
             description_of_kind(robot, SingularityDescription), watching.slip, trajectory
         )
@@ -213,7 +213,7 @@ class Square:
 
 
 def unlimited_trajectory(route: Route) -> Trajectory:
-    """Reference of the thesis: constant speed, with instantaneous corners."""
+    """Return the reference of the thesis: constant speed, with instantaneous corners."""
     s_m = np.array([0.0, *route.breaks_m, route.length_m])
     speed = np.full(len(s_m), SPEED_MPS)
     profile = SpeedProfile(s_m, speed, np.zeros(len(s_m) - 1), s_m / SPEED_MPS)
@@ -223,7 +223,7 @@ def unlimited_trajectory(route: Route) -> Trajectory:
 def _with_limits(
     robot: RobotDescription, acceleration_mps2: float, deceleration_mps2: float
 ) -> RobotDescription:
-    """Robot with other acceleration limits, and a margin above the speed."""
+    """Return the robot with other acceleration limits, and a speed margin."""
     limits = msgspec.structs.replace(
         robot.limits,
         speed_mps=max(robot.limits.speed_mps, _SPEED_MARGIN * SPEED_MPS),
@@ -241,7 +241,7 @@ _KEYS = ("rms_m", "cross_track_m", "closure_m", "worst_m")
 
 @dataclass(frozen=True, slots=True)
 class SquareResult:
-    """Errors of a square, and its time."""
+    """Errors and duration of a square."""
 
     seed: int
     duration_s: float
@@ -249,7 +249,7 @@ class SquareResult:
 
 
 def run_seeds(squares: Sequence[Square], out: Output) -> list[str]:
-    """Simulate all squares in parallel on all cores; draw and report the spread of the errors."""
+    """Simulate all squares in parallel; draw and report the distribution of the errors."""
     driven = list(out.progress(drive_squares(squares), "driving squares", len(squares)))
     percent = np.array([[percent_of(one.errors, key) for key in _KEYS] for one in driven])
     out.table(
@@ -271,7 +271,7 @@ def run_seeds(squares: Sequence[Square], out: Output) -> list[str]:
 
 def drive_squares(squares: Sequence[Square]) -> Iterator[SquareResult]:
     """Simulate squares in parallel on all cores."""
-    # Spawned processes: matplotlib and threads are not safe with a fork.
+    # Spawn processes, because matplotlib and threads are not fork-safe.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(os.cpu_count() or 1, len(squares)), context) as pool:
         yield from pool.map(_drive_square, squares)
@@ -283,7 +283,7 @@ def _drive_square(square: Square) -> SquareResult:
 
 
 def percent_of(errors: TrackingErrors, key: str) -> float:
-    """Return one of the errors, per cent of the side."""
+    """Return one of the errors as a percentage of the side."""
     return 100.0 * float(getattr(errors, key)) / errors.size_m
 
 
@@ -297,8 +297,8 @@ def _draw_errors(percent: Array, title: str, out: Output) -> None:
     axes = figure.subplots()
     for row, (of, colour) in enumerate(zip(percent.T, experiment.SERIES_COLOURS, strict=False)):
         # Side by side in the order of the seeds, so that dots do not overlap.
-        beside = row + np.linspace(-0.3, 0.3, len(of)) if len(of) > 1 else np.array([row])
-        axes.plot(beside, of, ".", color=colour, markersize=7)
+        offsets = row + np.linspace(-0.3, 0.3, len(of)) if len(of) > 1 else np.array([row])
+        axes.plot(offsets, of, ".", color=colour, markersize=7)
         median = float(np.median(of))
         axes.plot([row - 0.35, row + 0.35], [median, median], color=colour, linewidth=1.2)
     axes.set_xticks(range(len(_DRAWN)), _DRAWN)
@@ -340,7 +340,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def camera_frames(record: TrackingRecord, seed: int) -> list[Frame]:
-    """Frames of an overhead camera for a run, at 24 frames a second."""
+    """Return the frames of an overhead camera for a run, at 24 fps."""
     camera = Camera(CameraNoise(late_s=0.0), np.random.default_rng(seed))
     start = SE2(record.reference[0]).inverse()
     poses = (start @ SE2(record.truth)).xy_heading
@@ -381,7 +381,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         choices=list(PLANTS),
         default="kinematic",
         help="plant: rolling by the equations (default), or rigid bodies that slide in MuJoCo, "
-        "which is an optional package: docs/install.md",
+        "with the extra `mujoco`: docs/install.md",
     )
     parser.add_argument(
         "--believed-friction",

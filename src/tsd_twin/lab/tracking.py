@@ -1,7 +1,7 @@
 """Path tracking in virtual time: named paths, runs, tracking errors, and two experiments.
 
-`follow` drives any path on any robot. `omni-paths` drives those of Savnani et al. 2019, line,
-parabola, sine and circle, under PID with noise.
+`follow` drives any path on any robot. `omni-paths` drives the paths of Savnani et al. 2019 (line,
+parabola, sine and circle) under PID with noise.
 """
 
 from __future__ import annotations
@@ -37,28 +37,28 @@ NAMED_PATHS: dict[str, Callable[[float], Path]] = {
     "sine": lambda _: function(lambda x: 0.3 * np.sin(2.0 * math.pi * x / 1.5), 0.0, 3.0),
     "eight": lambda _: spline(_EIGHT),
 }
-"""Paths by name; the argument is the distance before a corner at which it is rounded."""
+"""Paths by name; the argument is the distance before a corner at which rounding starts."""
 
 
 def named_path(name: str, cut_m: float = 0.0) -> Path:
-    """Path by its name.
+    """Return a path by its name.
 
     Raises:
-        PathError: no path has that name.
+        PathError: If no path has that name.
     """
     if name not in NAMED_PATHS:
         raise PathError(f"there is no path '{name}': {', '.join(NAMED_PATHS)}")
     return NAMED_PATHS[name](cut_m)
 
 
-_FARTHEST_M = 1000.0
+_MAX_COORDINATE_M = 1000.0
 
 
 def path_through(points: Sequence[str], cut_m: float = 0.0, *, smooth: bool = False) -> Path:
-    """Path through points written as `x,y`, metres: straight legs, or a spline.
+    """Return a path through points written as `x,y`, metres: straight legs, or a spline.
 
     Raises:
-        PathError: a point cannot be read or is too far away, or there are too few.
+        PathError: If a point cannot be read or is too far away, or there are too few.
     """
     numbers: list[list[float]] = []
     for point in points:
@@ -66,8 +66,10 @@ def path_through(points: Sequence[str], cut_m: float = 0.0, *, smooth: bool = Fa
             x, y = (float(part) for part in point.split(","))
         except ValueError:
             raise PathError(f"a point is two numbers, x,y in metres, not '{point}'") from None
-        if not max(abs(x), abs(y)) <= _FARTHEST_M:
-            raise PathError(f"a point is within {_FARTHEST_M:g} m of the start, not '{point}'")
+        if not max(abs(x), abs(y)) <= _MAX_COORDINATE_M:
+            raise PathError(
+                f"a point is within {_MAX_COORDINATE_M:g} m of the start, not '{point}'"
+            )
         numbers.append([x, y])
     return spline(numbers) if smooth else polyline(numbers, cut_m)
 
@@ -77,21 +79,21 @@ _BLOCK = 512
 
 @dataclass(frozen=True, slots=True)
 class TrackingErrors:
-    """Tracking errors: time lag, path deviation and drift as separate measures, metres."""
+    """Tracking errors, metres: time lag, path deviation and drift as separate measures."""
 
     rms_m: float
     """RMS distance to the reference at the same time."""
     worst_m: float
-    """Largest distance to the reference at the same time."""
+    """Maximum distance to the reference at the same time."""
     cross_track_m: float
-    """Largest distance to the nearest point of the path."""
+    """Maximum distance to the nearest point of the path."""
     closure_m: float
     """Distance between the final positions of robot and reference."""
     size_m: float
-    """Larger side of the bounding box of the path, the unit of the percentages."""
+    """Larger side of the path's bounding box, the unit of the percentages."""
 
     def sentence(self) -> str:
-        """Text of three errors in millimetres and in per cent of the size."""
+        """Format three errors in millimetres and as percentages of the size."""
         parts = [
             f"{name} {1000 * value:.1f} mm ({100 * value / self.size_m:.2f} %)"
             for name, value in (
@@ -104,9 +106,9 @@ class TrackingErrors:
 
 
 def tracking_errors(xy: Array, reference_xy: Array, path_xy: Array) -> TrackingErrors:
-    """Errors of positions `xy` (n, 2) against those at the same times, and a path.
+    """Return the errors of positions `xy` (n, 2) against simultaneous references and a path.
 
-    `path_xy` (m, 2) are points along the path, close together.
+    `path_xy` (m, 2) are densely spaced points along the path.
     """
     error = xy - reference_xy
     error_m = np.hypot(error[:, 0], error[:, 1])
@@ -120,7 +122,7 @@ def tracking_errors(xy: Array, reference_xy: Array, path_xy: Array) -> TrackingE
 
 
 def _distances(xy: Array, path_xy: Array) -> Array:
-    """Distance of each of `xy` (n, 2) to the nearest leg between points (m, 2)."""
+    """Return the distance of each of `xy` (n, 2) to the nearest leg between points (m, 2)."""
     start, legs = path_xy[:-1], np.diff(path_xy, axis=0)
     squared = np.maximum(np.square(legs).sum(axis=1), 1e-300)
     nearest: list[Array] = []
@@ -135,33 +137,34 @@ def _distances(xy: Array, path_xy: Array) -> Array:
 SETTLE_S = 0.5
 """Settling time after the end of the trajectory."""
 _COMMAND_LEAD_S = 1.5 * PERIOD_S
-"""Lead of a command: it takes effect a period later, and is meant for the middle of that one."""
+"""Lead of a command, which takes effect one period later and refers to the middle of that
+period."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackingRecord:
-    """Record of a run, a row for each period; poses are x, y, heading relative to the mark."""
+    """Record of a run, a row per period; poses are x, y, heading relative to the mark."""
 
     t_s: Array
     reference: Array
-    """(n, 3)."""
+    """(n, 3): reference poses."""
     truth: Array
-    """(n, 3)."""
+    """(n, 3): true poses."""
     estimate: Array
-    """(n, 3)."""
+    """(n, 3): estimated poses."""
     reference_twist: Array
     """(n, 3): in the body frame of the reference."""
     true_twist: Array
     """(n, 3): in the body frame."""
     path_xy: Array
-    """(m, 2): points close together along the path."""
+    """(m, 2): densely spaced points along the path."""
 
     def errors(self) -> TrackingErrors:
-        """Three errors of the true positions."""
+        """Return three errors of the true positions."""
         return tracking_errors(self.truth[:, :2], self.reference[:, :2], self.path_xy)
 
     def columns(self) -> dict[str, Array]:
-        """Columns of a table."""
+        """Return the columns of a table."""
         table = {"t_s": self.t_s}
         for name, poses in (
             ("reference", self.reference),
@@ -187,7 +190,7 @@ def follow_trajectory(
 ) -> TrackingRecord:
     """Follow the trajectory and return the record; `estimate` is None for open loop.
 
-    The mark of the robot is the start of the path: trajectories may start anywhere.
+    The robot's mark is the start of the path, because trajectories may start anywhere.
     """
     start = SE2(trajectory.at(0.0).pose)
     steps = range(round((trajectory.duration_s + SETTLE_S) / PERIOD_S))
@@ -240,7 +243,7 @@ def draw_positions(axes: Axes, record: TrackingRecord, frames: list[Frame], titl
 
 
 def draw_speeds(axes: Axes, record: TrackingRecord, frames: list[Frame], title: str) -> None:
-    """Draw the speed over the floor against time, and that between camera frames."""
+    """Draw the ground speed over time, and the speed between camera frames."""
     for twists, colour, style, name in (
         (record.reference_twist, experiment.REFERENCE_COLOUR, "--", "reference"),
         (record.true_twist, experiment.TRUTH_COLOUR, "-", "robot"),
@@ -277,13 +280,13 @@ def draw_errors(axes: Axes, record: TrackingRecord, title: str) -> None:
 
 
 def camera_xy(record: TrackingRecord, frames: list[Frame]) -> Array:
-    """Positions (n, 2) in the camera frames, in the axes of the path."""
+    """Return the positions (n, 2) in the camera frames, in the axes of the path."""
     start = SE2(record.reference[0])
     return start.transform(np.array([frame.pose[:2] for frame in frames]))
 
 
 SHARE = 0.8
-"""Share of the limits used by the trajectory; the rest is a margin for correction."""
+"""Fraction of the limits used by the trajectory; the rest is a margin for feedback."""
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
@@ -330,7 +333,7 @@ def _draw(
 
 
 def add_loop_flag(parser: argparse.ArgumentParser, loop: Loop) -> None:
-    """Add the flag that chooses the feedback."""
+    """Add the flag that selects the feedback."""
     parser.add_argument(
         "--loop",
         choices=[kind.value for kind in Loop],
@@ -395,7 +398,7 @@ HEADING_PROFILES: Mapping[str, HeadingProfile] = {
 
 
 def run_omni_paths(args: argparse.Namespace, out: Output) -> list[str]:
-    """Line, parabola, sine and circle under PID with noise: error figures of each."""
+    """Line, parabola, sine and circle under PID with noise: errors of each."""
     robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
     records: dict[str, TrackingRecord] = {}
     for name, heading in out.progress(HEADING_PROFILES.items(), "driving", len(HEADING_PROFILES)):
@@ -408,7 +411,7 @@ def run_omni_paths(args: argparse.Namespace, out: Output) -> list[str]:
 def run_path(
     robot: OmniDescription, name: str, heading: HeadingProfile, noise: float, seed: int
 ) -> TrackingRecord:
-    """Record of one path under feed-forward and PID."""
+    """Return the record of a path under feed-forward and PID."""
     virtual = VirtualRobot(robot, SimRobot(robot, seed=seed, noise=noise))
     drive = robot.kinematics()
     trajectory = plan(Route(named_path(name), heading), drive, robot.limits, share=SHARE)

@@ -1,4 +1,4 @@
-"""One direction of an emulated link in real time, and the sockets of the relays."""
+"""Real-time channel of an emulated link, and the sockets of the relays."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ class Resender(Protocol):
     """Retransmission timer of a stream."""
 
     def next_s(self) -> float | None:
-        """Return when it is due."""
+        """Return the time of the next retransmission, or None."""
         ...
 
     def retransmit(self, now_s: float) -> None:
-        """Send again what is due."""
+        """Retransmit everything due."""
         ...
 
 
 class LinkChannel(Generic[Packet]):
     """One direction of a link, run by an event loop in real time.
 
-    The loop sleeps in whole milliseconds: a packet may be up to one later than the link says.
+    The loop sleeps in whole milliseconds, so packets may be up to 1 ms late.
 
     Args:
-        loop: whose clock it is.
-        link: in the times of that clock.
-        arrived: called with each packet that comes out.
-        lost: called with each packet that a cut loses on its way.
+        loop: Event loop; provides the clock.
+        link: Link model, in times of that clock.
+        arrived: Called with each delivered packet.
+        lost: Called with each packet in flight that a cut drops.
     """
 
     def __init__(
@@ -51,16 +51,16 @@ class LinkChannel(Generic[Packet]):
 
     @property
     def now_s(self) -> float:
-        """Time on the clock of the link."""
+        """Time on the link's clock."""
         return self._loop.time()
 
     def send(self, packet: Packet, size_bytes: int) -> None:
-        """Put a packet on its way."""
+        """Send a packet."""
         self.link.send(packet, size_bytes, self.now_s)
         self.step()
 
     def step(self) -> None:
-        """Process all due events, and set the timer for the next one."""
+        """Process all due events and set the timer for the next one."""
         now_s = self.now_s
         for resender in tuple(self.resenders):
             resender.retransmit(now_s)
@@ -69,12 +69,12 @@ class LinkChannel(Generic[Packet]):
         self._set_alarm()
 
     def stall(self, length_s: float) -> None:
-        """Deliver nothing for a while."""
+        """Deliver nothing for `length_s`."""
         self.link.stall(length_s, self.now_s)
         self.step()
 
     def cut(self) -> None:
-        """Lose all packets from now on, including those in transit."""
+        """Drop all further packets and those in flight."""
         for packet in self.link.cut():
             self._lost(packet)
         self.step()
@@ -85,7 +85,7 @@ class LinkChannel(Generic[Packet]):
         self.step()
 
     def change(self, spec: LinkSpec) -> None:
-        """Change the specification from now on."""
+        """Replace the specification."""
         self.link.change(spec, self.now_s)
         self.step()
 
@@ -105,17 +105,17 @@ class LinkChannel(Generic[Packet]):
 
 
 Address: TypeAlias = tuple[Any, ...]
-"""As the functions of the socket module take and give it."""
+"""Address in the format of the socket module."""
 _KINDS = {"tcp": socket.SOCK_STREAM, "udp": socket.SOCK_DGRAM}
 _LARGEST_DATAGRAM = 65536
-_AT_A_TIME = 64  # So that one client that floods cannot hold up the loop.
+_AT_A_TIME = 64  # Bounded, so that a flooding client cannot block the loop.
 
 
 def bound(endpoint: Endpoint) -> socket.socket:
-    """Socket bound to an endpoint.
+    """Return a socket bound to an endpoint.
 
     Raises:
-        LinkError: the port is in use, or the host is unknown or not of this machine.
+        LinkError: If the port is in use, or the host is unknown or not local.
     """
     family, address = resolved(endpoint)
     made = socket.socket(family, _KINDS[endpoint.protocol])
@@ -134,7 +134,7 @@ def resolved(endpoint: Endpoint) -> tuple[socket.AddressFamily, Address]:
     """Return family and address of an endpoint.
 
     Raises:
-        LinkError: the host name cannot be resolved.
+        LinkError: If the host name cannot be resolved.
     """
     kind = _KINDS[endpoint.protocol]
     try:
@@ -146,13 +146,13 @@ def resolved(endpoint: Endpoint) -> tuple[socket.AddressFamily, Address]:
 
 
 def datagrams(receiver: socket.socket) -> Iterator[tuple[bytes, Address]]:
-    """Yield what waits in a socket, each with the address of its sender, without waiting."""
+    """Yield queued datagrams of a socket with their senders, without waiting."""
     for _ in range(_AT_A_TIME):
         try:
             received = receiver.recvfrom(_LARGEST_DATAGRAM)
         except BlockingIOError:
             return
-        except ConnectionError:  # An earlier datagram found no receiver; more may wait behind this.
+        except ConnectionError:  # An earlier datagram found no receiver; more may follow.
             continue
         yield received
 

@@ -1,4 +1,4 @@
-"""Link emulator: relays between two programs in a thread of its own."""
+"""Link emulator: relays between two programs, run by a separate thread."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tsd_twin.link_emulation.relays import (
 from tsd_twin.link_emulation.spec import Endpoint, LinkError, LinkSpec
 
 _LOG = logging.getLogger(__name__)
-_DIRECTIONS = (0, 1)  # Up and down; each has its own chance.
+_DIRECTIONS = (0, 1)  # Up and down, with independent random streams.
 
 
 class Direction(enum.Enum):
@@ -42,17 +42,17 @@ class Direction(enum.Enum):
 class LinkEmulator:
     """Relay between clients of `endpoint` and the target that emulates a bad link.
 
-    It relays bytes of any protocol. Use it as a context manager, or call `start` and `close`. All
-    methods may be called from any thread, and have taken effect when they return.
+    It relays any protocol. Use it as a context manager, or call `start` and `close`. All methods
+    are thread-safe and take effect before they return.
 
     Args:
-        spec: what the link does, alike in both directions, each with its own chance.
-        listen: where it listens, on this machine only; port 0 takes a free one.
-        target: where it connects to; the target may start later.
+        spec: Link properties, equal in both directions but with independent randomness.
+        listen: Listening endpoint, on this machine only; port 0 picks a free one.
+        target: Endpoint to connect to; the target may start later.
 
     Raises:
-        LinkError: an endpoint is none, or not of the same protocol as the other, or would let
-            other machines in.
+        LinkError: If an endpoint is malformed, the protocols differ, or other machines could
+            connect.
     """
 
     def __init__(self, spec: LinkSpec, listen: str, target: str) -> None:
@@ -76,10 +76,10 @@ class LinkEmulator:
         self.close()
 
     def start(self) -> None:
-        """Listen.
+        """Start listening.
 
         Raises:
-            LinkError: it cannot.
+            LinkError: If it cannot listen.
         """
         opened: concurrent.futures.Future[int] = concurrent.futures.Future()
         self._thread = threading.Thread(
@@ -88,13 +88,13 @@ class LinkEmulator:
         self._thread.start()
         try:
             self._port = opened.result()
-        except Exception:  # Whatever it was, it goes on to the caller, without a thread left.
+        except Exception:  # Stop the thread, then pass any error to the caller.
             self._thread.join()
             self._thread = None
             raise
 
     def close(self) -> None:
-        """Break all connections, and end; calling it again does nothing."""
+        """Break all connections and stop; calling it again has no effect."""
         if self._thread is not None:
             self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join()
@@ -102,25 +102,25 @@ class LinkEmulator:
 
     @property
     def endpoint(self) -> str:
-        """Endpoint it listens on, with the actual port."""
+        """Listening endpoint with the actual port."""
         return str(dataclasses.replace(self._listen, port=self._port))
 
     @property
     def up(self) -> Counters:
-        """Counters of the packets towards the target."""
+        """Counters of packets sent to the target."""
         return self._up.link.counters
 
     @property
     def down(self) -> Counters:
-        """Counters of the packets from the target."""
+        """Counters of packets sent by the target."""
         return self._down.link.counters
 
     def stall(self, length_s: float, directions: Collection[Direction] = tuple(Direction)) -> None:
-        """Deliver nothing for `length_s` from now on, in some directions, and lose nothing."""
+        """Deliver nothing for `length_s` in the given directions, without losing packets."""
         self._do(lambda channel: channel.stall(length_s), directions)
 
     def cut(self) -> None:
-        """Lose all packets from now on, including those in transit."""
+        """Drop all further packets and those in flight."""
         self._do(lambda channel: channel.cut())
 
     def restore(self) -> None:
@@ -128,7 +128,7 @@ class LinkEmulator:
         self._do(lambda channel: channel.restore())
 
     def set(self, spec: LinkSpec) -> None:
-        """Change the specification from now on; the seed has effect at the start only."""
+        """Replace the specification; the new seed is ignored."""
         self._do(lambda channel: channel.change(spec))
 
     def _do(
@@ -152,7 +152,7 @@ class LinkEmulator:
         relay = self._datagrams() if self._listen.protocol == "udp" else self._connections()
         try:
             port = await relay.open()
-        except Exception as error:  # The caller of `start` waits for it.
+        except Exception as error:  # Passed to the caller of `start`.
             opened.set_exception(error)
             return
         opened.set_result(port)

@@ -1,6 +1,4 @@
-"""Emulated link in one direction, for packets and for TCP streams; pure, with time as an
-argument.
-"""
+"""Sans-I/O model of a one-way link, for packets and TCP streams."""
 
 from __future__ import annotations
 
@@ -17,24 +15,24 @@ from tsd_twin.link_emulation.spec import LinkSpec, Stall
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """Packet counters; packets neither lost nor delivered are in transit."""
+    """Packet counters; packets neither lost nor delivered are in flight."""
 
     packets: int
-    """Put on their way; over TCP a segment counts each time it is sent."""
+    """Packets sent; retransmitted TCP segments count again."""
     lost: int
-    """By chance, by a cut, or because the queue was full."""
+    """Lost by chance, by a cut, or because the queue was full."""
     delivered: int
 
 
 TICK_S = 1e-6
-"""Times closer than this are the same: clocks count large numbers, and those are rounded."""
+"""Tolerance for equal times, above the rounding of large clock values."""
 
 
 class StallClock:
-    """Conversion between time and the running time of a link, which excludes stalls; seconds.
+    """Converts between time and the running time of a link, which excludes stalls; seconds.
 
-    A link that schedules in running time handles stalls without further rules: a stall delays
-    packets in transit by its length, and keeps their order and spacing.
+    Scheduling in running time makes stalls trivial: a stall delays packets in flight by its length
+    and keeps their order and spacing.
     """
 
     def __init__(self, start_s: float, stall: Stall | None) -> None:
@@ -45,26 +43,26 @@ class StallClock:
         self._held_until_s = start_s
 
     def read(self, now_s: float) -> float:
-        """Return how long the link has run; time that went back counts as time that stood."""
+        """Return the running time; a clock that jumps back counts as paused."""
         if now_s > self._seen_s:
-            # What was held is over at the latest when the time that is asked for comes.
+            # A requested stall ends no later than `now_s`.
             since_s = min(now_s, max(self._seen_s, self._held_until_s))
             self._ran_s += self._ran(now_s) - self._ran(since_s)
             self._seen_s = now_s
         return self._ran_s
 
     def hold(self, length_s: float, now_s: float) -> None:
-        """Stall for `length_s` from now on; of overlapping stalls the later end holds."""
+        """Stall for `length_s`; if stalls overlap, the later end applies."""
         self.read(now_s)
         self._held_until_s = max(self._held_until_s, now_s + length_s)
 
     def change(self, stall: Stall | None, now_s: float) -> None:
-        """Stall in another rhythm from now on, still counted from the start."""
+        """Replace the periodic stalls; their phase is still relative to the start."""
         self.read(now_s)
         self._stall = stall
 
     def stands(self, now_s: float) -> bool:
-        """Return whether the link stalls now."""
+        """Return whether the link is stalled now."""
         if now_s < self._held_until_s - TICK_S:
             return True
         if self._stall is None:
@@ -73,7 +71,7 @@ class StallClock:
         return periods >= 1.0 and into_s < self._stall.length_s - TICK_S
 
     def when(self, ran_s: float) -> float:
-        """Return when the link will have run for `ran_s`, without a further stall on request."""
+        """Return when the running time reaches `ran_s`, assuming no further requested stalls."""
         from_s = max(self._seen_s, self._held_until_s)
         ran_s = self._ran(from_s) + max(0.0, ran_s - self._ran_s)
         stalls = 0.0
@@ -84,7 +82,7 @@ class StallClock:
         return self._start_s + ran_s + stalled_s
 
     def _ran(self, at_s: float) -> float:
-        """Running time since the start without stalls on request."""
+        """Return the running time since the start, ignoring requested stalls."""
         since_start_s = at_s - self._start_s
         if self._stall is None or since_start_s < self._stall.period_s:
             return since_start_s
@@ -94,23 +92,23 @@ class StallClock:
 
 
 DETOUR_S = 0.05
-"""Additional delay of a packet that others may overtake."""
+"""Additional delay of reordered packets."""
 
 Packet = TypeVar("Packet")
 
 
 class Link(Generic[Packet]):
-    """Emulated link in one direction: delays, reorders and loses packets.
+    """Emulated link in one direction: delays, reorders and drops packets.
 
-    A packet travels for `delay_s` and its jitter, waits for its turn, and leaves at the rate of
-    the link. Those on the straight way keep their order: one that jitter makes late holds up those
-    behind it. One on a detour keeps clear of them. Times are seconds of any clock, never falling.
+    A packet is delayed by `delay_s` plus jitter, queues, and leaves at the rate of the link.
+    Packets keep their order, so a late one holds up its successors, except for reordered packets,
+    which take a detour. Times are seconds of any non-decreasing clock.
 
     Args:
-        spec: what it does to them.
-        random: where chance comes from.
-        start_s: when periodic stalls start to count.
-        capacity_bytes: what may be on the way and wait; what comes on top is lost.
+        spec: Link properties.
+        random: Random generator.
+        start_s: Start of the first period of periodic stalls.
+        capacity_bytes: Maximum data in flight and queued; excess packets are dropped.
     """
 
     def __init__(
@@ -124,7 +122,7 @@ class Link(Generic[Packet]):
         self._random = random
         self._stopwatch = StallClock(start_s, spec.stall)
         self._capacity_bytes = capacity_bytes
-        # Times in here are those of the stall clock. The count decides between two of one time.
+        # Times are in running time; the packet count breaks ties.
         self._on_the_way: list[tuple[float, int, int, Packet]] = []
         self._bytes = 0
         self._straight_s = 0.0
@@ -134,20 +132,20 @@ class Link(Generic[Packet]):
 
     @property
     def spec(self) -> LinkSpec:
-        """Specification in force."""
+        """Active specification."""
         return self._spec
 
     @property
     def counters(self) -> Counters:
         """Counters of all packets."""
-        # Another thread may read them: what is counted last is read first.
+        # Another thread may read these, so read them in reverse order of counting.
         lost, delivered = self._lost, self._delivered
         return Counters(self._packets, lost, delivered)
 
     def send(self, packet: Packet, size_bytes: int, now_s: float) -> bool:
-        """Put a packet on its way, and return False when it is lost."""
+        """Send a packet; return False if it is lost."""
         self._packets += 1
-        # Always all three, so that changing one property leaves the chance of the others alone.
+        # Always draw all three, so that changing one property does not affect the others.
         fate, way, lateness = self._random.random(3)
         overflows = self._bytes + size_bytes > self._capacity_bytes
         if self._is_cut or overflows or fate < self._spec.loss:
@@ -164,7 +162,7 @@ class Link(Generic[Packet]):
         return True
 
     def receive(self, now_s: float) -> list[Packet]:
-        """Packets that have arrived, in the order of their arrival."""
+        """Return delivered packets in order of arrival."""
         ran_s = self._stopwatch.read(now_s)
         arrived: list[Packet] = []
         if self._stopwatch.stands(now_s):
@@ -178,21 +176,21 @@ class Link(Generic[Packet]):
         return arrived
 
     def next_s(self) -> float | None:
-        """Return when the next packet arrives without further calls; None when there is none."""
+        """Return the arrival time of the next packet without further calls, or None."""
         return self._stopwatch.when(self._through_s()) if self._on_the_way else None
 
     def stall(self, length_s: float, now_s: float) -> None:
-        """Deliver nothing for `length_s`, and lose nothing."""
+        """Deliver nothing for `length_s`, without losing packets."""
         self._stopwatch.hold(length_s, now_s)
 
     def cut(self) -> list[Packet]:
-        """Lose everything from now on; return what was on its way, in the order of sending."""
+        """Drop all further packets; return those in flight, oldest first."""
         self._is_cut = True
         lost = [packet for _, _, _, packet in sorted(self._on_the_way, key=lambda each: each[1])]
         self._lost += len(lost)
         self._on_the_way.clear()
         self._bytes = 0
-        self._straight_s = 0.0  # A lost packet delays no other.
+        self._straight_s = 0.0  # Lost packets do not delay others.
         return lost
 
     def restore(self) -> None:
@@ -200,7 +198,7 @@ class Link(Generic[Packet]):
         self._is_cut = False
 
     def change(self, spec: LinkSpec, now_s: float) -> None:
-        """Change the specification from now on; the seed has effect at the start only."""
+        """Replace the specification; the new seed is ignored."""
         self._stopwatch.change(spec.stall, now_s)
         self._spec = spec
 
@@ -210,9 +208,9 @@ class Link(Generic[Packet]):
 
 
 MIN_TIMEOUT_S = 0.2
-"""Shortest retransmission time-out, as Linux has it."""
+"""Minimum retransmission timeout (Linux default)."""
 MAX_TIMEOUT_S = 120.0
-"""Longest, however often a segment is lost; as Linux has it."""
+"""Maximum retransmission timeout (Linux default)."""
 
 Payload = TypeVar("Payload")
 
@@ -229,15 +227,15 @@ class Segment(Generic[Payload]):
 
 
 class Stream(Generic[Payload]):
-    """Reliable, ordered byte stream over a lossy link, as TCP has it.
+    """Reliable, ordered byte stream over a lossy link, like TCP.
 
-    A lost segment goes again when the retransmission time-out of the oldest one is over, and holds
-    up all behind it. Each time-out in a row doubles the next; progress takes it back to the first
-    (RFC 6298, section 5). Acknowledgements are not carried: the sender knows what arrived.
+    A lost segment is retransmitted after the timeout of the oldest lost one, and blocks all later
+    segments. Each consecutive timeout doubles the next; progress resets it (RFC 6298, section 5).
+    Acknowledgements are not modelled: the sender knows which segments arrived.
 
     Args:
-        link: shared with other streams; who receives from it calls `arrived`.
-        release: called with each payload in turn.
+        link: Link, shared with other streams; its receiver calls `arrived`.
+        release: Called with each payload in order.
     """
 
     def __init__(self, link: Link[Segment[Payload]], release: Callable[[Payload], object]) -> None:
@@ -249,16 +247,16 @@ class Stream(Generic[Payload]):
         self._lost: dict[int, Segment[Payload]] = {}
         self._early: dict[int, Segment[Payload]] = {}
         self.waiting_bytes = 0
-        """Of segments sent and not yet released."""
+        """Size of segments sent and not yet released."""
 
     def send(self, payload: Payload, size_bytes: int, now_s: float) -> None:
-        """Send a payload behind all others."""
+        """Append a payload to the stream."""
         self._transmit(Segment(self, self._sent, payload, size_bytes, now_s))
         self._sent += 1
         self.waiting_bytes += size_bytes
 
     def arrived(self, segment: Segment[Payload]) -> None:
-        """Take a segment from the link, and release what it completes."""
+        """Accept a segment from the link, and release all payloads now in order."""
         self._early[segment.number] = segment
         while (ready := self._early.pop(self._released, None)) is not None:
             self._released += 1
@@ -267,18 +265,18 @@ class Stream(Generic[Payload]):
             self._release(ready.payload)
 
     def lost(self, segment: Segment[Payload]) -> None:
-        """Note that the link lost a segment on its way."""
+        """Record that the link lost a segment."""
         self._lost[segment.number] = segment
 
     def next_s(self) -> float | None:
-        """Return when the time-out of the oldest lost segment is over; None when none is lost."""
+        """Return the retransmission time of the oldest lost segment, or None."""
         if not self._lost:
             return None
         backed_off_s = self._timeout_s() * 2.0 ** min(self._timeouts, 32)
         return self._lost[min(self._lost)].sent_s + min(MAX_TIMEOUT_S, backed_off_s)
 
     def retransmit(self, now_s: float) -> None:
-        """Send again what was lost for a time-out or longer, if that of the oldest is over."""
+        """If the oldest lost segment has timed out, retransmit all segments lost that long."""
         due_s = self.next_s()
         if due_s is None or now_s < due_s:
             return

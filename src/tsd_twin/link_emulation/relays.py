@@ -19,18 +19,18 @@ from tsd_twin.link_emulation.spec import Endpoint
 
 T = TypeVar("T")
 SEGMENT_BYTES = 1400
-"""Most data in a segment: an Ethernet frame, less headers, options and a tunnel."""
+"""Maximum data per segment: an Ethernet frame minus headers, options and a tunnel."""
 TCP_HEADER_BYTES = 40
-"""IPv4 and TCP; they take their share of the bandwidth."""
+"""IPv4 and TCP headers, which use bandwidth too."""
 WINDOW_BYTES = 256 * 1024
-"""Buffer of one direction, in transit and waiting, at which the relay stops reading."""
+"""Data in flight and queued in one direction at which the relay stops reading."""
 KERNEL_BYTES = 64 * 1024
-"""Kernel buffer of a relay socket; by default the kernel lets it grow to megabytes."""
+"""Kernel buffer of a relay socket; by default the kernel may grow it to megabytes."""
 _LINGER_NONE = struct.pack("ii", 1, 0)  # Closing sends a reset.
 
 
 class Mark(enum.Enum):
-    """Control segment of a stream: one without data."""
+    """Control segment of a stream, without data."""
 
     OPEN = enum.auto()
     END = enum.auto()
@@ -42,9 +42,7 @@ TcpSegment: TypeAlias = Segment[SocketPayload]
 
 
 class RelaySocket(asyncio.Protocol, abc.ABC):
-    """Socket of a relayed TCP connection, with the stream that carries its data to the other
-    side.
-    """
+    """Socket of a relayed TCP connection and the stream of its data to the other side."""
 
     other: RelaySocket
 
@@ -70,18 +68,18 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
         self.carry(Mark.OPEN)
 
     def data_received(self, data: bytes) -> None:
-        """Carry what was read."""
+        """Forward received data."""
         self.carry(data)
         self.throttle()
 
     def eof_received(self) -> bool:
-        """Carry the end; the other direction goes on."""
+        """Forward the end of the stream; the other direction continues."""
         self._ended = True
         self.carry(Mark.END)
         return not self._finished
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Carry a reset, unless this is the end that was agreed on."""
+        """Forward a reset, unless both directions have ended."""
         self._sides.discard(self)
         agreed = exc is None and self._ended and self._finished
         if not (agreed or self._abandoned):
@@ -93,7 +91,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
         self.other.throttle()
 
     def throttle(self) -> None:
-        """Read only while there is room on the way, as a window does."""
+        """Read only while the window has room."""
         if self._transport is None or self._ended:
             return
         waiting_bytes = self.waiting_bytes + self.other.unwritten_bytes
@@ -104,12 +102,12 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
 
     @property
     def waiting_bytes(self) -> int:
-        """Read here and not yet handed over."""
+        """Size of data read here and not yet delivered."""
         return self._stream.waiting_bytes
 
     @property
     def unwritten_bytes(self) -> int:
-        """Handed over and not yet taken by the kernel."""
+        """Size of data delivered and not yet accepted by the kernel."""
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
     def carry(self, payload: SocketPayload) -> None:
@@ -120,7 +118,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
         self._channel.step()
 
     def abandon(self) -> None:
-        """Abort the connection at once, without notice to the other side."""
+        """Abort the connection immediately, without notifying the other side."""
         self._abandoned = True
         self._channel.resenders.discard(self._stream)
         if self._transport is None:
@@ -130,15 +128,15 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
             self._transport.abort()
 
     def write(self, data: bytes) -> None:
-        """Write what the other side read."""
+        """Write data received by the other side."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write(data)
 
     def finish(self) -> None:
-        """Write no more; the other side has ended."""
+        """End writing, because the other side has ended."""
         self._finished = True
         if self._transport is not None and not self._transport.is_closing():
-            # A connection that was reset a moment ago is not known to be closing yet.
+            # A connection that was just reset may not be marked as closing yet.
             with contextlib.suppress(OSError):
                 self._transport.write_eof()
             if self._ended:
@@ -146,7 +144,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
 
     @abc.abstractmethod
     def opened(self) -> None:
-        """Handle that the other side is connected."""
+        """Called when the other side is connected."""
 
     def _hand_over(self, payload: SocketPayload) -> None:
         match payload:
@@ -168,7 +166,7 @@ def _set_option(transport: asyncio.Transport, option: int, value: int | bytes) -
 
 
 def _pieces(payload: SocketPayload) -> Iterator[tuple[SocketPayload, int]]:
-    """Yield segments of a payload, each with the bytes of data in it."""
+    """Split a payload into segments; yield each with its data size in bytes."""
     if isinstance(payload, Mark):
         yield payload, 0
         return
@@ -178,9 +176,9 @@ def _pieces(payload: SocketPayload) -> Iterator[tuple[SocketPayload, int]]:
 
 
 class ClientSocket(RelaySocket):
-    """Client side of a relayed connection: holds data until the target is connected.
+    """Client side of a relayed connection; buffers data until the target is connected.
 
-    The kernel accepts at once; a handshake over the link would have taken a round trip.
+    The kernel accepts immediately, whereas a handshake over the link would take a round trip.
     """
 
     def __init__(self, channel: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
@@ -190,22 +188,22 @@ class ClientSocket(RelaySocket):
 
     @property
     def waiting_bytes(self) -> int:
-        """Read here and not yet handed over."""
+        """Size of data read here and not yet delivered."""
         early_bytes = sum(len(payload) for payload in self._early if isinstance(payload, bytes))
         return early_bytes + super().waiting_bytes
 
     def carry(self, payload: SocketPayload) -> None:
-        """Send a payload to the other side, or keep it until there is one."""
+        """Send a payload to the other side, or buffer it until the target is connected."""
         if self._is_open or payload is Mark.OPEN:
             super().carry(payload)
         elif payload is Mark.RESET:
-            self.other.abandon()  # The client has given up: there is no connection to open.
+            self.other.abandon()  # The client has given up, so the target need not connect.
             self._channel.resenders.discard(self._stream)
         else:
             self._early.append(payload)
 
     def opened(self) -> None:
-        """Send what has waited for the handshake, unless the client has given up."""
+        """Send the data buffered during the handshake, unless the client has given up."""
         if self._abandoned:
             return
         self._is_open = True
@@ -218,7 +216,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class TargetSocket(RelaySocket):
-    """Target side of a relayed connection: connects when the client's request arrives."""
+    """Target side of a relayed connection; connects when the client's request arrives."""
 
     def __init__(
         self,
@@ -235,7 +233,7 @@ class TargetSocket(RelaySocket):
     def opened(self) -> None:
         """Connect, unless the client has given up."""
         if not self._abandoned:
-            # Kept, since the loop alone does not keep a task alive.
+            # Keep a reference, because the loop holds only a weak one.
             self._dialling = asyncio.create_task(self._dial())
 
     async def _dial(self) -> None:
@@ -256,13 +254,13 @@ class Relay(Generic[T]):
     listen: Endpoint
     target: Endpoint
     up: LinkChannel[T]
-    """From the clients to the target."""
+    """Clients to target."""
     down: LinkChannel[T]
 
 
 @dataclass(eq=False)
 class TcpRelay(Relay[TcpSegment]):
-    """Accepts connections, and opens one to the target for each."""
+    """Accepts connections and opens one to the target for each."""
 
     _sides: set[RelaySocket] = field(init=False, default_factory=set[RelaySocket])
 
@@ -270,7 +268,7 @@ class TcpRelay(Relay[TcpSegment]):
         """Listen, and return the port.
 
         Raises:
-            LinkError: it cannot listen there.
+            LinkError: If it cannot listen.
         """
         listening = bound(self.listen)
         loop = asyncio.get_running_loop()
@@ -278,11 +276,11 @@ class TcpRelay(Relay[TcpSegment]):
         return listening.getsockname()[1]
 
     async def close(self) -> None:
-        """Accept no more, and break all connections."""
+        """Stop accepting and break all connections."""
         self._server.close()
         for side in tuple(self._sides):
             side.abandon()
-        await asyncio.sleep(0)  # The transports close in the next iteration of the loop.
+        await asyncio.sleep(0)  # Transports close in the next iteration of the loop.
         await self._server.wait_closed()
 
     def _accept(self) -> ClientSocket:
@@ -292,14 +290,14 @@ class TcpRelay(Relay[TcpSegment]):
 
 
 HEADER_BYTES = 28
-"""IPv4 and UDP; they take their share of the bandwidth."""
+"""IPv4 and UDP headers, which use bandwidth too."""
 CAPACITY_BYTES = 256 * 1024
-"""Buffer of a datagram link, in transit and waiting; datagrams beyond it are lost."""
-_IDLE_S = 120.0  # What RFC 4787, REQ-5, asks of a NAT at least.
+"""Data in flight and queued on a datagram link; excess datagrams are dropped."""
+_IDLE_S = 120.0  # Minimum for a NAT (RFC 4787, REQ-5).
 
 
 class Datagram(NamedTuple):
-    """A datagram, and what sends it on when it arrives."""
+    """Datagram with the function that forwards it on arrival."""
 
     data: bytes
     forward: Callable[[bytes], object]
@@ -307,7 +305,7 @@ class Datagram(NamedTuple):
 
 @dataclass(eq=False)
 class UdpRelay(Relay[Datagram]):
-    """Listens for clients; each gets a socket of its own towards the target, as behind a NAT."""
+    """Listens for clients, each with a separate socket to the target, as behind a NAT."""
 
     _loop: asyncio.AbstractEventLoop = field(init=False, default_factory=asyncio.get_running_loop)
     _mappings: dict[Address, _Mapping] = field(
@@ -318,7 +316,7 @@ class UdpRelay(Relay[Datagram]):
         """Listen, and return the port.
 
         Raises:
-            LinkError: it cannot listen there, or the host of the target cannot be resolved.
+            LinkError: If it cannot listen, or the target's host cannot be resolved.
         """
         self._family, self._address = resolved(self.target)
         self._socket = bound(self.listen)
@@ -363,7 +361,7 @@ class UdpRelay(Relay[Datagram]):
 
 
 def forward(datagram: Datagram) -> None:
-    """Send a datagram on; what the network does not take is lost, as datagrams are."""
+    """Forward a datagram; if the network does not accept it, it is lost."""
     try:
         datagram.forward(datagram.data)
     except OSError:
@@ -371,7 +369,7 @@ def forward(datagram: Datagram) -> None:
 
 
 class _Mapping:
-    """A client as the target sees it."""
+    """Socket that represents a client towards the target."""
 
     def __init__(self, towards_target: socket.socket) -> None:
         self.socket = towards_target

@@ -1,6 +1,4 @@
-"""Specification of an emulated link: delay, jitter, loss, reordering, rate and stalls, as text and
-as values.
-"""
+"""Specification of an emulated link: delay, jitter, loss, reordering, rate and stalls."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ from tsd_twin.errors import TwinError
 
 
 class LinkError(TwinError):
-    """A link is described wrongly, or its endpoints cannot be used."""
+    """Raised if a link specification is invalid or its endpoints cannot be used."""
 
 
 _ENDPOINT = re.compile(
@@ -28,7 +26,7 @@ _ENDPOINT = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """A protocol, `tcp` or `udp`, a host and a port, as Zenoh writes them."""
+    """Protocol (`tcp` or `udp`), host and port, in Zenoh's notation."""
 
     protocol: str
     host: str
@@ -40,10 +38,10 @@ class Endpoint:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Endpoint of a text such as `tcp/127.0.0.1:7447`.
+        """Parse an endpoint such as `tcp/127.0.0.1:7447`.
 
         Raises:
-            LinkError: it is written otherwise, or of another protocol.
+            LinkError: If the text is malformed or names another protocol.
         """
         match = _ENDPOINT.fullmatch(text.strip())
         if match is None or int(match["port"]) > 65535:
@@ -67,22 +65,22 @@ _QUANTITY = re.compile(r"(?P<number>\d+(\.\d+)?)\s*(?P<unit>[A-Za-z%]*)", re.ASC
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A kind of value that is written as a number and a unit.
+    """Kind of quantity, written as a number and a unit.
 
-    Reading and writing are exact: `parse(write(x)) == x` for every finite `x` that is not negative.
+    Reading and writing are exact: `parse(write(x)) == x` for every finite `x >= 0`.
     """
 
     kind: str
     """Name in error messages."""
     powers: Mapping[str, int]
-    """The power of ten that each unit stands for, smallest first."""
+    """Power of ten of each unit, smallest first."""
     example: str
 
     def parse(self, text: str) -> float:
-        """Value in the base unit.
+        """Return the value in the base unit.
 
         Raises:
-            LinkError: it is no number, or has no unit or a wrong one.
+            LinkError: If the text is not a number, or the unit is missing or unknown.
         """
         match = _QUANTITY.fullmatch(text.strip())
         if match is None or match["unit"] not in self.powers:
@@ -94,7 +92,7 @@ class Quantity:
         return float(Decimal(match["number"]).scaleb(self.powers[match["unit"]]))
 
     def write(self, value: float) -> str:
-        """Value in the largest unit that leaves at least one before the point."""
+        """Write the value in the largest unit that keeps it at 1 or more."""
         exact = Decimal(repr(float(value)))
         fitting = [unit for unit, power in self.powers.items() if exact >= Decimal(10) ** power]
         units = list(self.powers)
@@ -108,16 +106,16 @@ RATE = Quantity("rate", {"bit": 0, "kbit": 3, "Mbit": 6, "Gbit": 9}, "1Mbit")
 
 
 SHORTEST_S = 0.001
-"""A stall, and the time between two, is no shorter: real time is not finer."""
+"""Minimum length of a stall, and of the time between two; real time is not finer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stall:
-    """A link that stands still again and again; nothing is lost, everything is late."""
+    """Periodic pause of a link, which delays packets without losing them."""
 
     length_s: float
     period_s: float
-    """From the start of one stall to that of the next; the first starts after one period."""
+    """Time between the starts of two stalls; the first starts after one period."""
 
     def __post_init__(self) -> None:
         between_s = self.period_s - self.length_s
@@ -132,10 +130,10 @@ class Stall:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Stall of a text such as `2s@10s`.
+        """Parse a stall such as `2s@10s`.
 
         Raises:
-            LinkError: it is written otherwise, or lasts as long as its period.
+            LinkError: If the text is malformed, or the stall is as long as its period.
         """
         length, at, period = text.partition("@")
         if not at:
@@ -145,23 +143,23 @@ class Stall:
 
 @dataclass(frozen=True, slots=True)
 class LinkSpec:
-    """Specification of a link, equal in both directions; the default changes nothing.
+    """Link properties, equal in both directions; the default link is ideal.
 
-    `str()` gives the text that `parse` reads, such as `delay=150ms,jitter=30ms,loss=2%`.
+    `str()` returns the text that `parse` reads, such as `delay=150ms,jitter=30ms,loss=2%`.
     """
 
     delay_s: float = 0.0
-    """One way; no packet is faster."""
+    """Minimum one-way delay."""
     jitter_s: float = 0.0
-    """Standard deviation, and mean, of an exponential delay on top of `delay_s`."""
+    """Mean (and standard deviation) of an exponential delay added to `delay_s`."""
     loss: float = 0.0
-    """Share of packets lost, each by its own chance, 0 to 1."""
+    """Fraction of packets lost independently, 0 to 1."""
     reorder: float = 0.0
-    """Share of packets that take a detour and may be overtaken, 0 to 1."""
+    """Fraction of packets that take a detour and may be overtaken, 0 to 1."""
     stall: Stall | None = None
     bandwidth_bit_per_s: float = math.inf
     seed: int = 0
-    """Of all chance in the link."""
+    """Random seed of the link."""
 
     def __post_init__(self) -> None:
         for name, value in (("delay", self.delay_s), ("jitter", self.jitter_s)):
@@ -186,10 +184,10 @@ class LinkSpec:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Specification of a text such as `delay=150ms,stall=2s@10s`.
+        """Parse a specification such as `delay=150ms,stall=2s@10s`.
 
         Raises:
-            LinkError: it names the word that is wrong, and what is valid.
+            LinkError: If a setting is unknown, repeated or invalid.
         """
         fields: dict[str, Any] = {}
         for part in filter(None, (part.strip() for part in text.split(","))):

@@ -13,7 +13,7 @@ from tsd_twin.robots import load_robot
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the files, say where, and return the exit status; `arguments` as in a shell."""
+    """Write the files, print where, and return the exit status; `arguments` as in a shell."""
     parser = argparse.ArgumentParser(prog="python -m tsd_twin.models", description=__doc__)
     parser.add_argument("robot", help="a shipped robot, or the path of a TOML file")
     parser.add_argument("--to", type=Path, help="folder to write to; meshes/<name> unless given")

@@ -1,6 +1,6 @@
 """Equipment on the upper deck: battery, controller board, motor drivers, radio, heading arrow.
 
-The controller board is drawn after an Arduino Mega 2560.
+The controller board resembles an Arduino Mega 2560.
 """
 
 from __future__ import annotations
@@ -40,16 +40,16 @@ _HEADERS = [
     ((54.0, 92.0), (1.2, 3.8)),
     ((93.6, 98.8), (7.0, 47.0)),
 ]
-"""Bounds along X and Y of the strips that wires plug into."""
+"""Bounds of the pin headers along X and Y."""
 
 
 def board_drawings(deck: float, room: float, x: float = 0.0) -> list[Drawing]:
-    """Controller board with its parts, on standoffs, smaller if there is less room.
+    """Draw the controller board on standoffs, smaller if there is less room.
 
     Args:
-        deck: height of the deck it stands on.
-        room: radius of what is free on the deck, about its place.
-        x: how far ahead of the middle of the robot that is.
+        deck: Height of the supporting deck.
+        room: Radius of the free area around the board.
+        x: Distance ahead of the robot's centre.
     """
     fit = min(1.0, (room - 6.0) / 66.0)
 
@@ -66,7 +66,7 @@ def board_drawings(deck: float, room: float, x: float = 0.0) -> list[Drawing]:
 
 
 def _chips() -> Manifold:
-    """Black parts: headers, the power jack, the processor and smaller chips."""
+    """Draw the black parts: headers, power jack, processor and smaller chips."""
     low = _THICKNESS
     headers = [box(x, y, (low, low + 8.5)) for x, y in _HEADERS]
     grooves = [
@@ -83,7 +83,7 @@ def _chips() -> Manifold:
 
 
 def _sockets() -> Manifold:
-    """Metal parts: the USB socket, capacitors, reset button, screws and standoffs."""
+    """Draw the metal parts: USB socket, capacitors, reset button, screws and standoffs."""
     low = _THICKNESS
     cans = [rod(3.0, (low, low + 5.4), at=(17.5, y, 0.0)) for y in (8.0, 16.0)]
     screws = [rod(2.8, (low, low + 1.2), at=(x, y, 0.0), corners=8) for x, y in _HOLES]
@@ -99,16 +99,16 @@ class Place(NamedTuple):
 
     direction_deg: float
     distance: float
-    """From the middle of the robot in that direction, millimetres."""
+    """Distance from the robot's centre in that direction, millimetres."""
     scale: float
 
     def on_deck(self, solid: Manifold, height: float) -> Manifold:
-        """Solid at this place, on a deck of that height."""
+        """Move a solid to this place, on a deck of the given height."""
         scaled = solid.scale([self.scale] * 3).translate((self.distance, 0.0, height))
         return scaled.rotate((0.0, 0.0, self.direction_deg))
 
     def footprint(self, outline: CrossSection) -> CrossSection:
-        """Outline at this place."""
+        """Move an outline to this place."""
         scaled = outline.scale((self.scale, self.scale)).translate((self.distance, 0.0))
         return scaled.rotate(self.direction_deg)
 
@@ -116,7 +116,7 @@ class Place(NamedTuple):
 def copies(
     device: Mapping[str, tuple[Manifold, Material]], places: Sequence[Place], height: float
 ) -> list[Drawing]:
-    """Copies of a device at several places on a deck: one drawing for each of its parts."""
+    """Copy a device to several places on a deck: one drawing per part."""
     return [
         Drawing(name, union(place.on_deck(solid, height) for place in places), material)
         for name, (solid, material) in device.items()
@@ -124,7 +124,7 @@ def copies(
 
 
 def driver_case(x: float, y: float, height: float) -> Manifold:
-    """Case of a motor driver with cooling grooves along Y; `x` and `y` are half its sides."""
+    """Draw the case of a motor driver with cooling grooves along Y; `x` and `y` are half sides."""
     case = slab(rectangle((-x, x), (-y, y), 3.0), (0.3, height))
     return case - union(
         box((at, at + 2.0), (1.0 - y, y - 1.0), (height - 5.0, height + 1.0))
@@ -138,10 +138,10 @@ def heading_arrow(
     size: tuple[float, float, float, float] = (40.0, 24.0, 29.0, 3.6),
     rounding: float = 1.0,
 ) -> Manifold:
-    """Arrow on a deck that points forward, along X.
+    """Draw an arrow on a deck that points forward, along X.
 
-    `size` is its length, half its width, its length without the notch, and its height, all times
-    `scale`, as is the `rounding` of its corners.
+    `size` is its length, half width, length without the notch, and height; `scale` multiplies these
+    and the corner `rounding`.
     """
     length, half, notched, height = size
     shape = polygon([(-length, -half), (0.0, 0.0), (-length, half), (-notched, 0.0)])
@@ -152,7 +152,7 @@ def heading_arrow(
 def _battery(
     x: float, y: float, z: Span, *, straps: Manifold, plug: Manifold, top_label: Manifold | None
 ) -> list[Drawing]:
-    """Battery with label, straps and plug about the origin; `x` and `y` are half its sides."""
+    """Draw a battery with label, straps and plug about the origin; `x` and `y` are half sides."""
     tall = z[1] - z[0]
     band = rectangle((-0.62 * x, 0.62 * x), (-y - 0.3, y + 0.3)) - rectangle((-x, x), (-y, y))
     label = slab(band, (z[0] + 0.2 * tall, z[0] + 0.8 * tall))
@@ -168,9 +168,9 @@ def _battery(
 def _antenna(
     at: tuple[float, float], z: tuple[float, float, float], radii: Sequence[float]
 ) -> list[Manifold]:
-    """Antenna of the radio: foot, mast and cap; the mast and the cap have a radius at each end.
+    """Draw the radio antenna: foot, mast and cap, with a radius at each end of mast and cap.
 
-    `z` are the heights of the lower end of the foot, and of both ends of the cap.
+    `z` are the heights of the foot's lower end and of both ends of the cap.
     """
     axis, (low, top, end), (foot, mast, thin, cap, cap_end) = (*at, 0.0), z, radii
     return [
@@ -181,7 +181,7 @@ def _antenna(
 
 
 def spacer(layout: Layout | PlatformLayout, leg: float, head: float, tall: float) -> Manifold:
-    """Hexagonal spacer between the decks, with its screw on top; radii and height nominal."""
+    """Draw a hexagonal spacer between the decks, with its screw; nominal radii and height."""
     m = layout.scale
     return union(
         [
@@ -196,7 +196,7 @@ _MODULE_PACK = (138.0, 46.0, 34.0)
 
 
 def module_equipment_drawings(layout: Layout, decks: Decks, body: Body) -> list[Drawing]:
-    """Equipment of a robot on gimballed wheels."""
+    """Draw the equipment of a robot on gimballed wheels."""
     m, top = layout.scale, layout.top
     return [
         *_module_battery(layout),
@@ -213,7 +213,7 @@ def module_equipment_drawings(layout: Layout, decks: Decks, body: Body) -> list[
 
 
 def _module_battery(layout: Layout) -> list[Drawing]:
-    """Battery between the servos, as large as fits there."""
+    """Draw the battery between the servos, as large as possible."""
     radius = min(layout.core - 1.5, 0.5 * math.hypot(_MODULE_PACK[0], _MODULE_PACK[1]))
     shape = math.radians(26.0)
     x, y = radius * math.cos(shape), radius * math.sin(shape)
@@ -227,7 +227,7 @@ def _module_battery(layout: Layout) -> list[Drawing]:
 
 
 def _controllers(layout: Layout, decks: Decks) -> list[Drawing]:
-    """Speed controller on each lobe of the upper deck, with its wires."""
+    """Draw a speed controller with wires on each lobe of the upper deck."""
     case = rectangle((-13.0, 13.0), (-24.0, 24.0), 3.0)
     ends = [(side * 9.0, -23.0, 5.0) for side in (-1.0, 1.0)]
     pair = [wire([end, (end[0], -31.0, 5.0), (0.8 * end[0], -35.0, -9.0)], 1.4) for end in ends]
@@ -256,7 +256,7 @@ def _controller_places(layout: Layout, decks: Decks) -> Iterator[Place]:
 
 
 def _module_radio(layout: Layout, decks: Decks) -> Manifold:
-    """Receiver with its antenna, at the back of the upper deck."""
+    """Draw the receiver with its antenna, at the back of the upper deck."""
     case = slab(rectangle((-9.0, 9.0), (-14.0, 14.0), 2.5), (0.2, 11.0))
     antenna = _antenna((-3.0, 8.0), (10.5, 61.0, 66.0), (3.2, 2.4, 1.7, 2.8, 2.2))
     m = layout.scale
@@ -265,7 +265,7 @@ def _module_radio(layout: Layout, decks: Decks) -> Manifold:
 
 
 def _standoffs(layout: Layout, decks: Decks) -> Manifold:
-    """Spacers near the ends of the lobes."""
+    """Draw the spacers near the ends of the lobes."""
     m = layout.scale
     one = spacer(layout, 3.2, 2.9, 2.2)
     ends = [(lobe, decks.reach(lobe, 12.0 * m) - 10.0 * m) for lobe in layout.lobes_deg]
@@ -278,11 +278,11 @@ def _standoffs(layout: Layout, decks: Decks) -> Manifold:
 
 
 _PACK = (0.5, 0.98, 0.44)
-"""Length, width and height of the battery, in radii of the free middle of the deck."""
+"""Length, width and height of the battery, relative to the free radius of the deck."""
 
 
 def platform_equipment_drawings(layout: PlatformLayout, body: Body) -> list[Drawing]:
-    """Equipment of a platform on omni wheels."""
+    """Draw the equipment of a platform on omni wheels."""
     room, m = layout.middle, layout.scale
     tip = (layout.reach(0.0) - 8.0 * m, 0.0, layout.top)
     return [
@@ -295,7 +295,7 @@ def platform_equipment_drawings(layout: PlatformLayout, body: Body) -> list[Draw
 
 
 def _platform_battery(layout: PlatformLayout, at_x: float) -> list[Drawing]:
-    """Battery across the back of the deck."""
+    """Draw the battery across the back of the deck."""
     x, y, tall = (0.5 * share * layout.middle for share in _PACK)
     low, high = layout.top + 0.3, layout.top + 0.3 + tall
     straps = [
@@ -310,7 +310,7 @@ def _platform_battery(layout: PlatformLayout, at_x: float) -> list[Drawing]:
 
 
 def _driver() -> dict[str, tuple[Manifold, Material]]:
-    """Parts of a motor driver: case, label, and the wires to its motor."""
+    """Draw the parts of a motor driver: case, label, and motor wires."""
     strip = box((-14.0, 14.0), (-28.0, -23.0), (0.3, 9.0))
     wires = [
         wire([(x, -27.0, 5.0), (x, -31.0, 4.0), (0.6 * x + 18.0, -33.0, -6.0)], 1.5)
@@ -326,7 +326,7 @@ def _driver() -> dict[str, tuple[Manifold, Material]]:
 
 
 def _driver_places(layout: PlatformLayout) -> Iterator[Place]:
-    """Yield a place for a motor driver near each wheel, if one fits there."""
+    """Yield a place for a motor driver near each wheel, if there is room."""
     room = layout.middle
     outline = rectangle((-20.0, 20.0), (-28.0, 28.0), 3.0)
     taken = CrossSection.batch_boolean(
@@ -348,7 +348,7 @@ def _driver_places(layout: PlatformLayout) -> Iterator[Place]:
 
 
 def _candidates(layout: PlatformLayout, direction_deg: float) -> Iterable[Place]:
-    """Places for a driver about a direction, best first."""
+    """Return candidate places for a driver around a direction, best first."""
     return (
         Place(direction_deg + aside, share * layout.middle, fit * layout.scale)
         for fit in (1.0, 0.8, 0.6, 0.45)
@@ -358,7 +358,7 @@ def _candidates(layout: PlatformLayout, direction_deg: float) -> Iterable[Place]
 
 
 def _radio(layout: PlatformLayout) -> Manifold:
-    """Receiver with its antenna, at the origin of the upper deck."""
+    """Draw the receiver with its antenna, at the origin of the upper deck."""
     case = slab(rectangle((-14.0, 14.0), (-10.0, 10.0), 2.5), (0.2, 13.0))
     antenna = _antenna((8.0, 2.0), (12.5, 87.0, 93.0), (3.6, 2.6, 1.9, 3.2, 2.4))
     return union([case, *antenna]).scale([layout.scale] * 3).translate((0.0, 0.0, layout.top))

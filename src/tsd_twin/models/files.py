@@ -30,26 +30,26 @@ from tsd_twin.robots import RobotDescription, SphereDescription, load_robot, rob
 from tsd_twin.robots.description import Colour, Positive, Share
 
 if TYPE_CHECKING:
-    import trimesh  # Imported where it is used, as in `solids`.
+    import trimesh  # Imported at use, as in `solids`.
 
     from tsd_twin.models.solids import Link, Part, Parts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inertia:
-    """A rigid body, in the frame of its link."""
+    """Rigid-body inertia in the frame of its link."""
 
     mass_kg: float
     centre_m: Array
     """(3,): centre of mass."""
     tensor_kg_m2: Array
-    """(3, 3): about the centre of mass, axes as those of the link."""
+    """(3, 3): inertia tensor about the centre of mass, in link axes."""
 
 
 def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
-    """Inertia of `parts` that are rigidly connected and together weigh `mass_kg`.
+    """Return the inertia of rigidly connected `parts` with the total mass `mass_kg`.
 
-    Densities only say how the mass is shared out: parts are solid here that are hollow in truth.
+    Densities only determine the mass distribution, because some solid parts are hollow in reality.
     """
     bodies: list[tuple[float, Array, Array]] = []
     for part in parts:
@@ -69,27 +69,27 @@ def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
 
 
 _RINGS = (("yaw", "0 0 1"), ("pitch", "0 1 0"), ("roll", "1 0 0"))
-"""Rings of a ball joint: turns about Z, then the new Y, then the new X."""
+"""Rings of a ball joint: rotations about Z, then the new Y, then the new X."""
 _RING_KG, _RING_KG_M2 = 1e-6, 1e-9
-"""Mass and inertia of a virtual ring: URDF readers require them of every moving link."""
+"""Mass and inertia of a virtual ring, which URDF readers require for every moving link."""
 
 
 def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
-    """URDF text.
+    """Return the URDF text.
 
     Args:
-        robot: its description.
-        parts: of each kind of link; they also give the inertias.
-        mesh_uri: what goes before the name of each mesh file, for example
-            `package://tsd_description/meshes/tsd/`. Nothing means beside the URDF.
+        robot: Description of the robot.
+        parts: Parts of each kind of link, which also determine the inertias.
+        mesh_uri: Prefix of each mesh file, such as `package://tsd_description/meshes/tsd/`; empty
+            if meshes are next to the URDF.
 
     Raises:
-        RobotFileError: the masses do not add up.
+        RobotFileError: If the masses are inconsistent.
     """
     inertias = {kind: inertia(parts[kind], mass) for kind, mass in masses_kg(robot).items()}
     tree = kinematic_tree(robot)
     root = ET.Element("robot", name=robot.name)
-    # MuJoCo alone reads this: show visuals, keep base_link, and look for meshes beside the file.
+    # Read only by MuJoCo: keep visuals and base_link, and look for meshes next to the file.
     extension = ET.SubElement(root, "mujoco")
     ET.SubElement(
         extension, "compiler", discardvisual="false", fusestatic="false", strippath="true"
@@ -113,12 +113,12 @@ def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
                 above = _rings(root, group, i, above)
             _add_joint(root, group, i, above)
     ET.indent(root)
-    # No encoding in the declaration: parsers refuse to take one from a text.
+    # Omit the encoding from the declaration, because parsers reject it in a str.
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
 def _add_joint(root: ET.Element, group: LinkGroup, i: int, above: str) -> None:
-    """Add the joint of a link; the innermost ring of a ball joint has a fixed one."""
+    """Add the joint of a link; a fixed one for the innermost ring of a ball joint."""
     kind = "fixed" if group.joint_type is JointType.BALL else str(group.joint_type)
     joint = _joint(root, group.joints[i], kind, (above, group.names[i]))
     if group.joint_type is not JointType.BALL:
@@ -159,14 +159,14 @@ def _inertial(link: ET.Element, body: Inertia) -> None:
         "iyz": (1, 2),
         "izz": (2, 2),
     }
-    # Products of symmetric parts are noise; a thousandth of a gram square millimetre is nothing.
+    # Round off the noise in the products of inertia of symmetric parts.
     values = {name: _text(round(float(t[at]), 12)) for name, at in names.items()}
     ET.SubElement(element, "inertia", attrib=values)
 
 
 def _visuals(link: ET.Element, parts: Iterable[Part], mesh_uri: str) -> None:
     for part in parts:
-        # MuJoCo requires names that are unique in the whole file.
+        # MuJoCo requires unique names in the whole file.
         visual = ET.SubElement(link, "visual", name=f"{link.get('name')}_{part.name}")
         geometry = ET.SubElement(visual, "geometry")
         ET.SubElement(geometry, "mesh", filename=mesh_uri + part.file)
@@ -179,7 +179,7 @@ def _collision(link: ET.Element, shape: CollisionShape) -> None:
         return
     collision = ET.SubElement(link, "collision")
     if isinstance(shape, Cylinder):
-        # Theirs are about Z.
+        # URDF cylinders are along Z.
         _origin(collision, (0.0, 0.0, 0.0), (0.5 * math.pi, 0.0, 0.0))
         size = {"radius": _text(shape.radius_m), "length": _text(shape.length_m)}
         ET.SubElement(ET.SubElement(collision, "geometry"), "cylinder", attrib=size)
@@ -223,16 +223,16 @@ def _origin(
 
 
 def _text(value: float) -> str:
-    """Number with the digits that matter, and without minus zero."""
+    """Format a number with its significant digits, and without minus zero."""
     return f"{round(float(value), 12) + 0.0:.9g}"
 
 
 _CREASE_DEG = 32.0
-"""Edges sharper than this stay sharp: more than a facet of 12 sides has, less than a chamfer."""
+"""Edges sharper than this remain sharp: above the facets of a 12-sided circle, below a chamfer."""
 
 
 def glb(parts: Iterable[Part]) -> bytes:
-    """Return one scene with a mesh for each of `parts`, metres, in the frame of their link."""
+    """Return a scene with a mesh for each of `parts`, metres, in the frame of their link."""
     import trimesh
 
     scene: Any = trimesh.Scene()
@@ -242,7 +242,7 @@ def glb(parts: Iterable[Part]) -> bytes:
 
 
 def _shaded(part: Part) -> trimesh.Trimesh:
-    """Mesh with a normal for each corner, vertices split where edges are sharp."""
+    """Return a mesh with a normal per corner, with vertices split at sharp edges."""
     import trimesh
     from manifold3d import Manifold, Mesh
     from trimesh.visual import TextureVisuals
@@ -273,7 +273,7 @@ def _shaded(part: Part) -> trimesh.Trimesh:
 
 
 def _linear(srgb: float) -> float:
-    """Linear colour channel of an sRGB one, for glTF; IEC 61966-2-1."""
+    """Convert an sRGB channel to linear, for glTF; IEC 61966-2-1."""
     return srgb / 12.92 if srgb <= 0.04045 else ((srgb + 0.055) / 1.055) ** 2.4
 
 
@@ -281,7 +281,7 @@ _LIST = "parts.json"
 _Word: TypeAlias = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9_]+\Z")]
 
 
-class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _PartMetadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Data of a part that an STL file lacks."""
 
     link: _Word
@@ -293,11 +293,11 @@ class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def load_parts(robot: RobotDescription) -> Parts:
-    """Parts of each kind of link: those in the folder `body.meshes`, or else drawn.
+    """Load the parts of each kind of link from `body.meshes`, or draw them.
 
     Raises:
-        RobotFileError: there is no room for what the drive needs.
-        MeshError: the folder lacks a file, or a mesh in it is not a closed solid.
+        RobotFileError: If there is no room for the drive.
+        MeshError: If the folder lacks a file, or a mesh is not a closed solid.
     """
     if robot.body.meshes is None:
         return draw_parts(robot)
@@ -308,27 +308,28 @@ _NOT_DRAWN = {
     "title", "sources", "assumptions", "limits", "battery", "pose_sensor",
     "calibration", "noise", "errors", "floor", "gyro",
 }  # fmt: skip
-"""Fields of descriptions that no model depends on; nor `motor`, but for a sphere, whose wheels turn
-as fast as its motors can."""
+"""Description fields that no model depends on. Only sphere models depend on `motor`, which limits
+their wheel speed."""
 
 
 def robot_urdf(robot: RobotDescription) -> str:
-    """URDF text of a robot with meshes beside it; that of a shipped robot is a file.
+    """Return the URDF text of a robot with meshes next to it; shipped robots have a file.
 
-    Drawing a robot takes most of a second, to load what draws. A robot is drawn only if it differs
-    from the shipped one of its name in what a model depends on, not for its calibration.
+    Drawing takes almost a second, mostly to import libraries. A robot is therefore drawn only if it
+    differs from the shipped robot of its name in a field that models depend on, unlike its
+    calibration.
 
     Raises:
-        RobotFileError: as in `load_parts`, or the masses do not add up.
-        MeshError: as in `load_parts`.
+        RobotFileError: As in `load_parts`, or if the masses are inconsistent.
+        MeshError: As in `load_parts`.
     """
-    if robot.name in robot_names() and _drawn_alike(robot, load_robot(robot.name)):
+    if robot.name in robot_names() and _same_drawing(robot, load_robot(robot.name)):
         return (shipped_model(robot.name) / f"{robot.name}.urdf").read_text("utf-8")
     return urdf(robot, load_parts(robot))
 
 
-def _drawn_alike(a: RobotDescription, b: RobotDescription) -> bool:
-    """Whether two robots are of one kind and equal in all that their models depend on."""
+def _same_drawing(a: RobotDescription, b: RobotDescription) -> bool:
+    """Return whether two robots have equal kinds and equal fields that models depend on."""
     names = set(a.__struct_fields__) - _not_drawn(a)
     return type(a) is type(b) and all(getattr(a, name) == getattr(b, name) for name in names)
 
@@ -338,16 +339,16 @@ def _not_drawn(robot: RobotDescription) -> set[str]:
 
 
 def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
-    """Parts in a folder, for a robot with these kinds of links.
+    """Read the parts in a folder, for a robot with these kinds of links.
 
     Raises:
-        MeshError: a file is missing or unreadable, a mesh is not a closed solid, a link is bare, or
-            of no such kind.
+        MeshError: If a file is missing or unreadable, a mesh is not a closed solid, or a link has
+            no parts or an unknown kind.
     """
     from tsd_twin.models.solids import Material, Part  # Late, because it needs the extra `models`.
 
     try:
-        entries = msgspec.json.decode((folder / _LIST).read_bytes(), type=list[_Entry])
+        entries = msgspec.json.decode((folder / _LIST).read_bytes(), type=list[_PartMetadata])
     except (OSError, msgspec.MsgspecError) as error:
         raise MeshError(f"{folder / _LIST} cannot be read: {error}") from error
     found: dict[Link, list[Part]] = {link: [] for link in kinds}
@@ -367,22 +368,24 @@ def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
 
 
 def write_model(robot: RobotDescription, folder: Path) -> None:
-    """Write parts, list and URDF into `folder`, the same bytes for the same description.
+    """Write parts, list and URDF into `folder`, byte-identical for equal descriptions.
 
     Raises:
-        RobotFileError: there is no room for what the drive needs, or the masses do not add up.
-        MeshError: as in `parts`.
+        RobotFileError: If there is no room for the drive, or the masses are inconsistent.
+        MeshError: As in `load_parts`.
     """
     parts = load_parts(robot)
     text = urdf(robot, parts)
     folder.mkdir(parents=True, exist_ok=True)
-    entries: list[_Entry] = []
+    entries: list[_PartMetadata] = []
     for part in (part for several in parts.values() for part in several):
         mesh: Any = part.mesh
         (folder / part.file).write_bytes(mesh.export(file_type="stl"))
         of = part.material
         entries.append(
-            _Entry(part.link, part.name, of.rgba, of.metallic, of.roughness, of.density_kg_per_m3)
+            _PartMetadata(
+                part.link, part.name, of.rgba, of.metallic, of.roughness, of.density_kg_per_m3
+            )
         )
     (folder / _LIST).write_bytes(
         msgspec.json.format(msgspec.json.encode(entries), indent=1) + b"\n"
@@ -391,12 +394,12 @@ def write_model(robot: RobotDescription, folder: Path) -> None:
 
 
 def shipped_model(name: str) -> Path:
-    """Folder of the generated files of a shipped robot.
+    """Return the folder with the generated files of a shipped robot.
 
-    An installed package has them inside; an editable install beside its sources.
+    It is inside an installed package, and next to the sources in an editable install.
 
     Raises:
-        MeshError: there is no such folder.
+        MeshError: If there is no such folder.
     """
     package = Path(__file__).parents[1]
     for meshes in (package / "meshes", package.parents[1] / "meshes"):

@@ -1,7 +1,7 @@
-"""Model of a robot that ROS drives: shape from its URDF, parts, kinematic tree.
+"""Model of an external ROS robot: shape from its URDF, parts, kinematic tree.
 
-A URDF is text of strangers: its size, its numbers and the number of its links are bounded, and it
-may declare no entities. Meshes are not fetched.
+URDFs are untrusted: their size, numbers and link count are bounded, and they must not declare
+entities. Meshes are not fetched.
 """
 
 from __future__ import annotations
@@ -43,22 +43,22 @@ from tsd_twin.robots.imported import (
 from tsd_twin.robots.loader import LONGEST
 
 MOST_BYTES = 1_000_000
-"""Of a URDF; those of large robots have 200,000."""
-_MOST_LINKS = 2000
-_LEAST_M, _FARTHEST_M = 0.001, 20.0
-"""A part is at least this thick, and nothing is farther from the base."""
+"""Maximum URDF size; large robots have 200,000 bytes."""
+_MAX_LINKS = 2000
+_MIN_SIZE_M, _MAX_DISTANCE_M = 0.001, 20.0
+"""Minimum thickness of a part, and maximum distance from the base."""
 _SEGMENTS = 32
 _NAME = re.compile(r"[A-Za-z0-9_.:/ -]{1,48}")
 _MOVING = frozenset({"revolute", "continuous", "prismatic"})
-_ONE_KG = 1.0
-"""Mass of each link in the URDF that we make of it: the true ones play no part here."""
-_WIDE = JointLimits(1000.0, 1000.0, 1000.0)
-"""Limits of joints in that URDF: the joints only show what was measured."""
+_PLACEHOLDER_KG = 1.0
+"""Placeholder mass of each link in the generated URDF."""
+_WIDE_LIMITS = JointLimits(1000.0, 1000.0, 1000.0)
+"""Placeholder limits in the generated URDF, whose joints only display measurements."""
 _GREY = (0.7, 0.72, 0.75, 1.0)
 _BOX = ImportedPart(shape="box", size_m=(0.4, 0.3, 0.15), at_m=(0.0, 0.0, 0.075))
 
 
-# The shape from a URDF.
+# Shape from a URDF.
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,23 +76,23 @@ _HERE = _Pose(np.zeros(3), SO3.identity())
 
 
 def stand_in(reason: str) -> tuple[ImportedGeometry, tuple[str, ...]]:
-    """Return a box for a robot whose shape is not known, and a sentence that says so."""
+    """Return a box for a robot of unknown shape, and a sentence about it."""
     return ImportedGeometry(parts=[_BOX]), (f"Its shape: {reason}, so it is drawn as a box.",)
 
 
 def read_urdf(text: str) -> tuple[ImportedGeometry, tuple[str, ...]]:
-    """Return the shape in a URDF, and sentences about what is not drawn as it is.
+    """Return the shape in a URDF, and sentences about deviations from it.
 
     Raises:
-        MessageError: `shape`, when it is none, or is too large.
+        MessageError: If the text is not a URDF or too large (reason `shape`).
     """
     if len(text) > MOST_BYTES:
         raise MessageError("shape", f"a URDF of {len(text)} characters is too long")
     try:
         _refuse_doctype(text.encode())
-        # Entities cannot be declared, and expat reads no other file.
+        # Entities cannot be declared, and expat reads no external files.
         root = ET.fromstring(text.encode())  # noqa: S314
-        return _Reader(root).read()
+        return _UrdfReader(root).read()
     except (
         ET.ParseError,
         expat.ExpatError,
@@ -115,7 +115,7 @@ _UNREADABLE = (
 
 
 def _refuse_doctype(text: bytes) -> None:
-    """Parse up to a document type, which may declare entities, and refuse it."""
+    """Parse up to a document type, which may declare entities, and reject it."""
 
     def refuse(*_: object) -> None:
         raise MessageError("shape", "a URDF that declares a document type or entities is refused")
@@ -125,15 +125,15 @@ def _refuse_doctype(text: bytes) -> None:
     parser.Parse(text, True)
 
 
-class _Reader:
-    """Reader of one URDF."""
+class _UrdfReader:
+    """Parser for a URDF."""
 
     def __init__(self, root: ET.Element) -> None:
         if root.tag != "robot":
             raise ValueError(f"its root is <{root.tag[:40]}>, not <robot>")
         self._links = {link.attrib["name"]: link for link in root.findall("link")}
-        if not 0 < len(self._links) <= _MOST_LINKS:
-            raise ValueError(f"it has {len(self._links)} links, not 1 to {_MOST_LINKS}")
+        if not 0 < len(self._links) <= _MAX_LINKS:
+            raise ValueError(f"it has {len(self._links)} links, not 1 to {_MAX_LINKS}")
         self._colours = {
             material.get("name", ""): colour
             for material in root.findall("material")
@@ -159,7 +159,7 @@ class _Reader:
         self._stiff = 0
 
     def read(self) -> tuple[ImportedGeometry, tuple[str, ...]]:
-        """Return the shape, and sentences about what is not drawn as it is."""
+        """Return the shape, and sentences about deviations from it."""
         waiting = [(self._root, "", _HERE)]
         seen = 0
         while waiting:
@@ -215,8 +215,8 @@ class _Reader:
             parts += instead
         for part, where in parts:
             place = pose @ where
-            if np.abs(place.at).max() > _FARTHEST_M:
-                raise ValueError(f"a part is farther than {_FARTHEST_M:g} m from its joint")
+            if np.abs(place.at).max() > _MAX_DISTANCE_M:
+                raise ValueError(f"a part is farther than {_MAX_DISTANCE_M:g} m from its joint")
             self._parts.append(
                 _changed(part, on=on, at_m=_written(place.at), rpy_deg=_degrees(place.turn))
             )
@@ -285,19 +285,19 @@ def _origin(element: ET.Element) -> _Pose:
     if origin is None:
         return _HERE
     at = np.array(_three(origin.get("xyz")))
-    if np.abs(at).max() > _FARTHEST_M:
-        raise ValueError(f"an origin is farther than {_FARTHEST_M:g} m away")
+    if np.abs(at).max() > _MAX_DISTANCE_M:
+        raise ValueError(f"an origin is farther than {_MAX_DISTANCE_M:g} m away")
     return _Pose(at, _turn(np.array(_three(origin.get("rpy")))))
 
 
 def _turn(rpy_rad: Array) -> SO3:
-    """Turn about the fixed X, then Y, then Z."""
+    """Return the rotation about fixed X, then Y, then Z."""
     x, y, z = (SO3.exp(angle * axis) for angle, axis in zip(rpy_rad, np.eye(3), strict=True))
     return z @ y @ x
 
 
 def _part(geometry: ET.Element) -> ImportedPart | None:
-    """Return the part in a `<geometry>`; None for a mesh, or what URDF does not have."""
+    """Return the part in a `<geometry>`, or None for a mesh or unknown element."""
     box, cylinder = geometry.find("box"), geometry.find("cylinder")
     sphere = geometry.find("sphere")
     if box is not None:
@@ -313,10 +313,10 @@ def _part(geometry: ET.Element) -> ImportedPart | None:
 
 
 def _sizes(x: float, y: float, z: float) -> Triple:
-    # The comparison is false for NaN.
-    if not all(0.0 <= size <= 2.0 * _FARTHEST_M for size in (x, y, z)):
-        raise ValueError(f"a size is not 0 to {2.0 * _FARTHEST_M:g} m")
-    a, b, c = (round(max(size, _LEAST_M), 4) for size in (x, y, z))
+    # False for NaN.
+    if not all(0.0 <= size <= 2.0 * _MAX_DISTANCE_M for size in (x, y, z)):
+        raise ValueError(f"a size is not 0 to {2.0 * _MAX_DISTANCE_M:g} m")
+    a, b, c = (round(max(size, _MIN_SIZE_M), 4) for size in (x, y, z))
     return a, b, c
 
 
@@ -332,7 +332,7 @@ def _colour(material: ET.Element) -> tuple[float, float, float, float] | None:
 
 
 def _inertia_box(link: ET.Element) -> list[tuple[ImportedPart, _Pose]]:
-    """Box of even density with the mass and the moments of inertia of a link, if it has any."""
+    """Return a homogeneous box with the mass and moments of inertia of a link, if any."""
     inertial = link.find("inertial")
     if inertial is None:
         return []
@@ -347,7 +347,7 @@ def _inertia_box(link: ET.Element) -> list[tuple[ImportedPart, _Pose]]:
         math.sqrt(max(0.0, 6.0 * moment / kg))
         for moment in (yy + zz - xx, xx + zz - yy, xx + yy - zz)
     ]
-    if max(sizes) > 2.0 * _FARTHEST_M:
+    if max(sizes) > 2.0 * _MAX_DISTANCE_M:
         return []
     part = ImportedPart(shape="box", size_m=_sizes(*sizes))
     return [(part, _origin(inertial))]
@@ -374,20 +374,20 @@ def _placed(entry: ImportedPart | ImportedJoint) -> _Pose:
 
 
 def _part_corners(part: ImportedPart) -> Array:
-    """Corners (8, 3) of the box around a part, in the frame of its joint."""
+    """Return the corners (8, 3) of the box around a part, in the frame of its joint."""
     pose, half = _placed(part), 0.5 * np.array(part.size_m)
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     return pose.at + np.array([pose.turn.rotate(corner) for corner in signs * half])
 
 
 def _bounding_box(shape: ImportedGeometry, on: str) -> ImportedPart:
-    """Box along the axes of a joint around all its parts."""
+    """Return a box along the axes of a joint around all its parts."""
     parts = [part for part in shape.parts if part.on == on]
     corners = np.concatenate([_part_corners(part) for part in parts])
     low, high = corners.min(axis=0), corners.max(axis=0)
     return ImportedPart(
         shape="box",
-        size_m=_sizes(*(high - low).clip(0.0, 2.0 * _FARTHEST_M)),
+        size_m=_sizes(*(high - low).clip(0.0, 2.0 * _MAX_DISTANCE_M)),
         on=on,
         at_m=_written(0.5 * (low + high)),
         colour_rgba=parts[0].colour_rgba,
@@ -395,7 +395,7 @@ def _bounding_box(shape: ImportedGeometry, on: str) -> ImportedPart:
 
 
 def _corners(shape: ImportedGeometry) -> Iterator[Array]:
-    """Yield the corners of all parts in the frame of the base, joints at zero."""
+    """Yield the corners of all parts in the base frame, with joints at zero."""
     frames = {"": _HERE}
     for joint in shape.joints:
         frames[joint.name] = frames[joint.on] @ _placed(joint)
@@ -405,7 +405,7 @@ def _corners(shape: ImportedGeometry) -> Iterator[Array]:
 
 
 def geometry_toml(shape: ImportedGeometry) -> str:
-    """Return the keys of `[drive]` as TOML, a line for each part and joint."""
+    """Format the keys of `[drive]` as TOML, with a line per part and joint."""
     lines = [f"sideways = {json.dumps(shape.sideways)}", f"height_m = {shape.height_m!r}"]
     for key, entries in (("joints", shape.joints), ("parts", shape.parts)):
         lines.append(f"{key} = [")
@@ -415,21 +415,21 @@ def geometry_toml(shape: ImportedGeometry) -> str:
 
 
 def _inline(entry: ImportedPart | ImportedJoint) -> str:
-    """Return a table on one line, without what is as usual."""
+    """Format a table on one line, without default values."""
     said = {
         field.name: value
         for field in msgspec.structs.fields(type(entry))
         if (value := getattr(entry, field.name)) != field.default
     }
-    # Names have no character that JSON and TOML write in different ways.
+    # JSON and TOML agree for all characters allowed in names.
     return "{ " + ", ".join(f"{key} = {json.dumps(value)}" for key, value in said.items()) + " }"
 
 
-# The model of a description.
+# Model of a description.
 
 
 def draw(robot: ImportedDescription) -> Parts:
-    """Parts of the base and of each joint, in the frame of the joint."""
+    """Return the parts of the base and of each joint, in the frame of the joint."""
     parts: Parts = {}
     for kind, on in _kinds(robot):
         mine = [part for part in robot.drive.parts if part.on == on]
@@ -440,7 +440,7 @@ def draw(robot: ImportedDescription) -> Parts:
 
 
 def tree(robot: ImportedDescription) -> KinematicTree:
-    """Return how the joints hang on one another, each a kind of link of its own."""
+    """Return the tree of joints, with a separate kind of link for each."""
     kinds = {on: kind for kind, on in _kinds(robot)}
     groups: list[LinkGroup] = []
     for joint in robot.drive.joints:
@@ -455,15 +455,15 @@ def tree(robot: ImportedDescription) -> KinematicTree:
                 turn=SO3(pose.turn.wxyz[None]),
                 joint_type=JointType.SLIDE if joint.slides else JointType.ANGLE,
                 axes=np.array([joint.axis]),
-                range=_WIDE,
+                range=_WIDE_LIMITS,
             )
         )
     return KinematicTree(robot.drive.height_m, tuple(groups), core_m=0.0)
 
 
 def masses_kg(robot: ImportedDescription) -> dict[Link, float]:
-    """Return a mass for each kind of link, which is not that of the robot."""
-    return {kind: _ONE_KG for kind, _ in _kinds(robot)}
+    """Return a placeholder mass for each kind of link."""
+    return {kind: _PLACEHOLDER_KG for kind, _ in _kinds(robot)}
 
 
 def _kinds(robot: ImportedDescription) -> list[tuple[Link, str]]:

@@ -1,6 +1,4 @@
-"""Kinematic tree of a robot: groups of equal links, their joints and collision shapes; and its
-model by kind.
-"""
+"""Kinematic tree of a robot: groups of equal links, with joints and collision shapes."""
 
 from __future__ import annotations
 
@@ -19,7 +17,7 @@ if TYPE_CHECKING:
     from tsd_twin.models.solids import Link, Parts
 
 BASE = "base_link"
-"""The link that all others hang on, and that the parts of kind `chassis` belong to."""
+"""Root link, which has the parts of kind `chassis`."""
 
 
 class JointType(StrEnum):
@@ -27,21 +25,21 @@ class JointType(StrEnum):
 
     FIXED = "fixed"
     ANGLE = "revolute"
-    """A position joint."""
+    """Position joint."""
     SLIDE = "prismatic"
-    """A position joint that moves along its axis, in metres."""
+    """Position joint that moves along its axis, in metres."""
     SPIN = "continuous"
-    """A velocity joint: it turns without end, and its angle is not measured."""
+    """Velocity joint without limits, whose angle is not measured."""
     BALL = "ball"
-    """A ball joint; its orientation is the pose of the robot."""
+    """Ball joint; its orientation is the pose of the robot."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """Limits of a joint; radians, radians a second, newton metres."""
+    """Limits of a joint: rad, rad/s, N m."""
 
     angle_rad: float
-    """To each side."""
+    """Limit in both directions."""
     speed_rad_per_s: float
     torque_nm: float
 
@@ -62,7 +60,7 @@ class Cylinder:
 
 
 CollisionShape: TypeAlias = Sphere | Cylinder | None
-"""Collision shape of a link; None without one."""
+"""Collision shape of a link, if any."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,20 +68,20 @@ class LinkGroup:
     """Group of k equal links: the same parts on the same type of joint."""
 
     kind: Link
-    """Whose parts they have."""
+    """Kind of link that determines the parts."""
     names: tuple[str, ...]
-    """Of the k links."""
+    """Names of the k links."""
     joints: tuple[str, ...]
     """Names of the k joints, as in the kinematics."""
     parent: Link
-    """The kind of links they hang on: the chassis, or as many as these, in the same order."""
+    """Kind of the parents: the chassis, or k links in the same order."""
     at_m: Array
-    """(k, 3): where they are, in the frame of the parent."""
+    """(k, 3): link positions in the parent frame."""
     turn: SO3
     """(k, 4): p_parent = R p_link + at, at joint zero."""
     joint_type: JointType
     axes: Array
-    """(k, 3): unit vectors that the joints turn about, in the frames of the links."""
+    """(k, 3): unit joint axes in the link frames."""
     range: JointLimits | None = None
     collision: CollisionShape = None
 
@@ -95,14 +93,14 @@ class LinkGroup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KinematicTree:
-    """Kinematic tree: all links of a robot, parents first."""
+    """All links of a robot, parents first."""
 
     height_m: float
-    """Of the origin of `base_link` above the floor."""
+    """Height of the origin of `base_link` above the floor."""
     link_groups: tuple[LinkGroup, ...]
     core_m: float
-    """The chassis collides as an upright cylinder of this radius about the origin, which reaches as
-    far up as the chassis does down; 0: not at all."""
+    """Radius of the chassis' collision shape: an upright cylinder about the origin, extending as
+    far up as the chassis does down; 0 disables collision."""
 
     @property
     def kinds(self) -> tuple[Link, ...]:
@@ -110,34 +108,34 @@ class KinematicTree:
         return ("chassis", *(group.kind for group in self.link_groups))
 
     def count(self, kind: Link) -> int:
-        """Return how many links of a kind there are."""
+        """Return the number of links of a kind."""
         return next((group.count for group in self.link_groups if group.kind == kind), 1)
 
     def link_group(self, kind: Link) -> LinkGroup:
-        """Links of a kind; not the chassis."""
+        """Return the group of a kind other than the chassis."""
         return next(group for group in self.link_groups if group.kind == kind)
 
 
 def alike(axis: tuple[float, float, float], k: int) -> Array:
-    """Return one axis (k, 3) for k joints."""
+    """Return the same axis for k joints, (k, 3)."""
     return np.tile(np.array(axis), (k, 1))
 
 
 def about_z(angles_rad: Array) -> SO3:
-    """Turns (k, 4) about Z by `angles_rad` (k,)."""
+    """Return rotations (k, 4) about Z by `angles_rad` (k,)."""
     return SO3.exp(angles_rad[:, None] * np.array([0.0, 0.0, 1.0]))
 
 
 def from_axes(x: Array, y: Array, z: Array) -> SO3:
-    """Turns (k, 4) whose frames have unit axes `x`, `y`, `z` (k, 3), right-handed."""
-    from scipy.spatial.transform import Rotation  # A quarter of a second, as trimesh in `solids`.
+    """Return rotations (k, 4) whose frames have unit axes `x`, `y`, `z` (k, 3), right-handed."""
+    from scipy.spatial.transform import Rotation  # Takes 0.25 s, as trimesh in `solids`.
 
     matrices: Any = Rotation.from_matrix(np.stack([x, y, z], axis=-1))
     return SO3(np.asarray(matrices.as_quat(scalar_first=True), np.float64))
 
 
 def roll_pitch_yaw(turn: Array) -> tuple[float, float, float]:
-    """Angles about fixed X, Y, Z, in this order, that make a turn (4,), radians."""
+    """Return the angles about fixed X, Y, Z, in this order, for a rotation (4,), radians."""
     w, x, y, z = (float(q) for q in turn)
     sine = max(-1.0, min(1.0, 2.0 * (w * y - x * z)))
     return (
@@ -150,10 +148,10 @@ def roll_pitch_yaw(turn: Array) -> tuple[float, float, float]:
 def chassis_mass_kg(
     robot: RobotDescription, total_kg: float, others_kg: float, others: str, needed: str
 ) -> float:
-    """Mass of the chassis: what the other links leave of the total.
+    """Return the mass of the chassis: the total minus the other links.
 
     Raises:
-        RobotFileError: nothing; the text names the `others`, and the keys that are `needed`.
+        RobotFileError: If nothing remains; the text names the `others`, and the keys `needed`.
     """
     if others_kg >= total_kg:
         raise RobotFileError(
@@ -165,41 +163,41 @@ def chassis_mass_kg(
 
 
 def _model(robot: RobotDescription) -> Any:
-    """Module with the model of this kind of robot."""
+    """Return the module with the model of this kind of robot."""
     with needs_extra(f"A model of {robot.name}", "models"):
         return implementation(kind_of(robot).model)
 
 
 def draw_parts(robot: RobotDescription) -> Parts:
-    """Parts of each kind of link, in the frame of the link, drawn to the description.
+    """Draw the parts of each kind of link, in the frame of the link.
 
     Raises:
-        RobotFileError: there is no room for what the drive needs.
-        MeshError: a drawing does not make a closed solid; a bug.
+        RobotFileError: If there is no room for the drive.
+        MeshError: If a drawing is not a closed solid, which is a bug.
     """
     return _model(robot).draw(robot)
 
 
 def check_room(robot: RobotDescription) -> None:
-    """Check that a body can be drawn, in a thousandth of the time that drawing it takes.
+    """Check that a body can be drawn, a thousand times as fast as drawing it.
 
     Raises:
-        RobotFileError: there is no room for what the drive needs.
+        RobotFileError: If there is no room for the drive.
     """
-    check = getattr(_model(robot), "check_room", None)  # Other drives have room in any case.
+    check = getattr(_model(robot), "check_room", None)  # Other drives always have room.
     if check is not None:
         check(robot)
 
 
 def kinematic_tree(robot: RobotDescription) -> KinematicTree:
-    """Return how the links of a robot hang on one another."""
+    """Return the kinematic tree of a robot."""
     return _model(robot).tree(robot)
 
 
 def masses_kg(robot: RobotDescription) -> dict[Link, float]:
-    """Return the mass of each kind of link; the chassis weighs what the others leave.
+    """Return the mass of each kind of link; the chassis has the remainder.
 
     Raises:
-        RobotFileError: they leave nothing.
+        RobotFileError: If nothing remains for the chassis.
     """
     return _model(robot).masses_kg(robot)

@@ -46,19 +46,19 @@ class Tracker(NamedTuple):
     x: float
     y: float
     turn_deg: float
-    """Direction that it measures along."""
+    """Measured direction."""
     radius: float
 
 
 def platform_drawings(
     layout: PlatformLayout, body: Body, trackers: Sequence[Tracker] = ()
 ) -> list[Drawing]:
-    """Chassis and all that is fixed to it.
+    """Draw the chassis and everything fixed to it.
 
     Args:
-        layout: where things go.
-        body: colours.
-        trackers: the wheels that only measure, below the lower deck.
+        layout: Positions and sizes of the parts.
+        body: Colours.
+        trackers: Tracking wheels below the lower deck.
     """
     decks = [
         slab(layout.outline - _holes(layout, trackers), (layout.deck - layout.plate, layout.deck)),
@@ -79,12 +79,12 @@ def platform_drawings(
 
 
 def _behind_brackets(layout: PlatformLayout, solid: Manifold) -> Manifold:
-    """Copies of a motor, behind the bracket of every wheel."""
+    """Copy a motor to the bracket of every wheel."""
     return union(m.in_base(solid.translate((0.0, layout.face(m), 0.0))) for m in layout.mounts)
 
 
 def _holes(layout: PlatformLayout, trackers: Sequence[Tracker]) -> CrossSection:
-    """Return what is cut out of the lower deck: for trackers, and in its middle to save weight."""
+    """Return the cutouts of the lower deck: for trackers, and in the middle to save weight."""
     reach = 0.16 * layout.middle
     hole = rectangle((-reach, reach), (-reach, reach), 0.3 * reach)
     slots: list[CrossSection] = []
@@ -96,7 +96,7 @@ def _holes(layout: PlatformLayout, trackers: Sequence[Tracker]) -> CrossSection:
 
 
 def _bracket(layout: PlatformLayout, mount: Mount) -> Manifold:
-    """Plate between a wheel and its gearbox, with its feet and gussets on the deck."""
+    """Draw the plate between a wheel and its gearbox, with feet and gussets on the deck."""
     m, face = layout.scale, layout.face(mount)
     half = 1.25 * MOTOR * m
     plate = rectangle((-half, half), (layout.deck + 0.3 * m, layout.roof), 4.0 * m)
@@ -115,12 +115,12 @@ def _bracket(layout: PlatformLayout, mount: Mount) -> Manifold:
 
 
 def _span(a: float, b: float) -> tuple[float, float]:
-    """Two in order."""
+    """Return two bounds in order."""
     return min(a, b), max(a, b)
 
 
 def _gusset(side: float, half: float, face: float, layout: PlatformLayout) -> Manifold:
-    """Triangle between a bracket and its foot."""
+    """Draw the triangle between a bracket and its foot."""
     m = layout.scale
     outline = CrossSection.batch_hull(
         [
@@ -137,7 +137,7 @@ def _gusset(side: float, half: float, face: float, layout: PlatformLayout) -> Ma
 
 
 def _standoffs(layout: PlatformLayout) -> Manifold:
-    """Hexagonal spacers between the decks, one at each corner, with their screws."""
+    """Draw hexagonal spacers between the decks, one per corner, with their screws."""
     m = layout.scale
     one = spacer(layout, 4.0, 4.2, 2.4)
     spots: list[tuple[float, float]] = []
@@ -156,7 +156,7 @@ def _standoffs(layout: PlatformLayout) -> Manifold:
 
 
 def _trackers(layout: PlatformLayout, body: Body, trackers: Sequence[Tracker]) -> list[Drawing]:
-    """Return small omni wheels below the lower deck, each on an arm, with its encoder."""
+    """Draw small omni wheels with encoders on arms below the lower deck."""
     every = [_tracker(layout, body, one) for one in trackers]
     return [
         same[0]._replace(solid=union(drawing.solid for drawing in same))
@@ -165,7 +165,7 @@ def _trackers(layout: PlatformLayout, body: Body, trackers: Sequence[Tracker]) -
 
 
 def _tracker(layout: PlatformLayout, body: Body, one: Tracker) -> list[Drawing]:
-    """Return one of them, in its place."""
+    """Draw one tracking wheel in place."""
     r = one.radius
     plan = replace(WheelPlan.usual(r), rollers=6, sides=8)
     low, height = layout.deck - layout.plate, r - layout.floor
@@ -190,7 +190,7 @@ def _tracker(layout: PlatformLayout, body: Body, one: Tracker) -> list[Drawing]:
 
 
 def draw(robot: OmniDescription) -> Parts:
-    """Parts; wheels whose rollers slant alike are alike."""
+    """Draw the parts; wheels with equal roller angles share them."""
     layout = PlatformLayout.of(_mounts(robot), 1e3 * robot.body.plate_thickness_m)
     dead = robot.dead_wheels
     trackers = (
@@ -209,10 +209,10 @@ def draw(robot: OmniDescription) -> Parts:
 
 
 def tree(robot: OmniDescription) -> KinematicTree:
-    """Return wheels on the chassis: Y outboard along the axle, Z up.
+    """Return the wheels on the chassis: Y outboard along the axle, Z up.
 
-    A wheel turns forward about the axis that is left of where it drives to. Wheels collide as
-    cylinders, the chassis as one between them.
+    The forward axis of a wheel points left of its driving direction. Collision shapes are cylinders
+    for the wheels, and one between them for the chassis.
     """
     mounts = _mounts(robot)
     radius_m = robot.drive.wheel_radius_m
@@ -240,10 +240,10 @@ def tree(robot: OmniDescription) -> KinematicTree:
 
 
 def masses_kg(robot: OmniDescription) -> dict[Link, float]:
-    """Return the mass of each kind of link; the chassis weighs what the wheels leave.
+    """Return the mass of each kind of link; the chassis has the remainder.
 
     Raises:
-        RobotFileError: the wheels alone are heavier than the robot.
+        RobotFileError: If the wheels alone are heavier than the robot.
     """
     mass, wheels_kg = robot.mass, len(robot.drive.wheels) * robot.mass.wheel_kg
     chassis_kg = chassis_mass_kg(
@@ -253,7 +253,7 @@ def masses_kg(robot: OmniDescription) -> dict[Link, float]:
 
 
 def _kinds(robot: OmniDescription) -> dict[Link, list[int]]:
-    """Kinds of wheels, and which wheels are of each: one kind for each roller angle."""
+    """Return the kinds of wheels with their wheel indices: one kind per roller angle."""
     angles = list(dict.fromkeys(wheel.roller_deg for wheel in robot.drive.wheels))
     return {
         "wheel" if number == 0 else f"wheel_{chr(ord('a') + number)}": [
@@ -264,7 +264,7 @@ def _kinds(robot: OmniDescription) -> dict[Link, list[int]]:
 
 
 def _outboard(robot: OmniDescription, row: int) -> float:
-    """Return 1 if a wheel turns forward about the axis that points away from the centre, or -1."""
+    """Return 1 if a wheel's forward axis points away from the centre, else -1."""
     wheel = robot.drive.wheels[row]
     left = math.radians(wheel.direction_deg + 90.0)
     away = wheel.x_m * math.cos(left) + wheel.y_m * math.sin(left)

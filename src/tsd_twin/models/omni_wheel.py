@@ -1,6 +1,4 @@
-"""Omni or Mecanum wheel with rollers on its rim, the gear motor that drives it, and the layout of a
-platform on such wheels.
-"""
+"""Omni or Mecanum wheels with rollers, their gear motors, and the layout of a platform."""
 
 from __future__ import annotations
 
@@ -31,9 +29,9 @@ from tsd_twin.models.solids import (
 from tsd_twin.robots.description import Body
 
 _STRAIGHT_RAD = math.radians(20.0)
-"""Rollers that slant less leave gaps between them, which a second row has to close."""
+"""Rollers with smaller angles leave gaps that a second row must close."""
 _GAP = 0.06
-"""Air around a roller, as a share of its radius."""
+"""Air around a roller, relative to its radius."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,21 +39,21 @@ class WheelPlan:
     """Dimensions of an omni wheel, millimetres and radians."""
 
     radius: float
-    """From the axle to the floor."""
+    """Distance from the axle to the floor."""
     roller_angle: float
-    """Of the axis of the roller at the contact, from the direction the wheel drives in."""
+    """Angle from the driving direction to the roller axis at the contact."""
     rollers: int
-    """In each row."""
+    """Number of rollers per row."""
     roller_radius: float
-    """Where a roller is thickest."""
+    """Maximum radius of a roller."""
     rows: tuple[float, ...]
-    """Where along the axle the rows are; with two, each closes the gaps of the other."""
+    """Positions of the rows along the axle; with two, each closes the gaps of the other."""
     sides: int = 12
-    """Of the rollers; a multiple of four, so that a corner is on the rim."""
+    """Number of sides of a roller; a multiple of four, so that a corner is on the rim."""
 
     @classmethod
     def usual(cls, radius: float, roller_angle: float = 0.0) -> WheelPlan:
-        """Wheel as they are sold, which covers its whole rim with rollers."""
+        """Return a commercial wheel, whose rollers cover the whole rim."""
         if abs(roller_angle) < _STRAIGHT_RAD:
             thick = 0.135 * radius
             return cls(radius, roller_angle, 8, thick, (-1.15 * thick, 1.15 * thick))
@@ -63,29 +61,29 @@ class WheelPlan:
 
     @property
     def ring(self) -> float:
-        """Radius of the circle that the middles of the rollers are on."""
+        """Radius of the circle through the roller centres."""
         return self.radius - self.roller_radius
 
     @property
     def half_angle(self) -> float:
-        """Angle about the axle that one roller covers to each side of its middle."""
+        """Half angle about the axle that a roller covers."""
         return math.pi / self.rollers * (1.04 if len(self.rows) == 1 else 0.66)
 
     @property
     def half_width(self) -> float:
-        """How far the wheel reaches along its axle to each side."""
+        """Half width of the wheel along its axle."""
         if len(self.rows) == 1:
             return self.slant + self._plate
         return max(self.rows) + 1.02 * self.roller_radius
 
     @property
     def half_length(self) -> float:
-        """Half the length of the axis of a roller."""
+        """Half length of a roller axis."""
         return self.ring * math.tan(self.half_angle) / math.cos(self.roller_angle)
 
     @property
     def slant(self) -> float:
-        """How far the axis of a roller reaches along the axle of the wheel."""
+        """Half extent of a roller axis along the wheel's axle."""
         return self.half_length * abs(math.sin(self.roller_angle)) + 0.25 * self.roller_radius
 
     @property
@@ -94,7 +92,7 @@ class WheelPlan:
 
 
 def omni_wheel_drawings(plan: WheelPlan, body: Body) -> list[Drawing]:
-    """Wheel."""
+    """Draw the wheel."""
     hub = _straight_hub(plan) if len(plan.rows) > 1 else _slanting_hub(plan)
     wide = plan.half_width
     bore = rod(0.09 * plan.radius, (-2.0 * wide, 2.0 * wide))
@@ -112,10 +110,10 @@ def omni_wheel_drawings(plan: WheelPlan, body: Body) -> list[Drawing]:
 
 
 def roller_profile(plan: WheelPlan, stations: int) -> Array:
-    """Return (stations, 2): distance from the axis of a roller, and place along it.
+    """Return (stations, 2): radius of a roller, and position along its axis.
 
-    The rim is a cylinder about the axle. A line that is normal to it and to the roller meets both
-    axes: from a point of the roller's axis, square to the axle, it goes out to the rim.
+    The rim is a cylinder about the axle. A line normal to both rim and roller intersects both axes:
+    it runs from a point on the roller axis, perpendicular to the axle, out to the rim.
     """
     along = np.linspace(-plan.half_length, plan.half_length, stations)
     c, s, h = math.cos(plan.roller_angle), math.sin(plan.roller_angle), plan.ring
@@ -126,7 +124,7 @@ def roller_profile(plan: WheelPlan, stations: int) -> Array:
 
 
 def _roller(plan: WheelPlan, grown: float, stations: int) -> Manifold:
-    """Roller along Z, its surface farther out by `grown`."""
+    """Draw a roller along Z, with its surface offset outward by `grown`."""
     surface = roller_profile(plan, stations)
     surface[:, 0] += grown
     surface[[0, -1], 1] += (-grown, grown)
@@ -136,7 +134,7 @@ def _roller(plan: WheelPlan, grown: float, stations: int) -> Manifold:
 
 
 def _at_rollers(plan: WheelPlan, roller: Manifold) -> Manifold:
-    """Return what is drawn along Z at the middle of every roller of every row."""
+    """Copy a drawing along Z to the centre of every roller of every row."""
     tilted = roller.rotate((0.0, 90.0 - math.degrees(plan.roller_angle), 0.0))
     placed = tilted.translate((0.0, plan.ring, 0.0))
     step = 180.0 / plan.rollers
@@ -147,7 +145,7 @@ def _at_rollers(plan: WheelPlan, roller: Manifold) -> Manifold:
 
 
 def _pins(plan: WheelPlan) -> Manifold:
-    """Visible ends of the roller pins."""
+    """Draw the visible ends of the roller pins."""
     thin, end = 0.26 * plan.roller_radius, float(roller_profile(plan, 3)[-1, 1])
     ends = [
         rod(thin, (end, end + 0.5 * plan.roller_radius)),
@@ -157,7 +155,7 @@ def _pins(plan: WheelPlan) -> Manifold:
 
 
 def _straight_hub(plan: WheelPlan) -> Manifold:
-    """Disc for each row, with pockets that the rollers turn in, and spokes."""
+    """Draw a disc per row, with pockets for the rollers, and spokes."""
     gap = _GAP * plan.roller_radius
     pocket = _roller(plan, 2.0 * gap, 3)
     thick = 0.62 * plan.roller_radius
@@ -169,7 +167,7 @@ def _straight_hub(plan: WheelPlan) -> Manifold:
 
 
 def _slanting_hub(plan: WheelPlan) -> Manifold:
-    """Return two plates that hold the ends of the rollers, and the drum between them."""
+    """Draw the two plates that hold the roller ends, and the drum between them."""
     inside, outside = plan.slant, plan.half_width
     ends = plan.ring / math.cos(plan.half_angle)
     plate = circle(ends + 0.02 * plan.roller_radius)
@@ -181,20 +179,20 @@ def _slanting_hub(plan: WheelPlan) -> Manifold:
 
 
 def _windows(plan: WheelPlan) -> CrossSection:
-    """Holes that make a disc lighter."""
+    """Return the lightening holes of a disc."""
     window = circle(0.13 * plan.radius, (0.0, 0.45 * plan.radius))
     return CrossSection.compose([window.rotate(60.0 * i) for i in range(6)])
 
 
 def _shaft(plan: WheelPlan) -> Manifold:
-    """Shaft, which reaches inboard to the gearbox, and the nut outboard."""
+    """Draw the shaft, which extends inboard to the gearbox, and the outboard nut."""
     wide, thin = plan.half_width, 0.085 * plan.radius
     nut = rod(1.9 * thin, (wide + 0.025 * plan.radius, wide + 0.1 * plan.radius), corners=6)
     return union([rod(thin, (-wide - 0.16 * plan.radius, wide + 0.06 * plan.radius)), nut])
 
 
 def _mark(plan: WheelPlan) -> Manifold:
-    """Painted sector on the outboard face, by which the turning is seen."""
+    """Draw a painted sector on the outboard face that makes rotation visible."""
     r = plan.radius
     face = plan.half_width if len(plan.rows) == 1 else max(plan.rows) + 0.62 * plan.roller_radius
     near, far = (0.32 * r, -0.04 * r), (0.72 * r, -0.09 * r)
@@ -205,12 +203,12 @@ def _mark(plan: WheelPlan) -> Manifold:
 def motor_drawings(
     radius: float, length: float, at_wheels: Callable[[Manifold], Manifold]
 ) -> list[Drawing]:
-    """Motors with gearbox and encoder, one for each wheel.
+    """Draw motors with gearbox and encoder, one per wheel.
 
     Args:
-        radius: of a motor.
-        length: of its parts together.
-        at_wheels: copies a solid to its place at each wheel.
+        radius: Radius of a motor.
+        length: Total length of its parts.
+        at_wheels: Copies a solid to its place at each wheel.
     """
     gearbox, motor = 0.3 * length, 0.58 * length
     square = 0.92 * radius
@@ -243,14 +241,14 @@ def motor_drawings(
 
 
 NOMINAL_WHEEL = 76.2
-"""Wheel radius that motors are drawn for: 6 inch wheels; other sizes are the same, scaled."""
+"""Wheel radius of the motor drawings (6 inch wheels); other sizes are scaled."""
 MOTOR = 29.0
-"""Radius of a 200 W motor; nominal."""
+"""Nominal radius of a 200 W motor."""
 _TRAIN = 176.0
-"""How far motor, gearbox and encoder reach inboard of the bracket; nominal."""
+"""Nominal extent of motor, gearbox and encoder inboard of the bracket."""
 _BRACKET = 14.0
-"""From the inboard face of a wheel to the far side of the bracket that the gearbox is bolted to;
-nominal."""
+"""Nominal distance between a wheel's inboard face and the far side of the bracket that holds the
+gearbox."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,27 +262,27 @@ class Mount:
     plan: WheelPlan
 
     def in_base(self, solid: Manifold) -> Manifold:
-        """Return what is drawn in the frame of the wheel: Y outboard along the axle, Z up."""
+        """Move a solid from the wheel frame (Y outboard along the axle, Z up) to the base."""
         return solid.rotate((0.0, 0.0, self.axle_deg - 90.0)).translate((self.x, self.y, 0.0))
 
     def outline_in_base(self, outline: CrossSection) -> CrossSection:
-        """Outline that is drawn in X and Y of the frame of the wheel."""
+        """Move an outline from X and Y of the wheel frame to the base."""
         return outline.rotate(self.axle_deg - 90.0).translate((self.x, self.y))
 
 
 @dataclass(frozen=True, slots=True)
 class PlatformLayout:
-    """Millimetres in `base_link`, whose origin is as high as the axles."""
+    """Dimensions of a platform, millimetres in `base_link`, whose origin is at axle height."""
 
     mounts: tuple[Mount, ...]
     scale: float
-    """Of motors and what is bolted to them."""
+    """Scale of motors and the parts bolted to them."""
     train: float
-    """Length of motor, gearbox and encoder: shorter than usual where they would meet."""
+    """Length of motor, gearbox and encoder, shortened if motors would collide."""
     plate: float
     """Thickness of the decks."""
     outline: CrossSection
-    """Of both decks."""
+    """Outline of both decks."""
 
     @classmethod
     def of(cls, mounts: Sequence[Mount], plate: float) -> PlatformLayout:
@@ -302,12 +300,12 @@ class PlatformLayout:
 
     @property
     def floor(self) -> float:
-        """How far below the origin the floor is."""
+        """Distance of the floor below the origin."""
         return self.mounts[0].plan.radius
 
     @property
     def deck(self) -> float:
-        """Height of the top of the lower deck: the motors lie on it."""
+        """Height of the lower deck's top, which supports the motors."""
         return -(MOTOR + 3.0) * self.scale
 
     @property
@@ -321,21 +319,21 @@ class PlatformLayout:
         return self.roof + self.plate
 
     def face(self, mount: Mount) -> float:
-        """Return where the bracket of a wheel ends inboard, along Y of the wheel."""
+        """Return the inboard end of a wheel's bracket, along Y of the wheel."""
         return -mount.plan.half_width - _BRACKET * self.scale
 
     @property
     def middle(self) -> float:
-        """The decks reach at least this far in every direction."""
+        """Minimum radius of the decks."""
         return min(self.reach(10.0 * i) for i in range(36))
 
     def reach(self, direction_deg: float, width: float = 8.0) -> float:
-        """Return how far a straight strip from the middle stays on the decks."""
+        """Return the distance from the centre up to which a straight strip is on the decks."""
         return strip_reach(self.outline, direction_deg, width)
 
 
 def _outline(mounts: Sequence[Mount], scale: float) -> CrossSection:
-    """Polygon along the inboard faces of the wheels, which stand outside or in a notch."""
+    """Return a polygon along the inboard faces of the wheels, which are outside or in a notch."""
     corners: list[CrossSection] = []
     notches: list[CrossSection] = []
     corner = circle(9.0 * scale)

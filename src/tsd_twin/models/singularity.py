@@ -1,6 +1,4 @@
-"""Model of a singularity drive: chassis (decks, ribs, servos of the outer gimbals, equipment),
-kinematic tree, masses.
-"""
+"""Model of a singularity drive: chassis (decks, ribs, servos, equipment), tree, masses."""
 
 from __future__ import annotations
 
@@ -39,39 +37,39 @@ from tsd_twin.models.solids import (
 from tsd_twin.robots import RPM, SingularityDescription
 from tsd_twin.robots.description import Body
 
-_PROUD = 0.8
-"""How far tabs stand out of the upper deck."""
+_TAB_HEIGHT = 0.8
+"""Height of tabs above the upper deck."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rib:
-    """A piece of sheet; its tabs cut their own slots, so that they always fit."""
+    """Sheet part with tabs that cut their own slots, so that they always fit."""
 
     face: CrossSection
-    """Its outline between the decks: X along the rib, Y up."""
+    """Outline between the decks: X along the rib, Y up."""
     low: tuple[float, ...]
-    """Where along X tabs go through the lower deck."""
+    """Positions of the lower tabs along X."""
     high: tuple[float, ...]
-    """Where along X tabs go through the upper deck."""
+    """Positions of the upper tabs along X."""
     tab: float
     """Width of a tab."""
     x: float
     y: float
     turn_deg: float
-    """Position of its origin in `base_link`, and turn of its X; the sheet is on its right side."""
+    """Position of the origin in `base_link`, and rotation of X; the sheet is on its right side."""
 
     def solid(self, layout: Layout) -> Manifold:
-        """Rib with its tabs, in `base_link`."""
+        """Return the rib with its tabs, in `base_link`."""
         face = self.face
         for at in self.low:
             face += self._tab(at, (layout.floor, layout.deck + 0.5))
         for at in self.high:
-            face += self._tab(at, (layout.roof - 0.5, layout.top + _PROUD))
+            face += self._tab(at, (layout.roof - 0.5, layout.top + _TAB_HEIGHT))
         sheet = standing(face, (-layout.plate, 0.0)).rotate((0.0, 0.0, self.turn_deg))
         return sheet.translate((self.x, self.y, 0.0))
 
     def slots(self, layout: Layout, tabs: tuple[float, ...]) -> CrossSection:
-        """Return what `tabs` cut out of a deck, in `base_link`."""
+        """Return the slots that `tabs` cut into a deck, in `base_link`."""
         cuts = [self._tab(at, (-layout.plate, 0.0)) for at in tabs]
         return CrossSection.compose(cuts).rotate(self.turn_deg).translate((self.x, self.y))
 
@@ -80,7 +78,7 @@ class Rib:
 
 
 def ribs(layout: Layout, decks: Decks) -> list[Rib]:
-    """Return all ribs: four at each module, one on each lobe between modules."""
+    """Return all ribs: four at each module, and one on each lobe between modules."""
     standing_ribs: list[Rib] = []
     for azimuth in layout.azimuths_deg:
         standing_ribs += [_inboard(layout, azimuth), *_outboard(layout, azimuth)]
@@ -88,19 +86,19 @@ def ribs(layout: Layout, decks: Decks) -> list[Rib]:
 
 
 def _at_module(layout: Layout, azimuth_deg: float, x: float, y: float) -> tuple[float, float]:
-    """Point of a module frame in `base_link`."""
+    """Convert a point from a module frame to `base_link`."""
     c, s = math.cos(math.radians(azimuth_deg)), math.sin(math.radians(azimuth_deg))
     return (layout.pivot + y) * c + x * s, (layout.pivot + y) * s - x * c
 
 
 def _inboard(layout: Layout, azimuth_deg: float) -> Rib:
-    """Rib that a servo is bolted to, as long as its neighbours let it."""
+    """Return the rib for a servo, as long as its neighbours allow."""
     m, t = layout.scale, layout.plate
     inner = layout.pivot - RIB_IN * m - t
     reach = min(62.0 * m, 0.92 * inner * math.tan(math.radians(layout.half_gap_deg)))
     width, length, _ = layout.servo
     face = rectangle((-reach, reach), (layout.deck, layout.roof)) - circle(0.3 * width)
-    # Windows, where the case leaves room for them: its long end is at negative X.
+    # Add windows where the case leaves room; its long end is at negative X.
     for near, side in (((1.0 - HORN) * length, -1.0), (HORN * length, 1.0)):
         if reach - near > 14.0 * m:
             span = sorted((side * (near + 3.0 * m), side * (reach - 5.0 * m)))
@@ -112,7 +110,7 @@ def _inboard(layout: Layout, azimuth_deg: float) -> Rib:
 
 
 def _outboard(layout: Layout, azimuth_deg: float) -> list[Rib]:
-    """Bearing block, and the two gussets that hold it upright."""
+    """Return the bearing block and its two gussets."""
     m, t, low = layout.scale, layout.plate, layout.deck
     foot = 34.0 * m
     block = CrossSection.batch_hull(
@@ -123,7 +121,7 @@ def _outboard(layout: Layout, azimuth_deg: float) -> list[Rib]:
     tabs = (-0.72 * foot, 0.72 * foot)
     pieces = [Rib(block - bearing, tabs, (), 0.36 * foot, x, y, azimuth_deg - 90.0)]
     edge = (15.0 * m, low + 3.0 * m)
-    # They go half into the block: sheets that only touched would not make one solid.
+    # Overlap the block by half, because sheets that only touch do not form one solid.
     gusset = polygon(
         [(-0.5 * t, low), (edge[0], low), edge, (4.0 * m, -3.0 * m), (-0.5 * t, -3.0 * m)]
     )
@@ -134,7 +132,7 @@ def _outboard(layout: Layout, azimuth_deg: float) -> list[Rib]:
 
 
 def _lobe(layout: Layout, decks: Decks, lobe_deg: float) -> list[Rib]:
-    """Rib along the middle of a lobe, from behind the servos to near its end."""
+    """Return the rib along the middle of a lobe, from behind the servos to near its end."""
     m, t = layout.scale, layout.plate
     start = math.hypot(layout.core, (1.0 - HORN) * layout.servo[1]) + t
     span = decks.reach(lobe_deg, 12.0 * m + t) - 14.0 * m - start
@@ -150,7 +148,7 @@ def _lobe(layout: Layout, decks: Decks, lobe_deg: float) -> list[Rib]:
 
 
 def chassis_drawings(layout: Layout, body: Body) -> list[Drawing]:
-    """Chassis and all that is fixed to it."""
+    """Draw the chassis and everything fixed to it."""
     decks = Decks.of(layout)
     standing = ribs(layout, decks)
     lower, upper = decks.lower, decks.upper
@@ -176,19 +174,19 @@ def chassis_drawings(layout: Layout, body: Body) -> list[Drawing]:
 
 
 def _at_modules(layout: Layout, solid: Manifold) -> Manifold:
-    """Return a `solid` drawn in a module frame, at every module."""
+    """Copy a `solid` from the module frame to every module."""
     return union(layout.in_base(solid, azimuth) for azimuth in layout.azimuths_deg)
 
 
 def _servos(layout: Layout, solid: Manifold) -> Manifold:
-    """Drawing of a servo behind every inboard rib, shaft outward, its long end at -X."""
+    """Draw a servo behind every inboard rib, shaft outward, its long end at -X."""
     turned = solid.rotate((0.0, 0.0, 90.0)).rotate((-90.0, 0.0, 0.0))
     front = -RIB_IN * layout.scale - layout.plate
     return _at_modules(layout, turned.translate((0.0, front, 0.0)))
 
 
 def _bearing(layout: Layout) -> Manifold:
-    """Bearing in the outboard rib of a module."""
+    """Draw the bearing in the outboard rib of a module."""
     m = layout.scale
     along = (RIB_OUT * m - 0.6, RIB_OUT * m + layout.plate + 0.6)
     return tube(4.3 * m, 8.0 * m, along, "y")
@@ -196,23 +194,23 @@ def _bearing(layout: Layout) -> Manifold:
 
 _AXES = {"beta": (0.0, 1.0, 0.0), "alpha": (-1.0, 0.0, 0.0), "wheel": (0.0, 0.0, 1.0)}
 _REACH = 1.6
-"""Inboard reach of a module from its pivot, in wheel radii; the drawings keep to it."""
+"""Inboard reach of a module from its pivot, in wheel radii, observed by the drawings."""
 
 
 def check_room(robot: SingularityDescription) -> None:
     """Check that the modules fit.
 
     Raises:
-        RobotFileError: there is no room for them.
+        RobotFileError: If there is no room for the modules.
     """
     Layout.of(robot)
 
 
 def draw(robot: SingularityDescription) -> Parts:
-    """Parts; modules are alike, so `outer`, `inner` and `wheel` are there once.
+    """Draw the parts; all modules share `outer`, `inner` and `wheel`.
 
     Raises:
-        RobotFileError: there is no room for the modules.
+        RobotFileError: If there is no room for the modules.
     """
     layout, body = Layout.of(robot), robot.body
     modules: dict[Link, list[Drawing]] = {
@@ -231,8 +229,8 @@ def draw(robot: SingularityDescription) -> Parts:
 def tree(robot: SingularityDescription) -> KinematicTree:
     """Return gimbals in the pivots: Y outward, X tangential, Z up at neutral tilt.
 
-    l = Ry(beta) Rx(-alpha) z: Eq. 24 and 25 of the thesis. Wheels collide as spheres, which is what
-    they are where they touch; frames not at all.
+    l = Ry(beta) Rx(-alpha) z: Eq. 24 and 25 of the thesis. Wheels collide as spheres, their exact
+    shape at the contact; frames do not collide.
     """
     g = robot.drive
     azimuths = np.radians(g.azimuths_deg)
@@ -272,10 +270,10 @@ def tree(robot: SingularityDescription) -> KinematicTree:
 
 
 def masses_kg(robot: SingularityDescription) -> dict[Link, float]:
-    """Return the mass of each kind of link; the chassis weighs what the modules leave.
+    """Return the mass of each kind of link; the chassis has the remainder.
 
     Raises:
-        RobotFileError: the modules alone are heavier than the robot.
+        RobotFileError: If the modules alone are heavier than the robot.
     """
     mass = robot.mass
     modules = robot.drive.modules * (mass.wheel_kg + 2.0 * mass.gimbal_kg)

@@ -1,6 +1,4 @@
-"""Module of a singularity drive: hemispherical wheel with motor bell, inner gimbal and outer
-gimbal.
-"""
+"""Module of a singularity drive: hemispherical wheel with motor bell, and both gimbals."""
 
 from __future__ import annotations
 
@@ -34,17 +32,17 @@ _WHEEL_INSIDE = 37.0
 _STRUTS = 6
 _STRIPES = 3
 _STRIPE_RAD = math.radians(9.0)
-"""Half the angle of a stripe."""
+"""Half angle of a stripe."""
 _POLE = 7.0
-"""Radius about the axle that the stripes leave free."""
+"""Radius about the axle without stripes."""
 _SEGMENTS = 48
-"""Of a full turn of the shell."""
+"""Segments per turn of the shell."""
 _BELL = (13.0, 26.0)
-"""Heights between which the bell of the motor turns."""
+"""Lower and upper end of the motor bell."""
 
 
 def wheel_drawings(body: Body) -> list[Drawing]:
-    """Wheel."""
+    """Draw the wheel."""
     plain, stripes = _shell()
     return [
         Drawing("shell", plain, solids.shell_material(body)),
@@ -57,11 +55,11 @@ def wheel_drawings(body: Body) -> list[Drawing]:
 
 
 def _shell() -> tuple[Manifold, Manifold]:
-    """Shell without its stripes, and the stripes: the two fill the hemisphere."""
+    """Draw the shell without its stripes, and the stripes; together they fill the hemisphere."""
     wall = CrossSection.circle(NOMINAL_WHEEL, 40) - CrossSection.circle(_WHEEL_INSIDE, 20)
     lip = rectangle((34.5, 38.0), (-2.4, 0.0))
     whole = ((wall + lip) ^ rectangle((0.0, 50.0), (-50.0, 0.0))).revolve(_SEGMENTS)
-    # The pole stays whole: sectors that met there would share an edge, which no solid may.
+    # Leave out the pole, where sectors would share an edge, which solids do not allow.
     c, s = math.cos(_STRIPE_RAD), math.sin(_STRIPE_RAD)
     sector = polygon(
         [
@@ -76,7 +74,7 @@ def _shell() -> tuple[Manifold, Manifold]:
 
 
 def _spider() -> Manifold:
-    """Hub, and the struts that hold the shell."""
+    """Draw the hub, and the struts that hold the shell."""
     web = rectangle((0.0, _WHEEL_INSIDE), (-31.0, -5.0)) ^ circle(_WHEEL_INSIDE - 0.05)
     window = grown(polygon([(29.0, -11.0), (14.0, -11.0), (14.0, -22.0), (24.0, -18.0)]), 2.0)
     struts = around(standing(web - window, (-1.2, 1.2)), _STRUTS, 30.0)
@@ -85,14 +83,14 @@ def _spider() -> Manifold:
 
 
 def _shaft() -> Manifold:
-    """Shaft, with the nut that holds the bell."""
+    """Draw the shaft, with the nut that holds the bell."""
     return union(
         [rod(2.0, (-6.0, _BELL[1] + 4.0)), rod(4.0, (_BELL[1] + 0.02, _BELL[1] + 2.6), corners=6)]
     )
 
 
 def _bell() -> Manifold:
-    """Bell of the motor, slots in its face."""
+    """Draw the motor bell, with slots in its face."""
     low, high = _BELL
     slot = grown(polygon([(8.5, -0.8), (11.8, -1.8), (11.8, 1.8), (8.5, 0.8)]), 1.0)
     slots = CrossSection.compose([slot.rotate(60.0 * turn) for turn in range(6)])
@@ -101,23 +99,23 @@ def _bell() -> Manifold:
 
 
 def _mark() -> Manifold:
-    """Painted sector on the bell, by which the turning is seen."""
+    """Draw a painted sector on the bell that makes rotation visible."""
     sector = polygon([(4.6, -0.5), (16.2, -3.4), (16.2, 3.4), (4.6, 0.5)]).rotate(30.0)
     return slab(sector, (_BELL[1], _BELL[1] + 0.3))
 
 
 BELT: Span = (54.6, 58.6)
-"""Bounds of the pulleys and of their belt along X."""
+"""Bounds of pulleys and belt along X."""
 PULLEY = 7.0
-"""Radius of the pulleys: belt and servo turn the frame one to one."""
+"""Radius of the pulleys; the ratio between servo and frame is 1:1."""
 _RING = (42.5, 46.0)
-"""Inner and outer radius: the wheel's is 40."""
+"""Inner and outer radius; the wheel's radius is 40."""
 _ARMS: Span = (3.5, 8.5)
-"""Bounds of the arms along Z: above the rim of the wheel."""
+"""Bounds of the arms along Z, above the rim of the wheel."""
 
 
 def inner_gimbal_drawings(body: Body) -> list[Drawing]:
-    """Inner frame, and what of the motor does not spin."""
+    """Draw the inner frame and the stationary parts of the motor."""
     return [
         Drawing("frame", _inner_frame(), solids.frame_material(body)),
         Drawing("pins", _pins(), solids.STEEL),
@@ -141,7 +139,7 @@ def _inner_frame() -> Manifold:
 
 
 def _pins() -> Manifold:
-    """Pins with cap and nut, the driven pulley, and the screws of the motor."""
+    """Draw pins with cap and nut, the driven pulley, and the screws of the motor."""
     spots = [
         (4.9 * math.cos(0.5 * math.pi * i), 4.9 * math.sin(0.5 * math.pi * i)) for i in range(4)
     ]
@@ -159,13 +157,13 @@ def _pins() -> Manifold:
 
 
 def _stator() -> Manifold:
-    """Base of the motor, below the bell."""
+    """Draw the base of the motor, below the bell."""
     foot = around(slab(rectangle((-3.0, 12.5), (-3.0, 3.0), 2.5), (_ARMS[1], 10.0)), 4)
     return union([foot, rod(8.0, (_ARMS[1], 12.2))]) - rod(2.4, (0.0, 20.0))
 
 
 def _windings() -> Manifold:
-    """Copper, which is seen through the slots of the bell and below it."""
+    """Draw the windings, visible through and below the slots of the bell."""
     tooth = rectangle((6.0, 15.0), (-2.2, 2.2), 1.0)
     plan = CrossSection.compose([circle(9.0), *(tooth.rotate(40.0 * turn) for turn in range(9))])
     return slab(plan - circle(2.4), (12.2, 23.0))
@@ -174,9 +172,9 @@ def _windings() -> Manifold:
 _INSIDE, _OUTSIDE = 49.5, 53.5
 """Half widths of the frame."""
 _HUBS = (56.0, 57.0)
-"""How far the hubs reach along Y, inboard and outboard."""
+"""Extents of the hubs along Y, inboard and outboard."""
 _SERVO_LOW = 33.0
-"""Underside of the servo: the motor passes below it at full tilt."""
+"""Underside of the servo, which clears the motor at full tilt."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,22 +183,22 @@ class _Seat:
 
     size: Point
     y: float
-    """Of the shaft: the case is centred."""
+    """Position of the shaft; the case is centred."""
     z: float
 
     @classmethod
     def of(cls, layout: Layout) -> _Seat:
-        """Seat, in the units of this drawing."""
+        """Return the seat, in the units of this drawing."""
         width, length, depth = (side / layout.scale for side in layout.servo)
         return cls((width, length, depth), (HORN - 0.5) * length, _SERVO_LOW + 0.5 * width)
 
     def place(self, solid: Manifold) -> Manifold:
-        """Drawing of the servo, in its place."""
+        """Move a drawing of the servo into place."""
         return solid.rotate((0.0, 90.0, 0.0)).translate((_INSIDE, self.y, self.z))
 
 
 def outer_gimbal_drawings(layout: Layout, body: Body) -> list[Drawing]:
-    """Outer frame and what it carries."""
+    """Draw the outer frame and the parts it carries."""
     seat = _Seat.of(layout)
     return [
         Drawing("frame", _outer_frame(seat), solids.frame_material(body)),
@@ -211,7 +209,7 @@ def outer_gimbal_drawings(layout: Layout, body: Body) -> list[Drawing]:
 
 
 def _outer_frame(seat: _Seat) -> Manifold:
-    """Square with its seats and hubs, and the side that carries the servo."""
+    """Draw the square with seats and hubs, and the side that carries the servo."""
     plan = rectangle((-_OUTSIDE, _OUTSIDE), (-_OUTSIDE, _OUTSIDE), 32.0)
     plan -= rectangle((-_INSIDE, _INSIDE), (-_INSIDE, _INSIDE), 28.0)
     crown, waist = seat.z + 0.5 * seat.size[0], 16.0
@@ -235,7 +233,7 @@ def _outer_frame(seat: _Seat) -> Manifold:
 
 
 def _steel(seat: _Seat, plate: float) -> Manifold:
-    """Return bearings, the axle outboard, the horn inboard, the driving pulley, and screws."""
+    """Draw bearings, the outboard axle, the inboard horn, the driving pulley, and screws."""
     horn = 0.26 * seat.size[0]
     end = _OUTSIDE + 0.9
     pulley = [rod(PULLEY, (_INSIDE + 0.5, BELT[1]), "x"), rod(9.0, (BELT[1], BELT[1] + 0.8), "x")]
@@ -256,7 +254,7 @@ def _steel(seat: _Seat, plate: float) -> Manifold:
 
 
 def _belt(seat: _Seat) -> Manifold:
-    """Toothed belt from the servo down to the inner frame."""
+    """Draw the toothed belt from the servo to the inner frame."""
     ends = [circle(PULLEY + 1.4), circle(PULLEY + 0.3)]
     runs = [CrossSection.batch_hull([end, end.translate((seat.y, seat.z))]) for end in ends]
     return sideways(runs[0] - runs[1], (BELT[0] + 0.4, BELT[1] - 0.4))

@@ -1,6 +1,4 @@
-"""Layout of a singularity drive: dimensions that several drawings share, outlines of the decks, the
-servo.
-"""
+"""Layout of a singularity drive: shared dimensions, deck outlines, and the servo."""
 
 from __future__ import annotations
 
@@ -28,27 +26,27 @@ from tsd_twin.models.solids import (
 from tsd_twin.robots import SingularityDescription
 
 NOMINAL_WHEEL = 40.0
-"""Wheel radius that modules are drawn for; other sizes are the same drawing, scaled."""
+"""Wheel radius of the module drawings; other sizes are scaled."""
 NOMINAL_SERVO = (40.2, 61.1, 41.0)
-"""Width, length and depth of the largest servo that a module has room for; an MX-64."""
+"""Width, length and depth of the largest servo that fits a module; an MX-64."""
 RIB_IN, RIB_OUT = 63.0, 60.0
-"""Distances of the ribs that carry a module, inboard and outboard, from its pivot; nominal."""
+"""Nominal distances of a module's inboard and outboard ribs from its pivot."""
 HORN = 0.295
-"""Distance of a servo's shaft from the near end of its case, as a share of the length."""
+"""Distance of a servo's shaft from the near end of its case, relative to the length."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Millimetres in the frame `base_link`, whose origin is as high as the gimbal centres."""
+    """Dimensions in millimetres in `base_link`, whose origin is at gimbal height."""
 
     azimuths_deg: tuple[float, ...]
-    """Of the modules, in the order of the description."""
+    """Azimuths of the modules, in description order."""
     pivot: float
-    """Radius that the pivots are on."""
+    """Radius of the circle through the pivots."""
     wheel: float
-    """Radius of the wheels: the floor is this far below the origin."""
+    """Radius of the wheels, and depth of the floor below the origin."""
     servo: tuple[float, float, float]
-    """Width, length, depth of a servo, drawn smaller than it is where there is no room for it."""
+    """Width, length and depth of a servo, reduced if there is no room."""
     plate: float
     """Thickness of the acrylic."""
     floor: float
@@ -61,7 +59,8 @@ class Layout:
         """Lay out a robot.
 
         Raises:
-            RobotFileError: the body has no room for the modules, or the wheels none for the plate.
+            RobotFileError: If the modules do not fit the body, or the plate does not fit the
+                wheels.
         """
         drive, body = robot.drive, robot.body
         pivot, wheel = 1e3 * drive.pivot_radius_m, 1e3 * drive.wheel_radius_m
@@ -77,7 +76,7 @@ class Layout:
                 f"at least {least:.3f}",
             )
         size = [1e3 * side for side in robot.servo.size_m]
-        # Neighbouring servos are boxes on the sides of a polygon: their far corners must not meet.
+        # Neighbouring servos are boxes on the sides of a polygon whose far corners must not meet.
         slope = math.tan(math.radians(_half_gap_deg(drive.azimuths_deg)))
         fit = room * slope / ((1.0 - HORN) * size[1] + slope * size[2])
         fits = [scale * most / side for most, side in zip(NOMINAL_SERVO, size, strict=True)]
@@ -101,22 +100,22 @@ class Layout:
 
     @property
     def scale(self) -> float:
-        """Of wheels and gimbal frames against their drawing."""
+        """Scale of wheels and gimbal frames relative to their drawing."""
         return self.wheel / NOMINAL_WHEEL
 
     @property
     def deck(self) -> float:
-        """Height of the upper side of the lower deck."""
+        """Height of the top of the lower deck."""
         return self.floor + self.plate
 
     @property
     def top(self) -> float:
-        """Height of the upper side of the upper deck."""
+        """Height of the top of the upper deck."""
         return self.roof + self.plate
 
     @property
     def core(self) -> float:
-        """Radius of what is free in the middle, between the servos."""
+        """Radius of the free area in the middle, between the servos."""
         return self.pivot - RIB_IN * self.scale - self.plate - self.servo[2]
 
     @property
@@ -126,15 +125,15 @@ class Layout:
 
     @property
     def lobes_deg(self) -> tuple[float, ...]:
-        """Directions half-way between neighbouring modules, one after each module."""
+        """Directions midway between neighbouring modules, one after each module."""
         return halfway_deg(self.azimuths_deg)
 
     def in_base(self, solid: Manifold, azimuth_deg: float) -> Manifold:
-        """Return a `solid` drawn in a module frame, in `base_link`."""
+        """Move a `solid` from the module frame to `base_link`."""
         return solid.translate((0.0, self.pivot, 0.0)).rotate((0.0, 0.0, azimuth_deg - 90.0))
 
     def outline_in_base(self, outline: CrossSection, azimuth_deg: float) -> CrossSection:
-        """Return an `outline` drawn in a module frame, in `base_link`."""
+        """Move an `outline` from the module frame to `base_link`."""
         return outline.translate((0.0, self.pivot)).rotate(azimuth_deg - 90.0)
 
 
@@ -143,32 +142,32 @@ def _half_gap_deg(azimuths_deg: Sequence[float]) -> float:
 
 
 RIM = 84.0
-"""Radius of the corners of the decks about the pivots; nominal."""
+"""Nominal radius of the deck corners about the pivots."""
 _BAY = 63.0
-"""Radius of the round bays, which the frames dip into at full tilt; nominal."""
+"""Nominal radius of the round bays that the frames enter at full tilt."""
 _BAY_SIDES = (-57.0, 55.5)
-"""Flat sides of the bays, where the ribs stand; nominal, along Y of the module."""
+"""Nominal flat sides of the bays at the ribs, along Y of the module."""
 _SWEEP = (-64.0, 88.0)
-"""How far the outer frame with its servo reaches at full tilt; nominal, along X of the module."""
+"""Nominal extent of the outer frame with its servo at full tilt, along X of the module."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decks:
-    """Outlines in `base_link`, millimetres, before slots are cut."""
+    """Deck outlines in `base_link`, millimetres, before slots are cut."""
 
     lower: CrossSection
-    """A polygon with round corners and one round bay for each module."""
+    """Polygon with round corners and a round bay for each module."""
     upper: CrossSection
-    """What moving parts leave free of the same polygon."""
+    """The same polygon without the sweep of moving parts."""
     middle: float
-    """The upper deck reaches this far in every direction."""
+    """Minimum radius of the upper deck."""
 
     @classmethod
     def of(cls, layout: Layout) -> Decks:
-        """Outlines of the decks of a robot."""
+        """Return the deck outlines of a robot."""
         m = layout.scale
         corners = [layout.outline_in_base(circle(RIM * m), a) for a in layout.azimuths_deg]
-        # Three modules need no more than a triangle; two, or uneven ones, also need a middle.
+        # A triangle suffices for three modules; two or unevenly spaced modules need a middle too.
         outline = CrossSection.batch_hull([*corners, circle(layout.pivot - 20.0 * m)])
         bay = circle(_BAY * m) ^ rectangle((-99.0 * m, 99.0 * m), _scaled(_BAY_SIDES, m))
         bay = softened(bay, 4.0 * m)
@@ -178,17 +177,17 @@ class Decks:
         for azimuth in layout.azimuths_deg:
             lower -= layout.outline_in_base(bay, azimuth)
             upper -= layout.outline_in_base(notch, azimuth)
-        # Pieces that no longer hang together with the middle would float in the air.
+        # Drop the pieces that are not connected to the middle.
         pieces = softened(upper, 12.0 * m).decompose()
         largest = max(pieces, key=lambda piece: piece.area())
         return cls(lower, largest, layout.pivot + _BAY_SIDES[0] * m)
 
     def reach(self, direction_deg: float, width: float) -> float:
-        """Return how far a straight strip from the middle stays on the upper deck."""
+        """Return the distance from the centre up to which a straight strip is on the upper deck."""
         return strip_reach(self.upper, direction_deg, width)
 
     def carries(self, footprint: CrossSection) -> bool:
-        """Return whether a footprint lies completely on the upper deck."""
+        """Return whether a footprint is completely on the upper deck."""
         return (footprint - self.upper).area() < 1e-6
 
 
@@ -197,16 +196,16 @@ def _scaled(span: tuple[float, float], by: float) -> tuple[float, float]:
 
 
 def servo_case(size: Point) -> Manifold:
-    """Return the case, millimetres; its near end is at negative Y.
+    """Draw the case, millimetres; its near end is at negative Y.
 
     Args:
-        size: width, length, and depth along the shaft.
+        size: Width, length, and depth along the shaft.
     """
     width, length, depth = size
     x, y = _plan(size)
     corner = 0.05 * width
     body = slab(rectangle(x, y, corner), (-depth, 0.0))
-    # Seams between the front, the middle and the back of the case.
+    # Seams between front, middle and back of the case.
     waist = rectangle((x[0] + 0.6, x[1] - 0.6), (y[0] + 0.6, y[1] - 0.6), corner)
     seam = slab(rectangle((-width, width), (-length, length)) - waist, (-0.5, 0.5))
     seams = [seam.translate((0.0, 0.0, -share * depth)) for share in (0.22, 0.78)]
@@ -217,7 +216,7 @@ def servo_case(size: Point) -> Manifold:
 
 
 def servo_fittings(size: Point) -> Manifold:
-    """Bright parts on the back of a case of `size`: screws, and the idler's bearing."""
+    """Draw the metal parts on the back of a case of `size`: screws, and the idler's bearing."""
     width, _, depth = size
     x, y = _plan(size)
     back = (-depth - 0.6, -depth + 1.0)
@@ -230,6 +229,6 @@ def servo_fittings(size: Point) -> Manifold:
 
 
 def _plan(size: Point) -> tuple[Span, Span]:
-    """Bounds of the case along X and Y."""
+    """Return the bounds of the case along X and Y."""
     width, length, _ = size
     return (-0.5 * width, 0.5 * width), (-HORN * length, (1.0 - HORN) * length)

@@ -1,6 +1,4 @@
-"""Building blocks of the drawings: solids and outlines in millimetres, parts of one material,
-materials.
-"""
+"""Building blocks of the drawings: solids and outlines in millimetres, parts and materials."""
 
 from __future__ import annotations
 
@@ -17,75 +15,75 @@ from tsd_twin.errors import MeshError
 from tsd_twin.robots.description import Body
 
 if TYPE_CHECKING:
-    import trimesh  # Half a second: imported where a robot is drawn, which most programs never do.
+    import trimesh  # Takes 0.5 s; import only where a robot is drawn, which few programs do.
 
 Span: TypeAlias = tuple[float, float]
 """Lower and upper bound along an axis."""
 Point: TypeAlias = tuple[float, float, float]
 
 _FROM_Z = {"x": (0.0, 90.0, 0.0), "y": (-90.0, 0.0, 0.0), "z": (0.0, 0.0, 0.0)}
-"""Turns in degrees, about X, then Y, then Z, that bring Z to the named axis."""
+"""Rotations in degrees, about X, then Y, then Z, from Z to the named axis."""
 _ORIGIN = (0.0, 0.0, 0.0)
 _BLUNT = 0.1
-"""Corners this flat are dropped: offsetting leaves many."""
+"""Flatter corners are dropped, because offsetting creates many."""
 
 
 def sides(radius: float) -> int:
-    """Return how many sides a circle is drawn with, so that it is true to about 0.2 mm."""
+    """Return the number of sides of a circle for an accuracy of about 0.2 mm."""
     return max(8, 4 * math.ceil(1.2 * math.sqrt(abs(radius))))
 
 
 def circle(radius: float, at: tuple[float, float] = (0.0, 0.0)) -> CrossSection:
-    """Circle about `at`."""
+    """Draw a circle about `at`."""
     return CrossSection.circle(radius, sides(radius)).translate(at)
 
 
 def rectangle(x: Span, y: Span, corner: float = 0.0) -> CrossSection:
-    """Rectangle, its corners rounded."""
+    """Draw a rectangle with rounded corners."""
     plain = CrossSection.square((x[1] - x[0] - 2.0 * corner, y[1] - y[0] - 2.0 * corner))
     plain = plain.translate((x[0] + corner, y[0] + corner))
     return grown(plain, corner) if corner else plain
 
 
 def polygon(points: Sequence[tuple[float, float]]) -> CrossSection:
-    """Outline through `points`, counter-clockwise."""
+    """Draw an outline through `points`, counter-clockwise."""
     return CrossSection([np.array(points, dtype=np.float64)])
 
 
 def grown(outline: CrossSection, by: float) -> CrossSection:
-    """Return `outline` grown by a distance, shrunk if negative; new corners are round."""
+    """Offset `outline` outward, or inward if negative; new corners are round."""
     return outline.offset(by, JoinType.Round, 2.0, sides(by)).simplify(_BLUNT)
 
 
 def softened(outline: CrossSection, corner: float) -> CrossSection:
-    """Return `outline` with all corners rounded; what is narrower than two `corner` is gone."""
+    """Round all corners of `outline`; parts narrower than two `corner` disappear."""
     return grown(grown(grown(outline, -corner), 2.0 * corner), -corner)
 
 
 def strip_reach(outline: CrossSection, direction_deg: float, width: float) -> float:
-    """Distance to which a straight strip from the origin stays within `outline`."""
+    """Return the distance up to which a straight strip from the origin is within `outline`."""
     strip = rectangle((0.0, 1e4), (-0.5 * width, 0.5 * width))
     pieces: list[Any] = (outline.rotate(-direction_deg) ^ strip).decompose()
     return min((piece.bounds()[0], piece.bounds()[2]) for piece in pieces)[1]
 
 
 def slab(outline: CrossSection, z: Span) -> Manifold:
-    """Return `outline` raised between two heights."""
+    """Extrude `outline` between two heights."""
     return outline.extrude(z[1] - z[0]).translate((0.0, 0.0, z[0]))
 
 
 def standing(outline: CrossSection, y: Span) -> Manifold:
-    """Return an `outline` drawn in X and Z, as thick as `y`."""
+    """Extrude an `outline` in X and Z along Y."""
     return slab(outline, (-y[1], -y[0])).rotate((90.0, 0.0, 0.0))
 
 
 def sideways(outline: CrossSection, x: Span) -> Manifold:
-    """Return an `outline` drawn in Y and Z, as thick as `x`."""
+    """Extrude an `outline` in Y and Z along X."""
     return slab(outline, x).rotate((90.0, 0.0, 90.0))
 
 
 def box(x: Span, y: Span, z: Span) -> Manifold:
-    """Box between bounds."""
+    """Draw a box between bounds."""
     return Manifold.cube((x[1] - x[0], y[1] - y[0], z[1] - z[0])).translate((x[0], y[0], z[0]))
 
 
@@ -98,25 +96,25 @@ def rod(
     tip: float | None = None,
     corners: int = 0,
 ) -> Manifold:
-    """Cylinder about `axis` through `at`, a cone with `tip`, a prism with `corners`."""
+    """Draw a cylinder about `axis` through `at`; a cone with `tip`, a prism with `corners`."""
     end = radius if tip is None else tip
     solid = Manifold.cylinder(along[1] - along[0], radius, end, corners or sides(radius))
     return solid.translate((0.0, 0.0, along[0])).rotate(_FROM_Z[axis]).translate(at)
 
 
 def tube(inner: float, outer: float, along: Span, axis: str = "z") -> Manifold:
-    """Hollow cylinder about `axis`."""
+    """Draw a hollow cylinder about `axis`."""
     return slab(circle(outer) - circle(inner), along).rotate(_FROM_Z[axis])
 
 
 def wire(points: Sequence[Point], radius: float) -> Manifold:
-    """Round wire through `points`."""
+    """Draw a round wire through `points`."""
     balls = [Manifold.sphere(radius, 4).translate(point) for point in points]
     return union(Manifold.batch_hull([a, b]) for a, b in itertools.pairwise(balls))
 
 
 def union(solids: Iterable[Manifold]) -> Manifold:
-    """Return all `solids` as one, which need not hang together."""
+    """Combine all `solids`, which need not be connected."""
     return Manifold.batch_boolean(list(solids), OpType.Add)
 
 
@@ -126,27 +124,27 @@ def around(solid: Manifold, count: int, start_deg: float = 0.0) -> Manifold:
 
 
 def gaps_deg(directions_deg: Sequence[float]) -> list[tuple[float, float]]:
-    """Directions in increasing order, from 0 to 360 degrees, each with the angle to the next."""
+    """Return sorted directions from 0 to 360 degrees, each with the angle to the next."""
     turned = sorted(a % 360.0 for a in directions_deg)
     return [(a, b - a) for a, b in zip(turned, [*turned[1:], turned[0] + 360.0], strict=True)]
 
 
 def halfway_deg(directions_deg: Sequence[float]) -> tuple[float, ...]:
-    """Directions half-way between neighbours, one after each of `directions_deg`."""
+    """Return the directions midway between neighbours, one after each of `directions_deg`."""
     return tuple(a + 0.5 * gap for a, gap in gaps_deg(directions_deg))
 
 
 Link: TypeAlias = str
-"""A kind of link: `chassis`, `wheel`, ...; links of one kind are alike and share their parts."""
+"""Kind of link: `chassis`, `wheel`, ...; links of the same kind share their parts."""
 Parts: TypeAlias = dict[Link, tuple["Part", ...]]
-"""Parts of each kind of link, once for all links that are alike; the chassis first."""
+"""Parts of each kind of link, the chassis first."""
 _GRID_M = 1e-6
-"""Vertices are rounded to this, so that the last digits of a processor do not reach the files."""
+"""Rounding of vertices, which makes files independent of the processor."""
 
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """Material: colour and density of a part."""
+    """Colour and density of a part."""
 
     rgba: tuple[float, float, float, float]
     """Red, green, blue (sRGB) and opacity, 0 to 1."""
@@ -156,21 +154,21 @@ class Material:
 
 
 class Drawing(NamedTuple):
-    """Solid of one material in the frame of its link, before conversion to a mesh."""
+    """Solid of a single material in the frame of its link, before conversion to a mesh."""
 
     name: str
     solid: Manifold
-    """Millimetres, in the frame of its link."""
+    """Millimetres, in the frame of the link."""
     material: Material
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """Part: a closed solid of one material, possibly in several pieces."""
+    """Closed solid of a single material, possibly in several pieces."""
 
     name: str
     link: Link
-    """Kind of link it belongs to."""
+    """Kind of link that the part belongs to."""
     mesh: trimesh.Trimesh
     """Metres, in the frame of the link; watertight."""
     material: Material
@@ -179,7 +177,7 @@ class Part:
         """Check the mesh.
 
         Raises:
-            MeshError: it is empty or not a closed solid.
+            MeshError: If the mesh is empty or not a closed solid.
         """
         if not self.mesh.is_volume or self.mesh.volume <= 0.0:
             raise MeshError(
@@ -188,14 +186,14 @@ class Part:
 
     @property
     def file(self) -> str:
-        """Name of the file that holds the mesh."""
+        """Name of the mesh file."""
         return f"{self.link}_{self.name}.stl"
 
 
 def _mesh(solid: Manifold) -> trimesh.Trimesh:
-    """Drawing in metres, rounded, in an order that depends on nothing but the shape.
+    """Convert a drawing to metres, rounded, in an order that depends only on the shape.
 
-    Corners that rounding moves to the same place stay two: sheets that touch are not welded.
+    Corners that rounding merges remain separate, so that touching sheets are not welded.
     """
     import trimesh
 
@@ -212,10 +210,10 @@ def _mesh(solid: Manifold) -> trimesh.Trimesh:
 
 
 def drawn(link: Link, drawings: Iterable[Drawing]) -> tuple[Part, ...]:
-    """Parts of a kind of link, without what there was no room for.
+    """Convert the drawings of a kind of link to parts, dropping empty ones.
 
     Raises:
-        MeshError: a drawing does not make a closed solid.
+        MeshError: If a drawing is not a closed solid.
     """
     return tuple(
         Part(one.name, link, _mesh(one.solid), one.material)
@@ -238,20 +236,20 @@ BLUE = Material((0.08, 0.32, 0.80, 1.0), 0.0, 0.5, 1300.0)
 
 
 def acrylic_material(body: Body) -> Material:
-    """Sheet that decks and ribs are cut from."""
+    """Return the material of decks and ribs."""
     return Material(body.acrylic_rgba, 0.0, 0.12, 1180.0)
 
 
 def frame_material(body: Body) -> Material:
-    """Aluminium of the gimbal frames."""
+    """Return the aluminium of the gimbal frames."""
     return Material(body.frame_rgba, 0.8, 0.36, 2700.0)
 
 
 def shell_material(body: Body) -> Material:
-    """Plastic of the wheels."""
+    """Return the plastic of the wheels."""
     return Material(body.wheel_rgba, 0.0, 0.45, 1200.0)
 
 
 def front_material(body: Body) -> Material:
-    """Material of the arrow."""
+    """Return the material of the arrow."""
     return Material(body.front_rgba, 0.0, 0.5, 1200.0)

@@ -1,6 +1,4 @@
-"""Model of a spherical platform: painted sphere, stand with inclined motors, kinematic tree,
-masses.
-"""
+"""Model of a spherical platform: painted sphere, stand with motors, tree, masses."""
 
 from __future__ import annotations
 
@@ -47,15 +45,15 @@ from tsd_twin.robots.description import Body
 
 _SEGMENTS = 64
 _BAND = 0.035
-"""Half the width of the great circles, as a share of the radius."""
+"""Half width of the great circles, relative to the radius."""
 _MARK = 0.17
-"""Radius of the marks."""
+"""Radius of the marks, relative to the radius."""
 _THICK = 0.06
-"""Of the shell."""
+"""Thickness of the shell, relative to the radius."""
 
 
 def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
-    """Shell of a sphere, in pieces that fill it."""
+    """Draw the shell of a sphere, in pieces that fill it."""
     shell = Manifold.sphere(radius, _SEGMENTS) - Manifold.sphere((1.0 - _THICK) * radius, 24)
     far, thin = 2.0 * radius, _BAND * radius
     bands = union(
@@ -85,15 +83,15 @@ def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
 
 
 def _octant(x: int, y: int, z: int, far: float) -> Manifold:
-    """Octant on the sides of the axes that have the signs."""
+    """Return the octant given by the signs of its axes."""
     spans = [(0.0, far) if side > 0 else (-far, 0.0) for side in (x, y, z)]
     return box(spans[0], spans[1], spans[2])
 
 
 _STAND_MOTOR = 0.62
-"""Radius of the motors, as a share of that of the wheels."""
+"""Radius of the motors, relative to the wheels."""
 _TRAIN = 3.4
-"""Length of motor, gearbox and encoder, in radii of the wheels."""
+"""Length of motor, gearbox and encoder, in wheel radii."""
 _FOOT = 9.0
 
 
@@ -104,15 +102,15 @@ class WheelMount:
     at: Array
     """(3,): centre, millimetres."""
     turn: Array
-    """(3, 3): its columns are X, the axle Y, and Z, which points away from the sphere."""
+    """(3, 3): columns X, the axle Y, and Z away from the sphere."""
 
     def in_base(self, solid: Manifold) -> Manifold:
-        """Return what is drawn in the frame of the wheel."""
+        """Move a solid from the wheel frame to the base."""
         return solid.transform(np.hstack([self.turn, self.at[:, None]]))
 
     @property
     def side(self) -> float:
-        """The sign along the axle on which the motor is: the lower one, so that it stands low."""
+        """Sign of the motor's side along the axle: the lower one, for a low motor."""
         return -1.0 if self.turn[2, 1] >= 0.0 else 1.0
 
 
@@ -140,7 +138,7 @@ class StandLayout:
 
     @property
     def deck(self) -> float:
-        """Height of the top of the plate: below all motors and wheels."""
+        """Height of the plate's top, below all motors and wheels."""
         lowest = 0.0
         for lean in self.leans:
             end = lean.at + lean.side * (self.bracket + self.thick + self.train) * lean.turn[:, 1]
@@ -153,7 +151,7 @@ class StandLayout:
 
     @property
     def floor(self) -> float:
-        """How far below the origin the floor is."""
+        """Distance of the floor below the origin."""
         return -self.deck + 6.0 + _FOOT
 
     @property
@@ -165,7 +163,7 @@ class StandLayout:
 
 
 def stand_drawings(stand: StandLayout, body: Body) -> list[Drawing]:
-    """Stand and all that is fixed to it."""
+    """Draw the stand and everything fixed to it."""
     radius, deck, reach = stand.plan.radius, stand.deck, stand.reach
     hole = circle(0.3 * reach) - rectangle((-reach, reach), (-0.1 * reach, 0.1 * reach))
     plate = slab(circle(reach) - hole, (deck - 6.0, deck))
@@ -190,7 +188,7 @@ def stand_drawings(stand: StandLayout, body: Body) -> list[Drawing]:
 
 
 def _behind_brackets(stand: StandLayout, solid: Manifold) -> Manifold:
-    """Copies of a motor, behind every bracket."""
+    """Copy a motor to every bracket."""
     behind = stand.bracket + stand.thick
     placed: list[Manifold] = []
     for lean in stand.leans:
@@ -200,7 +198,7 @@ def _behind_brackets(stand: StandLayout, solid: Manifold) -> Manifold:
 
 
 def _bracket(stand: StandLayout, lean: WheelMount) -> Manifold:
-    """Plate that the gearbox is bolted to, and its legs straight down to the stand."""
+    """Draw the plate for the gearbox, and its vertical legs on the stand."""
     m, thick = _STAND_MOTOR * stand.plan.radius, stand.thick
     near = stand.bracket if lean.side > 0.0 else -stand.bracket - thick
     y = (near, near + thick)
@@ -217,7 +215,7 @@ def _bracket(stand: StandLayout, lean: WheelMount) -> Manifold:
 
 
 def _electronics(stand: StandLayout) -> list[Drawing]:
-    """Board in the middle of the plate, and a driver between every two wheels."""
+    """Draw the board in the middle of the plate, and a driver between each two wheels."""
     deck, reach = stand.deck, stand.reach
     directions = [math.degrees(math.atan2(lean.at[1], lean.at[0])) for lean in stand.leans]
     wires = [
@@ -233,7 +231,7 @@ def _electronics(stand: StandLayout) -> list[Drawing]:
 
 
 def draw(robot: SphereDescription) -> Parts:
-    """Parts of stand, sphere and wheel."""
+    """Draw the parts of stand, sphere and wheel."""
     plan = _plan(robot)
     return {
         "chassis": drawn("chassis", stand_drawings(_stand(robot), robot.body)),
@@ -243,10 +241,10 @@ def draw(robot: SphereDescription) -> Parts:
 
 
 def tree(robot: SphereDescription) -> KinematicTree:
-    """Sphere about the origin of the base, and wheels on it: Z away from the sphere.
+    """Return the sphere about the base origin, and the wheels on it, with Z away from the sphere.
 
-    A wheel and the sphere turn against each other, like two gears: the wheel about -Omega_i, which
-    is its Y. Sphere and wheels collide as what they are, the stand not at all.
+    A wheel and the sphere rotate in opposite directions, like two gears: the wheel about -Omega_i,
+    which is its Y. Sphere and wheels collide with their exact shapes; the stand does not collide.
     """
     at, turn = _wheels(robot)
     k, g = len(at), robot.drive
@@ -282,10 +280,10 @@ def tree(robot: SphereDescription) -> KinematicTree:
 
 
 def masses_kg(robot: SphereDescription) -> dict[Link, float]:
-    """Return the mass of each kind of link; the stand weighs what sphere and wheels leave.
+    """Return the mass of each kind of link; the stand has the remainder.
 
     Raises:
-        RobotFileError: they alone are heavier than the robot.
+        RobotFileError: If sphere and wheels alone are heavier than the robot.
     """
     mass = robot.mass
     others = mass.sphere_kg + len(robot.drive.wheels) * mass.wheel_kg
@@ -298,7 +296,7 @@ def masses_kg(robot: SphereDescription) -> dict[Link, float]:
 
 
 def _plan(robot: SphereDescription) -> WheelPlan:
-    """Wheels as described; those of one row are drawn as two that touch."""
+    """Return the wheels as described; single-row wheels are drawn with two touching rows."""
     g = robot.drive
     apart = 500.0 * max(g.row_distance_m, 2.0 * g.roller_radius_m)
     return WheelPlan(
@@ -307,7 +305,7 @@ def _plan(robot: SphereDescription) -> WheelPlan:
 
 
 def _wheels(robot: SphereDescription) -> tuple[Array, SO3]:
-    """Return where the wheels are (k, 3), metres, and the turns (k, 4) of their frames."""
+    """Return the wheel positions (k, 3), metres, and the rotations (k, 4) of their frames."""
     drive = robot.kinematics()
     out, axle = drive.contacts, -drive.axes
     at = (drive.sphere_radius_m + drive.wheel_radius_m) * out

@@ -1,6 +1,7 @@
 """Motion planning and limits: paths, time-optimal trajectories, tracking, twist limiter.
 
-The control loop needs the limiter only. Paths, timing and tracking are imported from their modules.
+Exports only the limiter, which the control loop needs. Import paths, timing and tracking from their
+modules.
 """
 
 from __future__ import annotations

@@ -1,6 +1,4 @@
-"""Plane paths by arc length: lines, arcs, splines, functions, polylines, and paths composed of
-these.
-"""
+"""Planar paths by arc length: lines, arcs, splines, functions, polylines and compositions."""
 
 from __future__ import annotations
 
@@ -18,12 +16,12 @@ from tsd_twin.lie import Array, sinc, wrap
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathPoints:
-    """Points of a path with direction and curvature; shapes are those of the arc lengths."""
+    """Points of a path with direction and curvature; shaped like the arc lengths."""
 
     xy: Array
     """(..., 2): metres."""
     direction: Array
-    """(...): angle of the tangent, radians; continuous along the path except at corners."""
+    """(...): tangent angle, radians; continuous along the path except at corners."""
     curvature: Array
     """(...): d direction / ds, 1/m; left is positive."""
     sharpness: Array
@@ -31,7 +29,7 @@ class PathPoints:
 
 
 class Path(Protocol):
-    """A curve in the plane, measured by its arc length from 0 to `length_m`."""
+    """Planar curve, parameterized by arc length from 0 to `length_m`."""
 
     @property
     def length_m(self) -> float:
@@ -40,22 +38,22 @@ class Path(Protocol):
 
     @property
     def corners_m(self) -> tuple[float, ...]:
-        """Corners: arc lengths where the direction jumps, so the robot must stop there."""
+        """Arc lengths of corners, where the direction jumps and the robot must stop."""
         ...
 
     @property
     def knots_m(self) -> tuple[float, ...]:
-        """Arc lengths where the curvature or its slope jumps, and the direction does not."""
+        """Arc lengths where the curvature or its derivative jumps, but not the direction."""
         ...
 
     def at(self, s_m: Array) -> PathPoints:
-        """Points at arc lengths `s_m` (...); at a corner, those that follow it."""
+        """Return the points at arc lengths `s_m` (...); at a corner, the side that follows."""
         ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arc:
-    """A piece of a circle, or of a line when the curvature is zero."""
+    """Circular arc, or a line if the curvature is zero."""
 
     start_m: tuple[float, float]
     direction_rad: float
@@ -72,10 +70,10 @@ class Arc:
             raise PathError(f"a line or arc needs finite numbers and a length above zero: {self}")
 
     def at(self, s_m: Array) -> PathPoints:
-        """Points at arc lengths `s_m` (...)."""
+        """Return the points at arc lengths `s_m` (...)."""
         s = np.asarray(s_m, dtype=float)
         half = 0.5 * self.curvature_per_m * s
-        # The chord of an arc is turned by half its angle, and shortened by sinc.
+        # The chord of an arc is rotated by half its angle and shortened by sinc.
         chord, along = s * sinc(half), self.direction_rad + half
         xy = np.stack([chord * np.cos(along), chord * np.sin(along)], axis=-1)
         return PathPoints(
@@ -87,13 +85,13 @@ class Arc:
 
 
 def line(start_m: Sequence[float], end_m: Sequence[float]) -> Arc:
-    """Straight way from one point to another, metres."""
+    """Return the straight line between two points, metres."""
     dx, dy = end_m[0] - start_m[0], end_m[1] - start_m[1]
     return Arc((start_m[0], start_m[1]), math.atan2(dy, dx), 0.0, math.hypot(dx, dy))
 
 
 def arc(start_m: Sequence[float], direction_rad: float, radius_m: float, angle_rad: float) -> Arc:
-    """Arc that turns by `angle_rad`, left positive, at `radius_m` above zero."""
+    """Return an arc that turns by `angle_rad` (left positive) at a positive `radius_m`."""
     if not radius_m > 0.0:
         raise PathError(f"the radius of an arc must be above zero, not {radius_m}")
     curvature = math.copysign(1.0 / radius_m, angle_rad)
@@ -101,22 +99,22 @@ def arc(start_m: Sequence[float], direction_rad: float, radius_m: float, angle_r
 
 
 _PARTS = 8
-"""Number of intervals between two knots in the table of arc lengths."""
+"""Intervals between two knots in the arc-length table."""
 _UNIT = np.array([0.0, 1.0])
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-_STEEP = 0.7
-"""Shape of a blend: a compromise between the largest curvature and its rate of change."""
-_FLAT = 0.3
+_BLEND_END = 0.7
+"""Shape of a blend: a compromise between maximum curvature and its rate of change."""
+_BLEND_MIDDLE = 0.3
 
 
 class Curve:
-    """A plane curve xy(u), twice continuously differentiable, by arc length.
+    """Twice continuously differentiable planar curve xy(u), by arc length.
 
-    `polynomials` is a spline of scipy's with two values, from the first to the last of `breaks`;
-    its parameter needs no meaning. Not `smooth`: the slope of the curvature jumps at the breaks.
+    `polynomials` is a two-valued scipy spline from the first to the last of `breaks`, in any
+    parameter. If not `smooth`, the derivative of the curvature jumps at the breaks.
 
     Raises:
-        PathError: the curve stands still somewhere, so it has no direction there.
+        PathError: If the curve has zero speed somewhere, so its direction is undefined.
     """
 
     corners_m: tuple[float, ...] = ()
@@ -142,7 +140,7 @@ class Curve:
         return float(self._s[-1])
 
     def at(self, s_m: Array) -> PathPoints:
-        """Points at arc lengths `s_m` (...)."""
+        """Return the points at arc lengths `s_m` (...)."""
         u, row = self._parameter(np.asarray(s_m, dtype=float))
         xy, first, second, third = (self._derivative(n, u) for n in range(4))
         (dx, dy), (ddx, ddy) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
@@ -164,14 +162,14 @@ class Curve:
         return np.asarray(self._by_order[order](u), dtype=float)
 
     def _lengths(self, start: Array, end: Array) -> Array:
-        """Arc lengths between parameters, by Gauss and Legendre on eight nodes."""
+        """Return the arc lengths between parameters, by eight-node Gauss-Legendre quadrature."""
         half = 0.5 * (end - start)
         u = (start + half)[..., None] + half[..., None] * _NODES
         first = self._derivative(1, u)
         return half * (np.hypot(first[..., 0], first[..., 1]) @ _WEIGHTS)
 
     def _parameter(self, s: Array) -> tuple[Array, Any]:
-        """Parameters at arc lengths, and their rows in the table, by Newton's method."""
+        """Return parameters at arc lengths, and their rows in the table, by Newton's method."""
         s = np.clip(s, 0.0, self._s[-1])
         row = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._s) - 2)
         start, end = self._u[row], self._u[row + 1]
@@ -184,7 +182,7 @@ class Curve:
 
 
 def spline(points_m: Array | Sequence[Sequence[float]]) -> Curve:
-    """Cubic spline through `points_m` (n, 2), n above 2, metres; closed if they are."""
+    """Return a cubic spline through `points_m` (n, 2), n > 2, metres; periodic if closed."""
     points = np.asarray(points_m, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise PathError(f"a spline needs three points (x, y) or more, not {points.shape}")
@@ -206,9 +204,9 @@ def spline(points_m: Array | Sequence[Sequence[float]]) -> Curve:
 def function(
     f: Callable[[Array], Array], start_x_m: float, end_x_m: float, samples: int = 401
 ) -> Curve:
-    """Return y = f(x) from one x to the other, by a quintic spline through `samples` of it.
+    """Return y = f(x) between two x, by a quintic spline through `samples` points.
 
-    `f` takes and returns arrays (n,), metres. With steps h, the curvature is off by some h^4.
+    `f` maps arrays (n,) to arrays (n,), metres. The curvature error is O(h^4) for a step h.
     """
     t = np.linspace(0.0, 1.0, samples)
     x = start_x_m + (end_x_m - start_x_m) * t
@@ -221,9 +219,9 @@ def function(
 
 
 def parabola(a_per_m: float, b: float, c_m: float, start_x_m: float, end_x_m: float) -> Curve:
-    """Return y = a x^2 + b x + c from one x to the other."""
+    """Return y = a x^2 + b x + c between two x."""
     x = np.array([start_x_m, 0.5 * (start_x_m + end_x_m), end_x_m])
-    # The middle control point of a Bezier curve, so that it passes through the middle.
+    # Place the middle control point so that the Bezier curve passes through the middle.
     points = np.stack([x, (a_per_m * x + b) * x + c_m], axis=-1)
     points[1] = 2.0 * points[1] - 0.5 * (points[0] + points[2])
     if start_x_m == end_x_m or not np.isfinite(points).all():
@@ -232,8 +230,8 @@ def parabola(a_per_m: float, b: float, c_m: float, start_x_m: float, end_x_m: fl
 
 
 def blend(start_m: Array, corner_m: Array, end_m: Array) -> Curve:
-    """Rounded corner: a quintic Bezier curve with zero curvature at its ends."""
-    near, far = 1.0 - _STEEP, 1.0 - _FLAT
+    """Round a corner by a quintic Bezier curve with zero curvature at its ends."""
+    near, far = 1.0 - _BLEND_END, 1.0 - _BLEND_MIDDLE
     into, out = corner_m - start_m, end_m - corner_m
     points = [start_m, start_m + near * into, start_m + far * into]
     points += [end_m - far * out, end_m - near * out, end_m]
@@ -251,10 +249,10 @@ _CORNER_RAD = 1e-6
 
 
 class CompositePath:
-    """Composite path: a sequence of paths, each starting at the end of the one before.
+    """Sequence of paths, each starting at the end of the previous one.
 
     Raises:
-        PathError: there is a gap, or there is no path.
+        PathError: If there is a gap or the sequence is empty.
     """
 
     def __init__(self, paths: Sequence[Path]) -> None:
@@ -269,7 +267,7 @@ class CompositePath:
             if np.abs(end.xy - start.xy).max() > _GAP_M:
                 raise PathError(f"part {i + 2} starts at {start.xy}, part {i + 1} ends at {end.xy}")
             step = float(wrap(start.direction - end.direction))
-            # Directions are unwrapped, so that full turns can be counted.
+            # Unwrap directions, so that full turns can be counted.
             turns.append(turns[-1] + float(end.direction - start.direction) + step)
             at = float(self._starts[i + 1])
             if abs(step) > _CORNER_RAD:
@@ -288,7 +286,7 @@ class CompositePath:
         return float(self._starts[-1])
 
     def at(self, s_m: Array) -> PathPoints:
-        """Points at arc lengths `s_m` (...); at a joint, those that follow it."""
+        """Return the points at arc lengths `s_m` (...); at a joint, the side that follows."""
         s = np.asarray(s_m, dtype=float)
         part = np.clip(np.searchsorted(self._starts, s, side="right") - 1, 0, len(self._paths) - 1)
         out = PathPoints(np.empty((*s.shape, 2)), *(np.empty(s.shape) for _ in range(3)))
@@ -303,10 +301,10 @@ class CompositePath:
 
 
 def polyline(points_m: Array | Sequence[Sequence[float]], cut_m: float = 0.0) -> CompositePath:
-    """Path of straight legs through `points_m` (n, 2), n above 1, metres.
+    """Return straight legs through `points_m` (n, 2), n > 1, metres.
 
-    Corners are sharp, so the robot stops there; with `cut_m` it leaves a leg that far before a
-    corner, at most half a leg, and rounds it by a smooth curve.
+    Corners are sharp, so the robot stops there. With `cut_m`, each corner is replaced by a smooth
+    curve that starts that far before it, at most half a leg.
     """
     points = np.asarray(points_m, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not cut_m >= 0.0:

@@ -1,6 +1,6 @@
-"""Twist limiter, and motion prediction over the delay of a link, measured with command numbers.
+"""Twist limiter, and motion prediction that compensates the measured link delay.
 
-A prediction is a forward simulation with the commands in transit.
+The prediction is a forward simulation with the commands in transit.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.status import CommandStatus
 from tsd_twin.robots.description import Limits
 
-_LARGEST = 1e100
-"""Beyond this, in m/s or rad/s, a request is scaled first so that no square overflows."""
+_MAX_COMPONENT = 1e100
+"""Larger requests (m/s or rad/s) are scaled first, so that squares cannot overflow."""
 
 
 class TwistLimiter:
-    """Limiter of twists and changes of twist; it scales them and keeps direction and curvature.
+    """Limits twists and their rates by scaling, which preserves direction and curvature.
 
-    The path from one twist to another is a straight line in twist space. All limits are convex, so
-    a line between allowed twists is allowed.
+    The path between two twists is a straight line in twist space. All limits are convex, so a line
+    between allowed twists is allowed.
     """
 
     def __init__(self, kinematics: Kinematics[Any], limits: Limits) -> None:
@@ -37,14 +37,14 @@ class TwistLimiter:
         self._squared_lever = kinematics.twist_scale_m**2
 
     def cap(self, twist: Array, share: Array | float = 1.0) -> Array:
-        """Return `twist` (..., 3) scaled to the limits of speed, turn rate and tilt.
+        """Scale `twist` (..., 3) to the limits of speed, turn rate and tilt.
 
         `share` in (0, 1] lowers the limits of speed and turn rate.
         """
         limits = self._limits
         twist = clip_to_finite(twist)
         _, _, turn_rate = _components(twist)
-        return twist / _most(
+        return twist / _max_utilization(
             np.sqrt(self._speed_squared(twist)) / (limits.speed_mps * share),
             abs(turn_rate) / (limits.turn_rate_rad_per_s * share),
             self._kinematics.joint_utilization(twist),
@@ -53,14 +53,14 @@ class TwistLimiter:
     def advance(
         self, current: Array, request: Array, dt_s: float, share: Array | float = 1.0
     ) -> Array:
-        """Twist (..., 3) that follows `current` after `dt_s` on the way to `request`."""
+        """Return the twist (..., 3) after `dt_s`, from `current` towards `request`."""
         return self.approach(current, self.cap(request, share), dt_s)
 
     def approach(self, current: Array, goal: Array, dt_s: float) -> Array:
-        """Twist (..., 3) that follows `current` after `dt_s` on the way to `goal`.
+        """Return the twist (..., 3) after `dt_s`, from `current` towards `goal`.
 
-        The goal is within the limits already. A goal within reach is reached exactly, so that a
-        stop ends at zero.
+        The goal must already be within the limits. A goal within reach is reached exactly, so that
+        a stop ends at zero.
         """
         limits = self._limits
         step = goal - current
@@ -69,9 +69,9 @@ class TwistLimiter:
         _, _, turn_rate = _components(step)
         slower = self._speed_squared(goal) < self._speed_squared(current)
         either = limits.deceleration_mps2, limits.acceleration_mps2
-        # Of one twist, `slower` is a truth value, and this is quicker than an array of one number.
+        # For a single twist, `slower` is a bool, which is faster than an array of size one.
         acceleration = either[not slower] if step.ndim == 1 else np.where(slower, *either)
-        over = _most(
+        over = _max_utilization(
             np.sqrt(self._speed_squared(step)) / (acceleration * dt_s),
             abs(turn_rate) / (limits.angular_acceleration_rad_per_s2 * dt_s),
             self._kinematics.rate_utilization(step, dt_s),
@@ -86,16 +86,17 @@ class TwistLimiter:
 
 
 def _components(twist: Array) -> Any:
-    """Three components (...) of `twist` (..., 3): plain floats of one twist, which are
-    faster than arrays of one number.
+    """Return the components (...) of `twist` (..., 3).
+
+    For a single twist they are plain floats, which are faster than arrays of size one.
     """
     return twist.tolist() if twist.ndim == 1 else np.moveaxis(twist, -1, 0)
 
 
-def _most(speed: Any, turn: Any, kinematics: Any) -> Any:
-    """Largest utilization of three limits (...), at least 1: (..., 1), or a number."""
+def _max_utilization(speed: Any, turn: Any, kinematics: Any) -> Any:
+    """Return the largest of three utilizations (...), at least 1: (..., 1), or a float."""
     if isinstance(speed, float) and isinstance(turn, float) and isinstance(kinematics, float):
-        # A limit that is not a number allows none, as in the reduction below.
+        # A NaN limit allows nothing, as in the reduction below.
         unknown = math.isnan(speed + turn + kinematics)
         return math.nan if unknown else float(max(1.0, speed, turn, kinematics))
     shares = np.ones((*np.shape(speed), 4))
@@ -104,29 +105,29 @@ def _most(speed: Any, turn: Any, kinematics: Any) -> Any:
 
 
 def clip_to_finite(twist: Array) -> Array:
-    """Return `twist` (..., 3), finite, scaled so that its numbers can be squared and added."""
-    if twist.ndim == 1 and all(abs(number) <= _LARGEST for number in twist.tolist()):
+    """Scale `twist` (..., 3), finite, so that its squares can be summed."""
+    if twist.ndim == 1 and all(abs(number) <= _MAX_COMPONENT for number in twist.tolist()):
         return twist.copy()
     largest = np.maximum.reduce(np.abs(twist), axis=-1, keepdims=True)
-    return twist / np.maximum(1.0, largest / _LARGEST)
+    return twist / np.maximum(1.0, largest / _MAX_COMPONENT)
 
 
-_MOST_S = 5.0
-"""Largest delay that counts as one."""
+_MAX_DELAY_S = 5.0
+"""Maximum plausible delay."""
 _ROUNDING_S = 1e-3
-"""Ages in a status are rounded."""
+"""Rounding of ages in a status."""
 _SENT_KEPT = 256
 _MEASURED_KEPT = 5
-_LASTS_S = 2.0
+_MAX_AGE_S = 2.0
 
 
 class CommandDelay:
-    """Time from sending a command to receiving a state that includes its effect.
+    """Delay from sending a command to receiving a state that includes its effect.
 
-    A status names the newest command that has counted, and how long ago that was. So the way there,
-    the wait for the next period of the robot and the way back are measured together, and no clocks
-    have to agree. The status comes from the network: what is no number, or no possible delay, does
-    not count, and one wrong value in five changes nothing.
+    A status names the latest accepted command and its age. This measures the delay to the robot,
+    the wait for its next period and the delay back together, without synchronized clocks. Because
+    the status comes from the network, implausible values are discarded, and one wrong value in five
+    has no effect.
     """
 
     def __init__(self) -> None:
@@ -134,45 +135,46 @@ class CommandDelay:
         self._measured: deque[tuple[float, float]] = deque(maxlen=_MEASURED_KEPT)
 
     def add_sent(self, seq: int, now_s: float) -> None:
-        """Add a command that is sent now."""
+        """Record a command sent at `now_s`."""
         self._sent.append((seq, now_s))
 
     def add_status(self, command: CommandStatus, now_s: float) -> None:
-        """Measure with a status that is received now."""
+        """Measure the delay with a status received at `now_s`."""
         age_s = command.age_s
         if age_s is None or not 0.0 <= age_s < math.inf:
             return
         for seq, sent_s in reversed(self._sent):
             if seq == command.seq:
                 delay_s = now_s - sent_s - age_s
-                if -_ROUNDING_S <= delay_s <= _MOST_S:
+                if -_ROUNDING_S <= delay_s <= _MAX_DELAY_S:
                     self._measured.append((now_s, max(delay_s, 0.0)))
                 return
 
     def median_s(self, now_s: float) -> float | None:
-        """Return the median of the newest delays; None without any in the last two seconds."""
-        recent = [delay_s for at_s, delay_s in self._measured if now_s - at_s <= _LASTS_S]
+        """Return the median of recent delays, or None without any in the last 2 s."""
+        recent = [delay_s for at_s, delay_s in self._measured if now_s - at_s <= _MAX_AGE_S]
         return statistics.median(recent) if recent else None
 
 
 STEP_S = 0.01
-"""As long as a period of the robot, which approaches a command in steps."""
+"""Control period of the robot, which approaches a command in steps."""
 AT_REST = 0.005
 """Standstill threshold, in m/s and rad/s."""
 LONGEST_S = 5.0
-"""Longest horizon; every robot has come to rest by then."""
+"""Maximum horizon; every robot is at rest by then."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PendingCommand:
-    """A command in transit to the robot."""
+    """Command in transit to the robot."""
 
     after_s: float
-    """Time of arrival, relative to the initial state of the prediction; may be negative."""
+    """Arrival time relative to the initial state of the prediction; may be negative."""
     request: Array
     """(3,): the requested twist."""
     to_base: Callable[[Any, Array], Array] | None = None
-    """Rotation of the twist into the base frame by the pose; None when it is in that frame."""
+    """Rotates the twist into the base frame, given the pose; None if it is already in that
+    frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,10 +188,10 @@ class PredictedState(Generic[PoseT]):
 
 
 class Predictor(Generic[PoseT]):
-    """Forward simulation of the limiter and the kinematics; stateless between calls.
+    """Forward simulation of limiter and kinematics; stateless between calls.
 
-    `lag_s` is the time constant of the joints, as a first-order lag; `step_s` is best a period of
-    the robot, and may be longer where an error of a centimetre is acceptable.
+    `lag_s` is the first-order time constant of the joints. `step_s` is best the robot's control
+    period, but may be longer if an error of 1 cm is acceptable.
     """
 
     def __init__(
@@ -202,16 +204,16 @@ class Predictor(Generic[PoseT]):
         self._kinematics = kinematics
         self._step_s = step_s
         self._limiter = TwistLimiter(kinematics, limits)
-        # Share of the difference between set-point and motion that remains after a step.
-        self._left = math.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
+        # Remaining fraction of the difference between setpoint and motion after a step.
+        self._remaining = math.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
 
     def predicted_states(
         self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
     ) -> Iterator[PredictedState[PoseT]]:
-        """Yield state after state, from `pose` with `twist` (3,) commanded to the joints.
+        """Yield successive states, from `pose` with `twist` (3,) commanded to the joints.
 
-        `commands` are in the order of their arrival; the last one holds for ever, and without any
-        the twist stays constant. `share` is the share of the limits that the lease allows.
+        `commands` are in the order of arrival. The last one holds forever; without any, the twist
+        stays constant. `share` is the fraction of the limits allowed by the lease.
         """
         waiting, step_s = list(commands), self._step_s
         goal = moving = twist = np.asarray(twist, float)
@@ -230,7 +232,7 @@ class Predictor(Generic[PoseT]):
             if twist is not goal:
                 near = self._limiter.approach(twist, goal, step_s)
                 twist = goal if np.array_equal(near, goal) else near
-            moving = twist + self._left * (moving - twist)
+            moving = twist + self._remaining * (moving - twist)
             pose = self._kinematics.integrate(pose, moving, step_s)
 
     def after(
@@ -241,7 +243,7 @@ class Predictor(Generic[PoseT]):
         commands: Sequence[PendingCommand],
         share: float = 1.0,
     ) -> PoseT:
-        """Pose after `ahead_s`, rounded to a step."""
+        """Return the pose after `ahead_s`, rounded to a step."""
         for state in self.predicted_states(pose, twist, commands, share):
             pose = state.pose
             if state.after_s >= ahead_s - 0.5 * self._step_s:
@@ -251,7 +253,7 @@ class Predictor(Generic[PoseT]):
     def until_rest(
         self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
     ) -> list[PoseT]:
-        """Predicted poses until the last command holds and the robot is at rest."""
+        """Return the predicted poses until the last command is active and the robot is at rest."""
         path: list[PoseT] = []
         last_s = commands[-1].after_s if commands else 0.0
         for state in self.predicted_states(pose, twist, commands, share):

@@ -1,4 +1,4 @@
-"""Routes: a path with a heading profile, and the navigation goal that a route is planned for."""
+"""Routes (a path with a heading profile), and navigation goals that they are planned for."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _JUMP_PER_M = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Headings:
-    """Headings along a path; shapes are those of the arc lengths."""
+    """Headings along a path; shaped like the arc lengths."""
 
     heading: Array
     """(...): radians, not wrapped."""
@@ -33,11 +33,11 @@ class HeadingProfile(Protocol):
     """Heading as a function of the arc length."""
 
     def stops_m(self, path: Path) -> tuple[float, ...]:
-        """Arc lengths at which the heading cannot be followed without a stop."""
+        """Return the arc lengths at which following the heading requires a stop."""
         ...
 
     def at(self, s_m: Array, points: PathPoints) -> Headings:
-        """Headings at arc lengths `s_m` (...), where the path has `points`."""
+        """Return the headings at arc lengths `s_m` (...), where the path has `points`."""
         ...
 
 
@@ -47,12 +47,12 @@ class FixedHeading:
 
     heading_rad: float = 0.0
 
-    def stops_m(self, path: Path) -> tuple[float, ...]:  # noqa: ARG002  The law's shape.
-        """Return none."""
+    def stops_m(self, path: Path) -> tuple[float, ...]:  # noqa: ARG002  Common signature.
+        """Return no stops."""
         return ()
 
-    def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  The law's shape.
-        """Heading for each of `s_m`."""
+    def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  Common signature.
+        """Return the heading for each of `s_m`."""
         zero = np.zeros(np.shape(s_m))
         return Headings(zero + self.heading_rad, zero, zero)
 
@@ -62,13 +62,13 @@ class TangentHeading:
     """Heading along the tangent of the path, plus a constant offset.
 
     Raises:
-        PathError: the path has a sharp corner.
+        PathError: If the path has a sharp corner.
     """
 
     offset_rad: float = 0.0
 
     def stops_m(self, path: Path) -> tuple[float, ...]:
-        """Arc lengths where the curvature jumps, since the turn rate would jump too."""
+        """Return the arc lengths of curvature jumps, where the turn rate would jump too."""
         if path.corners_m:
             raise PathError(
                 f"a tangent heading cannot follow the sharp corner at {path.corners_m[0]:.3f} m: "
@@ -79,7 +79,7 @@ class TangentHeading:
         jumps = np.abs(after.curvature - before.curvature) > _JUMP_PER_M
         return tuple(knots[jumps].tolist())
 
-    def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  The law's shape.
+    def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  Common signature.
         """Return direction plus offset at `points`."""
         return Headings(points.direction + self.offset_rad, points.curvature, points.sharpness)
 
@@ -87,7 +87,7 @@ class TangentHeading:
 class SampledHeading:
     """Cubic spline through given headings, with zero slope at both ends.
 
-    `s_m` (n,) rises; `heading_rad` (n,) is not wrapped, so that full turns are possible.
+    `s_m` (n,) increases; `heading_rad` (n,) is not wrapped, so that full turns are possible.
     """
 
     def __init__(self, s_m: Sequence[float], heading_rad: Sequence[float]) -> None:
@@ -110,12 +110,12 @@ class SampledHeading:
         )
         """(3, n - 1): coefficients of the powers 1 to 3 between two points."""
 
-    def stops_m(self, path: Path) -> tuple[float, ...]:  # noqa: ARG002  The law's shape.
-        """Return none."""
+    def stops_m(self, path: Path) -> tuple[float, ...]:  # noqa: ARG002  Common signature.
+        """Return no stops."""
         return ()
 
-    def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  The law's shape.
-        """Headings at `s_m`; beyond the ends, those of the ends."""
+    def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  Common signature.
+        """Return the headings at `s_m`, clamped to the ends."""
         s = np.clip(s_m, self._s[0], self._s[-1])
         row = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._s) - 2)
         x, (a, b, c) = s - self._s[row], self._cubics[:, row]
@@ -129,7 +129,7 @@ class SampledHeading:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoutePoints:
-    """Points of a route with their derivatives; shapes are those of the arc lengths."""
+    """Points of a route with their derivatives; shaped like the arc lengths."""
 
     pose: Array
     """(..., 3): x, y, heading."""
@@ -138,23 +138,23 @@ class RoutePoints:
     bend: Array
     """(..., 3): d per_m / ds, in the turning body frame."""
     direction: Array
-    """(...): angle of the tangent, radians."""
+    """(...): tangent angle, radians."""
     curvature: Array
     """(...): curvature of the path, 1/m."""
 
     def twist(self, speed_mps: Array) -> Array:
-        """Body twist (..., 3) at `speed_mps` (...)."""
+        """Return the body twist (..., 3) at `speed_mps` (...)."""
         return self.per_m * speed_mps[..., None]
 
     def twist_rate(self, speed_mps: Array, acceleration_mps2: Array) -> Array:
-        """Return how the body twist (..., 3) changes in time."""
+        """Return the time derivative (..., 3) of the body twist."""
         squared = (speed_mps * speed_mps)[..., None]
         return self.per_m * acceleration_mps2[..., None] + self.bend * squared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """A path with a heading profile."""
+    """Path with a heading profile."""
 
     path: Path
     heading: HeadingProfile = field(default_factory=FixedHeading)
@@ -166,17 +166,17 @@ class Route:
 
     @property
     def stops_m(self) -> tuple[float, ...]:
-        """Arc lengths at which the robot must stop, rising, without the ends."""
+        """Increasing arc lengths at which the robot must stop, without the ends."""
         stops = {*self.path.corners_m, *self.heading.stops_m(self.path)}
         return tuple(sorted(stops))
 
     @property
     def breaks_m(self) -> tuple[float, ...]:
-        """Arc lengths of stops and of curvature jumps."""
+        """Arc lengths of stops and curvature jumps."""
         return tuple(sorted({*self.stops_m, *self.path.knots_m}))
 
     def at(self, s_m: Array) -> RoutePoints:
-        """Points at arc lengths `s_m` (...)."""
+        """Return the points at arc lengths `s_m` (...)."""
         points = self.path.at(s_m)
         heading = self.heading.at(s_m, points)
         sideslip = points.direction - heading.heading
@@ -192,20 +192,20 @@ class Route:
 
 
 LONGEST_M = 50.0
-"""Longest route: an operator must see the robot and hold a button for all of it."""
+"""Maximum route length, because the operator must see the robot and hold a button throughout."""
 THERE_M = 0.005
 """Tolerances within which a goal counts as reached."""
-_THERE_RAD = 0.01
+_ARRIVAL_TOLERANCE_RAD = 0.01
 _STEP_M = 0.02
-_MOST_STEPS = 400
-_HAND_M = 0.015
-"""Initial RMS distance of the smoothed line from the drawn points."""
-_ASIDE_M = 0.03
-"""Largest distance anywhere, which the mean alone would not bound at a corner."""
-_CLOSER = 8
-"""Largest number of times the RMS distance is halved until the bound holds."""
+_MAX_STEPS = 400
+_SMOOTHING_M = 0.015
+"""Initial RMS distance between the smoothed line and the drawn points."""
+_MAX_DEVIATION_M = 0.03
+"""Maximum distance anywhere, which the RMS would not bound at a corner."""
+_MAX_HALVINGS = 8
+"""Maximum number of times the RMS distance is halved to satisfy the bound."""
 _TURN_M = 0.001
-"""Path length of a turn in place, since routes are parameterized by arc length."""
+"""Path length of a turn in place, needed because routes are parameterized by arc length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,15 +213,15 @@ class NavigationGoal:
     """Navigation goal in `odom`: a position or a drawn line, and an optional final heading."""
 
     points: Array
-    """(n, 2): metres; one point is a position, more are a drawn line."""
+    """(n, 2): metres; a position if n = 1, otherwise a drawn line."""
     heading_rad: float | None = None
-    """Final heading; None keeps the present one."""
+    """Final heading; None keeps the current one."""
 
     def route(self, start: SE2) -> Route:
         """Plan the route from the pose `start`.
 
         Raises:
-            PathError: the goal is reached already or too far, the line cannot be smoothed, or a
+            PathError: If the goal is already reached or too far, the line cannot be smoothed, or a
                 value is not finite.
         """
         here, goal = start.xy_heading, np.asarray(self.points[-1], dtype=float)
@@ -250,10 +250,12 @@ class NavigationGoal:
         x, y, heading = here.xy_heading
         turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - heading))
         way = np.concatenate([[[x, y]], self.points])
-        return bool(np.hypot(*np.diff(way, axis=0).T).sum() < THERE_M and abs(turn) < _THERE_RAD)
+        return bool(
+            np.hypot(*np.diff(way, axis=0).T).sum() < THERE_M and abs(turn) < _ARRIVAL_TOLERANCE_RAD
+        )
 
     def remaining(self, path: Path, done_m: float) -> NavigationGoal:
-        """Remaining goal after `done_m` of the path planned for it."""
+        """Return the remaining goal after `done_m` of the path planned for it."""
         if len(self.points) == 1:
             return self
         left_m: Array = np.linspace(min(done_m, path.length_m), path.length_m, len(self.points) + 1)
@@ -261,20 +263,20 @@ class NavigationGoal:
 
 
 def _smooth(points: Array) -> Path:
-    """Smooth curve from the first to the last of `points` (n, 2), close to the others."""
+    """Return a smooth curve from the first to the last of `points` (n, 2), close to the others."""
     from tsd_twin.motion import splines  # Late, because it imports scipy.
 
     steps = np.hypot(*np.diff(points, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(steps)])
-    count = int(np.clip(np.ceil(along[-1] / _STEP_M), 8, _MOST_STEPS))
+    count = int(np.clip(np.ceil(along[-1] / _STEP_M), 8, _MAX_STEPS))
     even: Array = np.linspace(0.0, float(along[-1]), count)
     drawn = np.stack([np.interp(even, along, points[:, axis]) for axis in (0, 1)], axis=-1)
     weights = np.ones(count)
-    weights[[0, -1]] = 1e3  # The ends are interpolated.
-    spline = splines.smoothing(drawn, weights, even, _HAND_M)
-    for halved in range(1, _CLOSER + 1):
-        if np.hypot(*(spline(even) - drawn).T).max() <= _ASIDE_M:
+    weights[[0, -1]] = 1e3  # Interpolate the ends.
+    spline = splines.smoothing(drawn, weights, even, _SMOOTHING_M)
+    for halved in range(1, _MAX_HALVINGS + 1):
+        if np.hypot(*(spline(even) - drawn).T).max() <= _MAX_DEVIATION_M:
             break
-        spline = splines.smoothing(drawn, weights, even, _HAND_M * 0.5**halved)
+        spline = splines.smoothing(drawn, weights, even, _SMOOTHING_M * 0.5**halved)
     # The third derivative is continuous, so knots need neither stops nor a finer time grid.
     return Curve(spline, np.unique(spline.t))

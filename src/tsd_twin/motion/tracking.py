@@ -1,6 +1,4 @@
-"""Trajectory tracking: feed-forward with PID control of the error, and execution with its abort
-rules.
-"""
+"""Trajectory tracking: feed-forward plus PID feedback, and execution with abort rules."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ from tsd_twin.motion.trajectory import Reference, Trajectory
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """PID gains of one error; the output is a speed, so the units follow from seconds."""
+    """PID gains for one error; the output is a speed."""
 
     proportional_per_s: float = 0.0
     integral_per_s2: float = 0.0
@@ -27,7 +25,7 @@ class Gains:
 
 
 class Pid:
-    """PID controllers, one for each component of the errors; leading dimensions are a batch."""
+    """PID controllers, one per error component; supports leading batch dimensions."""
 
     def __init__(self, *gains: Gains) -> None:
         self._p = np.array([g.proportional_per_s for g in gains])
@@ -38,7 +36,7 @@ class Pid:
         self._previous: Array | None = None
 
     def advance(self, error: Array, dt_s: float) -> Array:
-        """Correcting speeds (..., k) for `error` (..., k), `dt_s` after the last one."""
+        """Return the correcting speeds (..., k) for `error` (..., k), `dt_s` after the last one."""
         previous = error if self._previous is None or dt_s <= 0.0 else self._previous
         self._previous = np.array(error)
         summed = self._integral + self._i * error * dt_s
@@ -57,7 +55,7 @@ class TrackingSettings:
     """Settings of the tracking controller: actuator lag and PID gains."""
 
     lag_s: float = 0.04
-    """Lag of the actuators; acceleration is fed forward by this time."""
+    """Actuator lag, used as the lead time of the feed-forward."""
     along: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
     """Gains of the along-track error."""
     across: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
@@ -66,13 +64,13 @@ class TrackingSettings:
 
 
 class TrackingController:
-    """Tracking control law: the twist that follows a trajectory, open or closed loop.
+    """Computes the twist that follows a trajectory, open or closed loop.
 
-    Feed-forward is the twist of the reference ahead by the lag of the actuators: to first order the
-    present twist plus its rate times the lag, which compensates the lag of the joints. The sum
-    itself would jump with the acceleration, and the twist limiter would cut the jump. Time and
-    poses are arguments; poses may have leading batch dimensions. Twists are not limited here: the
-    trajectory is within the limits, and the control loop limits what the correction adds.
+    Feed-forward is the reference twist, taken ahead by the actuator lag to compensate it (to first
+    order the current twist plus its rate times the lag). That sum itself would jump with the
+    acceleration, and the twist limiter would cut the jump. Poses may have leading batch dimensions.
+    Twists are not limited here: the trajectory is within the limits, and the control loop limits
+    the added correction.
     """
 
     def __init__(
@@ -83,7 +81,7 @@ class TrackingController:
     ) -> None:
         """`feed_forward` maps a time to the twist (3,) for a robot without lag.
 
-        The default is the twist of the trajectory.
+        It defaults to the twist of the trajectory.
         """
         settings = settings or TrackingSettings()
         self.trajectory = trajectory
@@ -92,16 +90,16 @@ class TrackingController:
         self._pid = Pid(settings.along, settings.across, settings.heading)
 
     def feed_forward(self, t_s: float) -> Array:
-        """Open-loop body twist (3,) to command at `t_s`."""
+        """Return the open-loop body twist (3,) to command at `t_s`."""
         return self._twist_at(t_s + self._lag_s)
 
     def advance(
         self, t_s: float, pose: SE2, dt_s: float, ahead_s: float = 0.0, gain: float = 1.0
     ) -> Array:
-        """Body twist (..., 3) to command when the robot is at `pose` (...) at `t_s`.
+        """Return the body twist (..., 3) to command when the robot is at `pose` (...) at `t_s`.
 
-        `dt_s` is the time since the last call; the command is meant for `ahead_s` later. All gains
-        are multiplied by `gain`.
+        `dt_s` is the time since the last call, and `ahead_s` the delay until the command takes
+        effect. All gains are multiplied by `gain`.
         """
         reference = self.trajectory.at(t_s)
         error = tracking_errors(reference, pose)
@@ -124,9 +122,9 @@ class TrackingController:
 
 
 def tracking_errors(reference: Reference, pose: SE2) -> Array:
-    """Errors to the reference (..., 3): along-track, cross-track and heading.
+    """Return the errors to the reference (..., 3): along-track, cross-track and heading.
 
-    The cross-track error is positive when the path lies to the left of the robot.
+    The cross-track error is positive if the path lies to the left of the robot.
     """
     error = reference.pose - pose.xy_heading
     c, s = np.cos(reference.direction), np.sin(reference.direction)
@@ -144,37 +142,37 @@ NEAR_M = 0.008
 NEAR_RAD = 0.01
 """Goal tolerance once the reference has arrived; a servo step of `tsd` is 16 mm/s."""
 SETTLE_S = 1.5
-"""Timeout, after the arrival of the reference, for the robot to reach the goal tolerance."""
+"""Time for the robot to reach the goal tolerance after the reference has arrived."""
 FAIR_M = 0.05
 FAIR_RAD = 0.1
 """Goal tolerance at that timeout."""
 LOST_M = 0.3
 LOST_RAD = 0.6
-"""Largest tracking error; beyond it the robot is blocked, slips, or was moved."""
+"""Maximum tracking error; beyond it the robot is blocked, slipping, or was moved."""
 STUCK_S = 2.0
-_FREE_M = 0.05
-_SPAN_M = 0.1
-"""The reference slows down from `_FREE_M` of lag on, and waits `_SPAN_M` beyond that."""
+_LAG_ALLOWED_M = 0.05
+_LAG_RAMP_M = 0.1
+"""The reference slows down from a lag of `_LAG_ALLOWED_M`, and stops `_LAG_RAMP_M` beyond that."""
 _GAP_S = 0.2
-"""Longest time step between two calls; after a longer pause the robot has begun to stop."""
+"""Maximum time step between two calls; after a longer pause the robot has begun to stop."""
 _GAIN_PER_S = 4.0
 _GAIN_TIMES_DELAY = 0.35
-"""A loop with a delay T does not oscillate or overshoot at a gain up to 1 / (e T)."""
+"""A loop with delay T does not oscillate or overshoot at gains up to 1 / (e T)."""
 _PERIODS_S = 0.06
-"""Additional loop delay: a period each of the page, the robot and the camera."""
+"""Additional loop delay: one period each of page, robot and camera."""
 _LEAD_S = 0.03
-"""Time from a command to the middle of its effect, with no delay of the link: the newest pose is up
-to a period of the robot old, a command takes effect a period later, and holds for two."""
+"""Time from a command to the middle of its effect without link delay: the latest pose is up to one
+period old, and a command takes effect one period later and holds for two."""
 MAX_DELAY_S = 1.0
-"""Largest delay that is compensated; a measured one comes from the network."""
+"""Maximum compensated delay; measured delays come from the network."""
 _DELAY_RATE = 2.0
-"""Largest change of the delay in a second: a sudden one is spread over some commands."""
+"""Maximum rate of change of the delay, which spreads a sudden change over several commands."""
 _DELAY_CHANGE_S = 0.05
-"""A delay that differs by more was wrong, and so were the errors that have been integrated."""
+"""A larger change means that the delay was wrong, and so were the integrated errors."""
 
 
 class ExecutionPhase(StrEnum):
-    """Phases of an execution."""
+    """Phase of an execution."""
 
     GOING = "going"
     ARRIVED = "arrived"
@@ -183,7 +181,7 @@ class ExecutionPhase(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExecutionStep:
-    """Result of one step: phase, twist to command, progress and errors."""
+    """Result of a step: phase, twist to command, progress and errors."""
 
     phase: ExecutionPhase
     twist: Array
@@ -194,15 +192,16 @@ class ExecutionStep:
     """Distance between the robot and the reference."""
     heading_error_rad: float
     reason: str = ""
-    """Reason of the phase `LOST`."""
+    """Reason for the phase `LOST`."""
 
 
 class TrajectoryExecutor:
-    """Closed-loop executor of a trajectory that starts at rest; time is an argument.
+    """Closed-loop executor for a trajectory that starts at rest.
 
-    The reference waits for a robot that falls behind, so that no integral winds up and no corner is
-    cut. Delays are compensated: a pose is compared with the reference at the time of the pose, and
-    the gains are as high as the delay allows. A delay that is measured on the way is followed.
+    The reference waits for a robot that falls behind, so that the integral does not wind up and
+    corners are not cut. Delays are compensated: a pose is compared with the reference at the time
+    of the pose, and the gains are as high as the delay allows. The delay may change during
+    execution.
     """
 
     def __init__(
@@ -213,9 +212,13 @@ class TrajectoryExecutor:
         lag_s: float = 0.0,
         delay_s: float = 0.0,
     ) -> None:
-        """`cap` scales a twist (3,) to the limits.
+        """Initialize the executor.
 
-        `lag_s` is the lag of the joints, `delay_s` the round trip of the link.
+        Args:
+            trajectory: Trajectory to follow.
+            cap: Scales a twist (3,) to the limits.
+            lag_s: Lag of the joints.
+            delay_s: Round-trip time of the link.
         """
         gains = Gains(1.0, 0.25, integral_limit=0.05)
         turning = Gains(1.0, 0.25, integral_limit=0.2)
@@ -229,9 +232,10 @@ class TrajectoryExecutor:
         self._stuck_s = 0.0
 
     def advance(self, now_s: float, pose: SE2, delay_s: float | None = None) -> ExecutionStep:
-        """Step for `now_s`; `pose` is the newest one the robot has reported.
+        """Advance to `now_s`; `pose` is the latest pose reported by the robot.
 
-        `delay_s` is the round trip as it is measured now; None or no number leaves it as it was.
+        `delay_s` is the currently measured round-trip time; None or a non-finite value keeps the
+        last.
         """
         if not np.isfinite(pose.xy_heading).all():
             return self._step(ExecutionPhase.LOST, 0.0, math.inf, math.inf, "the pose is no number")
@@ -250,7 +254,7 @@ class TrajectoryExecutor:
             math.hypot(along, across),
             abs(turn),
         )
-        pace = float(np.clip(1.0 - (cross_track_m - _FREE_M) / _SPAN_M, 0.0, 1.0))
+        pace = float(np.clip(1.0 - (cross_track_m - _LAG_ALLOWED_M) / _LAG_RAMP_M, 0.0, 1.0))
         self._stuck_s = self._stuck_s + dt_s if pace < 0.1 else 0.0
         if cross_track_m > LOST_M or heading_error_rad > LOST_RAD:
             why = (
@@ -292,5 +296,5 @@ class TrajectoryExecutor:
 
 
 def _delay(measured_s: float, otherwise_s: float) -> float:
-    """Return a measured delay within bounds; `otherwise_s` if it is no number."""
+    """Clamp a measured delay; return `otherwise_s` if it is not finite."""
     return min(max(measured_s, 0.0), MAX_DELAY_S) if math.isfinite(measured_s) else otherwise_s

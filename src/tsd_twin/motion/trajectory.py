@@ -1,8 +1,7 @@
-"""Time-optimal path parameterization (TOPP) of a route within all limits, and the trajectory it
-gives.
+"""Time-optimal path parameterization (TOPP) of a route within all limits.
 
-The route is cut into short cells. Backward and forward passes find the highest speed at each
-boundary that the limits of speed, acceleration and joints allow; smoothing then bounds the jerk.
+The route is divided into short cells. Backward and forward passes find the highest speed at each
+boundary allowed by the limits of speed, acceleration and joints; smoothing then bounds the jerk.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ from tsd_twin.motion.routes import Route, RoutePoints
 from tsd_twin.robots.description import Limits
 
 _INSIDE_M = 1e-9
-"""Cells evaluate their ends from inside: at a corner the two sides differ in direction."""
+"""Cells evaluate their ends from inside, because directions differ across a corner."""
 
 
 class PathConstraints:
-    """TOPP constraints of all cells: speeds at their ends, and the convex set of (a, u) of each."""
+    """TOPP constraints of all cells: speeds at their ends, and the convex set of (a, u) in each."""
 
     def __init__(
         self, route: Route, kinematics: Kinematics[Any], limits: Limits, s: Array, share: float
@@ -37,16 +36,17 @@ class PathConstraints:
         starts, ends = s[:-1] + _INSIDE_M, s[1:] - _INSIDE_M
         self._points: RoutePoints = route.at(np.stack([starts, ends], axis=-1))
         bend = self._points.bend
-        # Both have `a` along the path; across it, the centripetal part over ground or in the body.
+        # In both frames `a` acts along the path; the lateral part is centripetal over ground or in
+        # the body.
         self._aside: Array = np.maximum(
             np.abs(self._points.curvature), np.hypot(bend[..., 0], bend[..., 1])
         )
         self.lengths_m: Array = np.diff(s)
         self.slowing = -0.5 / self.lengths_m
-        """(n,): lowest a / u, at which a cell ends at rest."""
+        """(n,): smallest a / u, for which a cell ends at rest."""
 
     def highest_speeds(self) -> Array:
-        """Highest speed (n + 1,) at each end of the cells, m/s."""
+        """Return the maximum speed (n + 1,) at the cell ends, m/s."""
         per_m = self._points.per_m
         with np.errstate(divide="ignore", over="ignore"):
             turning = self._limits.turn_rate_rad_per_s / np.abs(per_m[..., 2])
@@ -56,9 +56,9 @@ class PathConstraints:
         return np.concatenate([both[:1, 0], inner, both[-1:, 1]])
 
     def usage(self, cell: Any, a: Array, u: Array) -> Array:
-        """Utilization of the acceleration limits by (a, u) at both ends of `cell`.
+        """Return the utilization of the acceleration limits by (a, u) at both ends of `cell`.
 
-        `cell` is an index; a and u have its shape, or one more dimension after it.
+        `cell` is an index; a and u have its shape, or one additional trailing dimension.
         """
         after = np.maximum(u + 2.0 * a * self.lengths_m[cell], 0.0)
         return np.maximum(self._usage(cell, 0, a, u), self._usage(cell, 1, a, after))
@@ -70,25 +70,26 @@ class PathConstraints:
         linear = np.where(a < 0.0, limits.deceleration_mps2, limits.acceleration_mps2)
         turn = np.abs(change[..., 2]) / limits.angular_acceleration_rad_per_s2
         joints = self._kinematics.rate_utilization(change, 1.0)
-        # Braking must not allow more curvature: without the second, the set would not be convex.
+        # Braking must not allow more curvature; without the second term, the set would not be
+        # convex.
         used = np.maximum(np.hypot(a, across) / linear, across / limits.acceleration_mps2)
         return np.maximum(used, np.maximum(turn, joints)) / self._share
 
     def max_velocity_curve(self) -> tuple[Array, Array]:
-        """Highest u (n,) at the start of each cell, and the a it goes with.
+        """Return the maximum u (n,) at the start of each cell, and the corresponding a.
 
-        The least of a convex function of a / u, by golden sections in all cells at once.
+        Minimizes a convex function of a / u by golden-section search, vectorized over cells.
         """
         every = np.arange(len(self.lengths_m))
         one = np.ones(len(every))
         golden = (math.sqrt(5.0) - 1.0) / 2.0
-        bound = self._widest()
+        bound = self._slope_bound()
         low, high = np.maximum(self.slowing, -bound), bound
         for _ in range(60):
             left, right = high - golden * (high - low), low + golden * (high - low)
             lower = self.usage(every, left, one) < self.usage(every, right, one)
             low, high = np.where(lower, low, left), np.where(lower, right, high)
-        # In flat minima and at kinks, prefer zero slope when it is as good.
+        # In flat minima and at kinks, prefer zero slope if it is as good.
         slope = 0.5 * (low + high)
         used, at_zero = self.usage(every, slope, one), self.usage(every, 0.0 * one, one)
         slope = np.where(at_zero <= used * (1.0 + 1e-9), 0.0, slope)
@@ -96,22 +97,22 @@ class PathConstraints:
             u = 1.0 / np.minimum(used, at_zero)
         return u, slope
 
-    def _widest(self) -> Array:
-        """Bound (n,) of |a / u| where the usage is least: beyond, `a` alone uses more."""
+    def _slope_bound(self) -> Array:
+        """Return a bound (n,) on |a / u| at minimum usage, beyond which `a` dominates."""
         bends = np.abs(self._points.bend).max(axis=(1, 2)) + np.abs(self._points.curvature).max(1)
         return 1e-6 + 1e3 * bends
 
 
-_LEAST_CELLS = 100
+_MIN_CELLS = 100
 """Minimum number of cells between two breaks."""
 _TRIES = 25
 _ROUNDS = 4
-"""Each round of a search narrows an interval to 1/24; so many rounds narrow it to 3e-6."""
+"""Each search round narrows an interval to 1/24, all rounds to 3e-6."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SpeedProfile:
-    """Speed along a route: constant acceleration in each cell between two of `s_m`."""
+    """Speed along a route, with constant acceleration in each cell between two of `s_m`."""
 
     s_m: Array
     """(n + 1,): ends of the cells."""
@@ -120,10 +121,10 @@ class SpeedProfile:
     acceleration_mps2: Array
     """(n,): within each cell."""
     at_s: Array
-    """(n + 1,): when each end is reached, seconds."""
+    """(n + 1,): time at each end, seconds."""
 
     def place_m(self, t_s: Array) -> Array:
-        """Arc lengths (...) at times `t_s` (...) from start to end."""
+        """Return the arc lengths (...) at times `t_s` (...) from start to end."""
         cell, since = self.since(t_s)
         s = self.s_m[cell] + since * (
             self.speed_mps[cell] + 0.5 * since * self.acceleration_mps2[cell]
@@ -131,21 +132,21 @@ class SpeedProfile:
         return np.minimum(s, self.s_m[cell + 1])
 
     def since(self, t_s: Array) -> tuple[npt.NDArray[np.intp], Array]:
-        """Cell at each of `t_s` (...), and the time since it was entered."""
+        """Return the cell at each of `t_s` (...), and the time since its start."""
         last = len(self.acceleration_mps2) - 1
         cell = np.clip(np.searchsorted(self.at_s, t_s, side="right") - 1, 0, last)
         return cell, t_s - self.at_s[cell]
 
 
 def _graded(start_m: float, end_m: float, cell_m: float) -> Array:
-    """Starts of the cells of a piece, shorter near its ends, where speed changes."""
-    cells = max(_LEAST_CELLS, math.ceil(0.5 * math.pi * (end_m - start_m) / cell_m))
+    """Return the cell starts in a segment, denser near its ends, where speed changes."""
+    cells = max(_MIN_CELLS, math.ceil(0.5 * math.pi * (end_m - start_m) / cell_m))
     share = 0.5 - 0.5 * np.cos(np.pi * np.arange(cells) / cells)
     return start_m + (end_m - start_m) * share
 
 
 def _backward(cells: PathConstraints, cap: Array) -> tuple[Array, Array]:
-    """Highest u (n + 1,) from which the end can be reached, and the a (n,) for it."""
+    """Return the maximum u (n + 1,) from which the end is reachable, and its a (n,)."""
     crest, slope = cells.max_velocity_curve()
     u_top = np.minimum(cap[:-1], crest)
     a_top = slope * u_top
@@ -172,17 +173,17 @@ def _forward(cells: PathConstraints, highest: Array, safe: Array) -> tuple[Array
     for i in range(len(safe)):
         u, twice = float(squared[i]), 2.0 * float(cells.lengths_m[i])
         wanted = (float(highest[i + 1]) - u) / twice
-        # The set is convex: a point feasible at the highest speed scales down to lower speeds.
+        # The set is convex, so a feasible point at the highest speed scales to lower speeds.
         inside = float(safe[i]) * (u / float(highest[i]) if highest[i] > 0.0 else 0.0)
         a = _last(cells, i, inside, wanted, partial(_from, u))
         acceleration[i] = a
-        # A stop is exactly one: smoothing divides the trajectory there.
+        # Make stops exactly zero, because smoothing splits the trajectory there.
         squared[i + 1] = max(0.0, u + twice * a) if highest[i + 1] > 0.0 else 0.0
     return squared, acceleration
 
 
 def _towards(end: float, twice: float, u: Array) -> tuple[Array, Array]:
-    """Return (a, u) that lead from each of `u` to `end`, over half of `twice`."""
+    """Return the (a, u) that lead from each of `u` to `end`, over half of `twice`."""
     return (end - u) / twice, u
 
 
@@ -198,9 +199,9 @@ def _last(
     outside: float,
     point: Callable[[Array], tuple[Array, Array]],
 ) -> float:
-    """Last number from `inside` to `outside` at which the limits of a cell hold.
+    """Return the last number from `inside` to `outside` within the limits of a cell.
 
-    `point` maps numbers to (a, u). The set is convex, so the feasible numbers are an interval.
+    `point` maps numbers to (a, u). The set is convex, so the feasible numbers form an interval.
     """
     low, high = inside, outside
     for _ in range(_ROUNDS):
@@ -220,9 +221,9 @@ _CELL_S = 0.002
 def smoothed(profile: SpeedProfile, over_s: float) -> SpeedProfile:
     """Smooth a profile: its speed becomes the moving average over the last `over_s`.
 
-    A jump of acceleration becomes a ramp over `over_s`, and the largest acceleration does not rise.
-    Each motion from rest to rest takes `over_s` longer. On straight segments all limits still hold;
-    on a curve the speed at a point differs slightly from before.
+    An acceleration step becomes a ramp over `over_s`, and the maximum acceleration does not
+    increase. Each motion from rest to rest takes `over_s` longer. On straight segments all limits
+    still hold; on curves the speed at a point changes slightly.
     """
     if not over_s > 0.0:
         return profile
@@ -235,7 +236,7 @@ def smoothed(profile: SpeedProfile, over_s: float) -> SpeedProfile:
         now_m, before_m = (profile.place_m(np.clip(t, begin_s, end_s)) for t in (t_s, t_s - over_s))
         mean = (now_m - before_m) / over_s
         mean[-1] = 0.0
-        # Linear between speeds: the sum is the path length to within 1e-4.
+        # Interpolating linearly between speeds, the sum matches the path length to within 1e-4.
         way_m = np.cumsum(0.5 * (mean[1:] + mean[:-1]) * np.diff(t_s))
         length_m = float(profile.s_m[last] - profile.s_m[first])
         s_m.append(profile.s_m[first] + way_m * (length_m / way_m[-1]))
@@ -247,7 +248,7 @@ def smoothed(profile: SpeedProfile, over_s: float) -> SpeedProfile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """Reference of a trajectory at one or many times; shapes are those of the times."""
+    """Reference of a trajectory at one or many times; shaped like the times."""
 
     pose: Array
     """(..., 3): x, y, heading."""
@@ -263,7 +264,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """A route with its speed profile; constant before the start and after the end."""
+    """Route with its speed profile; constant before the start and after the end."""
 
     route: Route
     profile: SpeedProfile
@@ -279,7 +280,7 @@ class Trajectory:
         return self.route.length_m
 
     def at(self, t_s: Array | float) -> Reference:
-        """Reference at times `t_s` (...), seconds after the start."""
+        """Return the reference at times `t_s` (...), seconds after the start."""
         profile = self.profile
         t = np.asarray(t_s, dtype=float)
         moving = (t > 0.0) & (t < self.duration_s)
@@ -308,17 +309,24 @@ def plan(
     cell_m: float = 0.005,
     smooth_s: float = 0.0,
 ) -> Trajectory:
-    """Plan the time-optimal trajectory from rest to rest, with a stop at each of `route.stops_m`.
+    """Plan the time-optimal trajectory from rest to rest, stopping at each of `route.stops_m`.
 
-    Kept are the limits of speed, turn rate, acceleration, deceleration and angular acceleration,
-    and those of the joints by `joint_utilization` and `rate_utilization` of the kinematics.
-    Accelerations are limited twice: over the ground, where friction bounds them, and in the body's
-    axes, where the control loop limits them. `share` in (0, 1] lowers all limits except speed, as a
-    margin for the correction; `speed_mps` lowers that of speed. Jumps of acceleration become ramps
-    of `smooth_s`; see `smoothed`.
+    It respects the limits of speed, turn rate, acceleration, deceleration and angular acceleration,
+    and the joint limits (`joint_utilization` and `rate_utilization` of the kinematics).
+    Accelerations are limited both over the ground, where friction bounds them, and in body axes,
+    where the control loop limits them.
+
+    Args:
+        route: Route to follow.
+        kinematics: Kinematics of the robot.
+        limits: Limits of the robot.
+        share: Factor in (0, 1] on all limits except speed, as a margin for feedback.
+        speed_mps: Additional speed limit.
+        cell_m: Cell length.
+        smooth_s: Ramp duration of acceleration steps; see `smoothed`.
 
     Raises:
-        PathError: the share is out of range, or the route cannot be followed at any speed.
+        PathError: If the share is out of range, or the route cannot be followed at any speed.
     """
     if not 0.0 < share <= 1.0 or not cell_m > 0.0:
         raise PathError(f"the share of the limits must be in (0, 1], not {share}")

@@ -1,6 +1,4 @@
-"""Recordings: written from the bus, read as arrays or at any time, put back on the bus, run again,
-exported.
-"""
+"""Recordings: write from the bus, read as arrays or by time, replay, rerun and export."""
 
 from tsd_twin.errors import needs_extra
 

@@ -1,9 +1,9 @@
-"""Entries of a recording: what each message of the bus becomes in an MCAP file, and back.
+"""Mapping between bus messages and MCAP entries.
 
-A topic of the file is a key of the bus. Payloads stay as they are: CDR with the definition of its
-ROS 2 type, JSON or MessagePack without a schema. The number of a state message is the `sequence`,
-the robot's monotonic clock the `publish_time`. Attachments that do not fit, and payloads that no
-reader could decode, are JSON on `<key>/raw`, with the `sequence` of their message.
+An MCAP topic is a bus key. Payloads are stored unchanged: CDR with its ROS 2 type definition, JSON
+or MessagePack without a schema. For state messages, `sequence` is the message number and
+`publish_time` the robot's monotonic clock. Attachments that do not fit, and payloads that readers
+could not decode, are stored as JSON on `<key>/raw` with the `sequence` of their message.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from tsd_twin.messages.status import decode_stamp
 from tsd_twin.messages.topics import Topic
 
 RAW = "/raw"
-"""Ending of the topics for what has no place in the message itself."""
+"""Suffix of the topics for data that does not fit in the message itself."""
 REQUESTS = "requests"
-"""Topic below `twin/<robot>/` of all requests to its services, each with its answer."""
+"""Topic below `twin/<robot>/` for all service requests and replies."""
 JSON, CDR, MSGPACK, BYTES = "json", "cdr", "msgpack", "application/octet-stream"
-"""Encodings of messages."""
+"""Message encodings."""
 _SEQUENCE = 0xFFFFFFFF
 _FROM_CLIENTS = frozenset({topics.TWIST, topics.SENSOR_POSE, topics.STOP})
-"""Topics on which anything may be put, so that their payloads are checked."""
+"""Topics on which clients may put anything, so that their payloads are validated."""
 
 
 class Entry(NamedTuple):
@@ -43,34 +43,34 @@ class Entry(NamedTuple):
     topic: str
     encoding: str
     type: str
-    """ROS 2 type of CDR, "" otherwise."""
+    """ROS 2 type if CDR, else ""."""
     log_ns: int
-    """When the recorder received it, by the wall clock of its machine."""
+    """Time of receipt, recorder's wall clock."""
     publish_ns: int
-    """Robot's monotonic clock for a state, `log_ns` otherwise."""
+    """Robot's monotonic clock for states, else `log_ns`."""
     sequence: int
     data: bytes
 
 
 class RawMessage(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A message on a topic that ends with `/raw`."""
+    """Message on a topic with suffix `/raw`."""
 
     attachment: str = ""
     """Hexadecimal."""
     payload: str | None = None
-    """Base64, when the message itself is not in the file since no reader could decode it."""
+    """Base64, if the message itself is not stored because readers could not decode it."""
     put: bool = True
     """False for a delete."""
 
 
 class EntryMaker:
-    """Makes the entries of a file from messages of the bus; counts those without a number."""
+    """Converts bus messages to file entries; numbers messages that have no sequence number."""
 
     def __init__(self) -> None:
         self._numbers: defaultdict[str, Iterator[int]] = defaultdict(lambda: itertools.count(1))
 
     def of_sample(self, sample: Sample, log_ns: int) -> Iterator[Entry]:
-        """Yield the entries of one message."""
+        """Yield the entries for one message."""
         topic = topic_of(sample.key)
         encoding, ros_type = encoding_of(topic)
         sequence, publish_ns, fits = self._stamp(sample, topic, log_ns)
@@ -88,12 +88,12 @@ class EntryMaker:
             yield from self._requests(sample, log_ns)
 
     def of_json(self, topic: str, value: Any, log_ns: int) -> Entry:
-        """Return an entry of the recorder itself."""
+        """Return an entry created by the recorder."""
         sequence = next(self._numbers[topic]) & _SEQUENCE
         return Entry(topic, JSON, "", log_ns, log_ns, sequence, msgspec.json.encode(value))
 
     def _stamp(self, sample: Sample, topic: Topic | None, log_ns: int) -> tuple[int, int, bool]:
-        """Return number, time, and whether these say all that is in the attachment."""
+        """Return sequence number, publish time, and whether they cover the whole attachment."""
         if topic is not None and topic.path.startswith("state/"):
             try:
                 sequence, robot_ns = decode_stamp(sample.attachment)
@@ -132,7 +132,7 @@ def _json_or_text(payload: bytes) -> Any:
 
 @functools.lru_cache(maxsize=4096)
 def topic_of(key: str) -> Topic | None:
-    """Return the row of the table of topics that a key belongs to; None for other keys."""
+    """Return the topic of a key, or None if unknown."""
     return next((topic for topic, pattern in _PATTERNS.items() if pattern.fullmatch(key)), None)
 
 
@@ -149,7 +149,7 @@ def encoding_of(topic: Topic | None) -> tuple[str, str]:
 
 
 def is_readable(topic: Topic | None, payload: bytes) -> bool:
-    """Return whether a reader can decode a payload, where a client may have put anything."""
+    """Return whether readers can decode a payload; False only for malformed client data."""
     try:
         if topic is topics.INPUTS:
             decode_batch(payload)
@@ -164,6 +164,6 @@ def is_readable(topic: Topic | None, payload: bytes) -> bool:
 
 
 def robot_of(topic: str) -> str:
-    """Return the robot id in a topic of a recording, "" when it has none."""
+    """Return the robot id in a topic, or ""."""
     parts = topic.split("/")
     return parts[1] if len(parts) > 2 and parts[0] == "twin" else ""

@@ -1,4 +1,4 @@
-"""Recording as numpy arrays: `open_recording` reads a file of `tsd-record`."""
+"""Recordings as numpy arrays: `open_recording` reads a file written by `tsd-record`."""
 
 from __future__ import annotations
 
@@ -28,43 +28,43 @@ _EXACT = 1 << 63
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class TopicSummary:
-    """A topic of a recording."""
+    """Topic of a recording with its type and message count."""
 
     topic: str
     type: str
-    """ROS 2 type, or the encoding of other messages: `json`, `msgpack`."""
+    """ROS 2 type, or encoding of other messages: `json`, `msgpack`."""
     count: int
     """Number of messages."""
 
 
 class RecordedMessage(NamedTuple):
-    """One message of a recording, decoded."""
+    """Decoded message of a recording."""
 
     t_s: float
-    """Time since the start of the recording, when the recorder received it."""
+    """Time of receipt by the recorder, since the start of the recording."""
     topic: str
-    """Key on the bus, such as `twin/tsd/state/odom`."""
+    """Bus key, such as `twin/tsd/state/odom`."""
     value: Any
-    """ROS 2 message with its fields as attributes, or what JSON becomes in Python."""
+    """ROS 2 message with its fields as attributes, or decoded JSON or MessagePack."""
     robot_s: float | None
-    """Robot's monotonic clock, of a state; None of others."""
+    """Robot's monotonic clock for states, else None."""
     sequence: int
-    """Number of the message on its topic."""
+    """Sequence number of the message on its topic."""
 
 
 class Series(Mapping[str, Column]):
-    """All messages of one topic as arrays: `series["pose.pose.position.x"]` is (n,).
+    """All messages of a topic as arrays: `series["pose.pose.position.x"]` is (n,).
 
-    Lists of equal length are (n, k). Joints have their names: `position.module1_alpha`. Numbers
-    that are missing are NaN; text and what differs in shape are arrays of objects.
+    Lists of equal length are (n, k). Joint columns are named, such as `position.module1_alpha`.
+    Missing numbers are NaN; text and values of varying shape are object arrays.
     """
 
     def __init__(self, topic: str, t_s: Array, robot_s: Array, columns: dict[str, Column]) -> None:
         self.topic = topic
         self.t_s = t_s
-        """(n,): time since the start of the recording, when the recorder received each message."""
+        """(n,): time of receipt by the recorder, since the start of the recording."""
         self.robot_s = robot_s
-        """(n,): robot's monotonic clock, of states; NaN of others."""
+        """(n,): robot's monotonic clock for states, else NaN."""
         self._columns = columns
 
     def __getitem__(self, field: str) -> Column:
@@ -84,9 +84,9 @@ class Series(Mapping[str, Column]):
         return f"<{self.topic}: {len(self.t_s)} messages, {len(self)} fields>"
 
     def table(self) -> dict[str, Column]:
-        """Return columns of one dimension, as pandas and CSV need them: `t_s`, `robot_s`, fields.
+        """Return one-dimensional columns for pandas or CSV: `t_s`, `robot_s`, fields.
 
-        A field (n, k) becomes k columns, `field.0` and so on.
+        A field (n, k) is split into k columns, `field.0` and so on.
         """
         columns: dict[str, Column] = {"t_s": self.t_s}
         if np.isfinite(self.robot_s).any():
@@ -100,7 +100,7 @@ class Series(Mapping[str, Column]):
 
 
 class Recording:
-    """A file of `tsd-record`; it stays on the disk, and each call reads what it needs."""
+    """Recording written by `tsd-record`; each call reads only the required part of the file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -109,13 +109,13 @@ class Recording:
             topic: TopicSummary(topic, ros_type or encoding, count)
             for topic, encoding, ros_type, count in listed
         }
-        """All topics, by name."""
+        """All topics by name."""
         self.robots: tuple[str, ...] = tuple(
             sorted({robot_of(topic) for topic in self.topics} - {"", "*"})
         )
-        """Ids of the robots."""
+        """Robot ids."""
         self.start_ns, end_ns = mcap_file.time_span_ns(path)
-        """Wall clock of the recorder at the start."""
+        """Start of the recording, recorder's wall clock."""
         self.duration_s = (end_ns - self.start_ns) * 1e-9
 
     def __repr__(self) -> str:
@@ -130,13 +130,16 @@ class Recording:
         start_s: float = 0.0,
         end_s: float | None = None,
     ) -> Series:
-        """Return all messages of one topic as arrays.
+        """Return all messages of a topic as arrays.
 
-        `topic` is below `twin/<robot>/`, such as `state/odom`; `robot` is needed when there are
-        several. Times are seconds since the start of the recording.
+        Args:
+            topic: Key below `twin/<robot>/`, such as `state/odom`.
+            robot: Robot id; required if the recording contains several robots.
+            start_s: Start, relative to the start of the recording.
+            end_s: End, relative to the start of the recording.
 
         Raises:
-            RecordingError: there is no such topic, or the file is damaged.
+            RecordingError: If the topic does not exist or the file is damaged.
         """
         key = self._key(topic, robot)
         found = list(self._entries([key], start_s, end_s))
@@ -155,12 +158,12 @@ class Recording:
         start_s: float = 0.0,
         end_s: float | None = None,
     ) -> Iterator[RecordedMessage]:
-        """Yield the messages of some topics in the order of time; of all topics without any.
+        """Yield the messages of some topics, or of all if none is given, in order of time.
 
-        A topic of the bus without messages, such as an event that never occurred, yields nothing.
+        Bus topics without messages, such as an event that never occurred, yield nothing.
 
         Raises:
-            RecordingError: there is no such topic, or the file is damaged.
+            RecordingError: If a topic does not exist or the file is damaged.
         """
         keys = [self._key(topic, robot) for topic in topics]
         if not keys:
@@ -172,16 +175,16 @@ class Recording:
             )
 
     def description(self, robot: str | None = None) -> str:
-        """Return the robot description, TOML, that a robot had at the start of the recording.
+        """Return the robot description (TOML) at the start of the recording.
 
         Raises:
-            RecordingError: it is not in the file.
+            RecordingError: If the file does not contain it.
         """
         for message in self.messages(Service.DESC, robot=robot):
             try:
                 return msgspec.convert(message.value, Description).robot
             except msgspec.ValidationError:
-                continue  # Not of a robot of ours.
+                continue  # Third-party robot.
         raise RecordingError(f"{self.path} has no description of the robot")
 
     def _key(self, topic: str, robot: str | None) -> str:
@@ -211,10 +214,10 @@ class Recording:
 
 
 def open_recording(path: str | Path) -> Recording:
-    """Open a file of `tsd-record`, also one that is being written or was cut.
+    """Open a file written by `tsd-record`, even if it is still being written or truncated.
 
     Raises:
-        RecordingError: it is no recording.
+        RecordingError: If the file is not a recording.
     """
     return Recording(Path(path))
 
@@ -233,7 +236,7 @@ def _decoded(entry: Entry) -> Any:
 
 
 def _columns(values: list[Any]) -> dict[str, Column]:
-    """Return the fields of messages of one topic as columns."""
+    """Return the fields of a topic's messages as columns."""
     if not values:
         return {}
     if dataclasses.is_dataclass(values[0]):
@@ -253,7 +256,7 @@ def _ros_columns(values: list[Any]) -> dict[str, Column]:
 
 
 def _by_joint(columns: dict[str, Column], first: Any) -> dict[str, Column]:
-    """Name the columns of joints by their names, when these stay the same."""
+    """Split joint columns by joint name if all messages list the same joints."""
     names = columns.get("name")
     if names is None or not isinstance(getattr(first, "name", None), list):
         return columns
@@ -290,7 +293,7 @@ def _flat(value: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _column(values: list[Any]) -> Column:
-    """Return one column: numbers where all are numbers or missing, objects otherwise."""
+    """Return a numeric column if all values are numbers or missing, else an object column."""
     if all(type(value) is int and abs(value) < _EXACT for value in values):
         return np.array(values, dtype=np.int64)
     if all(value is None or isinstance(value, int | float) for value in values):

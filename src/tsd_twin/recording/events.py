@@ -1,9 +1,9 @@
-"""Events and marks of a recording: stops, drops, faults, hand-overs, and the notes of people.
+"""Events and marks of a recording: stops, drops, faults, handovers, and operators' notes.
 
-Marks are in a file beside the recording, which is not changed for them: a file that is being
-written, or that belongs to another user, cannot take them, and its index would have to be written
-anew. Each mark is a line of JSON. Its time is that of the recorder's wall clock, so that it stays
-right when the recording is completed.
+Marks are stored in a file next to the recording, because a recording that is being written or
+belongs to another user cannot be changed, and changing it would require a new index. Each mark is a
+line of JSON. Its time is the recorder's wall clock, so that it stays valid when a truncated
+recording is repaired.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tsd_twin.safety import Mode
 
 
 class EventKind(StrEnum):
-    """What an event is about."""
+    """Category of a recorded event."""
 
     STOP = "stop"
     DROP = "drop"
@@ -33,12 +33,12 @@ class EventKind(StrEnum):
     HAND_OVER = "hand-over"
     CONSISTENCY = "consistency"
     OTHER = "other"
-    """Changes of mode that are no stop, limits that were reached, and all else."""
+    """Mode changes other than stops, reached limits, and everything else."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedEvent:
-    """One event of a robot, or several that say the same soon after one another."""
+    """Event of a robot, or several similar events in quick succession."""
 
     t_s: float
     """Time since the start of the recording."""
@@ -46,7 +46,7 @@ class RecordedEvent:
     kind: EventKind
     text: str
     count: int = 1
-    """How often it came."""
+    """Number of merged events."""
 
 
 _KINDS = {
@@ -57,14 +57,14 @@ _KINDS = {
 _NEW_MODE = re.compile(r"From \w+ to (\w+)")
 _STOPS = frozenset({Mode.STOPPING, Mode.STOPPED})
 _MERGED_S = 2.0
-"""Events of the same kind and rule that follow within this time count as one."""
+"""Events with the same kind and rule within this time are merged."""
 
 
 def read_events(index: RecordingIndex) -> list[RecordedEvent]:
-    """Return all events of a recording in the order of time.
+    """Return all events of a recording in order of time.
 
     Raises:
-        RecordingError: the file is damaged.
+        RecordingError: If the file is damaged.
     """
     topics = {topic for topic in index.topics if "/event/" in topic and not topic.endswith(RAW)}
     entries = sorted(index.entries(topics), key=_log_ns)
@@ -92,7 +92,7 @@ def _merged(entries: Iterable[Entry], start_ns: int) -> list[RecordedEvent]:
 
 
 def kind_of(event: Event) -> EventKind:
-    """Return what an event is about."""
+    """Return the category of an event."""
     if event.kind == "mode" and (found := _NEW_MODE.match(event.text)):
         mode = found[1]
         if mode == Mode.FAULT:
@@ -107,31 +107,31 @@ def _log_ns(entry: Entry) -> int:
 
 _ENDING = ".marks.jsonl"
 _MOST_MARKS_BYTES = 1 << 20
-"""Marks that are read of a file: 4,000 or more."""
+"""Maximum bytes read from a file of marks, enough for 4000 marks."""
 NOTE_LENGTH = 200
-"""Longest note, in characters."""
+"""Maximum length of a note, characters."""
 
 
 class Mark(msgspec.Struct, frozen=True):
-    """A mark."""
+    """Operator's note at a time of a recording."""
 
     log_ns: int
-    """Wall clock of the recorder at the marked time."""
+    """Marked time, recorder's wall clock."""
     note: str
     by: str = ""
-    """Operator who made it."""
+    """Operator who made the mark."""
 
 
 def marks_file(recording: Path) -> Path:
-    """Return the file of the marks of a recording, which need not exist."""
+    """Return the path of a recording's marks, which may not exist."""
     return recording.with_name(recording.name.removesuffix(".mcap") + _ENDING)
 
 
 def read_marks(recording: Path) -> list[Mark]:
-    """Return the marks of a recording in the order of time; lines that are none are left out.
+    """Return the marks of a recording in order of time; invalid lines are skipped.
 
     Raises:
-        RecordingError: they cannot be read.
+        RecordingError: If the marks cannot be read.
     """
     found: list[Mark] = []
     try:
@@ -147,7 +147,7 @@ def read_marks(recording: Path) -> list[Mark]:
         try:
             found.append(msgspec.json.decode(line, type=Mark))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            continue  # The last line of a crash.
+            continue  # Possibly the last line before a crash.
     return sorted(found, key=lambda mark: mark.log_ns)
 
 
@@ -155,14 +155,14 @@ def add_mark(recording: Path, mark: Mark) -> None:
     """Add a mark to a recording.
 
     Raises:
-        RecordingError: the note is too long, or cannot be written.
+        RecordingError: If the note is too long or the mark cannot be written.
     """
     if len(mark.note) > NOTE_LENGTH:
         raise RecordingError(f"a note has at most {NOTE_LENGTH} characters")
-    # On a line of its own, also behind half a line that a crash has left.
+    # Start a new line, because a crash may have left a partial one.
     line = b"\n" + msgspec.json.encode(mark) + b"\n"
     try:
-        # One write to the end of the file: two pages may mark at the same time.
+        # A single append, because two pages may add marks simultaneously.
         fd = os.open(marks_file(recording), os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
         try:
             os.write(fd, line)

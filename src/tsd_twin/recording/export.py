@@ -1,4 +1,4 @@
-"""Export of recordings: a part as MCAP with all lease ids replaced, or each stream as CSV."""
+"""Export of recordings: a time range as MCAP with lease ids replaced, or each stream as CSV."""
 
 from __future__ import annotations
 
@@ -39,19 +39,20 @@ from tsd_twin.recording.mcap_file import McapWriter
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Part of a recording; times in seconds since its start."""
+    """Time range of a recording; seconds since its start."""
 
     path: Path
     start_s: float = 0.0
     end_s: float | None = None
     robot: str | None = None
-    """Id of one robot; None for all."""
+    """Robot id, or None for all robots."""
 
     def opened(self) -> Recording:
         """Open the recording.
 
         Raises:
-            TwinError: it cannot be read, has no such robot, or the times are no part of it.
+            TwinError: If the recording cannot be read, lacks the robot, or does not contain the
+                time range.
         """
         recording = open_recording(self.path)
         if self.robot is not None and self.robot not in recording.robots:
@@ -66,19 +67,19 @@ class Part:
         return recording
 
     def end_ns(self, recording: Recording) -> int:
-        """Return the wall clock of the recorder at the end."""
+        """Return the end of the range, recorder's wall clock."""
         end_s = recording.duration_s if self.end_s is None else self.end_s
         return recording.start_ns + round(end_s * 1e9)
 
 
 def to_mcap(part: Part, out: Path) -> str:
-    """Write a part as MCAP with lease ids replaced; return what was written.
+    """Write the range as MCAP with lease ids replaced; return a summary.
 
-    It begins with the descriptions of the robots, and with the input log since the last state of
-    the controller before, so that it can be run again from its start. Marks are copied beside it.
+    The file begins with the robot descriptions and the input log since the previous controller
+    state, so that it can be rerun from its start. Marks are copied too.
 
     Raises:
-        TwinError: the part is empty, or the file cannot be written or exists.
+        TwinError: If the range is empty, or the file exists or cannot be written.
     """
     recording = part.opened()
     redactor, count = Redactor(), 0
@@ -103,10 +104,10 @@ def to_mcap(part: Part, out: Path) -> str:
 
 
 def to_csv(part: Part, folder: Path) -> list[str]:
-    """Write each stream of a part as a CSV file; return what was written.
+    """Write each stream of the range as a CSV file; return a summary per file.
 
     Raises:
-        TwinError: the part is empty, or a file cannot be written.
+        TwinError: If the range is empty or a file cannot be written.
     """
     recording = part.opened()
     lines: list[str] = []
@@ -152,7 +153,7 @@ def _entries(part: Part, recording: Recording) -> Iterator[Entry]:
 
 
 def _before(part: Part, recording: Recording, start_ns: int) -> Iterator[Entry]:
-    """Yield what a part needs of the time before it."""
+    """Yield the entries before the range that are required to use it."""
     kept: dict[str, list[Entry]] = {}
     needed = {
         topic
@@ -170,7 +171,7 @@ def _before(part: Part, recording: Recording, start_ns: int) -> Iterator[Entry]:
 
 
 def _begins(entry: Entry) -> bool:
-    """Return whether a run can begin with an entry of an input log."""
+    """Return whether a rerun can start at this input log entry."""
     try:
         batch = decode_batch(entry.data)
     except MessageError:
@@ -180,14 +181,14 @@ def _begins(entry: Entry) -> bool:
 
 _HEX_ID = re.compile(rb"[0-9a-f]{32}")
 _LEASE = slice(8, 24)
-"""Place of the lease id in the attachment of a command, which has 32 bytes."""
+"""Bytes of the lease id in a command attachment, which has 32 bytes."""
 _ATTACHMENT_BYTES = 32
 
 
 class Redactor:
-    """Replaces lease ids; a run can still be repeated, since ids are only compared.
+    """Replaces lease ids. Reruns still work, because ids are only compared.
 
-    The replacement depends on a secret that is forgotten, so no id can be found again.
+    The replacement depends on a secret that is discarded, so original ids cannot be recovered.
     """
 
     def __init__(self) -> None:
@@ -212,13 +213,13 @@ class Redactor:
         return hashlib.blake2b(lease, key=self._key, digest_size=16).digest()
 
     def text(self, data: bytes) -> bytes:
-        """Return JSON with all ids in it replaced."""
+        """Replace all ids in JSON text."""
         return _HEX_ID.sub(
             lambda found: self.id(bytes.fromhex(found[0].decode())).hex().encode(), data
         )
 
     def attachment(self, attachment: bytes) -> bytes:
-        """Return the attachment of a command with its id replaced; any other is blotted out."""
+        """Replace the id in a command attachment; other attachments are blanked."""
         if len(attachment) != _ATTACHMENT_BYTES:
             return bytes(len(attachment))
         changed = bytearray(attachment)
@@ -228,7 +229,7 @@ class Redactor:
     def _raw(self, data: bytes) -> bytes:
         raw = msgspec.json.decode(data, type=RawMessage)
         attachment = self.attachment(bytes.fromhex(raw.attachment)).hex()
-        # What could not be read may have anything in it.
+        # Undecodable payloads may contain anything.
         payload = None if raw.payload is None else ""
         return msgspec.json.encode(RawMessage(attachment, payload, raw.put))
 

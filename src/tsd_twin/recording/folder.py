@@ -1,5 +1,5 @@
-"""Folder of recordings: names of new files, cut files completed, the oldest ones removed, and a
-catalogue with start, duration and robots of each.
+"""Folder of recordings: file names, repair of truncated files, size limit, and a catalogue with
+start, duration and robots of each recording.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from tsd_twin.recording.records import is_whole
 from tsd_twin.recording.remote import RemoteFolderReader
 
 _PATTERN = "tsd-*.mcap"
-"""Only files with such a name are completed or removed: a folder may have others."""
+"""Only matching files are repaired or removed, because a folder may contain other files."""
 _UNFINISHED = ".part"
 _NEW_S = 10.0
 _MOST_RATIO = 256
-"""Decompressed size of a cut file to that on the disk; recorders reach a tenth of it."""
+"""Maximum ratio of decompressed size to file size; recorders reach a tenth of it."""
 _FREE_BYTES = 64 << 20
-"""Decompressed size that any file may have."""
+"""Decompressed size allowed for any file."""
 _LOG = logging.getLogger(__name__)
 
 
 LEAST_GB, DEFAULT_GB = 0.01, 5.0
-"""Smallest and usual limit of a folder."""
+"""Minimum and default size limit of a folder."""
 
 
 def default_folder(home: Path | None = None) -> Path:
-    """Return the folder for recordings of this user, or below another `home` than theirs."""
+    """Return the recordings folder of this user, or below another `home`."""
     data = os.environ.get("XDG_DATA_HOME")
     if home is None and data:
         return Path(data) / "tsd-twin"
@@ -47,13 +47,13 @@ def default_folder(home: Path | None = None) -> Path:
 
 
 class RecordingFolder:
-    """Folder of recordings with a limit of its size."""
+    """Folder of recordings with a size limit."""
 
     def __init__(self, path: Path, keep_bytes: int) -> None:
         """Create the folder if needed.
 
         Raises:
-            TwinError: it cannot be created or written to.
+            TwinError: If it cannot be created or written to.
         """
         self.path = path
         self.keep_bytes = keep_bytes
@@ -65,10 +65,10 @@ class RecordingFolder:
             raise TwinError(f"{path} cannot be written to: choose another folder")
 
     def new_file(self) -> RecordingFile:
-        """Return a new file, named by the time.
+        """Create a file named by the current time.
 
         Raises:
-            OSError: it cannot be created.
+            OSError: If it cannot be created.
         """
         stem = datetime.now(UTC).strftime("tsd-%Y%m%dT%H%M%SZ")
         number = 1
@@ -80,10 +80,10 @@ class RecordingFolder:
                 number += 1
 
     def complete_cut_files(self) -> list[Path]:
-        """Give an index to files that were cut, as by a power cut; return those.
+        """Add the index to truncated files, for example after a power cut; return those files.
 
-        Files without any message are removed. A file that does not fit on the disk a second time
-        is left as it is, for the next start.
+        Files without messages are removed. If the disk cannot hold a copy of a file, it is left
+        unchanged until the next start.
         """
         for left in self.path.glob(_PATTERN + _UNFINISHED):
             left.unlink(missing_ok=True)
@@ -99,7 +99,7 @@ class RecordingFolder:
         return completed
 
     def remove_oldest(self) -> list[Path]:
-        """Remove the oldest files until the folder keeps its limit; return those."""
+        """Remove the oldest files until the folder is within its limit; return those files."""
         files = sorted(self.path.glob(_PATTERN), key=lambda path: path.stat().st_mtime_ns)
         total = sum(path.stat().st_size for path in files)
         removed: list[Path] = []
@@ -115,22 +115,22 @@ class RecordingFolder:
         return removed
 
     def _unused(self) -> Iterator[Path]:
-        """Yield the files that no recorder writes to, in the order of their names."""
+        """Yield the files that no recorder is writing, sorted by name."""
         for path in sorted(filter(Path.is_file, self.path.glob(_PATTERN))):
             with contextlib.suppress(OSError), path.open("rb") as file:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 about = path.stat()
-                # Another recorder has created it, and will lock it in a moment.
+                # A new empty file may belong to another recorder that is about to lock it.
                 if about.st_size or time.time() - about.st_mtime > _NEW_S:
                     yield path
 
 
 def _complete(path: Path) -> bool:
-    """Write a cut file anew, with an index; return whether it has any message.
+    """Rewrite a truncated file with an index; return whether it has any message.
 
     Raises:
-        OSError: it does not fit on the disk.
-        RecordingError: it is much larger than on the disk, as no recorder writes it.
+        OSError: If the copy does not fit on the disk.
+        RecordingError: If the decompressed messages are implausibly large.
     """
     most = _FREE_BYTES + _MOST_RATIO * path.stat().st_size
     unfinished = path.with_name(path.name + _UNFINISHED)
@@ -159,29 +159,29 @@ def _complete(path: Path) -> bool:
 
 
 def _until_cut(path: Path) -> Iterator[Entry]:
-    with contextlib.suppress(RecordingError):  # Not even its beginning is there.
+    with contextlib.suppress(RecordingError):  # Even the start of the file may be missing.
         yield from entries(path)
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingSummary:
-    """A recording in a list."""
+    """Summary of a recording for listings."""
 
     path: Path
     start_ns: int
-    """Wall clock of the recorder at the start; 0 without any message."""
+    """Start, recorder's wall clock; 0 if there are no messages."""
     duration_s: float
     robots: tuple[str, ...]
     size: int
     """Bytes."""
     is_whole: bool
-    """Whether it is closed; otherwise it is being written, or was cut."""
+    """Whether the file is complete, not truncated or still being written."""
     marks: int = 0
     """Number of marks."""
 
 
 class Catalogue:
-    """Catalogue of one folder; a file is read again only when it or its marks have changed."""
+    """Catalogue of a folder; rereads a file only if it or its marks have changed."""
 
     def __init__(self, folder: Path, reader: FolderReader | RemoteFolderReader) -> None:
         self.folder = folder
@@ -189,10 +189,10 @@ class Catalogue:
         self._known: dict[Path, tuple[tuple[int, ...], RecordingSummary | None]] = {}
 
     def recordings(self) -> list[RecordingSummary]:
-        """Return all recordings, the newest first; files that cannot be read are left out."""
+        """Return all readable recordings, latest first."""
         found: dict[Path, tuple[tuple[int, ...], RecordingSummary | None]] = {}
         for path in self.folder.glob("*.mcap"):
-            with contextlib.suppress(OSError):  # It was removed meanwhile.
+            with contextlib.suppress(OSError):  # The file may have been removed.
                 about = path.stat()
                 stamp = about.st_mtime_ns, about.st_size, *_stamp(marks_file(path))
                 known = self._known.get(path)

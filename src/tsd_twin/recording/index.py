@@ -1,7 +1,7 @@
-"""Index of a recording: which chunks have messages of a topic, so that any time is found at once.
+"""Index of a recording by topic and chunk, for fast access by time.
 
-A whole file has this index at its end. One that is being written, or was cut, is walked over
-once, from record to record; `refresh` goes on where the last walk ended.
+Complete files end with this index. A file that is being written, or was truncated, is scanned once;
+`refresh` resumes at the end of the last scan.
 """
 
 from __future__ import annotations
@@ -28,35 +28,35 @@ from tsd_twin.recording.records import (
 )
 
 _KEPT_BYTES = 24 << 20
-"""Memory for decompressed chunks: some ten seconds of five robots."""
+"""Memory for decompressed chunks, about ten seconds of five robots."""
 _MOST_PENDING_BYTES = 64 << 20
-"""Memory for messages of chunks whose times overlap."""
+"""Memory for messages of chunks that overlap in time."""
 _MOST_VISITED = 200
-"""Chunks that are read to find one message: those of a recorder overlap by a few."""
+"""Maximum chunks read to find one message; a recorder's chunks overlap by a few."""
 _MESSAGE_BYTES = 400
-"""Memory of a message in addition to its payload."""
+"""Memory overhead per message."""
 
 
 class _Chunks:
-    """Chunks that have messages of one topic, by their start."""
+    """Chunks that contain messages of a topic, sorted by start."""
 
     def __init__(self) -> None:
         self._places: list[Place] = []
         self._starts_ns: list[int] = []
         self._ends_ns: list[int] = []
-        """Latest end of all chunks up to each: threads may number messages out of order."""
+        """Running maximum of the chunk ends, because threads may log messages out of order."""
 
     def add(self, place: Place) -> None:
-        """Add a chunk; nearly all are added in the order of time."""
+        """Add a chunk, usually in order of time."""
         if self._places and place < self._places[-1]:
-            self._starts_ns, self._ends_ns = [], []  # Sorted and made again at the next use.
+            self._starts_ns, self._ends_ns = [], []  # Rebuilt at the next use.
         elif len(self._starts_ns) == len(self._places):
             self._starts_ns.append(place.start_ns)
             self._ends_ns.append(max(place.end_ns, self._ends_ns[-1] if self._ends_ns else 0))
         self._places.append(place)
 
     def sorted(self) -> tuple[list[Place], list[int], list[int]]:
-        """Chunks by their start; their starts; the latest end of all chunks up to each."""
+        """Return the chunks by start, their starts, and the running maximum of their ends."""
         if len(self._starts_ns) != len(self._places):
             self._places.sort()
             self._starts_ns = [place.start_ns for place in self._places]
@@ -65,24 +65,24 @@ class _Chunks:
 
 
 class _Pending:
-    """Messages that wait for those of other chunks, by time and place."""
+    """Messages held back until overlapping chunks are read, sorted by time and position."""
 
     def __init__(self, path: Path, sign: int = 1) -> None:
-        """`sign` is 1 for the oldest first, -1 for the newest first."""
+        """`sign` is 1 for oldest first, -1 for latest first."""
         self._path, self._sign, self._bytes = path, sign, 0
         self._heap: list[tuple[int, int, int, Entry]] = []
-        """Time, offset of the chunk, number in it, message; no two are in one place."""
+        """Time, chunk offset, number in the chunk, message; positions are unique."""
 
     @property
     def first_ns(self) -> int | None:
-        """Time of the next message; None if none waits."""
+        """Time of the next message, or None if empty."""
         return self._sign * self._heap[0][0] if self._heap else None
 
     def add(self, place: Place, number: int, entry: Entry) -> None:
         """Add a message.
 
         Raises:
-            RecordingError: If too many wait.
+            RecordingError: If too many messages are pending.
         """
         self._bytes += _cost(entry)
         if self._bytes > _MOST_PENDING_BYTES:
@@ -92,7 +92,7 @@ class _Pending:
         heapq.heappush(self._heap, (*key, entry))
 
     def pop_before(self, limit_ns: int) -> Iterator[Entry]:
-        """Remove and yield all on this side of a time."""
+        """Remove and yield all messages before `limit_ns` (after it, if latest first)."""
         while self._heap and self._heap[0][0] < self._sign * limit_ns:
             entry = heapq.heappop(self._heap)[-1]
             self._bytes -= _cost(entry)
@@ -104,17 +104,17 @@ def _cost(entry: Entry) -> int:
 
 
 class RecordingIndex:
-    """Index of one file, which stays open; messages of a topic are found by time."""
+    """Index of a file, which stays open; finds messages by topic and time."""
 
     def __init__(self, path: Path) -> None:
-        """Read the index, or walk over a file that has none.
+        """Read the index, or scan the file if it has none.
 
         Raises:
-            RecordingError: it is no recording.
+            RecordingError: If the file is not a recording.
         """
         self.path = path
         self.start_ns = self.end_ns = 0
-        """Wall clock of the recorder at the first and the last message; 0 without any."""
+        """Time of the first and last message, recorder's wall clock; 0 if empty."""
         self.channels = Channels()
         self._topics: dict[str, _Chunks] = {}
         self._chunks = self._indexed = self._parsed_bytes = 0
@@ -122,7 +122,7 @@ class RecordingIndex:
         self._walked = len(MAGIC)
         self._file = RecordFile(path)
         self.is_whole = self._file.is_whole
-        """Whether the file is closed; otherwise it may be growing."""
+        """Whether the file is complete; otherwise it may be growing."""
         try:
             if self.is_whole:
                 self._read_summary()
@@ -138,16 +138,16 @@ class RecordingIndex:
 
     @property
     def topics(self) -> Collection[str]:
-        """All topics that have messages."""
+        """Topics with messages."""
         return self._topics.keys()
 
     def newest_first(self, topic: str, at_ns: int) -> Iterator[Entry]:
-        """Yield the messages of a topic up to a time, the newest first.
+        """Yield the messages of a topic up to a time, latest first.
 
-        Of messages with the same time the one that was written last is the newest.
+        Messages with equal times are yielded in reverse order of writing.
 
         Raises:
-            RecordingError: the file is damaged there.
+            RecordingError: If the file is damaged there.
         """
         chunks = self._topics.get(topic)
         if chunks is None:
@@ -164,10 +164,10 @@ class RecordingIndex:
                 yield entry
 
     def first_after(self, topic: str, at_ns: int) -> Entry | None:
-        """Return the oldest message of a topic after a time; None when there is none.
+        """Return the first message of a topic after a time, or None.
 
         Raises:
-            RecordingError: the file is damaged there.
+            RecordingError: If the file is damaged there.
         """
         chunks = self._topics.get(topic)
         if chunks is None:
@@ -185,20 +185,20 @@ class RecordingIndex:
         return next(pending.pop_before(1 << 64), None)
 
     def _visited(self, count: int) -> int:
-        """Count a chunk that is read to find one message.
+        """Count a chunk read to find one message.
 
         Raises:
-            RecordingError: There were too many.
+            RecordingError: If too many chunks were read.
         """
         if count >= _MOST_VISITED:
             raise RecordingError(f"{self.path} is damaged: too many of its chunks overlap")
         return count + 1
 
     def entries(self, topics: Collection[str], after_ns: int = -1) -> Iterator[Entry]:
-        """Yield the messages of some topics after a time, about in the order of time.
+        """Yield the messages of some topics after a time, roughly in order of time.
 
         Raises:
-            RecordingError: the file is damaged.
+            RecordingError: If the file is damaged.
         """
         for place in self._places(topics, after_ns):
             for entry in self._file.entries(place, self.channels, topics):
@@ -208,10 +208,10 @@ class RecordingIndex:
     def ordered(
         self, topics: Collection[str] | None, from_ns: int = 0, until_ns: int = 1 << 64
     ) -> Iterator[Entry]:
-        """Yield the messages of some topics or of all, from a time until another, in order.
+        """Yield the messages of some topics, or of all, in [from_ns, until_ns), in order of time.
 
         Raises:
-            RecordingError: the file is damaged.
+            RecordingError: If the file is damaged.
         """
         pending = _Pending(self.path)
         for place in self._places(self.topics if topics is None else topics, from_ns - 1):
@@ -224,14 +224,14 @@ class RecordingIndex:
         yield from pending.pop_before(until_ns)
 
     def _places(self, topics: Collection[str], after_ns: int) -> list[Place]:
-        """Chunks with some topics that end after a time, by their start."""
+        """Return the chunks with some topics that end after a time, sorted by start."""
         chunks = [self._topics[topic] for topic in topics if topic in self._topics]
         return sorted(
             {place for each in chunks for place in each.sorted()[0] if place.end_ns > after_ns}
         )
 
     def refresh(self) -> None:
-        """Take in what was written to a growing file since the last call."""
+        """Add data written to a growing file since the last call."""
         if not self.is_whole:
             with readable(self.path):
                 self._walk(self._file.size)
@@ -255,7 +255,7 @@ class RecordingIndex:
         self.end_ns = max(self.end_ns, place.end_ns)
 
     def _walk(self, size: int) -> None:
-        """Take in all chunks that are complete, with their message indexes."""
+        """Add all complete chunks with their message indexes."""
         channels, last = set[int](), None
         for kind, at, length in self._file.walk(self._walked, size):
             if kind == Opcode.MESSAGE_INDEX and last is not None:
@@ -270,10 +270,10 @@ class RecordingIndex:
             else:
                 self._walked = at + length
         if last is not None:
-            self._learn(last, None)  # The rest of its message indexes may be still to come.
+            self._learn(last, None)  # Its message indexes may still be incomplete.
 
     def _learn(self, place: Place, channels: set[int] | None) -> None:
-        """Take in a chunk with messages of these channels, or of those that are found in it."""
+        """Add a chunk with messages of these channels; if unknown, read the chunk to find them."""
         if channels is not None and all(number in self.channels for number in channels):
             self._add(place, channels)
             return
@@ -281,7 +281,7 @@ class RecordingIndex:
         self._add(place, self.channels.wanted(topics))
 
     def _messages(self, place: Place) -> dict[str, list[Entry]]:
-        """Return the messages of a chunk by topic, in the order in which they were written."""
+        """Return the messages of a chunk by topic, in the order written."""
         if (known := self._parsed.get(place.offset)) is not None:
             self._parsed.move_to_end(place.offset)
             return known[1]

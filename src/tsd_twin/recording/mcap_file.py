@@ -1,5 +1,5 @@
-"""File of a recording: MCAP, written in chunks that are on the disk within a second, and read whole
-or up to where it is cut.
+"""MCAP files of recordings: written in chunks that reach the disk within a second, read entirely or
+up to a truncation.
 """
 
 from __future__ import annotations
@@ -31,29 +31,29 @@ PROFILE = "ros2"
 LIBRARY = "tsd-twin"
 _CHUNK_BYTES = 256 * 1024
 _WAITING_BYTES = 32 * 1024 * 1024
-"""What waits for a full disk; what comes later is lost."""
+"""Maximum data held while the disk is full; later entries are lost."""
 
 
 class RecordingFile:
-    """MCAP file that entries are added to; `flush` puts them on the disk.
+    """MCAP file to which entries are added; `flush` writes them to the disk.
 
-    It is always whole up to the last flush, also when the disk is full: what does not fit stays in
-    memory and is tried again. The lock shows other recorders that the file is in use.
+    The file is valid up to the last flush, even if the disk is full: unwritten data is kept in
+    memory and retried. A lock shows other recorders that the file is in use.
     """
 
     def __init__(self, path: Path) -> None:
         """Create the file.
 
         Raises:
-            OSError: it exists, or cannot be created.
+            OSError: If it exists or cannot be created.
         """
         self.path = path
         self.size = 0
-        """Bytes on the disk."""
+        """Bytes written to the disk."""
         self.lost = 0
-        """Entries that were not recorded since the disk was full for too long."""
+        """Entries lost because the disk was full for too long."""
         self.refused = 0
-        """Entries that no reader would take: too long, or of too many topics."""
+        """Entries rejected because readers would not accept them: too long, or too many topics."""
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         fcntl.flock(self._fd, fcntl.LOCK_EX)
         self._waiting = _Sink()
@@ -61,7 +61,7 @@ class RecordingFile:
 
     @property
     def waiting(self) -> int:
-        """Bytes that are not on the disk."""
+        """Bytes not yet written to the disk."""
         return self._waiting.size
 
     def add(self, entry: Entry) -> None:
@@ -74,19 +74,19 @@ class RecordingFile:
             self._writer.add(entry)
 
     def flush(self) -> None:
-        """Put all entries on the disk.
+        """Write all entries to the disk.
 
         Raises:
-            OSError: the disk is full or broken; nothing is lost, and the next flush tries again.
+            OSError: If the disk is full or broken; data is kept, and the next flush retries.
         """
         self._writer.flush()
         self._write_waiting()
 
     def close(self) -> None:
-        """Write the index, and close the file.
+        """Write the index and close the file.
 
         Raises:
-            OSError: it does not fit; the file is as after a power cut.
+            OSError: If the index does not fit; the file then looks truncated.
         """
         try:
             self._writer.finish()
@@ -108,7 +108,7 @@ class RecordingFile:
                     view, at = view[written:], at + written
             os.fsync(self._fd)
         except OSError:
-            # A half written chunk would end the file for every reader.
+            # A partly written chunk would end the file for every reader.
             os.ftruncate(self._fd, self.size)
             os.lseek(self._fd, self.size, os.SEEK_SET)
             raise
@@ -117,7 +117,7 @@ class RecordingFile:
 
 
 class McapWriter:
-    """Writer of entries to any stream, with the channels and schemas that they need."""
+    """Writes entries to a stream, with the required channels and schemas."""
 
     def __init__(self, stream: IO[Any]) -> None:
         self._writer = Writer(stream, chunk_size=_CHUNK_BYTES)
@@ -126,7 +126,7 @@ class McapWriter:
         self._schemas: dict[str, int] = {}
 
     def fits(self, entry: Entry) -> bool:
-        """Return whether readers take an entry, which has a budget for each file."""
+        """Return whether readers accept an entry within their limits per file."""
         known = (entry.topic, entry.encoding, entry.type) in self._channels
         return len(entry.data) <= MOST_MESSAGE_BYTES and (
             known
@@ -164,7 +164,7 @@ class McapWriter:
 
 
 class _Sink:
-    """Stream that keeps what is written to it."""
+    """Stream that keeps the written data."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
@@ -182,7 +182,7 @@ class _Sink:
         return self._end
 
     def flush(self) -> None:
-        """Do nothing: the owner writes."""
+        """Do nothing, because the owner writes the data."""
 
     def clear(self) -> None:
         self.parts, self.size = [], 0
@@ -195,10 +195,10 @@ def entries(
     from_ns: int | None = None,
     until_ns: int | None = None,
 ) -> Iterator[Entry]:
-    """Yield the entries of a file in the order of their time, up to where it is cut if it is.
+    """Yield the entries of a file in order of time; truncated files in order of writing.
 
     Raises:
-        RecordingError: it is no recording, or is damaged.
+        RecordingError: If the file is not a recording, or is damaged.
     """
     file = RecordFile(path)
     first_ns, end_ns = from_ns or 0, until_ns or 1 << 64
@@ -224,7 +224,7 @@ def _indexed(
 
 
 def _until_damaged(file: RecordFile, topics: Collection[str] | None) -> Iterator[Entry]:
-    """Yield the entries of a cut file, up to its end or the first damaged record."""
+    """Yield the entries of a truncated file up to its end or the first damaged record."""
     channels = Channels()
     try:
         for kind, at, length in file.walk(len(MAGIC), file.size):
@@ -235,10 +235,10 @@ def _until_damaged(file: RecordFile, topics: Collection[str] | None) -> Iterator
 
 
 def topic_list(path: Path) -> list[tuple[str, str, str, int]]:
-    """Return topic, encoding, ROS 2 type and number of entries of all topics.
+    """Return topic, encoding, ROS 2 type and message count of all topics.
 
     Raises:
-        RecordingError: it is no recording.
+        RecordingError: If the file is not a recording.
     """
     file = RecordFile(path)
     try:
@@ -259,10 +259,10 @@ def topic_list(path: Path) -> list[tuple[str, str, str, int]]:
 
 
 def time_span_ns(path: Path) -> tuple[int, int]:
-    """Return the times of the first and the last entry; (0, 0) when there is none.
+    """Return the times of the first and last entry, or (0, 0) if empty.
 
     Raises:
-        RecordingError: it is no recording.
+        RecordingError: If the file is not a recording.
     """
     file = RecordFile(path)
     try:

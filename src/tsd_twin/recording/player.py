@@ -1,6 +1,6 @@
-"""Player of a recording: the state of its robots at any time, and replay on the bus.
+"""Playback of a recording: the robots' states at any time, and replay on the bus.
 
-A replay has an id of its own and cannot be driven.
+A replay has a separate robot id and cannot be driven.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ Reader: TypeAlias = RecordingReader | RemoteReader
 
 
 class RecordedRobot:
-    """Robot of a recording at one time; it can be drawn as a live one, and not be commanded."""
+    """Robot of a recording at a given time; drawn like a live robot, but accepts no commands."""
 
     sent_commands: Sequence[SentCommand] = ()
-    """Commands of the dashboard: none."""
+    """Commands sent by the dashboard, always empty."""
 
     def __init__(self, robot_id: str, robot: RobotDescription) -> None:
         self.id = robot_id
@@ -49,7 +49,7 @@ class RecordedRobot:
         self.kinematics = robot.kinematics()
         self.round_trips = RoundTrips()
         self.snapshot = Snapshot()
-        """Newest messages at this time; the same object as long as nothing has changed. Times of
+        """Latest messages at this time; the object is replaced only if they change. Times of
         receipt are seconds since the start of the recording.
         """
         self.alive = False
@@ -85,30 +85,30 @@ class RecordedRobot:
 
 
 class Player:
-    """Player of one recording: all its robots at a time, which may jump to and fro.
+    """Shows all robots of a recording at an arbitrary time.
 
-    It belongs to one thread.
+    Not thread-safe.
     """
 
     def __init__(
         self, path: Path, robot_id: str | None = None, reader: Reader | None = None
     ) -> None:
-        """Show a recording, one of its robots or all, by a reader in this process or another.
+        """Open one robot of a recording, or all; `reader` may run in another process.
 
         Raises:
-            RecordingError: it is none, or has no such robot.
+            RecordingError: If the file is not a recording or lacks the robot.
         """
         self.path = path
         self.reader: Reader = RecordingReader(path) if reader is None else reader
-        """Reader of the file; it is closed with the player."""
+        """Reader of the file; closed with the player."""
         self.t_s = 0.0
-        """Time that is shown, in seconds since the start."""
+        """Displayed time, seconds since the start."""
         try:
             contents = self.reader.contents()
             self.start_ns, self._end_ns = contents.start_ns, contents.end_ns
-            """Wall clock of the recorder at the first message."""
+            """Time of the first message, recorder's wall clock."""
             self.unknown = contents.unknown
-            """Robots that cannot be shown, each with the reason."""
+            """Robots that cannot be shown, with the reasons."""
             self.robots: Mapping[str, RecordedRobot] = {
                 each: RecordedRobot(each, parse_recorded(text, each))
                 for each, text in contents.robots.items()
@@ -132,14 +132,14 @@ class Player:
 
     @property
     def duration_s(self) -> float:
-        """Duration up to now: a file that is being written gets longer."""
+        """Duration so far; grows while the file is being written."""
         return 1e-9 * (self._end_ns - self.start_ns)
 
     def seek(self, t_s: float) -> None:
-        """Show a time, in seconds since the start; the states are those of playing through.
+        """Show a time, in seconds since the start; same states as after playing up to it.
 
         Raises:
-            RecordingError: the file is damaged there.
+            RecordingError: If the file is damaged there.
         """
         self.t_s = min(max(t_s, 0.0), self.duration_s)
         found = self.reader.states(list(self.robots), self._now_ns())
@@ -147,20 +147,20 @@ class Player:
             robot.show(found[robot_id], self.start_ns)
 
     def step(self, robot_id: str, *, back: bool = False) -> None:
-        """Show the time of the next status of a robot, or of the one before.
+        """Show the time of a robot's next status, or of the previous one.
 
         Raises:
-            RecordingError: the file is damaged there.
+            RecordingError: If the file is damaged there.
         """
         log_ns = self.reader.next_status_ns(robot_id, self._now_ns(), back=back)
         if log_ns is not None:
             self.seek(1e-9 * (log_ns - self.start_ns))
 
     def refresh(self) -> None:
-        """Take in what was written since, to a file that is being written.
+        """Update the duration of a file that is being written.
 
         Raises:
-            RecordingError: the file is damaged.
+            RecordingError: If the file is damaged.
         """
         self._end_ns = self.reader.contents().end_ns
 
@@ -172,19 +172,19 @@ LEAST_SPEED, MOST_SPEED = 0.1, 16.0
 
 
 class Playback:
-    """Cursor of a recording, with the time as an argument; it pauses at the end."""
+    """Playback position, with time as an argument; pauses at the end."""
 
     def __init__(self, duration_s: float, now_s: float) -> None:
         self.duration_s = duration_s
-        """Duration; it grows while the recording is written."""
+        """Duration; grows while the recording is being written."""
         self.speed = 1.0
-        """Factor of the speed at which it plays."""
+        """Playback speed factor."""
         self.playing = False
         self._t_s = 0.0
         self._since_s = now_s
 
     def t_s(self, now_s: float) -> float:
-        """Return the time that is shown, in seconds since the start of the recording."""
+        """Return the displayed time, in seconds since the start of the recording."""
         if self.playing:
             self._t_s += max(0.0, now_s - self._since_s) * self.speed
             if self._t_s >= self.duration_s:
@@ -194,37 +194,39 @@ class Playback:
         return self._t_s
 
     def play(self, speed: float, now_s: float) -> None:
-        """Play from the time that is shown, or from the start when that is the end."""
+        """Play from the displayed time, or from the start if it is at the end."""
         t_s = self.t_s(now_s)
         self._t_s = 0.0 if t_s >= self.duration_s else t_s
         self.speed = min(max(speed, LEAST_SPEED), MOST_SPEED)
         self.playing = True
 
     def pause(self, now_s: float) -> None:
-        """Stand still."""
+        """Pause playback."""
         self.t_s(now_s)
         self.playing = False
 
     def seek(self, t_s: float, now_s: float) -> None:
-        """Show a time; playing goes on from there."""
+        """Show a time; playback continues from there."""
         self._t_s = min(max(t_s, 0.0), self.duration_s)
         self._since_s = now_s
 
 
 _PREFIXES = ("state/", "event/", "sensor/")
-"""What is replayed. Commands are not: no gate would judge them, and their leases are over."""
+"""Topics that are replayed. Commands are not, because they would bypass the command gate and their
+leases have expired.
+"""
 _LOOK_S = 0.01
 
 
 class Replay:
-    """Source on the bus that sends the states of one recorded robot and refuses all control."""
+    """Publishes the recorded states of a robot on the bus and refuses all control."""
 
     def __init__(self, bus: Bus, recording: Recording, robot: str, replay_id: str) -> None:
         """Claim the id on the bus and answer services.
 
         Raises:
-            BusError: the id is taken or invalid.
-            RecordingError: the robot or its description is not in the recording.
+            BusError: If the id is taken or invalid.
+            RecordingError: If the recording lacks the robot or its description.
         """
         alive = topics.alive_key(topics.checked(replay_id))
         if robot not in recording.robots:
@@ -240,12 +242,12 @@ class Replay:
             service: bus.queryable(service.key(replay_id), patterns=service is Service.DESC)
             for service in Service
         }
-        # As a node does, so that a robot that is started with this id later reports it.
+        # Declared like a node, so that a robot started later with this id detects the conflict.
         instance = topics.recording_key(replay_id, secrets.token_hex(8))
         self._tokens = [bus.declare_token(instance), bus.declare_token(alive)]
 
     def run(self, stop: threading.Event, speed: float = 1.0) -> None:
-        """Send the recording once, `speed` times as fast as it was, until `stop` is set."""
+        """Publish the recording once, at `speed` times real time, until `stop` is set."""
         start_s = time.monotonic()
         first_ns: int | None = None
         for entry in self._entries():
@@ -306,7 +308,7 @@ class Replay:
 
 
 def play(replay: Replay, stop: threading.Event, speed: float, *, loop: bool = False) -> None:
-    """Run a replay once, or again and again with `loop`."""
+    """Run a replay once, or repeatedly with `loop`."""
     while not stop.is_set():
         replay.run(stop, speed)
         if not loop:
@@ -321,7 +323,7 @@ def _recorded_description(recording: Recording, robot: str) -> bytes:
 
 
 def _marked(status: bytes) -> bytes:
-    """Return a status that says that it is of a recording."""
+    """Mark a status as recorded."""
     try:
         value = msgspec.json.decode(status, type=dict[str, Any])
         value["hardware"] = {**value.get("hardware", {}), "kind": RECORDING}

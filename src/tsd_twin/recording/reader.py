@@ -1,7 +1,7 @@
-"""Reader of recordings for pages: what is listed, drawn and shown of a file.
+"""Reader of recordings for the dashboard: listings, states, events and tracks.
 
-A dashboard calls it in another process, see `reader_process`. All answers are small, whatever is in
-the file: longer texts are cut, longer states passed over.
+The dashboard runs it in another process, see `reader_process`. All results are small for any file:
+long texts are truncated, large states skipped.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from tsd_twin.recording.records import RecordFile, readable
 from tsd_twin.robots import RobotDescription
 
 MOST_ROBOTS = 16
-"""Robots of one recording that are listed and shown."""
+"""Maximum robots listed and shown per recording."""
 _LATEST_NS = (1 << 63) - 1
 _TRIED = 8
-"""Messages of a stream that are tried until one can be decoded."""
+"""Maximum messages of a stream tried until one can be decoded."""
 _STATE_BYTES = 16_384
-"""Longest state: ten times as long as those of a robot."""
+"""Maximum size of a state, ten times that of a typical one."""
 _TEXT_LENGTH = 200
 _MOST_EVENTS = 2000
 _GROWING = 16
-"""Files that are being written of which the index is kept."""
+"""Maximum number of growing files with a cached index."""
 
 STREAMS: dict[str, Topic] = {
     "joints": topics.JOINTS,
@@ -49,7 +49,7 @@ STREAMS: dict[str, Topic] = {
     "truth": topics.TRUTH,
     "status": topics.STATUS,
 }
-"""States that are shown, by their name in a snapshot."""
+"""Displayed states, by their name in a snapshot."""
 
 
 def decoders(robot: RobotDescription) -> dict[str, Callable[[bytes], Any]]:
@@ -60,7 +60,7 @@ def decoders(robot: RobotDescription) -> dict[str, Callable[[bytes], Any]]:
 
 
 class FoundState(msgspec.Struct, frozen=True, array_like=True):
-    """Newest message of a stream at a time, which can be decoded."""
+    """Latest decodable message of a stream at a time."""
 
     log_ns: int
     publish_ns: int
@@ -69,47 +69,47 @@ class FoundState(msgspec.Struct, frozen=True, array_like=True):
 
 
 class RobotStates(msgspec.Struct, frozen=True, array_like=True):
-    """States of one robot at a time."""
+    """States of a robot at a time."""
 
     alive: bool
     """Whether the node was on the bus."""
     found: dict[str, FoundState]
-    """By stream."""
+    """States by stream."""
 
 
 class Contents(msgspec.Struct, frozen=True):
-    """Contents of an opened recording."""
+    """Contents of an open recording."""
 
     start_ns: int
-    """Wall clock of the recorder at the first message."""
+    """Time of the first message, recorder's wall clock."""
     end_ns: int
     robots: dict[str, str]
     """Descriptions of the robots that can be shown, by id."""
     unknown: dict[str, str]
-    """Robots that cannot be shown, each with the reason."""
+    """Robots that cannot be shown, with the reasons."""
 
 
 class Listing(msgspec.Struct, frozen=True):
-    """A recording in a list."""
+    """Summary of a recording for listings."""
 
     start_ns: int
-    """Wall clock of the recorder at the start; 0 without any message."""
+    """Start, recorder's wall clock; 0 if there are no messages."""
     end_ns: int
     robots: tuple[str, ...]
     is_whole: bool
-    """Whether it is closed; otherwise it is being written, or was cut."""
+    """Whether the file is complete, not truncated or still being written."""
     marks: int
     """Number of marks."""
 
 
 class RecordingReader:
-    """Reader of one recording."""
+    """Reader of a recording."""
 
     def __init__(self, path: Path) -> None:
-        """Open it.
+        """Open the recording.
 
         Raises:
-            RecordingError: If it is not a recording.
+            RecordingError: If the file is not a recording.
         """
         self.index = RecordingIndex(path)
         self._texts: dict[str, str] = {}
@@ -139,12 +139,12 @@ class RecordingReader:
         self.index.close()
 
     def contents(self) -> Contents:
-        """Return what is in the file now: one that is being written gets longer."""
+        """Return the current contents; a file being written grows."""
         self.index.refresh()
         return Contents(self.index.start_ns, self.index.end_ns, self._texts, self._unknown)
 
     def states(self, robot_ids: Sequence[str], at_ns: int) -> dict[str, RobotStates]:
-        """Return the states of robots at a time, by the wall clock of the recorder.
+        """Return the states of robots at a time, recorder's wall clock.
 
         Raises:
             RecordingError: If the file is damaged there.
@@ -153,7 +153,7 @@ class RecordingReader:
             return {each: self._robots[each].at(at_ns) for each in robot_ids}
 
     def next_status_ns(self, robot_id: str, at_ns: int, *, back: bool) -> int | None:
-        """Time of the first status of a robot after a time, or of the last before it.
+        """Return the time of a robot's first status after a time, or of the last before it.
 
         Raises:
             RecordingError: If the file is damaged there.
@@ -167,7 +167,7 @@ class RecordingReader:
         return None if found is None else found.log_ns
 
     def events(self) -> list[RecordedEvent]:
-        """Return the events to show, the first of them if there are very many.
+        """Return the events to display, truncated to the first 2000.
 
         Raises:
             RecordingError: If the file is damaged.
@@ -180,12 +180,12 @@ class RecordingReader:
         """Return the marks.
 
         Raises:
-            RecordingError: If they cannot be read.
+            RecordingError: If the marks cannot be read.
         """
         return read_marks(self.index.path)
 
     def track(self, count: int) -> dict[str, list[tuple[float, float]]]:
-        """Return positions of each robot on a floor at `count` even times, in m.
+        """Return each robot's floor positions at `count` evenly spaced times, m.
 
         Raises:
             RecordingError: If the file is damaged.
@@ -202,7 +202,7 @@ class RecordingReader:
 
 
 class _RobotReader:
-    """Finds the states of one robot; the newest that can be decoded, as a live page shows them."""
+    """Finds a robot's states: the latest decodable ones, as on a live page."""
 
     def __init__(self, index: RecordingIndex, robot_id: str, robot: RobotDescription) -> None:
         self._index, self._id, self._decoders = index, robot_id, decoders(robot)
@@ -251,7 +251,7 @@ class _RobotReader:
 
 
 class FolderReader:
-    """Reader of the recordings of a folder, for a list."""
+    """Reads the summaries of the recordings in a folder."""
 
     def __init__(self) -> None:
         self._growing: OrderedDict[Path, RecordingIndex] = OrderedDict()
@@ -263,10 +263,10 @@ class FolderReader:
         self._growing.clear()
 
     def listing(self, path: Path) -> Listing:
-        """Return what a list shows of a recording.
+        """Return the summary of a recording.
 
         Raises:
-            RecordingError: If it is not a recording.
+            RecordingError: If the file is not a recording.
         """
         file = RecordFile(path)
         try:
@@ -286,7 +286,7 @@ class FolderReader:
         return Listing(start_ns, end_ns, shown, file.is_whole, len(read_marks(path)))
 
     def _index(self, path: Path) -> RecordingIndex:
-        """Index of a file that is being written, of which only what is new is read."""
+        """Return the index of a growing file, reading only new data."""
         index = self._growing.get(path)
         if index is None:
             index = self._growing[path] = RecordingIndex(path)
@@ -305,17 +305,17 @@ def _robots(found: Collection[str]) -> set[str]:
 
 
 def _description(index: RecordingIndex, robot_id: str) -> tuple[str, RobotDescription]:
-    """Return the newest description of a robot that is one, as text and parsed.
+    """Return the latest valid description of a robot, as text and parsed.
 
     Raises:
-        RecordingError: If there is none.
+        RecordingError: If the file has no description.
         RobotFileError: If it cannot be used.
     """
     for entry in index.newest_first(Service.DESC.key(robot_id), _LATEST_NS):
         try:
             text = msgspec.json.decode(entry.data, type=Description).robot
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            continue  # Not of a robot of ours.
+            continue  # Third-party robot.
         return text, parse_recorded(text, robot_id)
     raise RecordingError(f"there is no description of '{robot_id}'")
 
@@ -327,6 +327,6 @@ def parse_recorded(text: str, robot_id: str) -> RobotDescription:
         RobotFileError: If it cannot be used.
     """
     robot = robots.parse_description(text, f"description of {robot_id}")
-    # A folder on the robot's computer; on this one the path names other files.
+    # The path refers to the robot's computer; locally it would name unrelated files.
     body = msgspec.structs.replace(robot.body, meshes=None)
     return msgspec.structs.replace(robot, body=body)

@@ -1,6 +1,6 @@
 """Process that reads recordings: `python -m tsd_twin.recording.reader_process FD`.
 
-It forks a reader for each connection that it receives, see `remote`. All end with the dashboard.
+It forks a reader for each connection that it receives, see `remote`. All exit with the dashboard.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from tsd_twin.recording.reader import FolderReader, RecordingReader
 from tsd_twin.recording.remote import MOST_ANSWER_BYTES, receive, send
 
 NICE = 5
-"""Commands and STOP of the dashboard come first."""
+"""Lower priority, so that commands and STOP of the dashboard are not delayed."""
 CPU_S = 10
-"""Budget of one request."""
+"""CPU time limit per request."""
 MEMORY_BYTES = 768 << 20
-"""Budget of a reader, in addition to its program."""
+"""Memory limit of a reader, in addition to the process itself."""
 _MOST_REQUEST_BYTES = 1 << 16
 
 
 class _Reader:
-    """Answers the requests of one connection."""
+    """Answers the requests of a connection."""
 
     def __init__(self) -> None:
         self._folder = FolderReader()
@@ -71,7 +71,7 @@ def serve(connection: socket.socket) -> None:
                 raise RecordingError("there is too much in this recording to be shown")
         except RecordingError as error:
             answer = msgspec.msgpack.encode([str(error), None])
-        except Exception as error:  # A file that nobody has thought of must not end the list.
+        except Exception as error:  # An unforeseen file must not end the listing.
             problem = f"this recording cannot be read: {type(error).__name__}"
             answer = msgspec.msgpack.encode([problem, None])
         try:
@@ -90,12 +90,14 @@ def _limit_memory() -> None:
     pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
     most = pages * resource.getpagesize() + MEMORY_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    # Where memory is short, the kernel ends a reader, and not the dashboard.
+    Path("/proc/self/oom_score_adj").write_text("1000", "ascii")
 
 
 def main(requests: socket.socket) -> NoReturn:
-    """Fork a reader for each connection, until the dashboard ends."""
+    """Fork a reader for each connection until the dashboard exits."""
     os.nice(NICE)
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # Nobody waits for them.
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # Readers are reaped automatically.
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     while True:
         data, fds, *_ = socket.recv_fds(requests, 1, 1)

@@ -1,4 +1,4 @@
-"""Recorder: writes all messages of the bus to files, and goes on when the disk is full."""
+"""Recorder: writes all bus messages to files, and continues when the disk is full."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tsd_twin.recording.folder import RecordingFolder
 from tsd_twin.recording.mcap_file import RecordingFile
 
 EVERYTHING = ("twin/**",)
-"""Keys of a bus without access rules."""
+"""Keys on a bus without access rules."""
 ALLOWED = (
     "twin/*/state/**",
     "twin/*/event/**",
@@ -30,23 +30,22 @@ ALLOWED = (
     topics.SENSOR_POSE.key("*"),
     topics.STOP.key("*"),
 )
-"""Keys that the access rules of a robot allow to a recorder: one rule for each."""
+"""Keys that a robot's access rules allow recorders to read, one per rule."""
 FLUSH_S = 0.4
-"""Time between two writes to the disk, which is what a power cut loses at most; messages wait for
-another 0.2 s in the log of a node."""
+"""Write period, which limits the loss at a power cut; nodes buffer inputs for another 0.2 s."""
 NEW_FILE_S = 3600.0
 _SHARE = 0.25
-"""Of the limit of the folder, in one file: otherwise the limit could not be kept."""
+"""Maximum file size as a fraction of the folder limit; larger files would prevent keeping it."""
 _QUEUE = 200_000
-"""Messages that wait while a disk hangs: some ten minutes of one robot."""
+"""Maximum messages queued while the disk hangs, about ten minutes for a single robot."""
 _DESCRIBE_S = 2.0
 _LOG = logging.getLogger(__name__)
 
 
 class Recorder:
-    """Recorder of all robots on one bus or several.
+    """Records all robots on one or more buses.
 
-    Callbacks of a bus only queue; one thread, which calls `run`, converts and writes.
+    Bus callbacks only queue messages; the thread that calls `run` converts and writes them.
     """
 
     def __init__(
@@ -54,10 +53,10 @@ class Recorder:
     ) -> None:
         """Open the first file.
 
-        `notify` gets one sentence when the disk is full, and when it is no longer.
+        `notify` receives a sentence when the disk becomes full, and when space is available again.
 
         Raises:
-            OSError: the file cannot be created.
+            OSError: If the file cannot be created.
         """
         self._folder, self._notify = folder, notify
         self._make = EntryMaker()
@@ -72,13 +71,14 @@ class Recorder:
         self._full = ""
         self._refused = False
         self.file = folder.new_file()
-        """File that is being written."""
+        """Current file."""
         self._opened_s = time.monotonic()
 
     def listen(self, bus: Bus, keys: Sequence[str] = EVERYTHING) -> None:
-        """Record what is put on `keys` of a bus.
+        """Record all messages on `keys` of a bus.
 
-        It has to be a client session: peers of a robot do not see what other peers put.
+        The bus must be a client session, because peers of a robot do not see messages from other
+        peers.
         """
         for key in keys:
             bus.subscribe(key, self._put)
@@ -86,11 +86,11 @@ class Recorder:
             bus.subscribe_liveliness(key, functools.partial(self._receive_life, bus))
 
     def new_file(self) -> None:
-        """Begin a new file soon; may be called from a signal handler."""
+        """Start a new file soon; may be called from a signal handler."""
         self._new_file.set()
 
     def run(self, stop: threading.Event) -> None:
-        """Record until `stop` is set; then the file is closed with its index."""
+        """Record until `stop` is set, then close the file with its index."""
         try:
             while not stop.wait(FLUSH_S):
                 self._write()
@@ -102,17 +102,17 @@ class Recorder:
             self._close(self.file)
             self._folder.remove_oldest()
 
-    # On threads of the bus.
+    # Called on bus threads.
 
     def _now_ns(self) -> int:
-        # The wall clock as it was at the start: a clock that is set must not turn times round.
+        # Extrapolate the wall clock from the start, so that setting it cannot reverse times.
         return self._epoch_ns + time.monotonic_ns()
 
     def _receive_life(self, bus: Bus, key: str, is_alive: bool) -> None:
         self._put((key, {"alive": is_alive}))
         if key.endswith("/alive"):
             robot = robot_of(key)
-            if is_alive:  # It may have been started again, with another description.
+            if is_alive:  # A restarted robot may have another description.
                 self._alive[robot] = bus
                 self._describe(robot, bus)
             else:
@@ -125,7 +125,7 @@ class Recorder:
             self._dropped += 1
 
     def _describe(self, robot: str, bus: Bus) -> None:
-        """Ask a robot for its description, which every file needs."""
+        """Query a robot's description, which every file needs."""
 
         def take(answer: bytes | None) -> None:
             if answer is None:
@@ -133,7 +133,7 @@ class Recorder:
             try:
                 description = json.loads(answer)
             except ValueError:
-                description = None  # Not a robot of ours; it is not asked again.
+                description = None  # Third-party robot, not queried again.
             if self._descriptions.get(robot, self) != description:
                 self._descriptions[robot] = description
                 self._put((Service.DESC.key(robot), description))
@@ -144,7 +144,7 @@ class Recorder:
             return
 
     def _describe_again(self) -> None:
-        """Ask robots that have not answered."""
+        """Query robots that have not answered."""
         now_s = time.monotonic()
         if now_s - self._described_s > _DESCRIBE_S:
             self._described_s = now_s
@@ -152,7 +152,7 @@ class Recorder:
                 if robot not in self._descriptions:
                     self._describe(robot, bus)
 
-    # On the thread that writes.
+    # Called on the writing thread.
 
     def _write(self) -> None:
         for _ in range(len(self._queue)):
@@ -189,7 +189,7 @@ class Recorder:
         self._say(f"The recording goes on: {lost or 'no'} messages are lost.")
 
     def _say(self, text: str) -> None:
-        """Tell the terminal, and the pages of all robots."""
+        """Notify the terminal and the pages of all robots."""
         self._notify(text)
         event = Event("record", text, rule="recording")
         for robot, bus in list(self._alive.items()):

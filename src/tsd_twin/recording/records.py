@@ -1,7 +1,7 @@
-"""Records of an MCAP file from anywhere: budgets apply before anything is decompressed.
+"""Parser for MCAP records of untrusted files; limits apply before decompression.
 
-Work and memory are linear in the size of the file. A chunk is read with at most
-`MOST_CHUNK_BYTES`, whatever its header promises. All errors are a `RecordingError` of one sentence.
+Time and memory are linear in the file size. Reading a chunk uses at most `MOST_CHUNK_BYTES`,
+regardless of its header. All errors are reported as one-sentence `RecordingError`s.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ from tsd_twin.errors import RecordingError
 from tsd_twin.recording.channels import Entry
 
 MAGIC = b"\x89MCAP0\r\n"
-"""Beginning and end of a whole file."""
+"""First and last bytes of a complete file."""
 MOST_MESSAGE_BYTES = 6 << 20
-"""Payload of the largest message: 4 MiB of the bus in Base64 fit in it."""
+"""Maximum payload of a message: a 4 MiB bus message in Base64 fits."""
 MOST_CHUNK_BYTES = 8 << 20
-"""Largest chunk, decompressed: a recorder begins a new one after 256 KiB and one message."""
+"""Maximum decompressed size of a chunk; recorders end a chunk after 256 KiB and one message."""
 MOST_CHUNK_MESSAGES = 1 << 16
 MOST_CHUNKS = 200_000
-"""Chunks of a file: those of 22 hours."""
+"""Maximum chunks per file, enough for 22 hours."""
 MOST_INDEXED = 4_000_000
-"""Entries of an index, one for each chunk and topic in it."""
+"""Maximum index entries, one per chunk and topic in it."""
 MOST_CHANNELS = 4096
 MOST_TOPIC_BYTES = 1024
 _MOST_SCHEMA_BYTES = 1 << 20
 _MOST_SUMMARY_BYTES = 256 << 20
 _MOST_CHARACTERS = 200
 _LATEST_NS = (1 << 63) - 1
-"""Wall clocks of recorders are signed."""
+"""Wall-clock times of recorders are signed."""
 _PACKED_BYTES = MOST_CHUNK_BYTES + (1 << 16)
-"""Data that cannot be compressed becomes a little longer."""
+"""Incompressible data grows slightly."""
 
 _HEADER = struct.Struct("<BQ")
-"""Kind and length of a record."""
+"""Type and length of a record."""
 _FOOTER = struct.Struct("<QQI")
 _CHUNK = struct.Struct("<QQQI")
 """First and last time, decompressed size and checksum of a chunk."""
@@ -53,13 +53,13 @@ _OFFSET = struct.Struct("<HQ")
 _GROUP = struct.Struct("<BQQ")
 _STATISTICS = struct.Struct("<QHIIIIQQI")
 _MESSAGE = struct.Struct("<HIQQ")
-"""Channel, sequence, and both times, before the payload of a message."""
+"""Header of a message: channel, sequence, log time and publish time."""
 _U16, _U32, _U64 = struct.Struct("<H"), struct.Struct("<I"), struct.Struct("<Q")
 
 
 @contextlib.contextmanager
 def readable(path: Path) -> Generator[None]:
-    """Turn all errors within into a `RecordingError` about a file."""
+    """Convert all errors in the block to a `RecordingError` about a file."""
     try:
         yield
     except RecordingError:
@@ -68,13 +68,13 @@ def readable(path: Path) -> Generator[None]:
         raise RecordingError(f"{path} cannot be read: {error.strerror or error}") from error
     except MemoryError as error:
         raise RecordingError(f"{path} cannot be read: it needs too much memory") from error
-    except Exception as error:  # Damaged data raises anything; decompressors have their own errors.
+    except Exception as error:  # Damaged data and decompressors can raise anything.
         text = " ".join(str(error).split())[:_MOST_CHARACTERS] or type(error).__name__
         raise RecordingError(f"{path} is damaged: {text}") from error
 
 
 class Place(NamedTuple):
-    """A chunk in the file."""
+    """Location of a chunk in the file."""
 
     start_ns: int
     end_ns: int
@@ -83,7 +83,7 @@ class Place(NamedTuple):
 
 
 class Channels:
-    """Channels of a file with their schemas; the number of each is limited."""
+    """Channels and schemas of a file, limited in number."""
 
     def __init__(self) -> None:
         self._channels: dict[int, tuple[str, str, int]] = {}
@@ -93,13 +93,13 @@ class Channels:
         return number in self._channels
 
     def of(self, number: int) -> tuple[str, str, str] | None:
-        """Topic, encoding and ROS 2 type of a channel; None if it is unknown."""
+        """Return topic, encoding and ROS 2 type of a channel, or None if unknown."""
         if (channel := self._channels.get(number)) is None:
             return None
         return *channel[:2], self._types.get(channel[2], "")
 
     def wanted(self, topics: Collection[str] | None) -> dict[int, tuple[str, str, str]]:
-        """Channels of some topics, or of all."""
+        """Return the channels of some topics, or all."""
         return {
             number: (topic, encoding, self._types.get(schema, ""))
             for number, (topic, encoding, schema) in self._channels.items()
@@ -107,7 +107,7 @@ class Channels:
         }
 
     def learn(self, kind: int, body: bytes) -> None:
-        """Add the content of a channel or schema record."""
+        """Add a channel or schema record."""
         if kind == Opcode.CHANNEL:
             number, schema = struct.unpack_from("<HH", body)
             topic, at = _text(body, 4, MOST_TOPIC_BYTES)
@@ -123,36 +123,36 @@ class Channels:
 
 
 class Statistics(NamedTuple):
-    """Times and counts of a whole file."""
+    """Times and message counts of a complete file."""
 
     start_ns: int
     end_ns: int
     counts: dict[int, int]
-    """Messages by channel."""
+    """Message count by channel."""
 
 
 class Summary(NamedTuple):
-    """Index at the end of a whole file."""
+    """Index at the end of a complete file."""
 
     channels: Channels
     statistics: Statistics | None
     chunks: list[tuple[Place, list[int]]]
-    """Chunks with the channels in them."""
+    """Chunks with their channels."""
 
 
 class RecordFile:
-    """MCAP file of which records are read."""
+    """MCAP file opened for reading records."""
 
     def __init__(self, path: Path) -> None:
         """Open the file.
 
         Raises:
-            RecordingError: If it is not an MCAP file, or cannot be read.
+            RecordingError: If the file is not MCAP or cannot be read.
         """
         self.path = path
         with readable(path):
             if not stat.S_ISREG(path.stat().st_mode):
-                raise RecordingError(f"{path} is not a file")  # Opening a pipe waits for a writer.
+                raise RecordingError(f"{path} is not a file")  # Opening a pipe would block.
             self._file = path.open("rb")
         try:
             with readable(path):
@@ -162,7 +162,7 @@ class RecordFile:
                     )
                 end = self.size - len(MAGIC)
                 self.is_whole = end >= len(MAGIC) and self._pread(len(MAGIC), end) == MAGIC
-                """Whether the file is closed; otherwise it may be growing."""
+                """Whether the file is complete; otherwise it may be growing."""
         except BaseException:
             self._file.close()
             raise
@@ -173,14 +173,14 @@ class RecordFile:
 
     @property
     def size(self) -> int:
-        """Present size in bytes."""
+        """Current size in bytes."""
         return os.fstat(self._file.fileno()).st_size
 
     def summary(self, *, chunks: bool = True) -> Summary:
         """Read the index; without `chunks` only topics, times and counts, which is faster.
 
         Raises:
-            RecordingError: If the file is damaged, or has no index.
+            RecordingError: If the file is damaged or has no index.
         """
         with readable(self.path):
             end = self.size - len(MAGIC) - _HEADER.size - _FOOTER.size
@@ -219,7 +219,7 @@ class RecordFile:
         return found._replace(statistics=statistics)
 
     def walk(self, at: int, size: int) -> Iterator[tuple[int, int, int]]:
-        """Yield kind, offset of the content and its length of all complete records from `at`."""
+        """Yield type, content offset and content length of all complete records from `at`."""
         while at + _HEADER.size <= size:
             kind, length = _HEADER.unpack(self._pread(_HEADER.size, at))
             at += _HEADER.size + length
@@ -230,21 +230,21 @@ class RecordFile:
                 return
 
     def place(self, at: int, length: int) -> Place:
-        """Chunk whose content is at an offset."""
+        """Return the chunk whose content starts at an offset."""
         start_ns, end_ns, _, _ = _CHUNK.unpack(self._pread(_CHUNK.size, at))
         return _checked(Place(start_ns, end_ns, at - _HEADER.size, length + _HEADER.size))
 
     def channel_of_index(self, at: int) -> int:
-        """Channel of a message index whose content is at an offset."""
+        """Return the channel of the message index whose content starts at an offset."""
         return _U16.unpack(self._pread(_U16.size, at))[0]
 
     def entries(
         self, place: Place, channels: Channels, topics: Collection[str] | None = None
     ) -> Iterator[Entry]:
-        """Yield the messages of a chunk, of some topics or of all, and add its channels.
+        """Yield the messages of a chunk for some topics, or all, and add its channels.
 
         Raises:
-            RecordingError: If the chunk is damaged, or larger than a recorder writes.
+            RecordingError: If the chunk is damaged or larger than recorders write.
         """
         with readable(self.path):
             if place.length - _HEADER.size > _PACKED_BYTES:
@@ -269,7 +269,7 @@ class RecordFile:
                     wanted = channels.wanted(topics)
 
     def _part(self, start: int, length: int, end: int) -> Iterator[tuple[int, bytes]]:
-        """Yield kind and content of the records in a part of the summary."""
+        """Yield type and content of the records in a section of the summary."""
         if not len(MAGIC) <= start <= start + length <= end:
             raise ValueError("its index is not where its end says")
         if length > _MOST_SUMMARY_BYTES:
@@ -285,7 +285,7 @@ class RecordFile:
 
 
 def is_whole(path: Path) -> bool:
-    """Return whether a file ends as a whole MCAP file does."""
+    """Return whether a file ends like a complete MCAP file."""
     with path.open("rb") as file:
         file.seek(0, 2)
         if file.tell() < 2 * len(MAGIC):
@@ -305,7 +305,7 @@ def _records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
 
 
 def _unpacked(body: bytes) -> bytes:
-    """Decompress the content of a chunk, into no more than its budget."""
+    """Decompress a chunk within the size limit."""
     _, _, size, crc = _CHUNK.unpack_from(body)
     compression, at = _text(body, _CHUNK.size, 16)
     (length,) = _U64.unpack_from(body, at)
@@ -318,7 +318,7 @@ def _unpacked(body: bytes) -> bytes:
         case "":
             data = bytes(packed)
         case "zstd":
-            # A frame has its own idea of the size, which the decompressor would believe.
+            # The decompressor would trust the size in the frame header.
             promised = zstandard.get_frame_parameters(packed).content_size
             if promised not in (size, zstandard.CONTENTSIZE_UNKNOWN):
                 raise ValueError("a chunk does not have the size that it says")
@@ -336,7 +336,7 @@ def _unpacked(body: bytes) -> bytes:
 
 
 def _text(body: bytes, at: int, most: int) -> tuple[str, int]:
-    """Text with its length before it, and the offset behind it."""
+    """Return a length-prefixed text and the offset after it."""
     (length,) = _U32.unpack_from(body, at)
     end = at + _U32.size + length
     if length > most or end > len(body):
@@ -360,7 +360,7 @@ def _checked(place: Place) -> Place:
 
 
 def _check_places(places: list[Place], end: int) -> None:
-    """Refuse an index in which chunks overlap, so that no byte of the file is read twice."""
+    """Reject an index with overlapping chunks, so that no byte of the file is read twice."""
     at = len(MAGIC)
     for place in sorted(places, key=lambda place: place.offset):
         if not at <= place.offset <= place.offset + place.length <= end:

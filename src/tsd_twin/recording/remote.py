@@ -1,8 +1,8 @@
-"""Readers of recordings in other processes, so that no file holds up the process that asks.
+"""Readers of recordings in other processes, so that no file can block the caller.
 
-One process is started with the first file, and forks another for each reader. A reader has a budget
-of processor time for each request and one of memory, and a lower priority than its dashboard. When
-it exceeds one of them it ends, and the request becomes a `RecordingError`.
+One process starts with the first file and forks a reader for each connection. A reader has a CPU
+time limit per request, a memory limit, and lower priority than the dashboard. If it exceeds a limit
+it ends, and the request raises a `RecordingError`.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from tsd_twin.recording.reader import Contents, Listing, RobotStates
 
 MOST_ANSWER_BYTES = 2 << 20
 _PATIENCE_S = 60.0
-"""Time until a reader that waits for a disk is given up."""
+"""Timeout for a reader that waits for the disk."""
 LENGTH = struct.Struct("<I")
-"""Length before each message between the processes."""
+"""Length prefix of messages between the processes."""
 T = TypeVar("T")
 
 
 class ReaderProcesses:
-    """Starts readers; thread-safe."""
+    """Starts reader processes; thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -40,15 +40,15 @@ class ReaderProcesses:
         self._requests: socket.socket | None = None
 
     def close(self) -> None:
-        """Let no more readers be started; those that run end when they are closed."""
+        """Stop starting readers; running ones end when closed."""
         with self._lock:
             self._end()
 
     def connect(self) -> socket.socket:
-        """Start a reader, and return a connection to it.
+        """Start a reader and return a connection to it.
 
         Raises:
-            RecordingError: If there is no process for it.
+            RecordingError: If no process can be started.
         """
         with self._lock:
             if self._process is not None and self._process.poll() is not None:
@@ -88,7 +88,7 @@ class ReaderProcesses:
 
 
 class RemoteFolderReader:
-    """`FolderReader` in another process, which is started again after it had to end."""
+    """`FolderReader` in another process, which is restarted if it ended."""
 
     def __init__(self, processes: ReaderProcesses) -> None:
         self._processes = processes
@@ -100,11 +100,11 @@ class RemoteFolderReader:
             self._connection.close()
 
     def listing(self, path: Path) -> Listing:
-        """As `FolderReader.listing`."""
+        """See `FolderReader.listing`."""
         return self._ask(path, "listing", Listing)
 
     def track(self, path: Path, count: int) -> dict[str, list[tuple[float, float]]]:
-        """As `RecordingReader.track`."""
+        """See `RecordingReader.track`."""
         return self._ask(path, "track", dict[str, list[tuple[float, float]]], count)
 
     def _ask(self, path: Path, name: str, kind: type[T], *arguments: Any) -> T:
@@ -120,7 +120,7 @@ class RemoteReader:
         """Open a recording.
 
         Raises:
-            RecordingError: If it is not a recording, or takes too much time or memory.
+            RecordingError: If the file is not a recording, or requires too much time or memory.
         """
         self._path = path
         self._connection = _Connection(processes.connect())
@@ -135,23 +135,23 @@ class RemoteReader:
         self._connection.close()
 
     def contents(self) -> Contents:
-        """As `RecordingReader.contents`."""
+        """See `RecordingReader.contents`."""
         return self._ask("contents", Contents)
 
     def states(self, robot_ids: Sequence[str], at_ns: int) -> dict[str, RobotStates]:
-        """As `RecordingReader.states`."""
+        """See `RecordingReader.states`."""
         return self._ask("states", dict[str, RobotStates], robot_ids, at_ns)
 
     def next_status_ns(self, robot_id: str, at_ns: int, *, back: bool) -> int | None:
-        """As `RecordingReader.next_status_ns`."""
+        """See `RecordingReader.next_status_ns`."""
         return self._ask("next_status_ns", int | None, robot_id, at_ns, back)
 
     def events(self) -> list[RecordedEvent]:
-        """As `RecordingReader.events`."""
+        """See `RecordingReader.events`."""
         return self._ask("events", list[RecordedEvent])
 
     def marks(self) -> list[Mark]:
-        """As `RecordingReader.marks`."""
+        """See `RecordingReader.marks`."""
         return self._ask("marks", list[Mark])
 
     def _ask(self, name: str, kind: Any, *arguments: Any) -> Any:
@@ -159,7 +159,7 @@ class RemoteReader:
 
 
 class _Connection:
-    """Requests to one reader, one after the other."""
+    """Sequential requests to a reader."""
 
     def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
@@ -169,7 +169,7 @@ class _Connection:
     def close(self) -> None:
         self.has_ended = True
         with contextlib.suppress(OSError):
-            self._connection.shutdown(socket.SHUT_RDWR)  # For a thread that waits in `ask`.
+            self._connection.shutdown(socket.SHUT_RDWR)  # Wake a thread that waits in `ask`.
         self._connection.close()
 
     def ask(self, path: Path, name: str, kind: Any, *arguments: Any) -> Any:
@@ -192,17 +192,17 @@ def send(connection: socket.socket, message: bytes) -> None:
     """Send a message with its length.
 
     Raises:
-        OSError: If the other side has ended.
+        OSError: If the other side has closed the connection.
     """
     connection.sendall(LENGTH.pack(len(message)) + message)
 
 
 def receive(connection: socket.socket, most: int) -> bytes:
-    """Receive a message of at most so many bytes.
+    """Receive a message of at most `most` bytes.
 
     Raises:
-        EOFError: If the other side has ended, or sends more.
-        OSError: If nothing is received for a long time.
+        EOFError: If the other side has closed the connection or sends more.
+        OSError: If nothing is received within the timeout.
     """
     (length,) = LENGTH.unpack(_received(connection, LENGTH.size))
     if length > most:

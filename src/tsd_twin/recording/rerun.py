@@ -1,4 +1,4 @@
-"""Rerun: today's controller on the recorded inputs, compared with what was recorded."""
+"""Rerun: the current controller on recorded inputs, compared with the recorded outputs."""
 
 from __future__ import annotations
 
@@ -41,33 +41,33 @@ from tsd_twin.safety import Mode
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Part of an input log without a gap."""
+    """Contiguous part of an input log."""
 
     batches: Sequence[InputBatch]
 
     @property
     def calls(self) -> Iterator[Call]:
-        """All calls, in order."""
+        """All calls in order."""
         return itertools.chain.from_iterable(batch.calls for batch in self.batches)
 
     @property
     def build(self) -> str:
-        """Digest of the code that was recorded, "" when it is not known."""
+        """Build digest of the recorded code, or "" if unknown."""
         return next((batch.snapshot.build for batch in self.batches if batch.snapshot), "")
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """The first difference between the recorded run and the new one."""
+    """First difference between the recorded run and the rerun."""
 
     t_s: float
-    """Time since the first period of the stretch."""
+    """Time since the first step."""
     robot_s: float
-    """Time on the robot's monotonic clock."""
+    """Robot's monotonic clock."""
     what: str
-    """What differs, with both values."""
+    """Description of the difference, with both values."""
     cause: str
-    """What the controller was given in this period, and the mode it was in."""
+    """Controller inputs in this step, and its mode."""
 
     def __str__(self) -> str:
         return f"at {self.t_s:.3f} s (robot clock {self.robot_s:.3f} s) {self.what}; {self.cause}"
@@ -75,21 +75,21 @@ class Difference:
 
 @dataclass(slots=True)
 class RerunResult:
-    """A stretch that was run again: what was recorded, and what the controller does today."""
+    """Recorded and rerun outputs of the controller for one contiguous part."""
 
     robot: RobotDescription
     t_s: list[float] = field(default_factory=list[float])
     recorded: list[Array] = field(default_factory=list[Array])
-    """Set-points (n,)."""
+    """Joint setpoints (n,) per step."""
     setpoints: list[Array] = field(default_factory=list[Array])
     recorded_estimates: list[Array] = field(default_factory=list[Array])
-    """Pose (3,), of a sphere (4,), and twist (3,)."""
+    """Pose (3,), or quaternion (4,) for a sphere, and twist (3,)."""
     estimates: list[Array] = field(default_factory=list[Array])
     difference: Difference | None = None
 
     @property
     def largest_difference(self) -> float:
-        """Largest absolute difference of set-points and estimates, rad, m and their rates."""
+        """Largest absolute difference of setpoints and estimates, in rad, m and their rates."""
         pairs = ((self.recorded, self.setpoints), (self.recorded_estimates, self.estimates))
         return max(
             (float(np.nanmax(np.abs(np.array(a) - np.array(b)), initial=0.0)) for a, b in pairs),
@@ -98,7 +98,7 @@ class RerunResult:
 
 
 def stretches(batches: Iterable[InputBatch]) -> list[Stretch]:
-    """Return the parts of an input log that can be run: each begins with a state, without gaps."""
+    """Split an input log into contiguous parts that start with a controller state."""
     found: list[list[InputBatch]] = []
     following: int | None = None
     for batch in batches:
@@ -117,7 +117,7 @@ def recorded_batches(recording: Recording, robot: str) -> Iterator[InputBatch]:
     """Yield the input log of a robot.
 
     Raises:
-        RecordingError: it is not in the file, or damaged.
+        RecordingError: If the file has no input log, or it is damaged.
     """
     key = topics.INPUTS.key(robot)
     if key not in recording.topics:
@@ -130,15 +130,18 @@ def recorded_batches(recording: Recording, robot: str) -> Iterator[InputBatch]:
 
 
 class Rerun:
-    """Runs a controller on the calls of a stretch, and compares what it returns."""
+    """Feeds recorded calls to a controller and compares its outputs."""
 
     def __init__(self, stretch: Stretch, description: str, tolerance: float = 0.0) -> None:
-        """`description` is the TOML text of the robot that was recorded.
+        """Load the controller.
 
-        Numbers may differ by `tolerance`; 0 compares bit for bit.
+        Args:
+            stretch: Calls to run.
+            description: Recorded robot description (TOML).
+            tolerance: Allowed difference of numbers; 0 compares bit for bit.
 
         Raises:
-            TwinError: the state of the controller cannot be read by this code.
+            TwinError: If this code cannot read the recorded controller state.
         """
         self._stretch, self._tolerance = stretch, tolerance
         self._leases: deque[bytes] = deque()
@@ -156,7 +159,7 @@ class Rerun:
         self._requests: list[str] = []
 
     def run(self, progress: Callable[[float], None] = lambda _share: None) -> RerunResult:
-        """Run all calls; `progress` gets the share that is done, once for each batch."""
+        """Run all calls; `progress` receives the completed fraction after each batch."""
         for number, batch in enumerate(self._stretch.batches):
             for call in batch.calls:
                 if not self._do(call):
@@ -165,13 +168,13 @@ class Rerun:
         return self._result
 
     def _lease(self) -> bytes:
-        # Code that draws where none was drawn gets another id: its reply shows the difference.
+        # If the code draws an unrecorded lease, its different id appears in the reply.
         return self._leases.popleft() if self._leases else next(self._unknown).to_bytes(16, "big")
 
     def _do(self, call: Call) -> bool:
         try:
             self._run(call)
-        except Exception as error:  # The code under test may raise anything: that is a difference.
+        except Exception as error:  # Any exception of the code under test is a difference.
             now_s = getattr(call, "now_s", math.nan)
             self._differs(now_s, f"the controller raises {type(error).__name__}: {error}", call)
             return False
@@ -245,7 +248,7 @@ class Rerun:
         apart[np.isnan(recorded) & np.isnan(now)] = 0.0
         if (apart <= self._tolerance).all() and self._tolerance > 0.0:
             return
-        # Two zeros of different sign differ in their bits only.
+        # Zeros of different sign differ only in their bits.
         worst = int(np.argmax(np.where(np.isnan(apart), np.inf, apart)))
         values = f"was {recorded[worst]:.12g} and is {now[worst]:.12g}"
         self._differs(call.now_s, f"{what} {names[worst]} {values}", call)
@@ -267,16 +270,17 @@ class Rerun:
 
 
 class WhatIf(Rerun):
-    """Rerun with another robot description, from a moment at which the robot is free.
+    """Rerun with another robot description, starting when the robot is idle.
 
-    Measurements stay the recorded ones: they do not follow the other set-points.
+    The measurements remain as recorded and do not follow the changed setpoints.
     """
 
     def __init__(self, stretch: Stretch, description: str, other: RobotDescription) -> None:
-        """`other` is the description to run with.
+        """Load the controller with description `other`.
 
         Raises:
-            TwinError: the robot has other joints, or is at no moment disarmed and without a lease.
+            TwinError: If the joints differ, or the robot is never both disarmed and without a
+                lease.
         """
         free, pose = _free(stretch, description)
         super().__init__(free, description)
@@ -294,7 +298,7 @@ class WhatIf(Rerun):
 
 
 def _free(stretch: Stretch, description: str) -> tuple[Stretch, SE2 | SO3 | None]:
-    """Return the rest of a stretch from where a new controller can begin, and its pose there."""
+    """Return the part of a log where a new controller can start, and the pose at its start."""
     first = stretch.batches[0]
     if first.first == 0:
         return stretch, None if first.pose is None else _pose(first.pose)
@@ -318,7 +322,7 @@ _ESTIMATE = {
     6: ["x", "y", "heading", *_TWIST],
     7: ["qw", "qx", "qy", "qz", "wx", "wy", "wz"],
 }
-"""Names of the numbers of an estimate, by their count."""
+"""Names of the estimate's components, by their number."""
 
 
 def _pose(numbers: Sequence[float]) -> SE2 | SO3:

@@ -46,7 +46,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Today's controller on the inputs of a recording, compared bit for bit.
 
     Raises:
-        TwinError: the file has no inputs, or the same description gives other numbers.
+        TwinError: If the file has no inputs, or the results differ with the same description.
     """
     recording = open_recording(args.file)
     robot = _robot(recording, args.id)
@@ -110,7 +110,7 @@ def _robot(recording: Recording, chosen: str | None) -> str:
 
 
 def _other(args: argparse.Namespace, description: str) -> RobotDescription:
-    """Return the description that `--robot` and `--set` ask for."""
+    """Return the description selected by `--robot` and `--set`."""
     text, name = description, "the recorded description"
     if args.robot:
         text, name = robots.read_description(args.robot), args.robot
@@ -120,10 +120,10 @@ def _other(args: argparse.Namespace, description: str) -> RobotDescription:
 
 
 def with_value(text: str, assignment: str) -> str:
-    """Return a description with one value changed, as `limits.acceleration_mps2=1`.
+    """Return a description with one value changed, such as `limits.acceleration_mps2=1`.
 
     Raises:
-        TwinError: it is no assignment, or no table has that name.
+        TwinError: If the assignment is malformed or its table does not exist.
     """
     path, equals, value = assignment.partition("=")
     *tables, key = path.strip().split(".")
@@ -141,7 +141,7 @@ def with_value(text: str, assignment: str) -> str:
 
 
 def _show(results: Sequence[RerunResult], out: Output) -> None:
-    """Write the set-points as a table, and the commanded twists as a figure."""
+    """Write the setpoints as a table and the commanded twists as a figure."""
     result = results[0]
     names = [joint.name for joint in result.robot.kinematics().joints]
     t_s = np.array(result.t_s)

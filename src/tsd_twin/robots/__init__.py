@@ -1,4 +1,4 @@
-"""Robot descriptions: classes for each kind of robot, the loader, and the shipped TOML files."""
+"""Robot descriptions: classes for each kind, the loader, and the shipped TOML files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of robots whose wheels turn by geared motors: motor, noise of wheel speeds, inertia."""
+"""Tables of robots with geared-motor wheels: motor, wheel-speed noise, inertia."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from tsd_twin.robots.description import (
 
 
 class GearedMotor(Table, frozen=True):
-    """`[motor]`: one drive motor with gearbox, encoder and speed control; all are alike."""
+    """`[motor]`: drive motor with gearbox, encoder and speed control; identical for all wheels."""
 
     power_w: Positive
-    """Largest mechanical power, at half the no-load speed."""
+    """Maximum mechanical power, at half the no-load speed."""
     gear_ratio: Positive
-    """Gear ratio: turns of the motor for one of the wheel."""
+    """Motor turns per wheel turn."""
     no_load_speed_rpm: Positive
-    """No-load speed of the motor at the nominal voltage of the battery."""
+    """No-load speed of the motor at nominal battery voltage."""
     rotor_inertia_kg_m2: Positive
     """Inertia of the rotor."""
     time_constant_s: Positive
-    """Time constant of the speed control of a wheel."""
+    """Time constant of a wheel's speed control."""
     current_limit: Positive = 1.0
-    """Torque limit of the motor driver, as a share of the stall torque."""
+    """Torque limit of the motor driver, relative to the stall torque."""
 
     @property
     def top_speed_rad_per_s(self) -> float:
@@ -39,7 +39,7 @@ class GearedMotor(Table, frozen=True):
 
     @property
     def stall_torque_nm(self) -> float:
-        """Stall torque at the wheel, from the peak power of a straight torque curve."""
+        """Stall torque at the wheel, from the peak power of a linear torque curve."""
         return 4.0 * self.power_w / self.top_speed_rad_per_s
 
     @property
@@ -48,18 +48,18 @@ class GearedMotor(Table, frozen=True):
         return self.rotor_inertia_kg_m2 * self.gear_ratio**2
 
     def acceleration_rad_per_s2(self, inertia_kg_m2: float) -> float:
-        """Acceleration of a wheel with this inertia from rest."""
+        """Return the acceleration of a wheel with this inertia from rest."""
         return self.stall_torque_nm * min(1.0, self.current_limit) / inertia_kg_m2
 
     def spin_up(self) -> SpinUp:
-        """First-order model of a wheel speed, valid while torque and grip suffice."""
+        """Return a first-order model of a wheel speed, valid while torque and grip suffice."""
         return SpinUp(0.0, self.time_constant_s, self.time_constant_s)
 
 
 def carried_kg_m2(twist_from_speeds: Array, body: Array) -> float:
-    """Largest inertia that a body with masses and inertias `body` (3,) puts on a wheel.
+    """Return the maximum inertia at a wheel due to a body with masses and inertias (3,).
 
-    The largest over all motions: the kinetic energy of the body in terms of the wheel speeds.
+    This is the maximum over all motions of the kinetic energy in terms of the wheel speeds.
     """
     by_wheels = twist_from_speeds.T @ (body[:, None] * twist_from_speeds)
     return float(np.linalg.eigvalsh(by_wheels)[-1])
@@ -71,12 +71,11 @@ class WheelNoise(Table, frozen=True):
     spin_share: NotNegative = 0.0
     """Standard deviation of a measured wheel speed."""
     creep_m: NotNegative = 0.0002
-    """Standard deviation of the distance that each contact creeps in a second, while wheels
-    turn."""
+    """Standard deviation of each contact's creep distance in a second, while wheels turn."""
 
 
 class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
-    """A robot whose wheels, all alike, turn by geared motors."""
+    """Robot with identical geared-motor wheels."""
 
     motor: GearedMotor
     noise: WheelNoise = WheelNoise()
@@ -94,5 +93,5 @@ class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
         )
 
     def spin_up(self) -> SpinUp:
-        """First-order model of the wheel speeds."""
+        """Return the first-order model of the wheel speeds."""
         return self.motor.spin_up()

@@ -1,4 +1,4 @@
-"""Description of a robot that ROS drives: its limits here, and its shape from a URDF.
+"""Description of an external ROS robot: limits from here, shape from a URDF.
 
 `tsd-ros --import` writes such a description; it has no simulation.
 """
@@ -26,10 +26,10 @@ Triple: TypeAlias = tuple[float, float, float]
 Sizes: TypeAlias = tuple[Positive, Positive, Positive]
 JointName: TypeAlias = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_.:/ -]{1,48}\Z")]
 MOST_JOINTS = 40
-"""Joints whose angles are shown: their names and angles fit into one message of the bus."""
+"""Maximum number of displayed joints; their names and angles fit into one bus message."""
 MOST_PARTS = 400
 POSE_SENSORS = ("odom_x_m", "odom_y_m", "odom_heading_rad")
-"""Readings that are the pose of the robot by its own odometry."""
+"""Readings that form the robot's pose from its own odometry."""
 RESERVED = frozenset({"vx", "vy", "omega", *POSE_SENSORS})
 """Names that a joint cannot have."""
 NOT_PROMISED = (
@@ -42,29 +42,29 @@ NOT_PROMISED = (
     "Its pose: that is its own odometry, not an estimate of ours. There is no consistency test, "
     "and no covariance.",
 )
-"""What cannot be promised without our node on the robot."""
+"""Guarantees that require the project's node on the robot."""
 _LAG_S = 0.1
 
 
 class ImportedPart(Table, frozen=True):
-    """One of `[[drive.parts]]`."""
+    """Entry of `[[drive.parts]]`."""
 
     shape: Literal["box", "cylinder", "sphere"]
     size_m: Sizes
-    """Along X, Y and Z; a cylinder stands along Z."""
+    """Along X, Y and Z; cylinder axes are along Z."""
     on: str = ""
-    """Joint that moves it; empty for the base."""
+    """Joint that moves the part; empty for the base."""
     at_m: Triple = (0.0, 0.0, 0.0)
     rpy_deg: Triple = (0.0, 0.0, 0.0)
     colour_rgba: Colour = (0.7, 0.72, 0.75, 1.0)
 
 
 class ImportedJoint(Table, frozen=True):
-    """One of `[[drive.joints]]`; a joint is listed after the one that it hangs on."""
+    """Entry of `[[drive.joints]]`; parent joints come first."""
 
     name: JointName
     on: str = ""
-    """Joint that it hangs on; empty for the base."""
+    """Parent joint; empty for the base."""
     slides: bool = False
     at_m: Triple = (0.0, 0.0, 0.0)
     rpy_deg: Triple = (0.0, 0.0, 0.0)
@@ -72,11 +72,11 @@ class ImportedJoint(Table, frozen=True):
 
 
 class ImportedGeometry(Table, frozen=True, tag="imported", tag_field="kind"):
-    """`[drive]` of a robot that ROS drives."""
+    """`[drive]` of an external ROS robot."""
 
     parts: Annotated[list[ImportedPart], Meta(min_length=1, max_length=MOST_PARTS)]
     sideways: bool = False
-    """Whether it follows `vy`."""
+    """Whether the robot follows `vy`."""
     height_m: NotNegative = 0.0
     """Height of `base_link` above the floor."""
     joints: Annotated[list[ImportedJoint], Meta(max_length=MOST_JOINTS)] = field(
@@ -85,41 +85,41 @@ class ImportedGeometry(Table, frozen=True, tag="imported", tag_field="kind"):
 
 
 class ImportedDescription(RobotDescription, frozen=True, kw_only=True):
-    """A robot that ROS drives by `cmd_vel`."""
+    """External robot driven through ROS `cmd_vel`."""
 
     drive: ImportedGeometry
 
     @property
     def sensors(self) -> tuple[Joint, ...]:
-        """Pose by its own odometry, and the joints of its URDF."""
+        """Pose from the robot's own odometry, and the joints of its URDF."""
         names = (*POSE_SENSORS, *(joint.name for joint in self.drive.joints))
         return tuple(Joint(name, JointKind.POSITION) for name in names)
 
     @property
     def not_promised(self) -> tuple[str, ...]:
-        """What our rules cannot promise, and how it is drawn."""
+        """Rules that do not hold, and drawing assumptions."""
         return (*NOT_PROMISED, *self.assumptions)
 
     @property
     def drives_sideways(self) -> bool:
-        """Whether it follows `vy`."""
+        """Whether the robot follows `vy`."""
         return self.drive.sideways
 
     def kinematics(self) -> TwistKinematics:
-        """Kinematics."""
+        """Return the kinematics."""
         limits = self.limits
         return TwistKinematics(limits.speed_mps, limits.turn_rate_rad_per_s, self.drive.sideways)
 
     def joint_errors(self) -> JointErrors:
-        """Return no errors: they are not known."""
+        """Return zero errors, because they are unknown."""
         return JointErrors()
 
     def spin_up(self) -> SpinUp:
-        """First-order model of how it follows a twist: assumed."""
+        """Return an assumed first-order model of the robot's response to a twist."""
         return SpinUp(0.0, _LAG_S, _LAG_S)
 
     def problems(self) -> Iterator[Problem]:
-        """Yield joints that are there twice, hang on none, or have no axis, and lost parts."""
+        """Yield duplicate joints, unknown parents, zero axes, and parts on unknown joints."""
         known = {""}
         for i, joint in enumerate(self.drive.joints):
             path = f"drive.joints[{i}]"

@@ -1,7 +1,7 @@
-"""Registry of the kinds of robots: one table of the implementations in every layer.
+"""Registry of robot kinds: references to their implementations in every layer.
 
-The implementations are in higher layers. The registry names them as `module:name` and imports them
-at first use, so layers stay apart and a program loads only what it needs.
+Implementations are in higher layers. The registry refers to them as `module:name` and imports them
+at first use, so layers remain independent and programs load only what they need.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from tsd_twin.robots.singularity import SingularityDescription
 
 @dataclass(frozen=True, slots=True)
 class Knob:
-    """A number of a description, or the same number of each entry of a list."""
+    """A tunable number of a description, or the same number for each entry of a list."""
 
     key: str
-    """Keys of the tables, separated by dots; `*` stands for each entry of a list."""
+    """Dotted table keys; `*` matches each entry of a list."""
     label: str
-    """With `{}` for the number of the entry, counted from 1."""
+    """Label with `{}` for the entry number, counted from 1."""
     unit: str
     least: float
     most: float
@@ -43,7 +43,7 @@ SINGULARITY_KNOBS = (
     Knob("drive.cruise_speed_rpm", "Drive speed", "rpm", 500.0, 15000.0, 50.0),
     Knob("drive.azimuths_deg.*", "Azimuth {}", "°", -360.0, 360.0, 5.0),
 )
-"""Knobs of a singularity drive."""
+"""Tunable parameters of a singularity drive."""
 OMNI_KNOBS = (
     _WHEEL_RADIUS,
     *_GEARED_MOTOR,
@@ -52,7 +52,7 @@ OMNI_KNOBS = (
     Knob("drive.wheels.*.direction_deg", "Wheel {} direction", "°", -360.0, 360.0, 5.0),
     Knob("drive.wheels.*.roller_deg", "Wheel {} roller", "°", -80.0, 80.0, 5.0),
 )
-"""Knobs of a platform on wheels with rollers."""
+"""Tunable parameters of a platform on wheels with rollers."""
 SPHERE_KNOBS = (
     Knob("drive.sphere_radius_m", "Sphere radius", "m", 0.05, 0.6, 0.005),
     _WHEEL_RADIUS,
@@ -61,29 +61,29 @@ SPHERE_KNOBS = (
     Knob("drive.wheels.*.below_equator_deg", "Wheel {} below equator", "°", -80.0, 80.0, 5.0),
     Knob("drive.wheels.*.turn_deg", "Wheel {} turn", "°", -180.0, 180.0, 5.0),
 )
-"""Knobs of a sphere on wheels."""
+"""Tunable parameters of a sphere on wheels."""
 
 
 @dataclass(frozen=True, slots=True)
 class RobotKind:
-    """Implementations of one kind of robot: its description class, and references to the rest."""
+    """Description class of a robot kind, and references to its implementations."""
 
     name: str
     """Value of `kind` in the table `[drive]` of a description."""
     description: type[RobotDescription]
     simulations: Mapping[str, str]
-    """From the name of a plant to the factory of its simulation; arguments as in `simulate`. Empty
-    for robots that are not simulated, of which none is shipped."""
+    """Maps a plant name to its simulation factory, with arguments as in `simulate`. Empty for kinds
+    without simulation, which have no shipped robots."""
     sensor_odometry: str
     """Factory of the odometry from other sensors: `(robot) -> (odometry, is_better)` or None."""
     model: str
     """Module with `draw`, `tree` and `masses_kg`."""
     telemetry: str
-    """Class of the telemetry of its actuators on the dashboard."""
+    """Class for the actuator telemetry on the dashboard."""
     actuator_tab: str
-    """Label of the panel tab that shows its actuators."""
+    """Label of the panel tab that shows the actuators."""
     knobs: tuple[Knob, ...]
-    """Numbers of its description that the Student tab offers."""
+    """Description numbers offered in the Student tab."""
     student_wheels: str
     """Wheels at a twist, for the Student tab: `(robot, twist) -> list[StudentWheel]`."""
 
@@ -137,14 +137,14 @@ KINDS: tuple[RobotKind, ...] = (
         student_wheels="tsd_twin.dashboard.server.student:no_wheels",
     ),
 )
-"""All kinds of robots; a new kind is a new row."""
+"""All kinds of robots; add a row for a new kind."""
 DESCRIPTIONS: dict[str, type[RobotDescription]] = {kind.name: kind.description for kind in KINDS}
 """From `drive.kind` to the description class."""
 _BY_DESCRIPTION = {kind.description: kind for kind in KINDS}
 
 
 def kind_of(robot: RobotDescription) -> RobotKind:
-    """Kind of a robot."""
+    """Return the kind of a robot."""
     return _BY_DESCRIPTION[type(robot)]
 
 

@@ -1,4 +1,4 @@
-"""Loads robot descriptions: shipped ones by name, others by path, and variants of them.
+"""Loads robot descriptions by name (shipped) or path, and creates variants.
 
 Errors name the key and the remedy.
 """
@@ -26,25 +26,23 @@ from tsd_twin.robots.singularity import SingularityDescription
 
 _PACKAGE = "tsd_twin.robots"
 LONGEST = 16_384
-"""Characters of a description; those that come with the program have fewer than 3,000.
-
-Descriptions come over the bus too, and some that are longer take a TOML reader a minute.
-"""
+"""Maximum number of characters of a description; shipped ones have fewer than 3,000. Descriptions
+also arrive over the bus, and a crafted longer one can occupy a TOML parser for a minute."""
 
 RobotT = TypeVar("RobotT", bound=RobotDescription)
 
 
 def robot_names() -> list[str]:
-    """Names of the shipped robots, sorted."""
+    """Return the names of the shipped robots, sorted."""
     files = resources.files(_PACKAGE).iterdir()
     return sorted(Path(f.name).stem for f in files if f.name.endswith(".toml"))
 
 
 def read_description(name_or_path: str) -> str:
-    """TOML text of a shipped robot or of a file.
+    """Return the TOML text of a shipped robot or of a file.
 
     Raises:
-        RobotFileError: no such robot or file; the message lists the shipped ones.
+        RobotFileError: If no such robot or file exists; the message lists the shipped robots.
     """
     if "/" not in name_or_path and not name_or_path.endswith(".toml"):
         if name_or_path not in robot_names():
@@ -65,19 +63,20 @@ def read_description(name_or_path: str) -> str:
 
 
 def load_robot(name_or_path: str) -> RobotDescription:
-    """Shipped robot by name, or the robot of a TOML file by path.
+    """Load a shipped robot by name, or a TOML file by path.
 
     Raises:
-        RobotFileError: the file is missing, misspelt or impossible; the message names file and key.
+        RobotFileError: If the file is missing, misspelt or impossible; the message names file and
+            key.
     """
     return parse_description(read_description(name_or_path), name_or_path)
 
 
 def description_of_kind(robot: RobotDescription, kind: type[RobotT]) -> RobotT:
-    """Return `robot` typed as a `kind`, for callers that work with that kind only.
+    """Return `robot` typed as a `kind`, for callers that support only that kind.
 
     Raises:
-        RobotFileError: the robot is of another kind; the message names the needed one.
+        RobotFileError: If the robot is of another kind; the message names the required one.
     """
     if not isinstance(robot, kind):
         needed, given = (
@@ -89,10 +88,10 @@ def description_of_kind(robot: RobotDescription, kind: type[RobotT]) -> RobotT:
 
 
 def parse_description(toml: str, file: str) -> RobotDescription:
-    """Robot of a TOML text; `file` is its name in error messages.
+    """Parse the robot of a TOML text; `file` is its name in error messages.
 
     Raises:
-        RobotFileError: as in `load_robot`.
+        RobotFileError: As in `load_robot`.
     """
     if len(toml) > LONGEST:
         raise RobotFileError(file, f"{len(toml)} characters are too many", f"at most {LONGEST}")
@@ -100,17 +99,17 @@ def parse_description(toml: str, file: str) -> RobotDescription:
         tables: Any = msgspec.toml.decode(toml)
     except RecursionError as error:
         raise RobotFileError(file, "tables or lists are nested too deeply") from error
-    # Python itself refuses whole numbers of thousands of digits, as a plain ValueError.
+    # Python raises a plain ValueError for integers with thousands of digits.
     except (msgspec.DecodeError, ValueError) as error:
         raise RobotFileError(file, f"not valid TOML: {error}") from error
     return description_of_tables(tables, file)
 
 
 def description_of_tables(tables: Any, file: str) -> RobotDescription:
-    """Robot of the tables of a TOML text.
+    """Convert the tables of a TOML text to a robot.
 
     Raises:
-        RobotFileError: as in `load_robot`.
+        RobotFileError: As in `load_robot`.
     """
     kind = _kind(tables, file)
     try:
@@ -124,7 +123,7 @@ def description_of_tables(tables: Any, file: str) -> RobotDescription:
 
 
 def _kind(tables: Any, file: str) -> type[RobotDescription]:
-    """Description class of a file; other errors are found when it is parsed."""
+    """Return the description class of a file; parsing reports other errors."""
     table = tables.get("drive")
     if not isinstance(table, dict):
         return SingularityDescription
@@ -163,7 +162,7 @@ def _check(robot: RobotDescription, file: str) -> None:
 
 
 def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
-    """Walk all numbers below `value`, with the path of each."""
+    """Yield all numbers below `value`, each with its path."""
     if isinstance(value, float):
         yield path, value
     elif isinstance(value, dict):
@@ -195,7 +194,7 @@ def _explain(message: str, kind: type[RobotDescription]) -> Problem:
 
 
 def _keys(path: str, kind: type[RobotDescription]) -> list[str]:
-    """Keys that are valid in the table at `path` of such a robot."""
+    """Return the valid keys of the table at `path` for this kind."""
     table: Any = kind
     for part in filter(None, path.split(".")):
         table = _table(typing.get_type_hints(table).get(re.sub(r"\[.*", "", part)))
@@ -204,7 +203,7 @@ def _keys(path: str, kind: type[RobotDescription]) -> list[str]:
 
 
 def _table(hint: Any) -> Any:
-    """Table class in a type hint: itself, or the one inside a list or an optional."""
+    """Return the table class in a type hint, possibly inside a list or an optional."""
     if isinstance(hint, type) and issubclass(hint, Table):
         return hint
     inside = (_table(part) for part in typing.get_args(hint))
@@ -226,10 +225,11 @@ def _base(name: str) -> RobotDescription:
 
 
 def base_robot(name: str) -> RobotDescription:
-    """Shipped robot that variants can be made of.
+    """Return a shipped robot as the base for variants.
 
     Raises:
-        RobotFileError: no robot of this name is shipped. A path is none: names come from pages.
+        RobotFileError: If no robot of this name is shipped. Paths are rejected, because names come
+            from pages.
     """
     if name not in robot_names():
         raise RobotFileError(name, "no such robot", f"shipped are {', '.join(robot_names())}")
@@ -237,7 +237,7 @@ def base_robot(name: str) -> RobotDescription:
 
 
 def knobs_of(robot: RobotDescription) -> dict[str, tuple[Knob, str, float]]:
-    """Knobs of a robot by the key of their number, each with its label and value."""
+    """Return a robot's tunable parameters by key, each with label and value."""
     tables = msgspec.to_builtins(robot)
     return {
         key: (knob, label, float(value_at(tables, key)))
@@ -247,23 +247,23 @@ def knobs_of(robot: RobotDescription) -> dict[str, tuple[Knob, str, float]]:
 
 
 def variant(base: str, changes: Mapping[str, float]) -> RobotDescription:
-    """Robot `base` with some of its knobs turned.
+    """Return the robot `base` with changed parameters.
 
     Raises:
-        RobotFileError: there is no such robot or knob, or the robot would be impossible.
+        RobotFileError: If there is no such robot or parameter, or the robot would be impossible.
     """
     robot = base_robot(base)
     tables = deepcopy(msgspec.to_builtins(robot))
-    for key, value in _checked(robot, changes).items():
+    for key, value in _check_changes(robot, changes).items():
         set_value(tables, key, value)
     return description_of_tables(tables, base)
 
 
 def variant_toml(base: str, changes: Mapping[str, float]) -> str:
-    """TOML text of a variant, with the comments of the shipped file, that `--robot` accepts.
+    """Return a variant as TOML accepted by `--robot`, with the comments of the shipped file.
 
     Raises:
-        RobotFileError: as in `variant`.
+        RobotFileError: As in `variant`.
     """
     robot = variant(base, changes)
     before = knobs_of(base_robot(base))
@@ -282,14 +282,14 @@ def variant_toml(base: str, changes: Mapping[str, float]) -> str:
     return tomlkit.dumps(document)
 
 
-def _checked(robot: RobotDescription, changes: Mapping[str, float]) -> Mapping[str, float]:
-    """Return `changes`, all of which are knobs, within their ranges."""
+def _check_changes(robot: RobotDescription, changes: Mapping[str, float]) -> Mapping[str, float]:
+    """Return `changes` after checking that all are known parameters within their ranges."""
     knobs = knobs_of(robot)
     for key, value in changes.items():
         if key not in knobs:
             raise RobotFileError(robot.name, f"{key} is no knob", f"knobs are {', '.join(knobs)}")
         knob, _, _ = knobs[key]
-        # The comparison is false for NaN.
+        # False for NaN.
         if not knob.least <= value <= knob.most:
             raise RobotFileError(
                 robot.name, f"{key} is {value:g}", f"from {knob.least:g} to {knob.most:g}"
@@ -308,7 +308,7 @@ def _places(knob: Knob, tables: Any) -> Iterator[tuple[str, str]]:
 
 
 def value_at(tables: Any, key: str) -> Any:
-    """Return the value at a key; entries of lists are counted from 0."""
+    """Return the value at a key; list entries are counted from 0."""
     for part in key.split("."):
         tables = tables[int(part) if isinstance(tables, list) else part]
     return tables

@@ -1,4 +1,4 @@
-"""Descriptions of platforms on wheels with rollers, and of a sphere that omni wheels turn."""
+"""Descriptions of platforms on wheels with rollers, and of a sphere turned by omni wheels."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from tsd_twin.robots.geared_motor import GearedMotorDescription, carried_kg_m2
 from tsd_twin.robots.plausibility import proportion_problems
 
 ROLLER_CREEP_MPS = 0.01
-"""Creep scale: the friction of a roller reaches its limit at a few times this creep."""
+"""Creep scale: roller friction saturates at a few times this creep."""
 _GRAVITY_MPS2 = 9.81
 
 
 class OmniWheel(Table, frozen=True):
-    """One of `[[drive.wheels]]`."""
+    """Entry of `[[drive.wheels]]`."""
 
     x_m: float
     y_m: float
     direction_deg: float
     """Driving direction of the wheel, from X towards Y."""
     roller_deg: float = 0.0
-    """Axle of the roller on the floor, from that direction: 0 for omni, +-45 for Mecanum."""
+    """Axle of the roller on the floor relative to that direction: 0 for omni, ±45 for Mecanum."""
 
 
 class OmniGeometry(Table, frozen=True, tag="omni", tag_field="kind"):
@@ -49,7 +49,7 @@ class OmniGeometry(Table, frozen=True, tag="omni", tag_field="kind"):
     friction: Positive = 0.6
     """Friction of the rollers on the floor."""
     slip: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
-    """Slip of each wheel rim as a share of its travel, in the simulator."""
+    """Slip of each wheel rim relative to its travel, in the simulator."""
 
 
 class OmniMass(Table, frozen=True):
@@ -62,7 +62,7 @@ class OmniMass(Table, frozen=True):
 
 
 class DeadWheel(Table, frozen=True):
-    """One of `[[dead_wheels.wheels]]`: a passive wheel with an encoder along its direction."""
+    """Entry of `[[dead_wheels.wheels]]`: a passive wheel with an encoder along its direction."""
 
     x_m: float
     y_m: float
@@ -70,7 +70,7 @@ class DeadWheel(Table, frozen=True):
 
 
 class DeadWheels(Table, frozen=True):
-    """`[dead_wheels]`: two passive encoder wheels in L, and a rate gyro for the heading."""
+    """`[dead_wheels]`: two perpendicular tracking wheels, and a rate gyro for the heading."""
 
     radius_m: Positive
     pulses_per_turn: Positive
@@ -79,14 +79,14 @@ class DeadWheels(Table, frozen=True):
     gyro_drift_deg_per_h: NotNegative = 0.0
     """Drift of the gyro in an hour at rest."""
     radius_share: NotNegative = 0.002
-    """Standard deviation of the radius of each wheel, as a share."""
+    """Relative standard deviation of each wheel's radius."""
     mounting_deg: NotNegative = 0.1
-    """Standard deviation of the direction of each wheel."""
+    """Standard deviation of each wheel's direction."""
 
     def rows(self, turned_rad: float = 0.0) -> tuple[tuple[float, float, float], ...]:
-        """Return the velocity over the ground that each wheel measures, from the body twist.
+        """Return the ground velocity measured by each wheel, as rows from the body twist.
 
-        `turned_rad` is added to the direction of each.
+        `turned_rad` is added to each direction.
         """
         angles = [np.radians(wheel.direction_deg) + turned_rad for wheel in self.wheels]
         return tuple(
@@ -96,7 +96,7 @@ class DeadWheels(Table, frozen=True):
 
 
 class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
-    """A platform on wheels with rollers."""
+    """Platform on wheels with rollers."""
 
     drive: OmniGeometry
     mass: OmniMass
@@ -105,7 +105,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
     @property
     def sensors(self) -> tuple[Joint, ...]:
-        """Sensors: angles of the dead wheels, and the turn rate of the gyro."""
+        """Sensors: angles of the tracking wheels, and the turn rate of the gyro."""
         if self.dead_wheels is None:
             return () if self.gyro is None else GYRO_SENSORS
         return (
@@ -120,7 +120,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
         return self.drive.wheel_radius_m
 
     def kinematics(self) -> OmniKinematics:
-        """Kinematics."""
+        """Return the kinematics."""
         positions, directions, rollers = self._layout()
         drive = OmniKinematics(
             positions_m=positions,
@@ -142,25 +142,26 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
         return rim + self.motor.rotor_at_wheel_kg_m2
 
     def driven_inertia_kg_m2(self, drive: OmniKinematics) -> float:
-        """Largest inertia at a wheel: its own and its share of the robot."""
+        """Return the maximum inertia at a wheel, including its fraction of the robot."""
         return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, self.inertia)
 
     @property
     def inertia(self) -> Array:
-        """(3,): mass, kg, of motion along X and Y, and yaw inertia, kg m²."""
+        """(3,): mass for motion along X and Y, kg, and yaw inertia, kg m²."""
         mass = self.mass
         return np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
 
     @property
     def contact_friction_n(self) -> float:
-        """Largest friction of one wheel; all carry equal shares of the weight."""
+        """Maximum friction per wheel, under equal loads."""
         return self.drive.friction * self.mass.total_kg * _GRAVITY_MPS2 / len(self.drive.wheels)
 
     def joint_errors(self) -> JointErrors:
-        """Return the errors of the wheel speeds, and the creep of the rollers.
+        """Return the errors of the wheel speeds and of roller creep.
 
-        A small creep gives a friction in proportion: the force of all wheels for a twist between
-        body and wheels is a matrix, whose inverse gives the twist that an acceleration takes.
+        Friction is proportional to a small creep. The force of all wheels is therefore a matrix
+        times the twist between body and wheels, and its inverse gives the twist needed for an
+        acceleration.
         """
         grip = self.kinematics().grip_from_twist
         force_per_twist = self.contact_friction_n / ROLLER_CREEP_MPS * grip.T @ grip
@@ -169,7 +170,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
         return replace(super().joint_errors(), creep_lag_s=rows)
 
     def problems(self) -> Iterator[Problem]:
-        """Yield the problems of the layouts of driven and dead wheels."""
+        """Yield the problems of the layouts of driven and tracking wheels."""
         if problem := layout_problem(*self._layout()):
             yield (
                 f"drive.wheels: {problem}",
@@ -200,14 +201,15 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
 
 class SphereWheel(Table, frozen=True):
-    """One of `[[drive.wheels]]`."""
+    """Entry of `[[drive.wheels]]`."""
 
     azimuth_deg: float
     """Azimuth of the contact, from X towards Y."""
     below_equator_deg: Annotated[float, Meta(gt=-90.0, lt=90.0)]
     """Angle of the contact below the equator."""
     turn_deg: float = 0.0
-    """Turn of the wheel about the outward normal; 0 pushes horizontally, counter-clockwise."""
+    """Rotation of the wheel about the outward normal; at 0 it pushes horizontally,
+    counter-clockwise."""
 
 
 class SphereGeometry(Table, frozen=True, tag="sphere", tag_field="kind"):
@@ -217,9 +219,9 @@ class SphereGeometry(Table, frozen=True, tag="sphere", tag_field="kind"):
     wheel_radius_m: Positive
     roller_radius_m: Positive
     row_distance_m: NotNegative
-    """Distance of the two rows of rollers along the axle; 0 is an ideal wheel."""
+    """Distance between the two rows of rollers along the axle; 0 is an ideal wheel."""
     rollers: Annotated[int, Meta(ge=2)]
-    """Number of rollers of a wheel, both rows together."""
+    """Number of rollers per wheel, in both rows together."""
     wheels: Annotated[list[SphereWheel], Meta(min_length=1, max_length=8)]
 
 
@@ -227,20 +229,20 @@ class SphereMass(Table, frozen=True):
     """`[mass]`: for the dynamics and the URDF."""
 
     total_kg: Positive
-    """Mass of stand, wheels and sphere."""
+    """Total mass of stand, wheels and sphere."""
     sphere_kg: Positive
     wheel_kg: Positive
 
 
 class Estimate(Table, frozen=True):
-    """`[estimate]`."""
+    """`[estimate]`: settings of the estimator."""
 
     model: Literal["ideal", "dual"] = "dual"
-    """Kinematic model of the estimate: contacts half-way between the rows, or dual-row."""
+    """Kinematic model of the estimate: contacts midway between the rows, or dual-row."""
 
 
 class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
-    """A sphere on omni wheels."""
+    """Sphere on omni wheels."""
 
     drive: SphereGeometry
     mass: SphereMass
@@ -252,7 +254,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         return self.drive.wheel_radius_m
 
     def kinematics(self) -> SphereKinematics:
-        """Kinematics."""
+        """Return the kinematics."""
         g = self.drive
         contacts, actuations = self._mounting()
         drive = SphereKinematics(
@@ -271,7 +273,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         )
 
     def driven_inertia_kg_m2(self, drive: SphereKinematics) -> float:
-        """Largest inertia at a wheel: its own and its share of a solid sphere."""
+        """Return the maximum inertia at a wheel, including its fraction of a solid sphere."""
         mass, g = self.mass, self.drive
         sphere = np.full(3, 0.4 * mass.sphere_kg * g.sphere_radius_m**2)
         rim = 0.5 * mass.wheel_kg * g.wheel_radius_m**2
@@ -279,7 +281,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         return self.motor.rotor_at_wheel_kg_m2 + rim + carried
 
     def problems(self) -> Iterator[Problem]:
-        """Yield impossible rows and rollers, and missing turns of the mounting."""
+        """Yield impossible rows and rollers, and impossible rotations of the mounting."""
         if self.drive.rollers % 2:
             yield f"drive.rollers is {self.drive.rollers}", "an even number: two rows of as many"
         if self.drive.row_distance_m >= 2.0 * self._roller_circle_m:
@@ -298,7 +300,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
     @property
     def _roller_circle_m(self) -> float:
-        """Distance of the middle of a roller that carries from the centre of the sphere."""
+        """Distance between the centres of the sphere and of the supporting roller."""
         return self.drive.sphere_radius_m + self.drive.roller_radius_m
 
     def _mounting(self) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
-"""Plausible ranges of the numbers of a description, for robots of 5 cm to 20 m.
+"""Plausible ranges of the numbers in a description, for robots of 5 cm to 20 m.
 
-A number outside its range is nearly always one in another unit: millimetres, degrees, grams. The
-ranges are wide, so that no robot that can be built is refused.
+A number outside its range is almost always in the wrong unit: millimetres, degrees, grams. The
+ranges are wide enough for any robot that can be built.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "dead_wheels.wheels.y_m": (-20.0, 20.0),
     "dead_wheels.wheels.direction_deg": (-720.0, 720.0),
 }
-"""Least and most of each number, by its path without the places in lists."""
+"""Minimum and maximum of each number, by its path without list indices."""
 
 _DEG = math.pi / 180.0
 _UNITS: tuple[tuple[str, str, tuple[tuple[float, str], ...]], ...] = (
@@ -131,15 +131,15 @@ _UNITS: tuple[tuple[str, str, tuple[tuple[float, str], ...]], ...] = (
     ("_v", "V", ((1e-3, "mV"),)),
     ("_w", "W", ((1e-3, "mW"), (1e3, "kW"))),
 )
-"""Ending of a key, its unit, and the units that it is confused with, as factors."""
+"""Key suffix, its unit, and easily confused units with their factors."""
 
 _DIRECTIONS = re.compile(r".*(azimuths?|direction|roller|below_equator|turn)_deg")
-_HEAVIEST_KG_PER_M3 = 22_600.0
-"""Density of osmium: a robot that fills a cube of its width with it."""
+_MAX_DENSITY_KG_PER_M3 = 22_600.0
+"""Density of osmium, for a robot that fills a cube of its width."""
 
 
 def range_problems(numbers: Sequence[tuple[str, float]]) -> Iterator[Problem]:
-    """Yield the numbers outside their ranges, each with the unit that was probably meant."""
+    """Yield the numbers outside their ranges, each with the probable intended unit."""
     for path, value in numbers:
         key = re.sub(r"\[\d+\]", "", path)
         if key not in RANGES:
@@ -148,8 +148,8 @@ def range_problems(numbers: Sequence[tuple[str, float]]) -> Iterator[Problem]:
         if not least <= value <= most:
             unit, others = _unit_of(key)
             yield (
-                f"{path} is {_written(value, unit)}{_meant(value, least, most, others)}",
-                f"plausible is {least:g} to {_written(most, unit)}",
+                f"{path} is {_format(value, unit)}{_unit_hint(value, least, most, others)}",
+                f"plausible is {least:g} to {_format(most, unit)}",
             )
     yield from _radian_problems(numbers)
 
@@ -157,9 +157,10 @@ def range_problems(numbers: Sequence[tuple[str, float]]) -> Iterator[Problem]:
 def proportion_problems(
     wheel: tuple[str, float], reach: tuple[str, float], total_kg: float
 ) -> Iterator[Problem]:
-    """Yield contradictions between wheel radius, distance of the wheels from the centre, and mass.
+    """Yield contradictions between wheel radius, distance of the wheels, and mass.
 
-    Each of them alone may be plausible in a wrong unit. `wheel` and `reach` are key and metres.
+    Each of them alone may be plausible in a wrong unit. `wheel` and `reach` are pairs of key and
+    metres.
     """
     (wheel_key, wheel_m), (reach_key, reach_m) = wheel, reach
     if wheel_m > 4.0 * reach_m:
@@ -175,7 +176,7 @@ def proportion_problems(
             f"{wheel_m:g} m: is one of them in millimetres or centimetres?",
             "plausible is up to 400 times the radius",
         )
-    elif total_kg > _HEAVIEST_KG_PER_M3 * (2.0 * (reach_m + wheel_m)) ** 3:
+    elif total_kg > _MAX_DENSITY_KG_PER_M3 * (2.0 * (reach_m + wheel_m)) ** 3:
         yield (
             f"mass.total_kg is {total_kg:g} kg, did you mean {1e-3 * total_kg:g}, which is "
             f"{total_kg:g} g?",
@@ -187,23 +188,23 @@ def _unit_of(key: str) -> tuple[str, tuple[tuple[float, str], ...]]:
     return next(((unit, others) for end, unit, others in _UNITS if key.endswith(end)), ("", ()))
 
 
-def _written(value: float, unit: str) -> str:
+def _format(value: float, unit: str) -> str:
     return f"{value:g}{unit}" if unit in ("", "°", "°/s", "°/h") else f"{value:g} {unit}"
 
 
-def _meant(value: float, least: float, most: float, others: Iterable[tuple[float, str]]) -> str:
+def _unit_hint(value: float, least: float, most: float, others: Iterable[tuple[float, str]]) -> str:
     for factor, other in others:
         if least <= factor * value <= most:
-            return f", did you mean {factor * value:.4g}, which is {_written(value, other)}?"
+            return f", did you mean {factor * value:.4g}, which is {_format(value, other)}?"
     return ""
 
 
 def _radian_problems(numbers: Sequence[tuple[str, float]]) -> Iterator[Problem]:
-    """Yield directions that are in radians where degrees are expected.
+    """Yield directions given in radians where degrees are expected.
 
-    Small angles in degrees are plausible as well, as those of a measured robot. An angle counts as
-    one in radians when its digits are those of a right angle, or with three digits those of a
-    multiple of 15° from 30° on, or when all of three or more angles are multiples of 5°.
+    Small angles in degrees are plausible too, as on a measured robot. An angle counts as radians if
+    its digits match a right angle, if three digits match a multiple of 15° from 30°, or if all of
+    three or more angles are multiples of 5°.
     """
     angles = [
         (re.sub(r"\[\d+\]", "", path), path, value)

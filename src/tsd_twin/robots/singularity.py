@@ -1,4 +1,4 @@
-"""The description of a singularity drive: wheels that always spin, on servo gimbals."""
+"""Description of a singularity drive: continuously spinning wheels on servo gimbals."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ from tsd_twin.robots.plausibility import proportion_problems
 
 _GRAVITY_MPS2 = 9.81
 _MEAN_LEVER = 3.0 * math.pi / 16.0
-"""Lever of the friction of a patch that only spins, in radii."""
-_UNKNOWN_FRICTION = 1.0 / math.sqrt(3.0)
-"""Root mean square of a friction that is anything between none and the described one, as a share of
-that."""
+"""Friction lever of a purely spinning patch, in radii."""
+_FRICTION_SIGMA = 1.0 / math.sqrt(3.0)
+"""RMS of a friction that is uniform between zero and the described value, relative to that
+value."""
 _SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)
 """Weight of the rim speed of a contact patch relative to its slip (Zhuravlev 1998)."""
 
@@ -51,11 +51,11 @@ class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind
     wheel_radius_m: Positive
     max_tilt_deg: Annotated[float, Meta(gt=0.0, lt=80.0)]
     cruise_speed_rpm: Positive
-    """Speed of the wheels when the robot is ready."""
+    """Wheel speed while the robot is ready."""
     max_speed_rpm: Positive | None = None
-    """Fastest speed that an operator can select; by default what all motors reach."""
+    """Maximum selectable wheel speed; by default the maximum that all motors reach."""
     spin_ratio: list[Positive] = msgspec.field(default_factory=list[Positive])
-    """Speed of each wheel relative to it; default 1."""
+    """Speed of each wheel relative to the selected speed; default 1."""
 
     @property
     def modules(self) -> int:
@@ -69,28 +69,28 @@ class Servo(Table, frozen=True):
     model: str
     steps_per_turn: Annotated[int, Meta(gt=0)]
     no_load_speed_rpm: Positive
-    """Speed limit at the nominal voltage of the battery."""
+    """Speed limit at nominal battery voltage."""
     approach_rate_per_s: Positive
     """Rate of the exponential decay of the error close to the goal."""
     stall_torque_nm: Positive = 6.0
-    """At the nominal voltage of the battery; of an MX-64 unless given."""
+    """Stall torque at nominal battery voltage; defaults to an MX-64."""
     size_m: tuple[Positive, Positive, Positive] = (0.0402, 0.0611, 0.041)
-    """Width, length and depth along the shaft, of the case; of an MX-64 unless given."""
+    """Width, length and depth along the shaft of the case; defaults to an MX-64."""
 
 
 class Motor(Table, frozen=True):
-    """`[motor]`: the drive motors with their speed controllers, one curve for each wheel."""
+    """`[motor]`: drive motors with speed controllers, one curve per wheel."""
 
     signal: Annotated[list[float], Meta(min_length=2)]
-    """Throttle signal of each row of the calibration table, rising."""
+    """Throttle signal of each row of the calibration table, increasing."""
     speed_rpm: Annotated[list[list[NotNegative]], Meta(min_length=1)]
-    """Measured speed at each signal, one list for each motor."""
+    """Measured speed at each signal, one list per motor."""
     start_speed_rpm: NotNegative
     """Dead band: below this speed the motor does not turn."""
     time_constant_up_s: Positive
     time_constant_down_s: Positive
     pulse_low_us: Positive = 1000.0
-    """Pulse width that the lowest signal stands for."""
+    """Pulse width of the lowest signal."""
     pulse_high_us: Positive = 2000.0
     arming_hold_s: NotNegative = 2.0
     """Time at zero throttle that the speed controllers need before they arm."""
@@ -102,7 +102,7 @@ class Mass(Table, frozen=True):
     total_kg: Positive
     wheel_kg: Positive
     gimbal_kg: Positive
-    """Mass of one outer or inner frame with its load."""
+    """Mass of an outer or inner frame with its load."""
 
 
 class Noise(Table, frozen=True):
@@ -114,9 +114,9 @@ class Noise(Table, frozen=True):
 
 
 SpinScale: TypeAlias = Annotated[float, Meta(ge=0.5, le=2.0)]
-"""Plausible limit: a larger error means a wrong motor or battery."""
-_MOST_OFFSET_DEG = 10.0
-"""Plausible limit: beyond it the servo is mounted wrongly, and may hit a stop or a cable."""
+"""Plausibility limit; a larger error means a wrong motor or battery."""
+_MAX_OFFSET_DEG = 10.0
+"""Plausibility limit; beyond it the servo is mounted wrongly, and may hit a stop or a cable."""
 
 
 class Calibration(Table, frozen=True):
@@ -131,7 +131,7 @@ class Calibration(Table, frozen=True):
 
 
 class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
-    """A robot on a singularity drive."""
+    """Robot with a singularity drive."""
 
     drive: SingularityGeometry
     servo: Servo
@@ -150,16 +150,16 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def measures_spin(self) -> bool:
-        """Whether wheel speeds are measured; the robot of the thesis does not measure them."""
+        """False, because the thesis robot does not measure wheel speeds."""
         return False
 
     @property
     def sensors(self) -> tuple[Joint, ...]:
-        """The turn rate of the gyro, where there is one."""
+        """Turn rate of the gyro, if any."""
         return () if self.gyro is None else GYRO_SENSORS
 
     def kinematics(self) -> SingularityKinematics:
-        """Kinematics at cruise speed."""
+        """Return the kinematics at cruise speed."""
         g = self.drive
         return SingularityKinematics(
             azimuths_rad=np.radians(g.azimuths_deg),
@@ -172,7 +172,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         )
 
     def actuator_offsets(self) -> ActuatorOffsets:
-        """Calibration between joints and actuators."""
+        """Return the calibration between joints and actuators."""
         found, modules = self.calibration, self.drive.modules
         offset = np.zeros((modules, 3))
         offset[:, :2] = np.radians(found.tilt_offset_deg or np.zeros((modules, 2)))
@@ -186,16 +186,16 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return self.errors.delay_s
 
     def with_errors(self, scale: float) -> Self:
-        """Robot with its `[errors]` multiplied by `scale`."""
+        """Return the robot with its `[errors]` multiplied by `scale`."""
         return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
 
     def joint_errors(self) -> JointErrors:
-        """Return the errors of gimbal angles and wheel speeds, of `[noise]` and `[errors]`.
+        """Return the errors of gimbal angles and wheel speeds, from `[noise]` and `[errors]`.
 
-        The radius of a printed wheel is a sine of its tilt, so its error has the same effect as one
-        of the wheel's speed. Servos with a dead band come to rest anywhere between two steps of
-        their encoders, and noisy readings are rounded to either. The battery slows down all wheels
-        alike, and so does the floor.
+        The radius of a printed wheel varies sinusoidally with its tilt, which has the same effect
+        as a wheel-speed error. Servos with a dead band stop anywhere between two encoder steps, and
+        noisy readings are rounded to either. The battery affects all wheels equally, and so does
+        the floor.
         """
         noise, errors = self.noise, self.errors
         step_rad = 2.0 * math.pi / self.servo.steps_per_turn
@@ -215,10 +215,10 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         drive = self.drive
         return FloorErrors(
             at_rad_per_s=drive.cruise_speed_rpm * RPM,
-            spin_share=self.spin_friction_share * _UNKNOWN_FRICTION,
-            turn_rad_per_s=self.floor_turn_rad_per_s * _UNKNOWN_FRICTION,
-            slip_lag_s=self.slip_lag_s * _UNKNOWN_FRICTION,
-            droop_s2_per_m2=self.spin_droop_s2_per_m2 * _UNKNOWN_FRICTION,
+            spin_share=self.spin_friction_share * _FRICTION_SIGMA,
+            turn_rad_per_s=self.floor_turn_rad_per_s * _FRICTION_SIGMA,
+            slip_lag_s=self.slip_lag_s * _FRICTION_SIGMA,
+            droop_s2_per_m2=self.spin_droop_s2_per_m2 * _FRICTION_SIGMA,
             restore_up_s=self.motor.time_constant_up_s,
             restore_down_s=self.motor.time_constant_down_s,
             turn_per_spin=self._spin_inertia_kg_m2 / (self.mass.total_kg * drive.pivot_radius_m**2),
@@ -226,7 +226,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def spin_friction_share(self) -> float:
-        """Share of the wheel speed that the floor's friction takes from a wheel at rest.
+        """Relative wheel speed lost to floor friction by a robot at rest.
 
         The motor's stiffness follows from its time constant.
         """
@@ -235,18 +235,18 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def spin_droop_s2_per_m2(self) -> float:
-        """Share of their speed that the wheels lose when the robot takes its energy from them."""
+        """Relative loss of wheel speed when the robot takes its energy from the wheels."""
         spin_rad_per_s = self.drive.cruise_speed_rpm * RPM
-        # Both energies have a half; a share of the speed is half of that of its square.
+        # Both energies contain 1/2; a relative speed change is half that of the squared speed.
         energy_j = self.drive.modules * self._spin_inertia_kg_m2 * spin_rad_per_s**2
         return 0.5 * self.mass.total_kg / energy_j
 
     @property
     def floor_turn_rad_per_s(self) -> float:
-        """Turn rate of a robot that stands, since the floor brakes all wheels in one direction.
+        """Turn rate of a robot at rest, because the floor brakes all wheels in the same direction.
 
-        Forces along the pivot circle hold the robot against these torques. For them wheels slide,
-        and gimbals give way by less than a step; see `docs/physics.md` for the friction.
+        Forces along the pivot circle balance these torques. They require wheel slip and deflect the
+        gimbals by less than one step; see `docs/physics.md` for the friction.
         """
         drive, floor = self.drive, self.floor
         if floor.friction == 0.0:
@@ -259,7 +259,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def slip_lag_s(self) -> float:
-        """Time constant with which the body follows its wheels: they push by sliding a little."""
+        """Time constant with which the body follows its wheels, whose force requires slip."""
         floor = self.floor
         if floor.friction == 0.0:
             return 0.0
@@ -270,19 +270,19 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
     def turning_inertia_kg_m2(self) -> float:
         """Moment of inertia about the vertical axis.
 
-        Of a disc of the size of the pivot circle, with the modules on its rim.
+        Modelled as a disc with the diameter of the pivot circle, with the modules on its rim.
         """
         module_kg = self.mass.wheel_kg + 2.0 * self.mass.gimbal_kg
         mass_kg = self.mass.total_kg + self.drive.modules * module_kg
         return 0.5 * mass_kg * self.drive.pivot_radius_m**2
 
     def joint_compliance(self) -> JointCompliance:
-        """Return how gimbals give way to the floor, and trail behind their set-points."""
+        """Return the deflection of gimbals under floor forces, and their lag behind setpoints."""
         kinematics, errors = self.kinematics(), self.errors
         mass_kg = self.mass.total_kg
         inertia = np.diag([mass_kg, mass_kg, self.turning_inertia_kg_m2])
-        # A force at the lowest point of a wheel turns the gimbal about the horizontal axis at a
-        # right angle to it; alpha turns about -X of its module.
+        # A force at the lowest point of a wheel rotates the gimbal about the perpendicular
+        # horizontal axis; alpha rotates about -X of its module.
         lean = -self.drive.wheel_radius_m / self._gimbal_stiffness_nm
         one_module = np.array([[0.0, lean], [lean, 0.0], [0.0, 0.0]])
         by_force = np.asarray(np.kron(np.eye(kinematics.modules), one_module), dtype=float)
@@ -298,7 +298,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def _gimbal_stiffness_nm(self) -> float:
-        """Torque of a gimbal servo for an angle, N m/rad: near its goal it is a spring."""
+        """Stiffness of a gimbal servo, N m/rad: near its goal it acts as a spring."""
         servo = self.servo
         rate_per_s = servo.approach_rate_per_s / (servo.no_load_speed_rpm * RPM)
         return servo.stall_torque_nm * rate_per_s
@@ -315,35 +315,35 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def _spin_torque_nm(self) -> float:
-        """Friction torque of a contact patch that only spins, under the pressure of Hertz."""
+        """Friction torque of a purely spinning contact patch under Hertzian pressure."""
         floor = self.floor
         return floor.friction * self._load_n * _MEAN_LEVER * floor.patch_radius_m
 
     def spin_up(self) -> SpinUp:
-        """Return how the drive motors spin up and run down."""
+        """Return the model of the drive motors' acceleration and run-down."""
         m = self.motor
         return SpinUp(m.start_speed_rpm * RPM, m.time_constant_up_s, m.time_constant_down_s)
 
     @property
     def wheel_speed_range(self) -> WheelSpeedRange:
-        """Range of spins that all motors can reach."""
+        """Range of wheel speeds that all motors can reach."""
         drive = self.kinematics()
-        # The motor set-point is the wheel speed divided by the scale of the wheel.
-        per_told = self.actuator_offsets().scale[2::3] / drive.spin_ratio
+        # The motor setpoint is the wheel speed divided by the wheel's scale.
+        per_setpoint = self.actuator_offsets().scale[2::3] / drive.spin_ratio
         fastest_rpm = np.array([column[-1] for column in self.motor.speed_rpm])
-        most_rpm = float((fastest_rpm * per_told).min())
+        most_rpm = float((fastest_rpm * per_setpoint).min())
         if self.drive.max_speed_rpm is not None:
             most_rpm = min(most_rpm, self.drive.max_speed_rpm)
         return WheelSpeedRange(
             kinematics=drive,
-            least_rad_per_s=self.motor.start_speed_rpm * float(per_told.max()) * RPM,
+            least_rad_per_s=self.motor.start_speed_rpm * float(per_setpoint.max()) * RPM,
             most_rad_per_s=most_rpm * RPM,
             servo_step_rad=2.0 * math.pi / self.servo.steps_per_turn,
         )
 
     @property
     def lag_s(self) -> float:
-        """Time constant of the servos: the wheel speeds are constant."""
+        """Time constant of the servos, because wheel speeds are constant."""
         return 1.0 / self.servo.approach_rate_per_s
 
     def problems(self) -> Iterator[Problem]:
@@ -373,7 +373,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         yield from self._motor_problems()
 
     def _calibration_problems(self) -> Iterator[Problem]:
-        limit = min(self.drive.max_tilt_deg, _MOST_OFFSET_DEG)
+        limit = min(self.drive.max_tilt_deg, _MAX_OFFSET_DEG)
         for i, pair in enumerate(self.calibration.tilt_offset_deg):
             if max(abs(angle) for angle in pair) >= limit:
                 yield (

@@ -109,9 +109,7 @@ class RosOperator:
     def __init__(self, source: OperatedSource, machine: CmdVelOperator) -> None:
         """`machine` is that of the robot, also of the time before it was out of reach."""
         self._source = source
-        self._driver = RobotDriver(
-            source.client, machine, self._tell, conflict=source.shared_name
-        )
+        self._driver = RobotDriver(source.client, machine, self._tell, conflict=source.shared_name)
         self._loop = asyncio.get_running_loop()
         self._inbox = Inbox()
         self._woken = False

@@ -1,4 +1,4 @@
-"""Security over a network: certificates, access rules of the bus, users of the dashboard.
+"""Network security: certificates, access rules of the bus, users of the dashboard.
 
 Certificates and users are imported at first use, because a client needs neither of their packages.
 """

@@ -1,6 +1,4 @@
-"""Identities on the bus, their roles, the access rules of a robot, and Zenoh configurations with
-TLS, as data.
-"""
+"""Identities and roles on the bus, a robot's access rules, and Zenoh settings with TLS, as data."""
 
 from __future__ import annotations
 
@@ -16,39 +14,43 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.topics import Service
 
 LONGEST = 23
-"""An operator id has 32 characters, of which each page of a dashboard takes a dash and 8 digits."""
+"""Maximum name length: operator ids have 32 characters, and dashboard pages append a dash and 8
+digits.
+"""
 ROBOT = "robot"
 AUTHORITY = "ca"
 
 
 class Role(StrEnum):
-    """Role of an identity on the bus, from its certificate."""
+    """Role of a bus identity, from its certificate."""
 
     ROBOT = "robot"
     OPERATOR = "operator"
-    """Sees, drives, and stops."""
+    """May observe, drive and stop."""
     VIEWER = "viewer"
-    """Sees, and stops."""
+    """May observe and stop."""
     SENSOR = "sensor"
-    """Publishes pose measurements, as a camera does; sees, and stops."""
+    """May observe, stop and publish pose measurements, as a camera does."""
     RECORDER = "recorder"
-    """Reads all that is sent, lease ids too; sees, and stops. It cannot use the ids: it may neither
-    send commands nor ask for control."""
+    """May observe, stop and read all messages, including lease ids.
+
+    It cannot use the ids, because it may neither send commands nor request control.
+    """
 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """The owner of a certificate: its common name and its organizational unit."""
+    """Owner of a certificate: common name and organizational unit."""
 
     name: str
     role: Role
 
 
 def client(name: str, role: Role) -> Identity:
-    """Identity of an operator, a viewer or a sensor.
+    """Return the identity of an operator, viewer, sensor or recorder.
 
     Raises:
-        TwinError: the name cannot be part of a key, leaves no room for pages, or is not for people.
+        TwinError: If the name is not valid in a key, is too long, or is reserved.
     """
     try:
         topics.checked(name)
@@ -62,10 +64,10 @@ def client(name: str, role: Role) -> Identity:
 
 
 def merged(known: Sequence[Identity], new: Iterable[Identity]) -> list[Identity]:
-    """Return all identities, each once, by name.
+    """Return all identities, without duplicates, sorted by name.
 
     Raises:
-        TwinError: two of them could be taken for each other.
+        TwinError: If names conflict.
     """
     roles = {person.name: person.role for person in known}
     for person in new:
@@ -76,7 +78,7 @@ def merged(known: Sequence[Identity], new: Iterable[Identity]) -> list[Identity]
             )
     for name in roles:
         for other in roles:
-            # Who is alice may use all keys of alice-<page>.
+            # Operator alice may use all keys of alice-<page>.
             if other.startswith(f"{name}-"):
                 raise TwinError(
                     f"'{other}' could be a page of '{name}': a name must not continue another "
@@ -91,16 +93,15 @@ def _a(role: Role) -> str:
 
 _ANY = "twin/*"
 _CLAIMS = (topics.TWIST, topics.SENSOR_POSE, topics.STOP)
-"""Topics that clients publish; robots publish all others."""
+"""Topics published by clients; robots publish all others."""
 _SECRETS = (topics.INPUTS,)
-"""Topics with lease ids, which are for recorders only."""
+"""Topics with lease ids, for recorders only."""
 _BRANCHES = sorted({t.path.split("/")[0] for t in topics.TOPICS if t not in (*_CLAIMS, *_SECRETS)})
 
 SHOWN = tuple(f"{_ANY}/{branch}/**" for branch in _BRANCHES)
 ALIVE = (topics.alive_key("*"), topics.instance_key("*", "*"))
 HISTORY = (f"{topics.EVENT.key('*')}/@adv/**",)
-"""Keys for queries of past events by late joiners; chunks with @ match no wildcard but
-themselves."""
+"""Keys on which late joiners query past events; wildcards do not match chunks with @."""
 OPEN = tuple(f"{_ANY}/{service}" for service in Service if not service.startswith("srv/"))
 HOLDER = tuple(f"{_ANY}/{service}" for service in Service if service.startswith("srv/"))
 STOP = (topics.STOP.key("*"),)
@@ -112,13 +113,13 @@ EVERYTHING = (f"{_ANY}/**", *HISTORY)
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """Access rule that allows messages on keys; all others are denied."""
+    """Access rule that allows messages on keys; everything else is denied."""
 
     id: str
     flow: Literal["ingress", "egress"]
-    """Seen from the robot: ingress is what comes in."""
+    """Seen from the robot: ingress messages are received by it."""
     messages: tuple[str, ...]
-    """In Zenoh's terms. A key that is declared must lie within one of `keys` altogether."""
+    """Message types as named by Zenoh. A declared key must lie entirely within one of `keys`."""
     keys: tuple[str, ...]
 
 
@@ -134,43 +135,44 @@ EVERYBODY = (
     Rule("alive", "egress", ("liveliness_token",), ALIVE + HISTORY),
     Rule("history-ask", "ingress", ("query",), HISTORY),
     Rule("history", "egress", ("declare_queryable",), HISTORY),
-    # An answer about the past carries the key of the event itself.
+    # The reply to a history query carries the key of the event itself.
     Rule("history-say", "egress", ("reply",), (topics.EVENT.key("*"),)),
     Rule("open-ask", "ingress", ("query",), OPEN),
     Rule("open", "egress", ("declare_queryable", "reply"), OPEN),
     Rule("stop-say", "ingress", ("put",), STOP),
     Rule("stop", "egress", ("declare_subscriber",), STOP),
 )
-"""All: see, and stop."""
+"""Rules for all roles: observe and stop."""
 
 OPERATORS = (
     Rule("holder-ask", "ingress", ("query",), HOLDER),
     Rule("holder", "egress", ("declare_queryable", "reply"), HOLDER),
-    # Without this the session of an operator learns of no subscriber, and sends nothing.
+    # Without this rule, an operator's session learns of no subscriber and sends nothing.
     Rule("drive", "egress", ("declare_subscriber",), TWIST),
     Rule("outside-ask", "ingress", ("declare_subscriber",), SENSOR_POSE),
     Rule("outside-see", "egress", ("put",), SENSOR_POSE),
 )
-"""Additional rules of operators: request control, see subscribers of commands, and read pose
-measurements for calibration."""
+"""Additional rules for operators: request control, see subscribers of commands, and read pose
+measurements for calibration.
+"""
 
 SENSORS = (
     Rule("outside-say", "ingress", ("put",), SENSOR_POSE),
     Rule("outside", "egress", ("declare_subscriber",), SENSOR_POSE),
 )
-"""Additional rules of sensors: publish poses. Other roles must not: poses shift `odom`."""
+"""Additional rules for sensors: publish poses. No other role may, because poses shift `odom`."""
 
 RECORDERS = (
     Rule("record-ask", "ingress", ("declare_subscriber",), ON_RECORD),
     Rule("record", "egress", ("put",), ON_RECORD),
 )
-"""Additional rules of recorders: read what clients send, and the inputs of the controller."""
+"""Additional rules for recorders: read client messages and the controller inputs."""
 
 
 def drive_rule(name: str) -> Rule:
-    """Rule that lets one operator, and its pages, send commands on its own keys.
+    """Return the rule that lets an operator and its pages send commands on their keys.
 
-    `name-$*` is any chunk that begins so: each page of a dashboard has a key of its own.
+    `name-$*` matches any chunk with this prefix, because each dashboard page has a separate key.
     """
     own = tuple(
         topics.TWIST.key("*").replace("cmd/*", f"cmd/{chunk}") for chunk in (name, f"{name}-$*")
@@ -179,9 +181,9 @@ def drive_rule(name: str) -> Rule:
 
 
 def access_control(identities: Sequence[Identity]) -> dict[str, Any]:
-    """Section `access_control` of a robot's Zenoh configuration.
+    """Return section `access_control` of a robot's Zenoh configuration.
 
-    Subjects are the common names of client certificates; other names have no rights.
+    Subjects are the common names of client certificates; all other names have no rights.
     """
     operators = [person.name for person in identities if person.role is Role.OPERATOR]
     sensors = [person.name for person in identities if person.role is Role.SENSOR]
@@ -202,7 +204,7 @@ def access_control(identities: Sequence[Identity]) -> dict[str, Any]:
             _in_zenoh_terms(rule) for rule in (*EVERYBODY, *OPERATORS, *SENSORS, *RECORDERS, *own)
         ],
         "subjects": [{"id": p.name, "cert_common_names": [p.name]} for p in identities],
-        # Zenoh rejects a policy without subjects; no policies deny everything.
+        # Zenoh rejects a policy without subjects; an empty list denies everything.
         "policies": policies if identities else [],
     }
 
@@ -219,17 +221,17 @@ def _in_zenoh_terms(rule: Rule) -> dict[str, Any]:
 
 LISTEN = "tls/0.0.0.0:7447"
 LARGEST_BYTES = 65536
-"""Largest message a robot reassembles; a command has 108 bytes, a request a few hundred."""
+"""Largest message that a robot reassembles; commands have 108 bytes, requests a few hundred."""
 _PORT = re.compile(r"^tls/.*?:(\d+)(?:[?#].*)?$")
 
 
 def robot_settings(
     base: Mapping[str, Any], listen: str, identities: Sequence[Identity]
 ) -> dict[str, Any]:
-    """Settings of a robot node that other machines can reach.
+    """Return the settings of a robot node that other machines can reach.
 
-    `base` are the settings of one that listens nowhere; files are named relative to the
-    configuration itself.
+    `base` contains the settings of a node that does not listen. File names are relative to the
+    configuration file.
     """
     settings = _with_tls(
         base,
@@ -241,14 +243,14 @@ def robot_settings(
     settings["listen"] = {"endpoints": [listen]}
     settings["access_control"] = access_control(identities)
     settings["transport"]["link"]["rx"] = {"max_message_size": LARGEST_BYTES}
-    # No message to a robot is large, on any key.
+    # Messages to a robot are small on all keys.
     for limit in settings["low_pass_filter"]:
         limit["key_exprs"] = list(EVERYTHING)
     return settings
 
 
 def client_settings(base: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Settings of a dashboard or a tool; `base` are those of one without TLS."""
+    """Return the settings of a dashboard or tool; `base` contains those without TLS."""
     return _with_tls(
         base,
         {
@@ -260,10 +262,10 @@ def client_settings(base: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 
 def endpoint(host: str, robot: Mapping[str, Any]) -> str:
-    """Return where clients connect to a robot with these settings that is known as `host`.
+    """Return the endpoint for clients of a robot with these settings at `host`.
 
     Raises:
-        TwinError: the settings do not begin with an endpoint that has a port.
+        TwinError: If the first listening endpoint is missing or has no port.
     """
     try:
         port = _PORT.search(robot["listen"]["endpoints"][0])
@@ -281,7 +283,7 @@ def _with_tls(base: Mapping[str, Any], files: Mapping[str, Any]) -> dict[str, An
         "tls": {
             "root_ca_certificate": f"{AUTHORITY}.pem",
             "enable_mtls": True,
-            # What has run out must not go on because it began in time.
+            # A connection must not outlive its certificate.
             "close_link_on_expiration": True,
             **files,
         },

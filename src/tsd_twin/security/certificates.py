@@ -1,4 +1,4 @@
-"""Certificates: a private authority (EC P-256, PKCS #8), PEM files with safe permissions, and the
+"""Private certificate authority (EC P-256, PKCS #8), PEM files with safe permissions, and
 provisioning of a key folder for robots and clients.
 """
 
@@ -39,10 +39,10 @@ Certificate = x509.Certificate
 
 
 def read_certificate(file: Path) -> Certificate:
-    """Certificate in a file.
+    """Read a PEM certificate.
 
     Raises:
-        TwinError: there is none.
+        TwinError: If the file cannot be read as a certificate.
     """
     try:
         return x509.load_pem_x509_certificate(file.read_bytes())
@@ -51,10 +51,10 @@ def read_certificate(file: Path) -> Certificate:
 
 
 def read_key(file: Path) -> Key:
-    """Private key in a file.
+    """Read a private key.
 
     Raises:
-        TwinError: there is none, it has a passphrase, or it is of another kind.
+        TwinError: If the file cannot be read, has a passphrase, or contains another kind of key.
     """
     try:
         key = serialization.load_pem_private_key(file.read_bytes(), None)
@@ -66,10 +66,10 @@ def read_key(file: Path) -> Key:
 
 
 def write_key(file: Path, key: Key) -> None:
-    """Write a private key as PKCS #8, without a passphrase, for its owner to read.
+    """Write a private key as PKCS #8 without a passphrase, readable by the owner only.
 
     Raises:
-        TwinError: the file is there already, or cannot be written.
+        TwinError: If the file exists or cannot be written.
     """
     content = key.private_bytes(
         serialization.Encoding.PEM,
@@ -88,20 +88,20 @@ def write_certificate(file: Path, certificate: Certificate) -> None:
     """Write a certificate.
 
     Raises:
-        TwinError: the file cannot be written.
+        TwinError: If the file cannot be written.
     """
     replace_file(file, certificate.public_bytes(serialization.Encoding.PEM))
 
 
 def replace_file(file: Path, content: bytes, mode: int = 0o644) -> None:
-    """Write a file atomically: an interruption never leaves a partial one.
+    """Write a file atomically.
 
     Raises:
-        TwinError: the file cannot be written.
+        TwinError: If the file cannot be written.
     """
     draft = file.with_name(f"{file.name}.new")
     try:
-        draft.unlink(missing_ok=True)  # A draft left behind may have public permissions.
+        draft.unlink(missing_ok=True)  # A leftover draft may have public permissions.
         descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(content)
@@ -112,13 +112,15 @@ def replace_file(file: Path, content: bytes, mode: int = 0o644) -> None:
 
 AUTHORITY_DAYS = 3650
 _EARLIER = timedelta(days=1)
-"""Certificates begin a day ago: the clock of a robot may be a little behind."""
+"""Backdates certificates by a day, because a robot's clock may lag."""
 _HOST = re.compile(r"([a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?\.)*[a-z]([a-z0-9-]{0,61}[a-z0-9])?", re.I)
-"""Labels of letters, digits and dashes; the last begins with a letter, or it is a bad address."""
+"""Labels of letters, digits and dashes. The last starts with a letter, which excludes malformed IP
+addresses.
+"""
 
 
 def new_key() -> Key:
-    """New private key."""
+    """Generate a private key."""
     return ec.generate_private_key(ec.SECP256R1())
 
 
@@ -131,7 +133,7 @@ class CertificateAuthority:
 
     @classmethod
     def new(cls, key: Key, now: datetime) -> Self:
-        """New authority, good for ten years from `now` (UTC)."""
+        """Create an authority that is valid for ten years from `now` (UTC)."""
         name = _name("tsd-twin private authority", "authority")
         signs = x509.KeyUsage(
             digital_signature=False,
@@ -161,10 +163,10 @@ class CertificateAuthority:
     def issue_robot(
         self, key: Key, hosts: Sequence[str], now: datetime, days: int
     ) -> x509.Certificate:
-        """Server certificate for host names and addresses.
+        """Issue a server certificate for host names and addresses.
 
         Raises:
-            TwinError: a host is neither, or the certificate would outlive the authority.
+            TwinError: If a host is malformed, or the certificate would outlive the authority.
         """
         alternatives = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
         builder = self._leaf(key, Identity(ROBOT, Role.ROBOT), now, days)
@@ -174,17 +176,17 @@ class CertificateAuthority:
     def issue_client(
         self, key: Key, person: Identity, now: datetime, days: int
     ) -> x509.Certificate:
-        """Client certificate, which is not valid for servers.
+        """Issue a client certificate, which is not valid for servers.
 
         Raises:
-            TwinError: the certificate would outlive the authority.
+            TwinError: If the certificate would outlive the authority.
         """
         return self._sign(self._leaf(key, person, now, days), ExtendedKeyUsageOID.CLIENT_AUTH)
 
     def _leaf(
         self, key: Key, identity: Identity, now: datetime, days: int
     ) -> x509.CertificateBuilder:
-        # Certificates know whole seconds.
+        # Certificates store whole seconds.
         end, last = (now + timedelta(days=days)).replace(microsecond=0), self.end
         if days < 1 or end > last:
             raise TwinError(f"{days} days are not between 1 day and the authority's end, {last:%F}")
@@ -206,10 +208,10 @@ class CertificateAuthority:
 
 
 def identity_of(certificate: x509.Certificate) -> Identity:
-    """Identity that a certificate was issued to.
+    """Return the identity in a certificate.
 
     Raises:
-        TwinError: it lacks the fields of such a certificate.
+        TwinError: If the certificate lacks the required fields.
     """
     try:
         (name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
@@ -221,16 +223,16 @@ def identity_of(certificate: x509.Certificate) -> Identity:
 
 
 def hosts_of(certificate: x509.Certificate) -> list[str]:
-    """Names and addresses that a server certificate is good for, in order."""
+    """Return the names and addresses in a server certificate, in order."""
     extension = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
     return [str(name.value) for name in extension.value]
 
 
 def checked_host(host: str) -> str:
-    """Host name or address as certificates have it.
+    """Return a host name or address in the form used in certificates.
 
     Raises:
-        TwinError: it is neither.
+        TwinError: If it is neither.
     """
     return str(_general_name(host).value)
 
@@ -267,61 +269,57 @@ def _general_name(host: str) -> x509.GeneralName:
 
 
 class KeyFolder:
-    """Folder of keys, certificates and configurations; its certificates are the list of
-    identities.
-    """
+    """Folder of keys, certificates and configurations; its certificates define the identities."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.made: list[Path] = []
-        """Files that were written, in order."""
+        """Files written so far, in order."""
 
     # Paths.
 
     def certificate_file(self, name: str) -> Path:
-        """Return where a certificate is."""
+        """Return the path of a certificate."""
         return self.path / f"{name}.pem"
 
     def key_file(self, name: str) -> Path:
-        """Return where a private key is."""
+        """Return the path of a private key."""
         return self.path / f"{name}.key"
 
     def settings_file(self, name: str) -> Path:
-        """Return where the configuration of the robot or of a client is."""
+        """Return the path of the configuration of the robot or a client."""
         return self.path / f"{name}.json5"
 
     def files_of(self, name: str) -> list[Path]:
-        """Files for the machine of the robot or of a client; no others may be copied
-        there.
-        """
+        """Return all files that may be copied to the machine of the robot or a client."""
         own = [self.certificate_file(name), self.key_file(name), self.settings_file(name)]
         return [self.certificate_file(AUTHORITY), *own]
 
     # Reading.
 
     def identities(self) -> list[Identity]:
-        """Identities with a certificate in the folder, by name.
+        """Return the identities with a certificate in the folder, by name.
 
         Raises:
-            TwinError: a certificate is none of ours.
+            TwinError: If a certificate was not made by `tsd-certs`.
         """
         files = sorted(f for f in self.path.glob("*.pem") if f.stem != AUTHORITY)
         return [p for p in map(certificate_identity, files) if p.role is not Role.ROBOT]
 
     def hosts(self) -> list[str]:
-        """Names and addresses in the certificate of the robot, if there is one."""
+        """Return the names and addresses in the robot's certificate, if it exists."""
         file = self.certificate_file(ROBOT)
         return hosts_of(read_certificate(file)) if file.exists() else []
 
     def end_of(self, name: str) -> datetime:
-        """Return when a certificate runs out."""
+        """Return the expiry of a certificate."""
         return read_certificate(self.certificate_file(name)).not_valid_after_utc
 
     def settings(self, name: str) -> dict[str, Any] | None:
-        """Configuration of the robot or of a client, if there is one.
+        """Return the configuration of the robot or a client, if it exists.
 
         Raises:
-            TwinError: it is not JSON below lines of comment.
+            TwinError: If the file is not JSON with comment lines.
         """
         file = self.settings_file(name)
         if not file.exists():
@@ -338,10 +336,10 @@ class KeyFolder:
     # Writing.
 
     def make(self) -> None:
-        """Make the folder, for its owner alone.
+        """Create the folder, accessible by its owner only.
 
         Raises:
-            TwinError: it cannot be made.
+            TwinError: If it cannot be created.
         """
         try:
             self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -349,10 +347,10 @@ class KeyFolder:
             raise TwinError(f"{self.path} cannot be made: {error.strerror}") from error
 
     def authority(self, now: datetime) -> CertificateAuthority:
-        """Return the authority; create it when there is none.
+        """Return the authority; create it if it does not exist.
 
         Raises:
-            TwinError: a part of it is missing, or its parts do not belong together.
+            TwinError: If the certificate or key is missing, or they do not match.
         """
         file, key_file = self.certificate_file(AUTHORITY), self.key_file(AUTHORITY)
         if not file.exists() and not key_file.exists():
@@ -370,7 +368,7 @@ class KeyFolder:
         return authority
 
     def key(self, name: str) -> Key:
-        """Existing key, so that a certificate alone can be renewed, or a new one."""
+        """Return the existing key, so that only the certificate is renewed, or create one."""
         file = self.key_file(name)
         if file.exists():
             return read_key(file)
@@ -380,12 +378,12 @@ class KeyFolder:
         return key
 
     def write_certificate(self, name: str, certificate: Certificate) -> None:
-        """Write a certificate."""
+        """Write a certificate and record its path."""
         write_certificate(self.certificate_file(name), certificate)
         self.made.append(self.certificate_file(name))
 
     def write_settings(self, name: str, head: str, settings: Mapping[str, Any]) -> None:
-        """Write a configuration below a head of comments, unless it is so already."""
+        """Write a configuration below a comment header, unless it is unchanged."""
         if self.settings(name) != settings:
             text = head + json.dumps(settings, indent=2) + "\n"
             replace_file(self.settings_file(name), text.encode())
@@ -393,10 +391,10 @@ class KeyFolder:
 
 
 def certificate_identity(file: Path) -> Identity:
-    """Identity of the certificate in a file.
+    """Return the identity in a certificate file.
 
     Raises:
-        TwinError: it cannot be read, or is none of ours.
+        TwinError: If the file cannot be read or was not made by `tsd-certs`.
     """
     return identity_of(read_certificate(file))
 
@@ -412,19 +410,19 @@ _CLIENT_HEAD = """\
 
 @dataclass(frozen=True, slots=True)
 class CertificateRequest:
-    """Request for certificates: the identities that a key folder shall have.
+    """Identities and settings requested for a key folder.
 
     Raises:
-        TwinError: the number of days is impossible.
+        TwinError: If `days` is out of range.
     """
 
     hosts: tuple[str, ...] = ()
-    """Names and addresses of the robot; clients connect to the first of all."""
+    """Names and addresses of the robot; clients connect to the first."""
     identities: tuple[Identity, ...] = ()
     days: int = 365
     """Validity of new certificates, days."""
     listen: str | None = None
-    """None: as it is, or `LISTEN`."""
+    """Listening endpoint; None keeps the existing one, or uses `LISTEN`."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.days <= AUTHORITY_DAYS:
@@ -438,15 +436,21 @@ def provision(
     robot_base: Mapping[str, Any],
     client_base: Callable[[str], Mapping[str, Any]],
 ) -> None:
-    """Write missing files, and the access rules of the robot for all identities.
+    """Write missing files, and update the robot's access rules for all identities.
 
-    `now` is in UTC. `robot_base` are Zenoh settings of a node that listens nowhere, `client_base`
-    gives those of a client for an endpoint. Keys and certificates are never overwritten, but for
-    the certificate of a robot that gets another name; the one before stays good as well.
+    Existing keys and certificates are kept, except the robot's certificate when it gets another
+    name; the previous one remains valid.
+
+    Args:
+        order: Requested identities and settings.
+        folder: Folder to update.
+        now: Current time, UTC.
+        robot_base: Zenoh settings of a node that does not listen.
+        client_base: Returns the Zenoh settings of a client for an endpoint.
 
     Raises:
-        TwinError: two names clash, no host is known or one cannot be, the key of the authority is
-            needed and not here, or a file is not what it should be.
+        TwinError: If names conflict, a host is missing or malformed, the authority's key is
+            required but missing, or a file is invalid.
     """
     identities = merged(folder.identities(), order.identities)
     before = folder.hosts()

@@ -1,6 +1,4 @@
-"""Users of a dashboard: password hashes in a file, login sessions, and rate limits of login
-attempts.
-"""
+"""Users of a dashboard: password file, login sessions, and rate limits for login attempts."""
 
 from __future__ import annotations
 
@@ -20,14 +18,14 @@ from tsd_twin.security.access_rules import Role, client
 from tsd_twin.security.certificates import replace_file
 
 _OTHERS = stat.S_IWGRP | stat.S_IRWXO
-"""Permission bits that a file must not have; its group, such as that of a service, may read."""
+"""Permission bits that a file must not have; its group, for example of a service, may read it."""
 
 
 def refuse_public(file: Path) -> None:
-    """Refuse a file that others can read or change.
+    """Reject a file that other users can read or change.
 
     Raises:
-        TwinError: others can read or change it, or the file does not exist.
+        TwinError: If others can access the file, or it does not exist.
     """
     try:
         status = file.stat()
@@ -42,7 +40,7 @@ def refuse_public(file: Path) -> None:
 LEAST_CHARACTERS = 10
 _MOST_CHARACTERS = 256
 _HASHER = argon2.PasswordHasher()
-"""With the second set of parameters of RFC 9106: 64 MiB, three passes."""
+"""Second recommended parameter set of RFC 9106: 64 MiB, three passes."""
 _HEAD = (
     "# Who may log in to the dashboard, and as what. Made by tsd-users; the dashboard reads it\n"
     "# when it starts. A viewer may stop the robot only with `may_stop = true`.\n"
@@ -69,18 +67,18 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Users:
-    """The users of one file."""
+    """User accounts of a file."""
 
     def __init__(self, entries: dict[str, _Entry]) -> None:
         self._entries = entries
 
     @classmethod
     def load(cls, file: Path) -> Users:
-        """Read a file.
+        """Read a user file.
 
         Raises:
-            TwinError: it cannot be read, is invalid, lists no user, or others can
-                read it.
+            TwinError: If the file cannot be read, is invalid, lists no users, or is readable by
+                others.
         """
         users = cls.load_any(file)
         if not users.names:
@@ -89,10 +87,10 @@ class Users:
 
     @classmethod
     def load_any(cls, file: Path) -> Users:
-        """Read a file, which may be empty.
+        """Read a user file, which may be empty.
 
         Raises:
-            TwinError: it cannot be read, has something that is wrong, or others can read it.
+            TwinError: If the file cannot be read, is invalid, or is readable by others.
         """
         refuse_public(file)
         try:
@@ -111,16 +109,15 @@ class Users:
         return sorted(self._entries)
 
     def user(self, name: str) -> User:
-        """User by name; KeyError when there is none."""
+        """Return a user by name; raises KeyError if unknown."""
         entry = self._entries[name]
         role = Role(entry.role)
         return User(name, role, role is Role.OPERATOR or bool(entry.may_stop))
 
     def check(self, name: str, password: str) -> User | None:
-        """User whose name and password these are.
+        """Return the user if the password is correct, else None.
 
-        Takes about 50 ms of processor time and 64 MiB for every name: do not call it on an event
-        loop.
+        Takes about 50 ms of CPU time and 64 MiB for every name, so do not call it on an event loop.
         """
         # An unknown name takes as long as a known one, so timing does not reveal names.
         stand_in = next(iter(self._entries.values()))
@@ -131,13 +128,13 @@ class Users:
         known = name in self._entries and len(password) <= _MOST_CHARACTERS
         return self.user(name) if known else None
 
-    # Changing.
+    # Editing.
 
     def put(self, name: str, role: Role, password: str, *, may_stop: bool) -> None:
         """Add a user, or set a new role and password.
 
         Raises:
-            TwinError: the name cannot be one, or the password is too short.
+            TwinError: If the name is invalid or the password is too short or too long.
         """
         client(name, role)
         if not LEAST_CHARACTERS <= len(password) <= _MOST_CHARACTERS:
@@ -152,16 +149,16 @@ class Users:
         """Remove a user.
 
         Raises:
-            TwinError: there is no such user.
+            TwinError: If the user does not exist.
         """
         if self._entries.pop(name, None) is None:
             raise TwinError(f"there is no '{name}' to be removed")
 
     def save(self, file: Path) -> None:
-        """Write the file, for its owner alone.
+        """Write the file, readable by its owner only.
 
         Raises:
-            TwinError: it cannot be written.
+            TwinError: If the file cannot be written.
         """
         text = _HEAD
         for name in self.names:
@@ -190,7 +187,7 @@ def _check(file: Path, name: str, entry: _Entry) -> None:
 KEYS = 1024
 """Maximum number of keys; the one with the shortest wait, then the fewest tries, is evicted."""
 CALM_S = 3600.0
-"""Time without attempts after which the count of a key restarts."""
+"""The count of a key restarts after this time without attempts."""
 
 
 @dataclass(slots=True)
@@ -201,20 +198,20 @@ class _Attempts:
 
 
 class LoginRateLimiter:
-    """Rate limiter of login attempts by key, with exponential back-off.
+    """Rate limiter for login attempts by key, with exponential backoff.
 
     Each attempt counts as failed until it succeeds, so parallel attempts gain nothing.
     """
 
     def __init__(self, free: int, first_s: float, longest_s: float) -> None:
-        """After `free` tries comes a wait of `first_s`, doubled with each up to `longest_s`."""
+        """Allow `free` tries, then delay by `first_s`, doubled with each try up to `longest_s`."""
         self._free = free
         self._first_s = first_s
         self._longest_s = longest_s
         self._records: dict[str, _Attempts] = {}
 
     def wait_s(self, key: str, now_s: float) -> float:
-        """Return how long a key has to wait before its next try; 0 when it need not."""
+        """Return the wait before the next try of a key, or 0."""
         record = self._records.get(key)
         return 0.0 if record is None else max(0.0, record.until_s - now_s)
 
@@ -228,12 +225,12 @@ class LoginRateLimiter:
         record.last_s = now_s
         over = record.tries - self._free
         if over >= 0:
-            # Beyond some power there is nothing left to double.
+            # Bound the exponent to avoid overflow.
             wait_s = min(self._longest_s, self._first_s * 2.0 ** min(over, 32))
             record.until_s = now_s + wait_s
 
     def refund(self, key: str) -> None:
-        """Forget one try, which was right after all, and the wait that it began."""
+        """Remove one successful try and the wait that it caused."""
         record = self._records.get(key)
         if record is not None:
             record.tries -= 1
@@ -242,7 +239,7 @@ class LoginRateLimiter:
                 del self._records[key]
 
     def forget(self, key: str) -> None:
-        """Forget all tries of a key."""
+        """Remove all tries of a key."""
         self._records.pop(key, None)
 
     def _make_room(self, key: str, now_s: float) -> None:
@@ -260,14 +257,14 @@ class LoginTokenBucket:
     """Token bucket that limits the attempts of all keys together."""
 
     def __init__(self, at_once: int, every_s: float) -> None:
-        """`at_once` tries are free, and `every_s` gives back one of them."""
+        """Allow `at_once` tries at once, refilled by one every `every_s`."""
         self._at_once = at_once
         self._every_s = every_s
         self._left = float(at_once)
         self._now_s = 0.0
 
     def wait_s(self, now_s: float) -> float:
-        """Return how long until the next try; 0 when there need not be a wait."""
+        """Return the wait before the next try, or 0."""
         self._refill(now_s)
         return max(0.0, 1.0 - self._left) * self._every_s
 
@@ -277,7 +274,7 @@ class LoginTokenBucket:
         self._left -= 1.0
 
     def refund(self) -> None:
-        """Forget one try, which was right after all."""
+        """Return the token of a successful try."""
         self._left = min(self._at_once, self._left + 1.0)
 
     def _refill(self, now_s: float) -> None:
@@ -287,16 +284,16 @@ class LoginTokenBucket:
 
 
 IDLE_S = 30 * 60.0
-"""A login ends when none of its pages has been open, and nothing been asked, for so long."""
+"""Idle timeout: a login ends after this time without open pages or requests."""
 ABSOLUTE_S = 12 * 3600.0
-"""A login ends after so long in any case."""
+"""Maximum lifetime of a login."""
 _AT_ONCE = 16
-"""Logins of one user; with one more, the oldest ends."""
+"""Maximum logins per user; one more ends the oldest."""
 
 
 @dataclass(slots=True)
 class Login:
-    """Login session of a user in one browser; its id is a digest of the secret in the cookie."""
+    """Login session of a user in a browser; its id is a digest of the cookie's secret."""
 
     id: str
     user: User
@@ -305,24 +302,24 @@ class Login:
 
 
 class Logins:
-    """Login sessions and rate limits; methods take the time in seconds of a monotonic clock."""
+    """Login sessions and rate limits; `now_s` is monotonic time."""
 
     def __init__(self, *, idle_s: float = IDLE_S, absolute_s: float = ABSOLUTE_S) -> None:
         self._idle_s = idle_s
         self._absolute_s = absolute_s
         self._logins: dict[str, Login] = {}
-        # The waits are bounded: an attacker behind the same address, or with a known name, must not
-        # lock others out for long.
+        # The waits are bounded, so that an attacker behind the same address or with a known name
+        # cannot lock others out for long.
         self._addresses = LoginRateLimiter(free=5, first_s=5.0, longest_s=900.0)
         self._names = LoginRateLimiter(free=10, first_s=10.0, longest_s=300.0)
-        # Addresses behind a proxy come from its headers, which any process of its machine can
-        # forge: this limit does not depend on them.
+        # This limit is independent of addresses, because any local process can forge the headers of
+        # a proxy.
         self._all = LoginTokenBucket(at_once=60, every_s=5.0)
 
-    # Trying.
+    # Attempts.
 
     def wait_s(self, address: str, name: str, now_s: float) -> float:
-        """Return how long to wait before the next try; 0 counts the try, until it is `right`."""
+        """Return the wait before the next try; if 0, count the try until `right` is called."""
         wait_s = max(self._wait_of_all_s(address, now_s), self._names.wait_s(name, now_s))
         if wait_s <= 0.0:
             self._count_attempt(address, now_s)
@@ -330,14 +327,14 @@ class Logins:
         return wait_s
 
     def wait_nameless_s(self, address: str, now_s: float) -> float:
-        """Return how long to wait before the next try; 0 counts one that has no name."""
+        """Return the wait before the next try without a name; if 0, count the try."""
         wait_s = self._wait_of_all_s(address, now_s)
         if wait_s <= 0.0:
             self._count_attempt(address, now_s)
         return wait_s
 
     def right(self, address: str, name: str) -> None:
-        """Note that a try was right. Other tries from the address stay counted."""
+        """Record that a try succeeded. Other tries from the address still count."""
         self._all.refund()
         self._addresses.refund(address)
         self._names.forget(name)
@@ -349,10 +346,10 @@ class Logins:
         self._all.count_attempt(now_s)
         self._addresses.count_attempt(address, now_s)
 
-    # Being logged in.
+    # Sessions.
 
     def open(self, user: User, now_s: float) -> str:
-        """Return the secret of a new login, for the cookie; it is kept nowhere else."""
+        """Open a login and return its secret for the cookie, which is stored nowhere else."""
         own = [login for login in self._logins.values() if login.user.name == user.name]
         for login in own[: max(0, len(own) - _AT_ONCE + 1)]:
             self.close(login.id)
@@ -362,7 +359,7 @@ class Logins:
         return secret
 
     def find(self, secret: str | None, now_s: float) -> Login | None:
-        """Login that a cookie belongs to, if it is good, and note that it is used."""
+        """Return the active login for a cookie, and mark it as used."""
         # Digests are looked up, so timing reveals nothing about the secrets.
         login = None if secret is None else self._logins.get(_digest(secret))
         if login is None or self._is_over(login, now_s):
@@ -375,7 +372,7 @@ class Logins:
         self._logins.pop(login_id, None)
 
     def sweep(self, used: set[str], now_s: float) -> None:
-        """Note which logins have open pages, and end those whose time is over."""
+        """Mark logins with open pages as used, and end expired ones."""
         for login_id in used & self._logins.keys():
             self._logins[login_id].used_s = now_s
         over = [login.id for login in self._logins.values() if self._is_over(login, now_s)]
@@ -383,7 +380,7 @@ class Logins:
             self.close(login_id)
 
     def is_open(self, login_id: str) -> bool:
-        """Return whether a login has not ended."""
+        """Return whether a login is active."""
         return login_id in self._logins
 
     def _is_over(self, login: Login, now_s: float) -> bool:

@@ -1,4 +1,4 @@
-"""Access over HTTP: the checks of `Host` and `Origin`, and TLS for servers of web pages."""
+"""HTTP access checks: `Host` and `Origin` headers, and TLS for web servers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _HOST = re.compile(
     r"(?P<name>[a-z0-9](?:[a-z0-9._-]{0,251}[a-z0-9])?|\[(?P<ipv6>[0-9a-f:.]{2,45})\])"
     r"(?::(?P<port>[1-9][0-9]{0,4}))?"
 )
-"""`name`, `address` or `[IPv6 address]`, each alone or with a port."""
+"""`name`, `address` or `[IPv6 address]`, each with or without a port."""
 _ORIGIN = re.compile(rf"(?P<scheme>https?)://(?P<host>{_HOST.pattern})")
 
 
@@ -30,12 +30,12 @@ def origin_refusal(
     addresses: bool = False,
     secure: bool = False,
 ) -> str | None:
-    """Return why a request is refused, by its `Host` and `Origin` headers; None when it is not.
+    """Return why a request is refused by its `Host` and `Origin` headers, or None.
 
-    A page of another site can make a browser speak to this machine, also under a name of its own
-    that it points here (DNS rebinding). It can forge neither header. With `addresses` the gateway
-    also answers to any address with its port: an address cannot be rebound as a name can. When the
-    browser's side is `secure`, a page that came without TLS is another site.
+    A page of another site can make a browser send requests to this machine, also under a name that
+    it resolves to this machine (DNS rebinding), but it can forge neither header. With `addresses`,
+    any IP address with our port is accepted too, because addresses cannot be rebound. With
+    `secure`, a page loaded without TLS counts as another site.
     """
     if host is None or not _is_known_host(
         host, port, allowed_hosts, addresses=addresses, secure=secure
@@ -50,7 +50,7 @@ def origin_refusal(
 
 
 def is_loopback(name: str) -> bool:
-    """Return whether a host name or address, without port, is a loopback one."""
+    """Return whether a host name or address without port is a loopback one."""
     if name.lower() == "localhost":
         return True
     try:
@@ -78,7 +78,7 @@ def _is_known_host(
         return True
     name = parts["ipv6"] or parts["name"]
     known = is_loopback(name) or (addresses and is_address(name))
-    if parts["ipv6"] is not None and ":" not in name:  # In brackets stands IPv6 alone.
+    if parts["ipv6"] is not None and ":" not in name:  # Brackets are for IPv6 only.
         return False
     return known and int(parts["port"] or (443 if secure else 80)) == port
 
@@ -91,7 +91,7 @@ def _is_same_origin(origin: str, host: str, *, secure: bool) -> bool:
 
 
 def _lower(text: str) -> str:
-    """Return the text with ASCII letters in lower case; all other characters unchanged."""
+    """Convert ASCII text to lower case; return other text unchanged."""
     return text.lower() if text.isascii() else text
 
 
@@ -99,14 +99,15 @@ def server_tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
     """Return the TLS context of a server, version 1.2 or newer.
 
     Raises:
-        TwinError: a file is missing, others can read the key, or the two do not belong together.
+        TwinError: If a file is missing, others can read the key, or key and certificate do not
+            match.
     """
     certificate_host_names(certificate)
     refuse_public(key)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
-        # Without a password function OpenSSL would ask at the terminal, and wait.
+        # Without a password function OpenSSL would prompt on the terminal and block.
         context.load_cert_chain(certificate, key, password=lambda: "")
     except ssl.SSLError as error:
         if error.reason == "KEY_VALUES_MISMATCH":
@@ -118,10 +119,10 @@ def server_tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
 
 
 def certificate_host_names(certificate: Path) -> list[str]:
-    """Return the host names, without patterns, that the first certificate in a file is good for.
+    """Return the host names in the first certificate of a file, without wildcards.
 
     Raises:
-        TwinError: there is none in the file.
+        TwinError: If the file contains no certificate.
     """
     try:
         first = x509.load_pem_x509_certificates(certificate.read_bytes())[0]

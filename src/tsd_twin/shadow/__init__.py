@@ -1,4 +1,4 @@
-"""Comparison of a robot with a simulation on the same set-points, the shadow twin."""
+"""Shadow twin: comparison of a robot with a simulation driven by the same setpoints."""
 
 from tsd_twin.shadow.drift_tests import Drift, ShadowReport
 from tsd_twin.shadow.twin import STREAMS, ShadowFeed, ShadowTwin

@@ -1,6 +1,4 @@
-"""Sequential tests of a shadow twin: slow servos, slow wheels and a battery that sags; and its
-report.
-"""
+"""Sequential fault tests of a shadow twin: slow servos, slow wheels, low battery."""
 
 from __future__ import annotations
 
@@ -14,49 +12,49 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import RobotDescription
 
 SLOW_SERVO = 0.30
-"""Share of its speed that a servo has lost: the fault that is looked for. Less than half of it
-is never named."""
+"""Fractional speed loss of a servo that is tested for. Less than half of it is never reported."""
 SLOW_WHEEL = 0.05
-"""The same of a wheel; less than half of it is never named."""
+"""The same for a wheel; less than half of it is never reported."""
 LOW_BATTERY = 0.05
-"""The same of the battery, as a share of the nominal voltage."""
+"""The same for the battery, as a fraction of the nominal voltage."""
 _EVIDENCE, _SERVO_EVIDENCE, _WHEEL_EVIDENCE = 12.0, 16.0, 10.0
-"""Logarithm of the likelihood ratio at which a battery, a servo and a wheel are named. Where the
-noise is as modelled, the mean time to a false name is more than exp(10) blocks of half a second,
-three hours, for each test (Lorden 1971). Sound robots reach 6.5 on wheels; and 13 on servos at full
-stick, whose errors are alike for some seconds."""
+"""Log-likelihood ratio at which a battery, servo and wheel fault is reported. If the noise is as
+modelled, the mean time to a false alarm exceeds exp(10) blocks of 0.5 s, three hours, per test
+(Lorden 1971). Healthy robots reach 6.5 on wheels, and 13 on servos at full stick, whose errors are
+correlated for some seconds."""
 _SUSPICION = 2.0
-"""Evidence above which a test no longer adapts to the robot: it would learn the fault."""
+"""Evidence above which a test stops adapting to the robot, because it would learn the fault."""
 _MARGIN = 3.0
-"""Evidence by which a wheel must be ahead of another, to be named alone."""
-_MARGIN_SHARE = 0.25
-"""The same, as a share of its own evidence: wheels and floor are less simple than their model."""
+"""Lead in evidence that a wheel needs over the others to be reported alone."""
+_MARGIN_FRACTION = 0.25
+"""The same, relative to its evidence, because wheels and floor are more complex than their
+model."""
 
 
 class Drift(msgspec.Struct, frozen=True):
-    """A part that differs from its description, or from how it was before."""
+    """A part that differs from its description or from its earlier behaviour."""
 
     part: str
-    """Joints, separated by commas; `wheels` for all of them, or `battery`."""
+    """Comma-separated joints, `wheels` for all wheels, or `battery`."""
     text: str
     """One sentence."""
 
 
 class JointComparison(msgspec.Struct, frozen=True):
-    """Measured and simulated value of a joint, and the band of their difference."""
+    """Measured and simulated value of a joint, and the tolerance band of their difference."""
 
     name: str
     unit: str
     measured: float | None
-    """Null where it is not measured."""
+    """Null if not measured."""
     simulated: float
     band: float
-    """Largest difference that the errors of the description explain, to either side."""
+    """Largest difference explained by the described errors, in either direction."""
     inside: bool
 
 
 class PoseComparison(msgspec.Struct, frozen=True):
-    """Measured minus simulated motion in the last second, along the axes at its start."""
+    """Measured minus simulated motion in the last second, in the axes at its start."""
 
     names: tuple[str, str, str]
     units: tuple[str, str, str]
@@ -69,17 +67,17 @@ class ShadowReport(msgspec.Struct, frozen=True):
     """Comparison of a robot with its shadow twin at one time."""
 
     compared_s: float
-    """For how long they have been compared without a gap."""
+    """Duration of the comparison without a gap."""
     joints: tuple[JointComparison, ...] = ()
     pose: PoseComparison | None = None
-    """Null until they have been compared for a second."""
+    """Null during the first second of comparison."""
     drifts: tuple[Drift, ...] = ()
     note: str = ""
-    """What cannot be tested, and why; "" if all can."""
+    """Reason why some test is not possible, or ""."""
 
 
-def _spoken(joint: str) -> str:
-    """Return `module2_alpha` as a person says it: `module 2 alpha`."""
+def _readable(joint: str) -> str:
+    """Format `module2_alpha` as `module 2 alpha`."""
     head, _, part = joint.partition("_")
     name = head.rstrip("0123456789")
     return " ".join(filter(None, [name, head[len(name) :], part]))
@@ -90,61 +88,64 @@ def _percent(share: float) -> str:
 
 
 class _Cusum:
-    """Cumulative sums of log-likelihood ratios, one for each fault."""
+    """Cumulative sums of log-likelihood ratios, one per fault."""
 
     def __init__(self, faults: int, threshold: float) -> None:
         self.sums = np.zeros(faults)
         self._threshold = threshold
 
     def add(self, ratios: Array) -> None:
-        """Add log-likelihood ratios (faults,); sums stay between 0 and twice the threshold."""
+        """Add log-likelihood ratios (faults,), clamping sums between 0 and twice the threshold."""
         self.sums = np.clip(self.sums + ratios, 0.0, 2.0 * self._threshold)
 
     @property
     def named(self) -> npt.NDArray[np.bool_]:
-        """(faults,): whether there is enough evidence."""
+        """(faults,): whether the evidence reaches the threshold."""
         return self.sums >= self._threshold
 
 
 _SHARED_S, _OWN_S = 5.0, 60.0
-"""Memory of the lag of all servos, and of each one."""
+"""Memory of the common lag of all servos, and of each servo's own lag."""
 _SHARED_LAG_S, _OWN_LAG_S = 0.01, 0.003
-"""Standard deviation of the lag of all servos, and of one from that of the others."""
-_MOST_OWN_LAG_S = 0.002
-_MOST_LEAN = 1.5
-"""Largest share of the reckoned lean: it is 0 without loads, and 1 on the reckoned floor."""
-_SOFTER = SLOW_SERVO / (1.0 - SLOW_SERVO)
-"""By how much more a slow servo gives way, as a share."""
-_USUAL_MPS2 = 3.0
-"""Acceleration for which servos give way, until it is learned how much they do."""
+"""Standard deviation of the common lag, and of a servo's lag relative to the others."""
+_MAX_OWN_LAG_S = 0.002
+_MAX_DEFLECTION = 1.5
+"""Maximum deflection relative to the model: from 0 (no load) to 1 (modelled floor)."""
+_EXTRA_COMPLIANCE = SLOW_SERVO / (1.0 - SLOW_SERVO)
+"""Additional relative deflection of a slow servo."""
+_ASSUMED_MPS2 = 3.0
+"""Assumed acceleration that deflects the servos, until their compliance is learned."""
 _OFFSET_S = 2.0
-"""Memory of the mean difference, of a servo under a load that lasts or within its dead band."""
+"""Time constant of the mean difference, for a servo under sustained load or within its dead
+band."""
 _BLOCK_S = 0.3
-"""Errors of angles are alike for a while: their sums over this are taken for independent."""
-_KNOWN_BLOCKS, _MOST_BLOCKS = 10.0, 120.0
-"""Blocks that the noise of the description counts for, and after which older ones count less."""
-_LEAST_BLOCKS = 7.0
-"""Blocks from which the noise is learned before anything is named."""
-_MOST_RATIO, _MOST_SERVO_RATIO = 4.0, 6.0
-"""Most that a block counts: a single one names nothing, nor do two blocks of a servo."""
-_LEAST_RAD, _LEAST_PLAY = math.radians(0.006), 0.2
-"""Root mean square by which a slow servo must be behind a sound one in a block that counts; and the
-same as a share of the play, which holds up slow motions more than a slow servo does."""
+"""Angle errors are correlated for a while; sums over this time are treated as independent."""
+_KNOWN_BLOCKS, _MAX_BLOCKS = 10.0, 120.0
+"""Weight of the described noise in blocks, and number of blocks after which older ones are
+discounted."""
+_MIN_BLOCKS = 7.0
+"""Number of blocks used to learn the noise before a fault can be reported."""
+_MAX_RATIO, _MAX_SERVO_RATIO = 4.0, 6.0
+"""Maximum contribution of a block: a single block never triggers a report, nor do two of a
+servo."""
+_MIN_DIFFERENCE_RAD, _MIN_BACKLASH_FRACTION = math.radians(0.006), 0.2
+"""Minimum RMS difference between slow and healthy servo in a useful block: absolute, and as a
+fraction of the backlash, which delays slow motions more than a slow servo does."""
 _SERVO_MODEL_SHARE = 0.15
-"""Standard deviation of the lag that the model of a servo has wrong, as a share of the fault."""
+"""Standard deviation of the lag's model error, as a fraction of the fault."""
 
 
 class ServoTest:
-    """Test for servos that got slower, by the angles that they report.
+    """Tests for servos that have become slower, from the angles they report.
 
-    Delays of the bus, play and loads let all servos lag; so the lag of each one is compared with
-    that of the others, and with its own from before. What noise and play do to the sums is learned.
+    Bus delays, backlash and loads make all servos lag, so each servo's lag is compared with the
+    other servos and with its own past. The effect of noise and backlash on the sums is learned.
     """
 
     def __init__(self, robot: RobotDescription, names: list[str]) -> None:
         self._names = names
         errors, gives = robot.joint_errors(), robot.joint_compliance()
-        self._play_rad = 0.0 if gives is None else gives.play_rad
+        self._backlash_rad = 0.0 if gives is None else gives.play_rad
         dead_band_rad = 0.0 if gives is None else gives.dead_band_rad
         step_rad = math.sqrt(12.0) * errors.angle_rad
         self._floor2 = errors.angle_rad**2 + step_rad**2 / 6.0
@@ -154,8 +155,8 @@ class ServoTest:
         self._cusum = _Cusum(count, _SERVO_EVIDENCE)
         load_rad = 0.0
         if gives is not None:
-            load_rad = float(np.abs(gives.by_acceleration[:, :2]).max()) * _USUAL_MPS2
-        known2 = self._floor2 + dead_band_rad**2 + (0.25 * self._play_rad) ** 2 + load_rad**2
+            load_rad = float(np.abs(gives.by_acceleration[:, :2]).max()) * _ASSUMED_MPS2
+        known2 = self._floor2 + dead_band_rad**2 + (0.25 * self._backlash_rad) ** 2 + load_rad**2
         self._noise2 = np.full(count, known2)
         self._means = np.zeros((2, count))
         self._blocks = np.full(count, _KNOWN_BLOCKS)
@@ -165,7 +166,7 @@ class ServoTest:
         self._before = np.zeros(count)
 
     def restart(self, nominal: Array) -> None:
-        """Begin anew with the simulated angles (m,)."""
+        """Restart from the simulated angles (m,)."""
         self._before = nominal
         self._block, self._samples, self._block_s = np.zeros((2, len(self._names))), 0, 0.0
 
@@ -179,20 +180,20 @@ class ServoTest:
         *,
         warm: bool,
     ) -> None:
-        """Add measured angles (m,), and those of a sound robot and of one with slow servos.
+        """Add measured angles (m,), with simulated angles of a healthy robot and of slow servos.
 
-        `lean` (m,) is by how much the servos of a sound robot give way to its acceleration.
+        `lean` (m,) is the deflection of a healthy robot's servos under its acceleration.
         """
         rate, self._before = (nominal - self._before) / dt_s, nominal
         if not warm or not np.isfinite(measured).all():
             return
-        shared, yields = self._shared_by_others(measured - nominal, rate, lean, dt_s)
+        shared, yields = self._predict_from_others(measured - nominal, rate, lean, dt_s)
         error = measured - nominal - yields * lean
-        fault = slow - nominal + _SOFTER * yields * lean
+        fault = slow - nominal + _EXTRA_COMPLIANCE * yields * lean
         weight, push = self._own
         own = push / (weight + self._floor2 / _OWN_LAG_S**2)
-        left = error + (shared + np.clip(own, -_MOST_OWN_LAG_S, _MOST_OWN_LAG_S)) * rate
-        # Without what lasts; the fault in the same way, so that it is weighed as it would show.
+        left = error + (shared + np.clip(own, -_MAX_OWN_LAG_S, _MAX_OWN_LAG_S)) * rate
+        # Remove the mean from the fault too, so that it is weighted as it would appear.
         self._means += dt_s / _OFFSET_S * (np.array([left, fault]) - self._means)
         left, fault = left - self._means[0], fault - self._means[1]
         calm = self._cusum.sums < _SUSPICION
@@ -206,27 +207,30 @@ class ServoTest:
             self._block, self._samples, self._block_s = np.zeros_like(self._block), 0, 0.0
 
     def _judge(self, calm: npt.NDArray[np.bool_]) -> None:
-        """Weigh the sums of a block."""
+        """Add the evidence of a block."""
         (strength, match), count = self._block, self._samples
-        tells = strength > count * max(_LEAST_RAD, _LEAST_PLAY * self._play_rad) ** 2
+        tells = (
+            strength
+            > count * max(_MIN_DIFFERENCE_RAD, _MIN_BACKLASH_FRACTION * self._backlash_rad) ** 2
+        )
         noise2 = np.maximum(self._noise2, np.median(self._noise2))
         noise2 = noise2 + _SERVO_MODEL_SHARE**2 * strength
         ratios = (match - 0.5 * strength) / noise2
-        ready = self._blocks >= _KNOWN_BLOCKS + _LEAST_BLOCKS
-        self._cusum.add(ready * tells * np.clip(ratios, -3.0, _MOST_SERVO_RATIO))
+        ready = self._blocks >= _KNOWN_BLOCKS + _MIN_BLOCKS
+        self._cusum.add(ready * tells * np.clip(ratios, -3.0, _MAX_SERVO_RATIO))
         self._size = np.where(self._cusum.sums > 0.0, self._size + self._block, 0.0)
         learns = tells & calm
-        self._blocks = np.minimum(self._blocks + learns, _MOST_BLOCKS)
+        self._blocks = np.minimum(self._blocks + learns, _MAX_BLOCKS)
         seen = np.minimum(match**2 / np.maximum(strength, 1e-12), 9.0 * self._noise2)
         self._noise2 += learns * (seen - self._noise2) / self._blocks
         self._noise2 = np.maximum(self._noise2, self._floor2)
 
-    def _shared_by_others(
+    def _predict_from_others(
         self, error: Array, rate: Array, lean: Array, dt_s: float
     ) -> tuple[Array, Array]:
-        """Return the lag (m,), seconds, and the share of the lean (m,) that the other servos have.
+        """Return the lag (m,) in seconds and relative deflection (m,) of the other servos.
 
-        By least squares: what is known of all servos but one.
+        Leave-one-out least squares: each servo is predicted from all others.
         """
         self._shared *= 1.0 - dt_s / _SHARED_S
         self._shared += [rate**2, -rate * lean, lean**2, -error * rate, error * lean]
@@ -237,69 +241,69 @@ class ServoTest:
         determinant = rate2 * lean2 - both**2
         lag = (lean2 * by_rate - both * by_lean) / determinant
         yields = (rate2 * by_lean - both * by_rate) / determinant
-        return lag, np.clip(yields, 0.0, _MOST_LEAN)
+        return lag, np.clip(yields, 0.0, _MAX_DEFLECTION)
 
     def bands(self, rate: Array) -> Array:
-        """Bands (m,), radians, of servos that turn at `rate` (m,), rad/s."""
-        moves = np.minimum(np.abs(rate) * 0.02, 0.5 * self._play_rad)
+        """Return the bands (m,), radians, of servos that turn at `rate` (m,), rad/s."""
+        moves = np.minimum(np.abs(rate) * 0.02, 0.5 * self._backlash_rad)
         return self._still_rad + self._delay_s * np.abs(rate) + moves
 
     def drifts(self) -> list[Drift]:
-        """Return the servos that got slower."""
+        """Return the servos that have become slower."""
         found: list[Drift] = []
         for i in np.flatnonzero(self._cusum.named):
             share = SLOW_SERVO * float(self._size[1, i] / max(self._size[0, i], 1e-12))
-            text = f"The servo of {_spoken(self._names[i])} follows {_percent(share)} slower."
+            text = f"The servo of {_readable(self._names[i])} follows {_percent(share)} slower."
             found.append(Drift(self._names[i], text))
         return found
 
 
-_SUPPOSED = 0.6 * SLOW_WHEEL
-"""Loss of the fault that is tested: the floor and the other wheels pull a slow wheel along, so that
-down to half of what its motor lost is left of it."""
+_TESTED_LOSS = 0.6 * SLOW_WHEEL
+"""Tested loss: the floor and the other wheels drag a slow wheel along, which hides up to half of
+its motor's loss."""
 _SIZES = (0.6, 2.0)
-"""Possible losses, over the one that is tested."""
-_LEAST_LEFT, _LEAST_LEFT_EARLY = 0.1, 0.5
-"""Share of the strength of a fault that is left, once the filter has learned the rest of it, below
-which its test begins anew; and the same where there is no suspicion."""
+"""Range of possible losses, relative to the tested one."""
+_MIN_UNLEARNED, _MIN_UNLEARNED_EARLY = 0.1, 0.5
+"""Fraction of a fault's strength that the filter has not yet absorbed, below which its test
+restarts: with suspicion, and without."""
 
 
 class WheelTest:
-    """Test for wheels that lost speed, by measured wheel speeds or by the motion of the robot.
+    """Tests for wheels that have lost speed, from wheel speeds or from the robot's motion.
 
-    A Kalman filter estimates the loss of each wheel and nuisances, with the standard deviations of
-    the description as their prior. A fault is a step of the losses. The filter of a robot with
-    such a step would differ in its state alone, by what it has not learned of it yet: so evidence
-    comes from innovations, and what the filter learns of a fault is taken off the fault.
+    A Kalman filter estimates each wheel's loss and nuisance parameters, with the described standard
+    deviations as prior. A fault is a step in the losses. A filter with such a step would differ
+    only in its state, by the part not yet learned. Evidence therefore comes from innovations, and
+    the part of a fault that the filter learns is subtracted from the fault.
     """
 
     def __init__(
         self, robot: RobotDescription, names: list[str], nuisances: Array | None = None
     ) -> None:
-        """`nuisances` (n,) are standard deviations of numbers that are no losses."""
+        """`nuisances` (n,) are the standard deviations of the nuisance parameters."""
         self._names = names
         errors = robot.joint_errors()
         count = len(names)
         own, common = max(errors.spin_share, 0.002), errors.alike_spin_share
         sizes = np.zeros(0) if nuisances is None else nuisances
         self.prior: Array = own**2 * np.eye(count) + common**2
-        """(k, k): covariance of the losses of sound wheels."""
+        """(k, k): covariance of the losses of healthy wheels."""
         self._first2 = np.concatenate([np.diag(self.prior), sizes**2])
         self._state: Array = np.zeros(count + len(sizes))
         self._covariance = np.diag(self._first2)
         self._covariance[:count, :count] = self.prior
         self._faults = np.zeros((len(self._state), count + 1))
-        self._faults[:count] = _SUPPOSED * np.column_stack([np.eye(count), np.ones(count)])
-        self._left = self._faults.copy()
+        self._faults[:count] = _TESTED_LOSS * np.column_stack([np.eye(count), np.ones(count)])
+        self._unlearned = self._faults.copy()
         self._cusum = _Cusum(count + 1, _WHEEL_EVIDENCE)
         self._size = np.zeros((2, count + 1))
         self._before = np.zeros(count + 1)
 
     def keep(self, shares: Array, dt_s: float) -> None:
-        """Let time pass: `shares` (n,) of the nuisances are as before, the rest is new."""
+        """Advance by `dt_s`; `shares` (n,) are the correlations of the nuisances with the past."""
         count = len(self._names)
         self._state[count:] *= shares
-        self._left[count:] *= shares[:, None]
+        self._unlearned[count:] *= shares[:, None]
         self._covariance[count:] *= shares[:, None]
         self._covariance[:, count:] *= shares
         added = np.full(len(self._state), 2e-4**2 * dt_s)
@@ -307,41 +311,38 @@ class WheelTest:
         self._covariance += np.diag(added)
 
     def add(self, error: Array, rows: Array, noise: Array) -> None:
-        """Add a difference (d,): `rows` (d, k + n) times the state, and noise.
-
-        `noise` (d, d) is the covariance of the latter.
-        """
+        """Add a difference (d,) with Jacobian `rows` (d, k + n) and noise covariance (d, d)."""
         innovation = error - rows @ self._state
         crossed = rows @ self._covariance
         spread = crossed @ rows.T + noise
-        shown = rows @ self._left
+        shown = rows @ self._unlearned
         weighed = np.linalg.solve(spread, shown).T
         strength = np.einsum("fd,df->f", weighed, shown)
         match = weighed @ innovation
         if len(error) == 1:
-            strength[-1] = match[-1] = 0.0  # A turn cannot tell one wheel from all.
+            strength[-1] = match[-1] = 0.0  # A turn rate cannot distinguish one wheel from all.
         was_named = self._cusum.named.any()
-        self._cusum.add(np.clip(match - 0.5 * strength, -3.0, _MOST_RATIO))
+        self._cusum.add(np.clip(match - 0.5 * strength, -3.0, _MAX_RATIO))
         self._size = np.where(self._cusum.sums > 0.0, self._size + np.array([strength, match]), 0.0)
         if was_named:
-            return  # What a named wheel lost is not learned: so its name is withdrawn on repair.
+            return  # Do not learn it, so that a repair withdraws the report.
         gain = np.linalg.solve(spread, crossed).T
         self._state = self._state + gain @ innovation
-        self._left = self._left - gain @ shown
+        self._unlearned = self._unlearned - gain @ shown
         self._covariance = self._covariance - gain @ crossed
         new = rows @ self._faults
         most = np.einsum("df,df->f", np.linalg.solve(spread, new), new)
         sums = self._cusum.sums
-        least = np.where(sums < _SUSPICION, _LEAST_LEFT_EARLY, _LEAST_LEFT) * most
+        least = np.where(sums < _SUSPICION, _MIN_UNLEARNED_EARLY, _MIN_UNLEARNED) * most
         begins = ~self._cusum.named & ((sums <= 0.0) | (strength < least))
         self._cusum.sums = np.where(begins, 0.0, sums)
         self._size = np.where(begins, 0.0, self._size)
-        self._left = np.where(begins, self._faults, self._left)
+        self._unlearned = np.where(begins, self._faults, self._unlearned)
         lost = self._state[: len(self._names)]
         self._before = np.where(begins, np.append(lost, lost.mean()), self._before)
 
     def drifts(self) -> list[Drift]:
-        """Return the wheels that lost speed."""
+        """Return the wheels that have lost speed."""
         every, named = len(self._names), self._cusum.named
         if not named.any():
             return []
@@ -350,34 +351,34 @@ class WheelTest:
         ratios = sizes * (match - 0.5 * sizes * strength)
         ratios = np.where(self._cusum.sums > 0.0, ratios, -math.inf)
         best = int(np.where(named, ratios, -math.inf).argmax())
-        share = _SUPPOSED * sizes + self._before
-        margin = max(_MARGIN, _MARGIN_SHARE * ratios[best])
+        share = _TESTED_LOSS * sizes + self._before
+        margin = max(_MARGIN, _MARGIN_FRACTION * ratios[best])
         alike = np.flatnonzero(ratios[:every] > ratios[best] - margin)
         if not len(alike):
             percent = _percent(float(share[every]))
             return [Drift("wheels", f"All wheels turn {percent} slower than their set-points.")]
         percent = _percent(float(share[alike].max()))
-        said = " or ".join(_spoken(self._names[i]).removesuffix(" wheel") for i in alike)
+        said = " or ".join(_readable(self._names[i]).removesuffix(" wheel") for i in alike)
         said = said if "wheel" in said else f"the wheel of {said}"
         text = f"{said[0].upper()}{said[1:]} turns {percent} slower than its set-point."
         return [Drift(",".join(self._names[i] for i in alike), text)]
 
 
 _BATTERY_SHARE = 0.03
-"""Standard deviation of the voltage of a charged battery, as a share of the nominal one."""
+"""Standard deviation of a charged battery's voltage, relative to the nominal voltage."""
 _LEARNED = 40
-"""Statuses, 20 a second, after which the voltage at the start is known."""
+"""Number of statuses (20 per second) that determine the initial voltage."""
 
 
 class BatteryTest:
-    """Test for a battery that sags: below the voltage at the start, or that of the description."""
+    """Tests for a low battery, relative to its initial or described voltage."""
 
     def __init__(self, nominal_v: float) -> None:
         self._nominal_v = nominal_v
         self._cusum = _Cusum(1, _EVIDENCE)
         self._count, self._start = 0, 0.0
         self.share = 1.0
-        """Newest voltage over the nominal one."""
+        """Latest voltage relative to the nominal voltage."""
 
     def add(self, volts: float) -> None:
         """Add a measured voltage."""
@@ -391,7 +392,7 @@ class BatteryTest:
         self._cusum.add(np.clip(np.array([ratio]), -1.0, 1.0))
 
     def drifts(self) -> list[Drift]:
-        """Return the battery, if it sags."""
+        """Return the battery if its voltage is low."""
         if not self._cusum.named[0]:
             return []
         volts, nominal = self.share * self._nominal_v, self._nominal_v

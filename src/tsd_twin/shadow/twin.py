@@ -1,8 +1,8 @@
-"""Shadow twin: simulated robots on the set-points of a real one, and what differs between them.
+"""Shadow twin: simulated robots driven by a real robot's setpoints, and fault detection.
 
-A bank of simulated robots follows the same set-points: one as described, and each of the others
-with one fault. Where the real robot differs from the first one as one of the others does, a
-sequential test (CUSUM of log-likelihood ratios, Page 1954) gathers evidence for that fault.
+A bank of simulated robots follows the same setpoints: one as described, and the others with one
+fault each. If the real robot deviates from the first like one of the others does, a sequential test
+(CUSUM of log-likelihood ratios, Page 1954) accumulates evidence for that fault.
 """
 
 from __future__ import annotations
@@ -34,52 +34,54 @@ from tsd_twin.simulation import simulate
 from tsd_twin.simulation.sensors import Simulation
 
 WINDOW_S = 1.0
-"""Length of the sliding window in which the pose is compared: estimates drift over longer ones."""
+"""Sliding window for comparing poses; estimates would drift over longer windows."""
 
 _GAP_S = 0.25
-"""Longest time between two states; after a longer one the simulated robots begin anew."""
+"""Maximum time between two states; after a longer gap the simulated robots restart."""
 _WARM_UP_S = 1.0
-"""Time after which the simulated robots have forgotten how they began."""
+"""Time after which the initial state of the simulated robots no longer matters."""
 _STEP_S = 0.01
-"""Step of the simulation of geared motors: four times its own, and exact enough."""
-_HELD_SHARE = 0.75
-"""Set-points change every 0.01 s and are seen every 0.02 s: weight of the earlier one."""
+"""Step of the simulation of geared motors: four times its default, and still accurate enough."""
+_EARLIER_WEIGHT = 0.75
+"""Weight of the earlier setpoint, because setpoints change every 0.01 s and are received every 0.02
+s."""
 
 
 _JUMP = 0.05
-"""Metres, or radians, that the pose may be off its twist between two states; more is a jump."""
+"""Maximum difference (metres or radians) between pose change and twist; larger ones are pose
+jumps."""
 _SENSED_S = 2.0
 """Time after which an estimate follows a pose sensor."""
-_FUSED = 0.45
-"""Standard deviation of a fused pose over that of the sensor."""
+_FUSED_SIGMA = 0.45
+"""Standard deviation of a fused pose relative to the sensor."""
 _LAG_SHARE = 0.25
-"""Share of the lag of the motion that the simulation may have wrong."""
-_LEAN_LAG_S = 0.08
-"""Time constant with which servos give way to the acceleration of the simulated robot: the real one
-slides first, and a servo yields like a spring with a damper."""
+"""Relative model error of the motion's lag."""
+_TILT_LAG_S = 0.08
+"""Time constant of servo deflection under acceleration: the real robot slides first, and a servo
+deflects like a spring with a damper."""
 _BLOCK_S = 0.5
-"""Length of the blocks of motion that are tested for slow wheels."""
+"""Length of the motion blocks tested for slow wheels."""
 _INDEPENDENT = 0.3
-"""Share of the measured wheel speeds that are independent of those before."""
+"""Fraction of new information in each sample of wheel speeds."""
 _LAG_NOISE = 0.25
-"""Share of the standard deviation of the lag that is new in each block."""
-_MOST_CHANGE = np.array([0.7, 0.7, 1.5])
-"""Change of the twist in a block, m/s and rad/s, above which the block tells nothing: wheels slide,
-and no model of it is good enough."""
+"""Standard deviation of the lag that is independent in each block, relative to the lag."""
+_MAX_CHANGE = np.array([0.7, 0.7, 1.5])
+"""Change of the twist in a block (m/s, rad/s) above which the block is ignored, because wheels
+slide and no model is accurate enough."""
 _DROOP_OWN = 0.5
-"""Share of the energy for a change of speed that may come from a single wheel."""
-_REST = np.array([1e-3, 1e-3, 2.5e-3])
-"""Standard deviation of what no model explains, of x, y and heading."""
+"""Fraction of the energy for a speed change that a single wheel may supply."""
+_UNMODELLED = np.array([1e-3, 1e-3, 2.5e-3])
+"""Unmodelled error in x, y and heading (1σ)."""
 _GYRO_BIAS_RAD_PER_S = 0.0005
-"""Standard deviation of the offset of a gyro, as in `[gyro]`."""
-_PER_SECOND = 10.0
-"""Rate at which poses are remembered, and measured wheel speeds are tested."""
+"""Standard deviation of a gyro's bias, as in `[gyro]`."""
+_RATE_HZ = 10.0
+"""Rate at which poses are recorded and wheel speeds are tested."""
 
 
 class ShadowTwin:
-    """Shadow twin of one robot: fed with its messages, it reports what differs.
+    """Shadow twin of a robot: receives its messages and reports differences.
 
-    No clock and no I/O: the stamps are its time.
+    It uses no clock and no I/O; the stamps provide the time.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -102,18 +104,18 @@ class ShadowTwin:
         self._battery_test = BatteryTest(robot.battery.nominal_v)
         self._has_gyro = any(joint.name == "gyro" for joint in robot.sensors)
         errors, self._gives = robot.joint_errors(), robot.joint_compliance()
-        self._leans = np.zeros(len(self._angles))
+        self._tilt_errors = np.zeros(len(self._angles))
         self._twist = np.zeros(3)
         self._dead_band_rad = 0.0 if self._gives is None else self._gives.dead_band_rad
         self._lag_s = max(errors.floor.slip_lag_s, _LAG_SHARE * robot.lag_s)
-        # Of the motion: a turn rate, the lag, the angle of each gimbal, poses at start and end.
+        # For the motion: a turn rate, the lag, the angle of each gimbal, poses at start and end.
         sensor = robot.pose_sensor
         pose_sigma = [sensor.sigma_m, sensor.sigma_m, math.radians(sensor.sigma_deg)]
         angle_rad = math.hypot(errors.zero_rad, self._dead_band_rad / math.sqrt(3.0))
         turn_rad_per_s = math.hypot(errors.floor.turn_rad_per_s, _GYRO_BIAS_RAD_PER_S)
         self._nuisances = np.array(
             [turn_rad_per_s, self._lag_s, *len(self._angles) * [angle_rad]]
-            + 2 * [_FUSED * sigma for sigma in pose_sigma]
+            + 2 * [_FUSED_SIGMA * sigma for sigma in pose_sigma]
         )
         self._wheel_test = WheelTest(robot, names, None if robot.measures_spin else self._nuisances)
         self._ends_swapped = False
@@ -138,9 +140,9 @@ class ShadowTwin:
         odom: Odometry | None,
         status: Status | None,
     ) -> None:
-        """Take the messages of one period of the robot; older ones than the last are ignored.
+        """Process the messages of a robot period, unless older than the last.
 
-        `stamp_ns` is the time of the period, best on the robot's monotonic clock.
+        `stamp_ns` is the time of the period, preferably on the robot's monotonic clock.
         """
         measured, wanted = self._vector(joints), self._vector(setpoint)
         if measured is None or wanted is None or not np.isfinite(wanted).all():
@@ -149,18 +151,18 @@ class ShadowTwin:
         if self._bank is not None and -_GAP_S < dt_s <= 0.0:
             return
         self._last_ns = stamp_ns
-        goes_on = self._bank is not None and 0.0 < dt_s <= _GAP_S
+        contiguous = self._bank is not None and 0.0 < dt_s <= _GAP_S
         if status is not None:
-            self._take_status(status, dt_s if goes_on else 0.0)
-        if goes_on:
+            self._process_status(status, dt_s if contiguous else 0.0)
+        if contiguous:
             self._step(measured, wanted, dt_s)
         else:
             self._restart(measured, wanted)
         if odom is not None and self._bank is not None:
-            self._take_pose(self._bank, odom, dt_s if goes_on else 0.0)
+            self._process_pose(self._bank, odom, dt_s if contiguous else 0.0)
 
     def report(self) -> ShadowReport:
-        """Return the comparison of now."""
+        """Return the current comparison."""
         if self._bank is None:
             return ShadowReport(0.0)
         drifts = (
@@ -185,14 +187,14 @@ class ShadowTwin:
         )
 
     def _vector(self, state: JointState) -> Array | None:
-        """Return angles and speeds (n,) in the order of the kinematics; None if one is missing."""
+        """Return angles and speeds (n,) in kinematics order, or None if one is missing."""
         place = {name: i for i, name in enumerate(state.names)}
         if not all(name in place for name in self._joints):
             return None
         rows = [place[name] for name in self._joints]
         return np.where(self._is_angle, state.position_rad[rows], state.velocity_rad_per_s[rows])
 
-    def _take_status(self, status: Status, dt_s: float) -> None:
+    def _process_status(self, status: Status, dt_s: float) -> None:
         sensor = status.pose_sensor
         self._sensed_s = self._sensed_s + dt_s if sensor is not None and sensor.hz > 0.0 else 0.0
         volts = status.hardware.get("battery_v")
@@ -208,9 +210,9 @@ class ShadowTwin:
             self._bank.set_battery(float(volts))
 
     def _restart(self, measured: Array, wanted: Array) -> None:
-        """Let the simulated robots begin where the real one is."""
+        """Restart the simulated robots at the real robot's state."""
         bank = simulate(self._robot, (len(self._shares),), step_s=_STEP_S)
-        # Speed controllers pass nothing on until they are armed.
+        # Speed controllers ignore commands until they are armed.
         bank.command(np.zeros(len(self._joints)))
         bank.advance(self._robot.arming_hold_s + 1.0)
         bank.joints[...] = np.where(np.isfinite(measured), measured, wanted)
@@ -219,7 +221,7 @@ class ShadowTwin:
         self._bank, self._setpoint, self._measured = bank, wanted, measured
         self._nominal, self._rates = bank.joints[0].copy(), np.zeros(len(wanted))
         self._servo_test.restart(self._nominal[self._angles])
-        self._leans = np.zeros(len(self._angles))
+        self._tilt_errors = np.zeros(len(self._angles))
         self._twist = self._kinematics.forward(self._nominal).twist
         self._compared_s = self._since_block_s = 0.0
         self._rolled = self._kinematics.pose_type.identity()
@@ -228,8 +230,8 @@ class ShadowTwin:
 
     def _step(self, measured: Array, wanted: Array, dt_s: float) -> None:
         bank = self._bank
-        assert bank is not None  # noqa: S101  The caller has looked.
-        bank.command(_HELD_SHARE * self._setpoint + (1.0 - _HELD_SHARE) * wanted)
+        assert bank is not None  # noqa: S101  Checked by the caller.
+        bank.command(_EARLIER_WEIGHT * self._setpoint + (1.0 - _EARLIER_WEIGHT) * wanted)
         bank.advance(dt_s)
         self._setpoint, self._measured = wanted, measured
         simulated = bank.joints
@@ -237,7 +239,8 @@ class ShadowTwin:
         self._nominal = simulated[0].copy()
         self._compared_s += dt_s
         if len(self._angles):
-            # Where gimbals give way, they show it: the rest of the motion is that of the wheels.
+            # Use the measured gimbal angles, which include compliance; the remaining motion is due
+            # to wheels.
             rolling = np.where(self._is_angle & np.isfinite(measured), measured, simulated[0])
             twist = self._kinematics.forward(rolling, self._rates).twist
             self._rolled = self._kinematics.integrate(self._rolled, twist, dt_s)
@@ -245,34 +248,36 @@ class ShadowTwin:
                 measured[self._angles],
                 simulated[0, self._angles],
                 simulated[self._slow_servos, self._angles],
-                self._lean(dt_s),
+                self._tilt_error(dt_s),
                 dt_s,
                 warm=self._compared_s > _WARM_UP_S,
             )
 
-    def _lean(self, dt_s: float) -> Array:
-        """Return by how much the servos (m,) give way to the acceleration of the sound robot."""
+    def _tilt_error(self, dt_s: float) -> Array:
+        """Return the deflection (m,) of the servos under the healthy robot's acceleration."""
         twist, before = self._kinematics.forward(self._nominal).twist, self._twist
         self._twist = twist
         if self._gives is None:
-            return self._leans
+            return self._tilt_errors
         vx, vy, omega = twist.tolist()
         over_ground = (twist - before) / dt_s + np.array([-omega * vy, omega * vx, 0.0])
         lean: Array = self._gives.by_acceleration @ over_ground
-        self._leans += (1.0 - math.exp(-dt_s / _LEAN_LAG_S)) * (lean[self._angles] - self._leans)
-        return self._leans.copy()
+        self._tilt_errors += (1.0 - math.exp(-dt_s / _TILT_LAG_S)) * (
+            lean[self._angles] - self._tilt_errors
+        )
+        return self._tilt_errors.copy()
 
     def _speed_noise(self) -> Array:
-        """Standard deviation (k,) of measured wheel speeds, beside errors that are constant."""
+        """Return the standard deviation (k,) of measured wheel speeds, without biases."""
         speeds, rates = self._nominal[self._wheels], self._rates[self._wheels]
-        # The largest wheel speed at the speed limit.
+        # Maximum wheel speed at the speed limit.
         limit = np.array([self._robot.limits.speed_mps / self._kinematics.twist_scale_m, 0.0, 0.0])
         top = np.abs(self._kinematics.inverse(limit)[self._wheels]).max()
         lag_rad_per_s = _LAG_SHARE * self._robot.spin_up().up_s * np.abs(rates)
         return np.sqrt((0.005 * speeds) ** 2 + (0.003 * top) ** 2 + lag_rad_per_s**2)
 
     def _test_wheel_speeds(self, bank: Simulation, dt_s: float) -> None:
-        """Compare measured wheel speeds."""
+        """Compare the measured wheel speeds."""
         speeds = bank.joints[:, self._wheels]
         measured = self._measured[self._wheels]
         if np.isfinite(measured).all():
@@ -281,23 +286,23 @@ class ShadowTwin:
             self._wheel_test.keep(np.zeros(0), dt_s)
             self._wheel_test.add(measured - speeds[0], per_loss, noise / _INDEPENDENT)
 
-    def _take_pose(self, bank: Simulation, odom: Odometry, dt_s: float) -> None:
-        """Remember the measured pose and the simulated ones, and test the wheels."""
+    def _process_pose(self, bank: Simulation, odom: Odometry, dt_s: float) -> None:
+        """Record the measured pose and the simulated poses, and test the wheels."""
         pose: Any = SE2(odom.xy_heading) if self._planar else SO3(np.asarray(odom.wxyz))
         if self._newest is not None:
             before, twist = self._newest
-            if self._planar:  # Headings are wrapped on the bus, and counted on here.
+            if self._planar:  # Unwrap the heading, which is wrapped on the bus.
                 was = before.xy_heading[2]
                 here = was + wrap(odom.xy_heading[2] - was)
                 pose = SE2(np.array([*odom.xy_heading[:2], here]))
             moved: Array = (before.inverse() @ pose).log()
             if np.abs(moved - dt_s * twist).max() > _JUMP:
-                self._poses.clear()  # It was set, or found again elsewhere.
+                self._poses.clear()  # The pose was set or relocalized.
                 self._since_block_s = 0.0
         self._newest = (pose, odom.twist)
         self._since_block_s += dt_s
         now_s = self._compared_s
-        if self._poses and now_s - self._poses[-1][0] < 1.0 / _PER_SECOND - 1e-6:
+        if self._poses and now_s - self._poses[-1][0] < 1.0 / _RATE_HZ - 1e-6:
             return
         rolled = self._rolled if len(self._angles) else bank.pose
         twist = self._kinematics.forward(self._nominal).twist
@@ -307,12 +312,12 @@ class ShadowTwin:
         if now_s <= _WARM_UP_S:
             return
         if self._robot.measures_spin:
-            self._test_wheel_speeds(bank, 1.0 / _PER_SECOND)
+            self._test_wheel_speeds(bank, 1.0 / _RATE_HZ)
         elif self._since_block_s >= _BLOCK_S - 1e-6 and now_s > _WARM_UP_S + WINDOW_S:
             self._test_motion()
 
     def _motion(self, seconds: float) -> _Motion | None:
-        """Compare the motion in the last `seconds`; None if it is not known for so long."""
+        """Compare the motion in the last `seconds`, or return None without enough data."""
         end_s = self._poses[-1][0] if self._poses else 0.0
         poses = [each for each in self._poses if each[0] >= end_s - seconds - 1e-6]
         if len(poses) < 2 or end_s - poses[0][0] < 0.9 * seconds:
@@ -326,12 +331,12 @@ class ShadowTwin:
         forward, twists = self._kinematics.forward, np.array([each[-1] for each in poses])
         change = np.abs(np.diff(twists, axis=0)).sum(axis=0)
         sigma = 0.005 * np.abs(simulated[0]).max() + _LAG_NOISE * self._lag_s * change
-        # A robot that speeds up takes energy out of its wheels, and may take more from some.
+        # An accelerating robot takes energy out of its wheels, possibly more from some of them.
         changed_m2_per_s2 = np.abs(np.diff(np.square(twists[:, :2]).sum(axis=1))).sum()
         droop = self._droop_s2_per_m2 * changed_m2_per_s2 * per_loss
         together = droop.sum(axis=1)
         own = _DROOP_OWN * droop
-        noise = np.diag(sigma**2 + _REST**2) + own @ own.T + np.outer(together, together)
+        noise = np.diag(sigma**2 + _UNMODELLED**2) + own @ own.T + np.outer(together, together)
         turn = np.array([[0.0], [0.0], [took_s]])
         lag = (twists[0] - twists[-1])[:, None]
         by_angle, turned = np.zeros((3, 0)), np.zeros(0)
@@ -341,7 +346,7 @@ class ShadowTwin:
             by_angle = took_s * (forward(nudged).twist - forward(joints).twist).T / nudge
             angles = np.array([each[-2][self._angles] for each in poses])
             turned = np.abs(np.diff(angles, axis=0)).sum(axis=0)
-            # Gimbals that turn pass through many errors of this kind, which cancel out.
+            # Turning gimbals average over many such errors, which cancel out.
             by_angle = by_angle / np.sqrt(1.0 + turned / max(self._dead_band_rad, 1e-9))
         rows = np.hstack([per_loss, turn, lag, by_angle, -_carried(measured), np.eye(3)])
         expected = (rolled_was.inverse() @ rolled).log()
@@ -349,18 +354,18 @@ class ShadowTwin:
         return _Motion(error, rows, noise, change, turned)
 
     def _test_motion(self) -> None:
-        """Compare the motion in the last block, where something shows it but the joints."""
+        """Test the motion in the last block, if a sensor other than the joints measured it."""
         motion = self._motion(_BLOCK_S)
-        if motion is None or (motion.change > _MOST_CHANGE).any():
+        if motion is None or (motion.change > _MAX_CHANGE).any():
             return
         seconds, self._since_block_s = self._since_block_s, 0.0
         sensed = self._sensed_s >= _SENSED_S + WINDOW_S
         if not sensed and not self._has_gyro:
             return
         test, moves = self._wheel_test, np.exp(-motion.turned / max(self._dead_band_rad, 1e-9))
-        # The end of one block is the start of the next, and the pose there is off once.
-        goes_on = 1.0 if sensed and seconds < 1.1 * _BLOCK_S else 0.0
-        ends = [0.0] * 3 + [goes_on] * 3 if self._ends_swapped else [goes_on] * 3 + [0.0] * 3
+        # The end of a block is the start of the next, with the same pose error.
+        contiguous = 1.0 if sensed and seconds < 1.1 * _BLOCK_S else 0.0
+        ends = [0.0] * 3 + [contiguous] * 3 if self._ends_swapped else [contiguous] * 3 + [0.0] * 3
         test.keep(np.concatenate([[1.0, 1.0], moves, ends]), _BLOCK_S)
         rows = motion.rows.copy()
         if self._ends_swapped:
@@ -420,22 +425,22 @@ class ShadowTwin:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Motion:
-    """Measured minus simulated motion in some time."""
+    """Measured minus simulated motion over some time."""
 
     error: Array
-    """(3,)."""
+    """(3,): difference."""
     rows: Array
-    """(3, k + n): its change per share that a wheel loses, and per nuisance."""
+    """(3, k + n): Jacobian w.r.t. the wheels' fractional losses and the nuisances."""
     noise: Array
-    """(3, 3): covariance of the rest."""
+    """(3, 3): covariance of the remaining noise."""
     change: Array
-    """(3,): way of the twist, forth and back."""
+    """(3,): total variation of the twist."""
     turned: Array
-    """(m,): way of each gimbal, rad."""
+    """(m,): total variation of each gimbal angle, rad."""
 
 
 def _carried(motion: Array) -> Array:
-    """Return (3, 3) what an error of the pose at the start is to a motion (3,)."""
+    """Return the Jacobian (3, 3) of a motion (3,) w.r.t. the initial pose error."""
     x, y, turn = motion.tolist()
     c, s = math.cos(turn), math.sin(turn)
     return np.array([[c, s, -c * y + s * x], [-s, c, s * y + c * x], [0.0, 0.0, 1.0]])
@@ -446,39 +451,38 @@ def _triple(values: Array) -> tuple[float, float, float]:
     return a, b, c
 
 
-_KEPT = 8
-"""Periods that wait for a message that is still to come."""
+_BUFFERED_PERIODS = 8
+"""Incomplete periods to buffer; the limit is twice as many, because extra setpoints count too."""
 
 
 class ShadowFeed:
-    """Puts the messages of a period together, which come one by one, and hands them to a twin.
+    """Collects the messages of each period and passes them to a twin.
 
-    Set-points between two periods of the other streams, and periods that lack a message, are left
-    out.
+    Setpoints between two periods of the other streams, and incomplete periods, are dropped.
     """
 
     def __init__(self, twin: ShadowTwin) -> None:
         self.twin = twin
         self.status: Status | None = None
-        """Newest status."""
-        self._waiting: dict[int, dict[str, Any]] = {}
+        """Latest status."""
+        self._incomplete: dict[int, dict[str, Any]] = {}
 
     def add(self, stream: str, message: Any, robot_ns: int) -> None:
-        """Take a `JointState` of `joints` or `setpoint`, or an `Odometry` of `odom`.
+        """Add a `JointState` of `joints` or `setpoint`, or an `Odometry` of `odom`.
 
-        `robot_ns` is the robot's monotonic clock when it was sent: equal for those of a period.
+        `robot_ns` is the robot's monotonic clock at sending, which is equal within a period.
         """
-        parts = self._waiting.setdefault(robot_ns, {})
+        parts = self._incomplete.setdefault(robot_ns, {})
         parts[stream] = message
         if len(parts) == len(STREAMS):
-            for each in [each for each in self._waiting if each <= robot_ns]:
-                del self._waiting[each]
+            for each in [each for each in self._incomplete if each <= robot_ns]:
+                del self._incomplete[each]
             self.twin.advance(
                 robot_ns, parts["joints"], parts["setpoint"], parts["odom"], self.status
             )
-        elif len(self._waiting) > 2 * _KEPT:
-            del self._waiting[min(self._waiting)]
+        elif len(self._incomplete) > 2 * _BUFFERED_PERIODS:
+            del self._incomplete[min(self._incomplete)]
 
 
 STREAMS = {"joints": JOINTS, "setpoint": SETPOINT, "odom": ODOM}
-"""Topics that a twin is fed with, beside the status."""
+"""Topics that a twin needs, in addition to the status."""

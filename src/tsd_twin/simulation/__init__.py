@@ -1,4 +1,4 @@
-"""Simulated robots in virtual time: measurements with noise and delay, and the true motion."""
+"""Simulated robots in virtual time: noisy, delayed measurements and ground truth."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Actuator models of a singularity drive: speed controllers, motors, gimbal servos, printed wheel
-surface.
-"""
+"""Actuator models of a singularity drive: ESCs, motors, gimbal servos, printed wheel surface."""
 
 from __future__ import annotations
 
@@ -16,14 +14,15 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import RPM, SingularityDescription
 
 _ARMING_SHARE = 0.9
-"""Share of the described hold that controllers take to arm: a description leaves them a margin."""
+"""Fraction of the described hold time that controllers need to arm; descriptions include a
+margin."""
 
 
 class SpeedControllers:
-    """Arming state machine of speed controllers from power-up on; arrays have one entry per motor.
+    """Arming state machine of speed controllers (ESCs); arrays have one entry per motor.
 
-    The hold starts with the first command, and again with each signal that is not zero throttle.
-    Once armed, a controller stays so.
+    The hold starts with the first command, and restarts with each signal above zero throttle. Once
+    armed, a controller remains armed.
     """
 
     def __init__(self, shape: tuple[int, ...], zero_throttle: float, hold_s: float) -> None:
@@ -33,25 +32,26 @@ class SpeedControllers:
         self._held_s = np.zeros(shape)
         self._was_armed = np.zeros(shape, dtype=bool)
         self._is_idle = False
-        """Whether more time changes nothing: all that hold have held for long enough."""
+        """Whether waiting has no effect, because all holds are complete."""
         self.signal: Array = np.full(shape, zero_throttle)
-        """Newest signal commanded."""
+        """Latest commanded signal."""
 
     @property
     def armed(self) -> npt.NDArray[np.bool_]:
-        """Controllers that pass their signal on."""
+        """Controllers that forward their signal."""
         return self._was_armed | (self._holding & (self._held_s >= self._hold_s))
 
     @property
     def is_repeatable(self) -> bool:
-        """Whether the newest signals change nothing when they are given again.
+        """Whether repeating the latest signals has no effect.
 
-        So it is when all pass theirs on, and when zero throttle is the newest signal of all.
+        This is the case if all controllers forward their signals, or if all signals are zero
+        throttle.
         """
         return bool(self._was_armed.all() or self._holding.all())
 
     def command(self, signal: Array) -> Array:
-        """Take a new throttle signal; return the one that reaches the motors until the next."""
+        """Set the throttle signals; return those that reach the motors until the next call."""
         self._was_armed = self.armed
         self.signal = signal
         self._holding = signal <= self._zero_throttle
@@ -60,7 +60,7 @@ class SpeedControllers:
         return np.where(self._was_armed, signal, self._zero_throttle)
 
     def lose_power(self) -> None:
-        """Lose power: no motor is driven, and they arm anew."""
+        """Lose power: motors are off, and controllers must arm again."""
         self._was_armed[...] = self._holding[...] = self._is_idle = False
         self._held_s[...] = 0.0
 
@@ -74,22 +74,22 @@ class SpeedControllers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motors:
-    """Model of motors and speed controllers, on arrays (..., k): one entry per motor."""
+    """Model of motors and speed controllers, on arrays (..., k) with one entry per motor."""
 
     signals: Array
-    """(r,): throttle signals of the calibration table, rising; the first is zero throttle."""
+    """(r,): throttle signals of the calibration table, increasing from zero throttle."""
     speeds_rad_per_s: Array
     """(k, r): measured speed of each motor at each signal."""
     start_speed_rad_per_s: float
-    """A motor whose curve gives less than this stands still."""
+    """Minimum speed on the curve at which a motor turns."""
     time_constant_up_s: float
     time_constant_down_s: float
     pulses_us: tuple[float, float]
-    """Pulse widths of the first and of the last signal."""
+    """Pulse widths of the first and last signal."""
 
     @staticmethod
     def of(robot: SingularityDescription) -> Motors:
-        """Motors of `robot`, as measured at its nominal voltage."""
+        """Return the motors of `robot`, as measured at nominal voltage."""
         motor = robot.motor
         return Motors(
             signals=np.array(motor.signal),
@@ -101,18 +101,18 @@ class Motors:
         )
 
     def signal(self, speed_rad_per_s: Array) -> Array:
-        """Throttle signal that makes each motor turn at `speed_rad_per_s` (..., k).
+        """Return the throttle signal (..., k) for each motor to turn at `speed_rad_per_s` (..., k).
 
-        The inverse of the measured curve, kept within the table. Zero and below is zero throttle.
+        Inverts the measured curve, clamped to the table. Speeds up to zero give zero throttle.
         """
         signal = np.empty(np.shape(speed_rad_per_s))
         for i, curve in enumerate(self.speeds_rad_per_s):
             signal[..., i] = np.interp(speed_rad_per_s[..., i], curve, self.signals)
-        # The curve starts flat, so its inverse at zero could be any signal of the dead zone.
+        # The curve starts flat, so zero would map to an arbitrary signal of the dead zone.
         return np.where(speed_rad_per_s > 0.0, signal, self.signals[0])
 
     def speed(self, signal: Array) -> Array:
-        """Speed, rad/s, that each motor settles at for its `signal` (..., k)."""
+        """Return the steady-state speed (..., k), rad/s, for `signal` (..., k)."""
         speed = np.empty(np.shape(signal))
         for i, curve in enumerate(self.speeds_rad_per_s):
             speed[..., i] = np.interp(signal[..., i], self.signals, curve)
@@ -121,13 +121,13 @@ class Motors:
         return np.where(speed < start, 0.0, speed)
 
     def pulse_us(self, signal: Array) -> Array:
-        """Pulse width, microseconds, of `signal`."""
+        """Return the pulse width of `signal`, microseconds."""
         first, last = self.signals[0], self.signals[-1]
         low, high = self.pulses_us
         return low + (signal - first) / (last - first) * (high - low)
 
     def after(self, speed: Array, goal: Array, elapsed_s: Array) -> Array:
-        """Speed `elapsed_s` later of motors that settle at `goal`, exactly; rad/s."""
+        """Return the exact speeds, rad/s, after `elapsed_s` with the steady-state speeds `goal`."""
         up_s, down_s = self.time_constant_up_s, self.time_constant_down_s
         time_constant_s = np.where(goal > speed, up_s, down_s)
         return goal + (speed - goal) * np.exp(-elapsed_s / time_constant_s)
@@ -135,27 +135,27 @@ class Motors:
 
 @dataclass(frozen=True, slots=True)
 class Servos:
-    """Model of position servos under proportional control, as the MX-64; arrays of any shape.
+    """Model of proportionally controlled position servos such as the MX-64; arrays of any shape.
 
-    A servo turns at `approach_rate_per_s` times its error, up to its speed limit. Within the dead
-    band the voltage is too low for the friction of the gears. Between motor and output shaft, which
-    has the encoder, is play; a motor that reverses crosses it first. Gimbals have no load.
+    A servo's speed is `approach_rate_per_s` times its error, clamped to its limit. Within the dead
+    band the voltage cannot overcome gear friction. The motor has backlash relative to the output
+    shaft, where the encoder sits; a reversing motor crosses it first. Gimbals have no load.
     """
 
     step_rad: float
-    """Goals and measurements are whole numbers of this."""
+    """Resolution of goals and measurements."""
     speed_limit_rad_per_s: float | Array
     approach_rate_per_s: float | Array
     angle_limit_rad: float
-    """A goal beyond this, on either side, is taken for the last step within it."""
+    """Goals are clamped to the last step within this angle, in both directions."""
     dead_band_rad: float = 0.0
-    """Position error below which a servo stands still."""
+    """Position error below which a servo does not move."""
     backlash_rad: float = 0.0
     """Total backlash."""
 
     @staticmethod
     def of(robot: SingularityDescription, battery_v: float | Array) -> Servos:
-        """Servos of `robot`; their top speed follows the voltage."""
+        """Return the servos of `robot`; their maximum speed is proportional to the voltage."""
         share = battery_v / robot.battery.nominal_v
         return Servos(
             step_rad=2.0 * np.pi / robot.servo.steps_per_turn,
@@ -168,27 +168,27 @@ class Servos:
 
     @property
     def are_ideal(self) -> bool:
-        """Whether they have neither a dead band nor play."""
+        """Whether they have neither dead band nor backlash."""
         return self.dead_band_rad == 0.0 and self.backlash_rad == 0.0
 
     def quantise(self, angle: Array) -> Array:
-        """Return `angle`, radians, at the nearest step."""
+        """Round `angle`, radians, to the nearest step."""
         return np.rint(angle / self.step_rad) * self.step_rad
 
     def goal(self, setpoint: Array) -> Array:
-        """Goal angle of a servo for `setpoint`, quantised and limited, radians."""
+        """Return the goal angle of a servo for `setpoint`, quantised and limited, radians."""
         last = math.floor(self.angle_limit_rad / self.step_rad) * self.step_rad
         return np.minimum(np.maximum(self.quantise(setpoint), -last), last)
 
     def rate(self, angle: Array, goal: Array) -> Array:
-        """Speed, rad/s, of motors whose gimbals are at `angle` on the way to `goal`."""
+        """Return the motor speed, rad/s, for gimbals at `angle` moving towards `goal`."""
         limit, error = self.speed_limit_rad_per_s, goal - angle
-        # A servo stops right at the edge of the dead band, give or take a rounding.
+        # Servos stop exactly at the edge of the dead band, up to rounding.
         moves = np.abs(error) > self.dead_band_rad * (1.0 + 1e-9)
         return np.clip(self.approach_rate_per_s * error * moves, -limit, limit)
 
     def after(self, angle: Array, goal: Array, elapsed_s: Array) -> Array:
-        """Angle `elapsed_s` later without play, exactly: top speed first, then exponential."""
+        """Return the exact angle after `elapsed_s` without backlash: linear, then exponential."""
         error = goal - angle
         distance = np.abs(error)
         limit, rate = self.speed_limit_rad_per_s, self.approach_rate_per_s
@@ -207,13 +207,13 @@ class Servos:
     def cross(
         self, angle: Array, goal: Array, play: Array, elapsed_s: Array
     ) -> tuple[Array, Array]:
-        """Remainder of `elapsed_s` after the motor has crossed its play, and the play.
+        """Return the remainder of `elapsed_s` after crossing the backlash, and the new `play`.
 
-        `play`, radians, is how far the motor is ahead of its gimbal, at most half the backlash on
-        either side. The gimbal stands meanwhile, so the motor turns evenly.
+        `play`, radians, is the motor's lead over its gimbal, at most half the backlash in each
+        direction. The gimbal is at rest until then, so the motor speed is constant.
         """
         speed, edge_rad = self.rate(angle, goal), 0.5 * self.backlash_rad
-        # Rounding may leave the play beyond its edge by a little; that must not grow.
+        # Rounding may leave the play slightly beyond its edge; prevent further growth.
         to_go = np.maximum(edge_rad - np.sign(speed) * play, 0.0)
         crossing_s = to_go / np.maximum(np.abs(speed), 1e-300)
         spent_s = np.where(speed == 0.0, elapsed_s, np.minimum(elapsed_s, crossing_s))
@@ -222,17 +222,17 @@ class Servos:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelSurface:
-    """Rolling radius of printed wheels by the tilt of their axles.
+    """Rolling radius of printed wheels as a function of axle tilt.
 
-    Layers lie across the axle; their surface is up to half a layer outside or inside of the sphere,
-    one period per layer, with a phase for each wheel. Not modelled: a hard wheel that stands on the
-    edge of a layer.
+    Layers are perpendicular to the axle. Their surface deviates by up to half a layer from the
+    sphere, with one period per layer and a phase for each wheel. Not modelled: a hard wheel resting
+    on the edge of a layer.
     """
 
     kinematics: SingularityKinematics
     layer_m: float
     phase_rad: Array
-    """(..., k)."""
+    """(..., k): phase for each wheel."""
 
     @staticmethod
     def of(
@@ -241,11 +241,11 @@ class WheelSurface:
         random: np.random.Generator,
         shape: tuple[int, ...],
     ) -> WheelSurface:
-        """Wheels with layers of `layer_m` at random phases; `shape` is (..., k)."""
+        """Return wheels with layers of `layer_m` at random phases; `shape` is (..., k)."""
         return WheelSurface(kinematics, layer_m, random.uniform(0.0, 2.0 * np.pi, shape))
 
     def outside_m(self, joints: Array) -> Array:
-        """By how much the radius (..., k) at the floor is larger than described."""
+        """Return the excess (..., k) of the radius at the floor over its description."""
         if self.layer_m == 0.0:
             return np.zeros(self.phase_rad.shape)
         modules = joints.reshape(*joints.shape[:-1], self.kinematics.modules, 3)
@@ -254,7 +254,7 @@ class WheelSurface:
         return 0.5 * self.layer_m * np.sin(2.0 * np.pi * layers + self.phase_rad)
 
     def roll(self, joints: Array) -> Array:
-        """Joints (..., n) that roll on spheres as `joints` do on these wheels."""
+        """Return joints (..., n) that roll on ideal spheres as `joints` do on these wheels."""
         if self.layer_m == 0.0:
             return joints
         rolling = joints.copy()
@@ -263,9 +263,9 @@ class WheelSurface:
 
 
 class SimulationOptions(TypedDict, total=False):
-    """Options of all simulations; by default seed 0, no noise and the nominal battery voltage."""
+    """Options of all simulations; the defaults are seed 0, no noise and nominal battery voltage."""
 
     seed: int | None
     noise: float
-    """Factor on the standard deviations of the description."""
+    """Factor on the described standard deviations."""
     battery_v: float | None

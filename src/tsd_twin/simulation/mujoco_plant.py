@@ -1,6 +1,6 @@
-"""MuJoCo simulation of a singularity drive: rigid bodies with mass, torque and friction on a floor.
+"""MuJoCo simulation of a singularity drive: rigid bodies, torques and friction on a floor.
 
-No rolling equation is assumed. The only module that imports MuJoCo, which is an optional extra.
+Assumes no rolling constraint. MuJoCo is an optional extra, imported only in this module.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from tsd_twin.simulation.singularity import Actuation
 
 
 def load_mujoco() -> Any:
-    """Module `mujoco`.
+    """Import and return `mujoco`.
 
     Raises:
-        MissingExtraError: it is not installed.
+        MissingExtraError: If MuJoCo is not installed.
     """
     try:
         return importlib.import_module("mujoco")
@@ -36,33 +36,35 @@ _SPIN_IN_SLIP = 8.0 / (3.0 * np.pi)
 _SLIP_IN_SPIN = 15.0 * np.pi / 16.0
 """Weight of the slip relative to the rim speed, in the friction torque."""
 _MEAN_LEVER = 3.0 * np.pi / 16.0
-"""Lever of the friction of a patch that only spins, in radii, under the pressure of Hertz."""
+"""Friction lever of a purely spinning patch, in radii, under Hertzian pressure."""
 _STANDSTILL_MPS = 0.01
-"""Regularization speed: below it the patch sticks, modelled as viscous sliding."""
+"""Regularization speed below which the patch sticks, modelled as viscous sliding."""
 
 
 @dataclass(frozen=True, slots=True)
 class ContactPatch:
-    """Coulomb friction of a small round patch that slides and spins at once.
+    """Coulomb friction of a small round patch that slides and spins simultaneously.
 
-    A wheel with an upright axle turns its contact patch on the floor like a drill. Friction opposes
-    the speed of each point of the patch, so most of it is spent on the spin and the rest obeys the
-    sliding like oil: the force is proportional to a small slip. Source: Contensou (1963) for the
-    effect, Zhuravlev, "The model of dry friction in the problem of the rolling of rigid bodies"
-    (1998) for the coefficients, under the pressure of Hertz. His two speeds are added as squares
-    here, which comes closer to the sum over the patch than adding them.
+    A wheel with an upright axle spins its contact patch on the floor like a drill. Friction opposes
+    the velocity of each point of the patch, so spinning absorbs most of it, and the remaining force
+    is viscous: proportional to a small slip. Sources: Contensou (1963) for the effect; Zhuravlev,
+    "The model of dry friction in the problem of the rolling of rigid bodies" (1998) for the
+    coefficients under Hertzian pressure. Changed: the two speeds are added in quadrature, which
+    approximates the integral over the patch better than their sum.
     """
 
     friction: float = 0.8
-    """Coefficient: rubber, or a printed wheel, on a dry hard floor."""
+    """Friction coefficient: rubber or a printed wheel on a dry hard floor."""
     radius_m: float = 0.0005
-    """By Hertz: 10 N on a sphere of 40 mm of hard plastic (2 GPa). Rubber makes it several mm."""
+    """Hertzian radius for 10 N on a 40 mm sphere of hard plastic (2 GPa); several mm for rubber."""
 
     def force(self, load: Array, slip: Array, spin: Array) -> tuple[Array, Array]:
         """Return force (k, 2), newtons, and torque about the normal (k,), newton metres.
 
-        `load` (k,) are normal forces, `slip` (k, 2) velocities of the wheels' material over the
-        floor, metres a second, and `spin` (k,) their turning about the normal, rad/s.
+        Args:
+            load: (k,) normal forces.
+            slip: (k, 2) velocities of the wheel surfaces over the floor, m/s.
+            spin: (k,) angular velocities about the normal, rad/s.
         """
         rim = self.radius_m * spin
         slip2 = slip[:, 0] ** 2 + slip[:, 1] ** 2 + _STANDSTILL_MPS**2
@@ -73,32 +75,32 @@ class ContactPatch:
 
 
 TIMESTEP_S = 0.001
-"""Half and a tenth of it give the same motion to four digits."""
+"""Steps of 1/2 and 1/10 of this yield the same motion to four digits."""
 FLOOR = "floor"
 _CONTACT_S = 0.005
-"""Time constant of the compliant contact with the floor."""
+"""Time constant of the compliant floor contact."""
 _PLATE_HEIGHT_M = 0.05
-"""Height of the disc that models the chassis, around the height of the gimbals."""
+"""Height of the disc that models the chassis, centred at gimbal height."""
 _ROD_M = 0.006
 """Radius of the rods that model the gimbal frames."""
 _GEAR_INERTIA_KG_M2 = 0.01
-"""Inertia of a gimbal servo at its output; estimated for the MX-64, no published value exists."""
+"""Output-side inertia of a gimbal servo; estimated for the MX-64, for which none is published."""
 _FREE = {"contype": 0, "conaffinity": 0}
 
 
 def wheel_name(i: int) -> str:
-    """Name of wheel `i`, its body and its shape, counted from 0."""
+    """Return the body and geom name of wheel `i`, counted from 0."""
     return f"wheel{i + 1}"
 
 
 def build_mujoco_model(robot: SingularityDescription) -> Any:
-    """Solid bodies of `robot` on a level floor.
+    """Build solid bodies of `robot` on a level floor.
 
-    The chassis is a disc of the size of the pivot circle, each gimbal frame a rod from bearing to
-    bearing, each wheel half a hollow sphere. Joints have the names of the drive's joints; servos
-    brake as gear motors do, and what drives them is applied from outside. The floor bears wheels
-    and nothing else, without friction: that of a spinning patch is applied from outside as well,
-    see `ContactPatch`.
+    The chassis is a disc with the diameter of the pivot circle, each gimbal frame a rod between its
+    bearings, each wheel half a hollow sphere. Joint names match the kinematics. Servos have the
+    damping of gear motors, and their driving torques are applied externally. The floor supports
+    only the wheels, without friction; patch friction is also applied externally, see
+    `ContactPatch`.
     """
     mujoco = load_mujoco()
     spec = mujoco.MjSpec()
@@ -120,7 +122,7 @@ def build_mujoco_model(robot: SingularityDescription) -> Any:
 
 
 def _add_module(base: Any, i: int, robot: SingularityDescription) -> None:
-    """Add a wheel on two gimbal frames: Y of a module is radially outward."""
+    """Add a wheel on two gimbal frames; Y of a module is radially outward."""
     geometry, mass = robot.drive, robot.mass
     radius = geometry.wheel_radius_m
     azimuth = float(np.radians(geometry.azimuths_deg[i]))
@@ -136,7 +138,7 @@ def _add_module(base: Any, i: int, robot: SingularityDescription) -> None:
     _add_frame(inner, [radius, 0.0, 0.0], mass.gimbal_kg)
     wheel = inner.add_body(name=wheel_name(i))
     wheel.add_joint(name=f"module{i + 1}_wheel", axis=[0.0, 0.0, 1.0])
-    # Half a hollow sphere: its centre of mass is half a radius below the gimbal centre.
+    # Half a hollow sphere has its centre of mass half a radius below the gimbal centre.
     across = mass.wheel_kg * radius**2 * (2.0 / 3.0 - 1.0 / 4.0)
     wheel.mass = mass.wheel_kg
     wheel.ipos = [0.0, 0.0, -radius / 2.0]
@@ -146,7 +148,7 @@ def _add_module(base: Any, i: int, robot: SingularityDescription) -> None:
 
 
 def _add_servo(body: Any, name: str, axis: list[float], robot: SingularityDescription) -> None:
-    """Add a gear motor: full voltage gives stall torque at rest and zero at no-load speed."""
+    """Add a gear motor: at full voltage, stall torque at rest and zero torque at no-load speed."""
     no_load_rad_per_s = robot.servo.no_load_speed_rpm * RPM
     body.add_joint(
         name=name,
@@ -163,7 +165,7 @@ def _add_frame(body: Any, bearing_m: list[float], mass_kg: float) -> None:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross products of vectors (k, 3): those of `np.cross`, which takes four times as long."""
+    """Return the cross products of vectors (k, 3), four times as fast as `np.cross`."""
     (x, y, z), (u, v, w) = a.T, b.T
     out = np.empty(a.shape)
     out[:, 0], out[:, 1], out[:, 2] = y * w - z * v, z * u - x * w, x * v - y * u
@@ -174,13 +176,13 @@ Indices: TypeAlias = npt.NDArray[np.intp]
 
 
 class MujocoSimulation:
-    """Rigid-body simulation of one robot in contact with the floor.
+    """Rigid-body simulation of a single robot in contact with the floor.
 
-    Gimbal servos are proportional controllers of gear motors with the stall torque and no-load
-    speed of the description, so without load they obey the law of `Servos`; under load they give
-    way. Motors have the time constants of the description and what torque these take. Load on each
-    wheel, gyroscopic torques and everything that moves are MuJoCo's. Its own friction is not used:
-    for wheels that spin on the spot its contact model lifts the robot off the floor.
+    Gimbal servos are proportionally controlled gear motors with the described stall torque and
+    no-load speed: without load they obey the law of `Servos`, under load they deflect. Motors have
+    the described time constants and the torques that these require. MuJoCo computes wheel loads,
+    gyroscopic torques and all motion. Its own friction is unused, because its contact model lifts
+    wheels that spin in place off the floor.
     """
 
     def __init__(
@@ -207,7 +209,7 @@ class MujocoSimulation:
         self._angles_q, self._angles_v = self._addresses(self.actuation.angles)
         _, self._wheels_v = self._addresses(self.actuation.wheels)
         names = [wheel_name(i) for i in range(robot.drive.modules)]
-        # What friction leaves of the voltage at the edge of the dead band: nothing.
+        # Friction balances the motor torque at the edge of the dead band.
         self._model.dof_frictionloss[self._angles_v] = (
             self._stall_nm * self._gain_per_rad * servos.dead_band_rad
         )
@@ -217,7 +219,7 @@ class MujocoSimulation:
         self._wheel_of_geom[[self._model.geom(name).id for name in names]] = range(len(names))
         self._spin_inertia = self._model.body_inertia[self._bodies, 2]
         self._radius_m = robot.drive.wheel_radius_m
-        self._left_s = 0.0
+        self._remainder_s = 0.0
         self._place(SE2(np.zeros(3)) if pose is None else pose)
 
     @property
@@ -237,11 +239,11 @@ class MujocoSimulation:
         return joints
 
     def command(self, setpoint: Array) -> None:
-        """Give all actuators new set-points, as `Actuation.command` takes them."""
+        """Set the setpoints of all actuators, as in `Actuation.command`."""
         self.actuation.command(setpoint)
 
     def degrade(self, shares: Array) -> None:
-        """Slow joints down, as `Actuation.degrade` takes them."""
+        """Slow down joints, as in `Actuation.degrade`."""
         self.actuation.degrade(shares)
         self._set_supply()
 
@@ -251,43 +253,43 @@ class MujocoSimulation:
         self._set_supply()
 
     def _set_supply(self) -> None:
-        """Derive torque and gain of the servos from the battery and what is left of each servo."""
+        """Compute servo torque and gain from the battery voltage and servo degradation."""
         actuation, robot = self.actuation, self._robot
         share = float(actuation.battery_v.mean()) / robot.battery.nominal_v
         self._stall_nm = robot.servo.stall_torque_nm * share * actuation.servo_shares
-        # Near the goal, full voltage times the gain times the error settles at the servo's speed.
+        # Near the goal, full voltage times gain times error yields the servo's speed.
         self._gain_per_rad = (
             actuation.servos.approach_rate_per_s / actuation.servos.speed_limit_rad_per_s
         )
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass, in steps of MuJoCo; what is less than one is left for later."""
+        """Advance by `dt_s` in MuJoCo steps; the remainder is kept for the next call."""
         timestep_s = self._model.opt.timestep
-        self._left_s += dt_s
-        # Sums of hundredths are a little less than they should be.
-        steps = int(self._left_s / timestep_s + 1e-6)
-        self._left_s -= steps * timestep_s
+        self._remainder_s += dt_s
+        # Sums of hundredths are slightly too small.
+        steps = int(self._remainder_s / timestep_s + 1e-6)
+        self._remainder_s -= steps * timestep_s
         for _ in range(steps):
             self._step(timestep_s)
 
     def measure(self) -> Array:
-        """Joint vector (n,) as `Actuation.measure` has it."""
+        """Return the joint vector (n,) as in `Actuation.measure`."""
         return self.actuation.measure(self.joints)
 
     def twist(self) -> Array:
-        """True twist (3,) in the body frame."""
+        """Return the true twist (3,) in the body frame."""
         velocity = self.pose.inverse().rotate(self._data.qvel[:2].copy())
         return np.array([*velocity, self._data.qvel[5]])
 
     def hardware_status(self) -> dict[str, object]:
-        """Actuator status and the friction parameters of the floor."""
+        """Return the actuator status and friction parameters of the floor."""
         return self.actuation.hardware_status() | {
             "plant": "mujoco",
             "friction": self._patch.friction,
         }
 
     def _addresses(self, joints: Indices) -> tuple[Indices, Indices]:
-        """Return where MuJoCo keeps positions and velocities of some of the drive's joints."""
+        """Return MuJoCo's position and velocity addresses of some of the drive's joints."""
         names = [self.actuation.kinematics.joints[int(i)].name for i in joints]
         found = [self._model.joint(name) for name in names]
         q, v = zip(*((int(one.qposadr[0]), int(one.dofadr[0])) for one in found), strict=True)
@@ -305,17 +307,17 @@ class MujocoSimulation:
         actuation.controllers.advance(dt_s)
         error = actuation.goals - data.qpos[self._angles_q]
         voltage = np.minimum(np.maximum(self._gain_per_rad * error, -1.0), 1.0)
-        data.qfrc_applied[self._angles_v] = self._stall_nm * self._through_play(voltage, dt_s)
+        data.qfrc_applied[self._angles_v] = self._stall_nm * self._through_backlash(voltage, dt_s)
         speeds = data.qvel[self._wheels_v]
         wanted = actuation.motors.after(speeds, actuation.speed_goals, np.array(dt_s)) - speeds
         data.qfrc_applied[self._wheels_v] = self._spin_inertia * wanted / dt_s
         self._apply_friction()
         self._mujoco.mj_step(self._model, data)
 
-    def _through_play(self, voltage: Array, dt_s: float) -> Array:
-        """Servo voltages; zero for a servo whose motor is inside its backlash.
+    def _through_backlash(self, voltage: Array, dt_s: float) -> Array:
+        """Return servo voltages, zero for servos whose motor is inside its backlash.
 
-        A motor that touches nothing turns at the speed its voltage gives, at once.
+        A motor without contact instantly reaches the speed for its voltage.
         """
         actuation, edge_rad = self.actuation, 0.5 * self.actuation.servos.backlash_rad
         ahead = actuation.servos.speed_limit_rad_per_s * voltage - self._data.qvel[self._angles_v]
@@ -324,7 +326,7 @@ class MujocoSimulation:
         return voltage * (np.copysign(edge_rad, voltage) == actuation.play_rad)
 
     def _apply_friction(self) -> None:
-        """Apply the friction of the floor to the wheels, under the load of the last step."""
+        """Apply floor friction to the wheels, with the loads of the last step."""
         data, bodies = self._data, self._bodies
         velocity, turning = data.cvel[bodies, 3:], data.cvel[bodies, :3]
         contact = data.xpos[bodies].copy()
@@ -340,7 +342,7 @@ class MujocoSimulation:
         data.xfrc_applied[bodies, 5] += torque
 
     def _loads(self) -> Array:
-        """Normal force on each wheel (k,), newtons; 0 in the air."""
+        """Return the normal force on each wheel (k,), newtons; 0 in the air."""
         contact, loads = self._data.contact, np.zeros(len(self._bodies))
         bears = contact.efc_address >= 0
         wheels = self._wheel_of_geom[contact.geom2[bears]]

@@ -1,4 +1,4 @@
-"""Simulated robots: a factory by kind and plant, the robot that a node runs, injected wear."""
+"""Simulated robots: factory by kind and plant, the robot run by a node, and injected wear."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _Factory: TypeAlias = Callable[..., Simulation]
 
 
 def _behind_bus(plant: Callable[..., Actuated]) -> _Factory:
-    """Return a factory of robots that `plant` moves, behind a bus that delays."""
+    """Return a factory for robots moved by `plant`, behind a bus with delay."""
 
     def make(robot: RobotDescription, batch: tuple[int, ...], **options: Any) -> Simulation:
         simulation = plant(robot, batch, **options)
@@ -40,7 +40,7 @@ def _behind_bus(plant: Callable[..., Actuated]) -> _Factory:
 
 
 def _with_gyro(make: _Factory) -> _Factory:
-    """Return a factory that adds the gyro of the description, if it has one."""
+    """Return a factory that adds the described gyro, if any."""
 
     def add(
         robot: SingularityDescription | OmniDescription,
@@ -65,7 +65,7 @@ simulate_singularity_mujoco = _with_gyro(_behind_bus(MujocoSimulation))
 simulate_omni = _with_gyro(OmniSimulation)
 """Factory of the simulation of a platform on wheels with rollers."""
 PLANTS: tuple[str, ...] = tuple(dict.fromkeys(p for kind in KINDS for p in kind.simulations))
-"""Models of motion: `kinematic` is rolling for all kinds, `mujoco` rigid bodies for some."""
+"""Motion models: `kinematic` (rolling) for all kinds, `mujoco` (rigid bodies) for some."""
 
 
 def simulate(
@@ -80,16 +80,22 @@ def simulate(
     errors: float = 0.0,
     step_s: float | None = None,
 ) -> Simulation:
-    """Return `batch` robots of one description, all at the same virtual time; `()` is a single one.
+    """Return `batch` simulated robots in lockstep virtual time; `()` is a single robot.
 
-    `noise` scales the standard deviations of the description: 0 is none, 1 is as described. `pose`
-    is the start pose, of the pose type of the kinematics. `plant` is one of `PLANTS`. `errors`
-    scales the model errors of the description, such as gimbal zeros; 0 is none. `step_s` is the
-    longest step of integration of robots on geared motors, if another than theirs.
+    Args:
+        robot: Description of the robots.
+        batch: Batch dimensions.
+        pose: Initial pose (the kinematics' pose type).
+        seed: Random seed.
+        noise: Factor on the described standard deviations.
+        battery_v: Battery voltage.
+        plant: One of `PLANTS`.
+        errors: Factor on the described model errors, such as gimbal zeros.
+        step_s: Maximum integration step of robots with geared motors, to override the default.
 
     Raises:
-        RobotFileError: there is no such plant for robots of this kind.
-        MissingExtraError: the package that it needs is not installed.
+        RobotFileError: If robots of this kind do not support the plant.
+        MissingExtraError: If a required package is not installed.
     """
     reference = kind_of(robot).simulations.get(plant)
     if reference is None:
@@ -104,8 +110,8 @@ def simulate(
     return made
 
 
-_SHORTEST_STEP_S = 1e-9
-"""Shortest integration step: over a shorter one, rounding errors dominate the speeds."""
+_MIN_STEP_S = 1e-9
+"""Minimum integration step, below which rounding errors dominate the speeds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,19 +121,20 @@ class Truth:
     pose: SE2 | SO3
     """Pose of the robot in the world."""
     twist: Array
-    """(3,): velocity in the base frame, metres and radians a second."""
+    """(3,): velocity in the base frame, m/s and rad/s."""
     joints: Array
-    """(n,): joint vector, before steps and noise."""
+    """(n,): joint vector, before quantization and noise."""
 
 
 class SimRobot:
     """Simulated robot in virtual time: actuators, sensors and body.
 
-    The first call sets the time; each later call integrates the motion up to its time. A time in
-    the past moves nothing. The class reads no clock.
-    `noise` scales the standard deviations of the description; 0 is none. How fast wheels turn is
-    measured if robots of this kind do, or as `measures_spin` says. `plant` is what moves it, and
-    `errors` scales its model errors: see `simulate`, which also names the exceptions.
+    The first call sets the time; each later call integrates the motion up to its time. Times in the
+    past have no effect.
+
+    `noise` scales the described standard deviations. Wheel speeds are measured if robots of this
+    kind do so, unless `measures_spin` overrides it. For `plant`, `errors` and exceptions see
+    `simulate`.
     """
 
     def __init__(
@@ -165,20 +172,20 @@ class SimRobot:
         }
         self._now_s: float | None = None
         self.delay_s = robot.with_errors(errors).delay_s
-        """Time by which the bus makes set-points and measurements late."""
+        """Bus delay of setpoints and measurements."""
 
     def read(self, now_s: float) -> Array:
-        """Return what is measured, (n + s,): joints, then sensors; NaN is not measured."""
+        """Return the measurements (n + s,): joints, then sensors; NaN if not measured."""
         self._advance(now_s)
         measured = self._simulation.measure()
         measured[self._unmeasured] = np.nan
         return measured
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Give the actuators their set-points (n,): angles, and wheel speeds; 0 is zero throttle.
+        """Command the setpoints (n,): angles, and wheel speeds, where 0 is zero throttle.
 
         Raises:
-            ValueError: a number is not finite, or there is not one for each joint.
+            ValueError: If a number is not finite, or the shape is wrong.
         """
         if np.shape(setpoint) != self._shape:
             raise ValueError(
@@ -188,37 +195,37 @@ class SimRobot:
         self._simulation.command(setpoint)
 
     def truth(self, now_s: float) -> Truth:
-        """True state."""
+        """Return the true state."""
         self._advance(now_s)
         simulation = self._simulation
         return Truth(simulation.pose, simulation.twist(), simulation.joints.copy())
 
     def hardware(self) -> dict[str, object]:
-        """Return facts for the status that JSON can hold."""
+        """Return JSON-serializable facts for the status."""
         return self._facts | dict(self._simulation.hardware_status())
 
     def close(self) -> None:
-        """Do nothing: the simulation holds no resources."""
+        """Do nothing, because the simulation holds no resources."""
 
     def _advance(self, now_s: float) -> None:
         if self._now_s is None:
             self._now_s = now_s
-        elif now_s - self._now_s > _SHORTEST_STEP_S:
+        elif now_s - self._now_s > _MIN_STEP_S:
             self._simulation.advance(now_s - self._now_s)
             self._now_s = now_s
 
 
 TIMEOUT_S = 0.25
-"""Command watchdog: set-points older than this trip it."""
+"""Timeout of the command watchdog."""
 
 
 class BoardModel:
     """Controller board with a command watchdog, in front of a simulated robot.
 
-    `TIMEOUT_S` after the last set-point the watchdog trips and puts the actuators at rest, also
-    when that time lies between two calls. A tripped board returns no measurements, which is a fault
-    for the node. It ignores set-points until all wheels have zero throttle, so the operator must
-    reset and arm. With zero throttle on all wheels the watchdog does not trip.
+    `TIMEOUT_S` after the last setpoint, the watchdog trips and stops the actuators, even between
+    two calls. A tripped board returns no measurements, which is a fault for the node. It ignores
+    setpoints until all wheels are at zero throttle, so the operator must reset and arm. At zero
+    throttle on all wheels the watchdog does not trip.
     """
 
     def __init__(self, robot: RobotDescription, simulated: SimRobot) -> None:
@@ -232,18 +239,18 @@ class BoardModel:
         self.tripped = False
 
     def read(self, now_s: float) -> Array | None:
-        """Measured joints (n,); None once it has tripped."""
-        self._look_at_the_clock(now_s)
+        """Return the measured joints (n,), or None if the watchdog has tripped."""
+        self._check_watchdog(now_s)
         measured = self._simulated.read(now_s)
         return None if self.tripped else measured
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Pass a set-point (n,) on, unless it has tripped.
+        """Forward a setpoint (n,), unless the watchdog has tripped.
 
         Raises:
-            ValueError: a number is not finite, or there is not one for each joint.
+            ValueError: If a number is not finite, or the shape is wrong.
         """
-        self._look_at_the_clock(now_s)
+        self._check_watchdog(now_s)
         if self.tripped and not setpoint[self._wheels].any():
             self.tripped = False
         if not self.tripped:
@@ -251,19 +258,19 @@ class BoardModel:
             self._obeyed, self._fed_s = setpoint.copy(), now_s
 
     def truth(self, now_s: float) -> Truth:
-        """True state."""
-        self._look_at_the_clock(now_s)
+        """Return the true state."""
+        self._check_watchdog(now_s)
         return self._simulated.truth(now_s)
 
     def hardware(self) -> Mapping[str, object]:
-        """Return facts for the status that JSON can hold."""
+        """Return JSON-serializable facts for the status."""
         return {**self._simulated.hardware(), "tripped": self.tripped}
 
     def close(self) -> None:
         """Close the simulated robot."""
         self._simulated.close()
 
-    def _look_at_the_clock(self, now_s: float) -> None:
+    def _check_watchdog(self, now_s: float) -> None:
         spins = bool(self._obeyed[self._wheels].any())
         if spins and not self.tripped and now_s - self._fed_s > TIMEOUT_S:
             self.tripped = True
@@ -276,7 +283,7 @@ USUAL_LEAN_DEG = 2.0
 
 @dataclass(frozen=True, slots=True)
 class StuckJoint:
-    """Injected fault: a servo that stays blocked once its gimbal reaches an angle."""
+    """Injected fault: a servo that blocks once its gimbal reaches an angle."""
 
     joint: str
     lean_rad: float = 0.0
@@ -286,7 +293,7 @@ class StuckJoint:
         """Parse a fault such as `module2_alpha` or `module2_alpha@3`, where 3 is in degrees.
 
         Raises:
-            TwinError: the text is malformed, or the robot has no such gimbal.
+            TwinError: If the text is malformed, or the robot has no such gimbal.
         """
         joint, _, lean = text.partition("@")
         gimbals = [j.name for j in robot.kinematics().joints if j.kind is JointKind.POSITION]
@@ -308,25 +315,25 @@ class RobotWithStuckJoint(SimRobot):
     def __init__(
         self, robot: RobotDescription, jams: Sequence[StuckJoint] = (), **kwargs: Any
     ) -> None:
-        """Take what a `SimRobot` takes besides."""
+        """Accept the arguments of `SimRobot` in addition to `jams`."""
         super().__init__(robot, **kwargs)
         self._names = [joint.name for joint in robot.kinematics().joints]
-        self._leans: dict[int, float] = {}
+        self._block_angles: dict[int, float] = {}
         self._held: dict[int, float] = {}
         for jam in jams:
             self.jam(jam)
 
     def jam(self, jam: StuckJoint) -> None:
-        """Block a gimbal servo from now on."""
-        self._leans[self._names.index(jam.joint)] = jam.lean_rad
+        """Block a gimbal servo."""
+        self._block_angles[self._names.index(jam.joint)] = jam.lean_rad
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Write set-points (n,); a blocked joint keeps its present angle."""
-        if not self._leans:
+        """Write setpoints (n,); a blocked joint keeps its current angle."""
+        if not self._block_angles:
             super().write(setpoint, now_s)
             return
         joints = self.truth(now_s).joints
-        for place, lean_rad in self._leans.items():
+        for place, lean_rad in self._block_angles.items():
             if abs(joints[place]) >= lean_rad:
                 self._held.setdefault(place, float(joints[place]))
         if self._held and np.shape(setpoint) == np.shape(joints):
@@ -339,26 +346,26 @@ _NUMBER = r"\d+(?:\.\d+)?"
 _FORM = re.compile(rf"(?P<part>\w+)=-(?P<size>{_NUMBER})(?P<unit>%|V)(?:@(?P<after>{_NUMBER}))?")
 BATTERY = "battery"
 _DRIVING = 0.02
-"""Metres or radians a second of the true motion above which a robot drives."""
+"""True speed (m/s or rad/s) above which the robot counts as driving."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wear:
-    """A joint that gets slower, or a battery that loses voltage, after some time of driving."""
+    """Wear after some driving time: a slower joint, or a lower battery voltage."""
 
     part: str
     """Name of a joint, or `battery`."""
     lost: float
-    """Share of the speed that the joint loses, or volts."""
+    """Fractional speed loss of the joint, or volts."""
     after_s: float = 0.0
-    """Time of driving before it begins."""
+    """Driving time before the wear begins."""
 
     @staticmethod
     def parse(text: str, robot: RobotDescription) -> Wear:
         """Parse wear such as `module2_alpha=-30%@10` or `battery=-1V`, where 10 is in seconds.
 
         Raises:
-            TwinError: the text is malformed, or the robot has no such joint.
+            TwinError: If the text is malformed, or the robot has no such joint.
         """
         found, size, after_s = _FORM.fullmatch(text), 0.0, 0.0
         if found is not None:
@@ -381,15 +388,15 @@ class WornRobot(RobotWithStuckJoint):
     """Simulated robot whose parts wear while it drives."""
 
     def __init__(self, robot: RobotDescription, wear: Sequence[Wear] = (), **kwargs: Any) -> None:
-        """Take what a `RobotWithStuckJoint` takes besides."""
+        """Accept the arguments of `RobotWithStuckJoint` in addition to `wear`."""
         super().__init__(robot, **kwargs)
-        self._coming = list(wear)
+        self._upcoming = list(wear)
         self._joint_shares = np.ones(len(self._names))
         self._driven_s = 0.0
         self._read_s: float | None = None
 
     def wear(self, wear: Wear) -> None:
-        """Let a part wear from now on."""
+        """Apply wear to a part."""
         if wear.part == BATTERY:
             volts = self._simulation.hardware_status()["battery_v"]
             assert isinstance(volts, float)  # noqa: S101  Each simulation has a battery.
@@ -399,14 +406,14 @@ class WornRobot(RobotWithStuckJoint):
             self._simulation.degrade(self._joint_shares)
 
     def read(self, now_s: float) -> Array:
-        """Return what is measured, after parts have worn that are due."""
+        """Apply wear that is due, and return the measurements."""
         measured = super().read(now_s)
-        if self._coming:
+        if self._upcoming:
             if self._read_s is not None and np.abs(self._simulation.twist()).max() > _DRIVING:
                 self._driven_s += now_s - self._read_s
             self._read_s = now_s
-            due = [each for each in self._coming if each.after_s <= self._driven_s]
-            self._coming = [each for each in self._coming if each not in due]
+            due = [each for each in self._upcoming if each.after_s <= self._driven_s]
+            self._upcoming = [each for each in self._upcoming if each not in due]
             for each in due:
                 self.wear(each)
         return measured

@@ -1,6 +1,4 @@
-"""Interface of all simulations, wrappers around one, and simulated sensors: overhead camera, dead
-wheels, yaw gyro; with delay, noise and bias.
-"""
+"""Simulation interface and wrappers, and simulated sensors with delay, noise and bias."""
 
 from __future__ import annotations
 
@@ -20,19 +18,19 @@ from tsd_twin.simulation.singularity import Actuation
 
 
 class Simulation(Protocol):
-    """Robots of one description in virtual time: one, or a batch in lockstep.
+    """Identical robots in virtual time: one, or a batch in lockstep.
 
     Actuators drive a plant. Measurements are separate from ground truth.
     """
 
     @property
     def kinematics(self) -> Kinematics[Any]:
-        """The kinematics that the robot is driven by."""
+        """Kinematics used to drive the robot."""
         ...
 
     @property
     def pose(self) -> Any:
-        """True pose in the world, of the pose type of the kinematics."""
+        """True pose in the world (the kinematics' pose type)."""
         ...
 
     @property
@@ -41,19 +39,19 @@ class Simulation(Protocol):
         ...
 
     def command(self, setpoint: Array) -> None:
-        """Give all actuators new set-points, (..., n) in the order of `drive.joints`.
+        """Set the setpoints of all actuators, (..., n) in the order of `kinematics.joints`.
 
         Raises:
-            ValueError: a number is not finite, or there is not one for each joint.
+            ValueError: If a number is not finite, or the shape is wrong.
         """
         ...
 
     def degrade(self, shares: Array) -> None:
-        """Let each joint be slower from now on: `shares` (..., n) of a sound one's speed."""
+        """Slow down joints: `shares` (..., n) are speeds relative to healthy joints."""
         ...
 
     def set_battery(self, battery_v: float) -> None:
-        """Set the voltage of the battery from now on."""
+        """Set the voltage of the battery."""
         ...
 
     def advance(self, dt_s: float) -> None:
@@ -61,15 +59,15 @@ class Simulation(Protocol):
         ...
 
     def measure(self) -> Array:
-        """Return what is measured, (..., n + s): the joints, then the sensors of the robot."""
+        """Return the measurements (..., n + s): joints, then the robot's sensors."""
         ...
 
     def twist(self) -> Array:
-        """True twist (..., 3) in the base frame."""
+        """Return the true twist (..., 3) in the base frame."""
         ...
 
     def hardware_status(self) -> Mapping[str, object]:
-        """Hardware section of the status of a single robot, JSON-serializable."""
+        """Return the hardware section of a single robot's status, JSON-serializable."""
         ...
 
 
@@ -77,17 +75,15 @@ S = TypeVar("S", bound=Simulation)
 
 
 class SimulationWrapper(Generic[S]):
-    """Base class of simulation wrappers: forwards everything but `measure`, which subclasses
-    define.
-    """
+    """Base class of simulation wrappers: forwards all but `measure`, which subclasses define."""
 
     def __init__(self, simulation: S) -> None:
         self.simulation = simulation
-        """The one that moves the robot."""
+        """Wrapped simulation."""
 
     @property
     def kinematics(self) -> Kinematics[Any]:
-        """The kinematics that the robot is driven by."""
+        """Kinematics used to drive the robot."""
         return self.simulation.kinematics
 
     @property
@@ -101,11 +97,11 @@ class SimulationWrapper(Generic[S]):
         return self.simulation.joints
 
     def command(self, setpoint: Array) -> None:
-        """Set all actuators' set-points, as the wrapped simulation takes them."""
+        """Set the setpoints of the wrapped simulation."""
         self.simulation.command(setpoint)
 
     def degrade(self, shares: Array) -> None:
-        """Slow joints of the wrapped simulation down."""
+        """Slow down joints of the wrapped simulation."""
         self.simulation.degrade(shares)
 
     def set_battery(self, battery_v: float) -> None:
@@ -117,22 +113,22 @@ class SimulationWrapper(Generic[S]):
         self.simulation.advance(dt_s)
 
     def twist(self) -> Array:
-        """True twist (..., 3) in the base frame."""
+        """Return the true twist (..., 3) in the base frame."""
         return self.simulation.twist()
 
     def hardware_status(self) -> Mapping[str, object]:
-        """Hardware status of the wrapped simulation."""
+        """Return the hardware status of the wrapped simulation."""
         return self.simulation.hardware_status()
 
 
 class Actuated(Simulation, Protocol):
-    """Simulation whose measurements depend on its joints alone."""
+    """Simulation whose measurements depend only on its joints."""
 
     actuation: Actuation
 
 
 class DelayWrapper(SimulationWrapper[Actuated]):
-    """Simulation wrapper that delays set-points and joint measurements by `delay_s`.
+    """Simulation wrapper that delays setpoints and joint measurements by `delay_s`.
 
     Ground truth is not delayed. Joints are interpolated linearly between two calls of `advance`.
     """
@@ -141,54 +137,52 @@ class DelayWrapper(SimulationWrapper[Actuated]):
         super().__init__(simulation)
         self._delay_s = delay_s
         self._now_s = 0.0
-        self._coming: deque[tuple[float, Array]] = deque()
-        self._been: deque[tuple[float, Array]] = deque([(0.0, simulation.joints.copy())])
+        self._in_transit: deque[tuple[float, Array]] = deque()
+        self._history: deque[tuple[float, Array]] = deque([(0.0, simulation.joints.copy())])
 
     def command(self, setpoint: Array) -> None:
-        """Queue new set-points, as `Actuation.command` takes them."""
+        """Queue setpoints, as in `Actuation.command`."""
         checked = self.simulation.actuation.checked(setpoint)
-        self._coming.append((self._now_s + self._delay_s, checked.copy()))
+        self._in_transit.append((self._now_s + self._delay_s, checked.copy()))
 
     def advance(self, dt_s: float) -> None:
-        """Advance by `dt_s` seconds; set-points take effect when their delay is over."""
+        """Advance by `dt_s` seconds; setpoints take effect after their delay."""
         end_s = self._now_s + dt_s
-        while self._coming and self._coming[0][0] <= end_s:
-            due_s, setpoint = self._coming.popleft()
+        while self._in_transit and self._in_transit[0][0] <= end_s:
+            due_s, setpoint = self._in_transit.popleft()
             self._pass(due_s)
             self.simulation.command(setpoint)
         self._pass(end_s)
 
     def measure(self) -> Array:
-        """Return what was measured `delay_s` ago, (..., n)."""
-        asked_s = self._now_s - self._delay_s
-        (before_s, before), *rest = self._been
-        if not rest or asked_s <= before_s:
+        """Return the measurements (..., n) from `delay_s` ago."""
+        delayed_s = self._now_s - self._delay_s
+        (before_s, before), *rest = self._history
+        if not rest or delayed_s <= before_s:
             return self.simulation.actuation.measure(before)
         after_s, after = rest[0]
-        share = (asked_s - before_s) / (after_s - before_s)
+        share = (delayed_s - before_s) / (after_s - before_s)
         return self.simulation.actuation.measure(before + share * (after - before))
 
     def _pass(self, now_s: float) -> None:
         if now_s > self._now_s:
             self.simulation.advance(now_s - self._now_s)
             self._now_s = now_s
-            self._been.append((now_s, np.array(self.simulation.joints)))
-        while len(self._been) > 1 and self._been[1][0] <= self._now_s - self._delay_s:
-            self._been.popleft()
+            self._history.append((now_s, np.array(self.simulation.joints)))
+        while len(self._history) > 1 and self._history[1][0] <= self._now_s - self._delay_s:
+            self._history.popleft()
 
 
 @dataclass(frozen=True, slots=True)
 class CameraNoise:
-    """Noise, delay and frame rate of an overhead camera; 24 frames/s as in the thesis, else
-    assumed.
-    """
+    """Noise, delay and frame rate of an overhead camera (24 fps in the thesis, rest assumed)."""
 
     rate_hz: float = 24.0
     late_s: float = 0.08
     sigma_m: float = 0.005
     sigma_rad: float = 0.02
     mounting_m: float = 0.0
-    """Standard deviation of a constant error of x, and of y."""
+    """Standard deviation of a constant error of x and y."""
     mounting_rad: float = 0.0
     """Standard deviation of a constant error of the heading."""
 
@@ -213,24 +207,24 @@ class Camera:
             mounting = np.array([noise.mounting_m, noise.mounting_m, noise.mounting_rad])
             self._mounting = mounting * random.standard_normal(3)
         self._next_s = 0.0
-        self._coming: deque[Frame] = deque()
+        self._in_transit: deque[Frame] = deque()
 
     def capture(self, now_s: float, pose: SE2) -> list[Frame]:
         """Measure a robot at `pose` (3,), and return the frames whose processing has finished."""
         if now_s >= self._next_s - 1e-9:
-            # Frames missed between two calls are not produced later.
+            # Frames missed between two calls are dropped.
             self._next_s = max(self._next_s + 1.0 / self.noise.rate_hz, now_s)
             sigma = np.array([self.noise.sigma_m, self.noise.sigma_m, self.noise.sigma_rad])
             seen = pose.xy_heading + self._mounting + sigma * self._random.standard_normal(3)
-            self._coming.append(Frame(now_s, seen))
+            self._in_transit.append(Frame(now_s, seen))
         known: list[Frame] = []
-        while self._coming and self._coming[0].taken_s + self.noise.late_s <= now_s + 1e-9:
-            known.append(self._coming.popleft())
+        while self._in_transit and self._in_transit[0].taken_s + self.noise.late_s <= now_s + 1e-9:
+            known.append(self._in_transit.popleft())
         return known
 
 
 class DeadWheelSensors:
-    """Two passive tracking wheels, which do not slip, and a gyro; arrays have a leading batch."""
+    """Two passive tracking wheels without slip, and a gyro; arrays have a leading batch."""
 
     def __init__(
         self, sensors: DeadWheels, batch: tuple[int, ...], random: np.random.Generator, noise: float
@@ -244,7 +238,7 @@ class DeadWheelSensors:
         turned = noise * math.radians(sensors.mounting_deg) * random.standard_normal((*batch, 2, 1))
         radius = 1.0 + noise * sensors.radius_share * random.standard_normal((*batch, 2, 1))
         self._rows = (np.cos(turned) * rows + np.sin(turned) * across) / (sensors.radius_m * radius)
-        # Wheels stand anywhere between two pulses at the start.
+        # Wheels start anywhere between two pulses.
         between = random.uniform(0.0, self._step_rad, (*batch, 2))
         self._angles = between if noise > 0.0 else np.zeros((*batch, 2))
 
@@ -260,9 +254,9 @@ class DeadWheelSensors:
 
 
 class YawGyro:
-    """Simulated yaw gyro: white noise and an offset that is constant in a run.
+    """Simulated yaw gyro: white noise and a bias that is constant per run.
 
-    `scale` multiplies the described errors; each robot of a batch has a gyro of its own.
+    `scale` multiplies the described errors; each robot of a batch has a separate gyro.
     """
 
     def __init__(
@@ -280,15 +274,15 @@ class YawGyro:
         self._sigma = scale * noise.noise_rad_per_s
 
     def measure(self, rate: Array) -> Array:
-        """Readings, rad/s, (...), at true turn rates `rate` (...)."""
+        """Return readings (...), rad/s, for true turn rates `rate` (...)."""
         return rate + self._bias + self._sigma * self._random.standard_normal(self._batch)
 
 
 class GyroSimulation(SimulationWrapper[Simulation]):
-    """Simulation wrapper that appends the turn rate of a gyro to the measurements.
+    """Simulation wrapper that appends a gyro's turn rate to the measurements.
 
-    `noise` scales the standard deviations of the description. The gyro is not on the bus of the
-    actuators, so not late.
+    `noise` scales the described standard deviations. The gyro is not on the actuator bus, so it has
+    no delay.
     """
 
     def __init__(
@@ -301,11 +295,11 @@ class GyroSimulation(SimulationWrapper[Simulation]):
         noise: float = 0.0,
     ) -> None:
         super().__init__(simulation)
-        # A separate random generator: a robot has the same errors with a gyro as without.
+        # A separate random generator keeps a robot's errors the same with and without a gyro.
         random = np.random.default_rng(None if seed is None else [seed, 2])
         self._gyro = YawGyro(gyro, random, batch, scale=noise)
 
     def measure(self) -> Array:
-        """Return what the other simulation measures, and the turn rate, rad/s, (..., n + 1)."""
+        """Return the wrapped simulation's measurements and the turn rate, rad/s, (..., n + 1)."""
         rate = self._gyro.measure(self.twist()[..., 2])
         return np.concatenate([self.simulation.measure(), rate[..., None]], axis=-1)

@@ -1,6 +1,4 @@
-"""Simulation of singularity drives: their actuators, and kinematics of rolling without slip,
-integrated to fourth order.
-"""
+"""Simulation of singularity drives: actuators, and rolling without slip to fourth order."""
 
 from __future__ import annotations
 
@@ -24,36 +22,36 @@ from tsd_twin.simulation.actuators import (
 )
 
 _SLOPES = np.array([[-3.0, 4.0, -1.0], [-1.0, 0.0, 1.0], [1.0, -4.0, 3.0]])
-"""Slopes at the start, middle and end of the parabola through three values there, times dt."""
+"""Derivatives at start, middle and end of the parabola through three values there, times dt."""
 _SIMPSON = np.array([[1.0, 4.0, 1.0]]) / 6.0
 _SETTLED = 1e-9
-"""Radians and rad/s from the goal at which joints count as being there: some 10 nm/s."""
-_REMEMBERED = 16
-"""Number of step lengths that are remembered: steps of 0.01 s differ in their last digits."""
+"""Distance (rad or rad/s) below which joints count as being at their goal: about 10 nm/s."""
+_CACHED_STEPS = 16
+"""Number of cached step lengths; steps of 0.01 s differ in their last digits."""
 
 
-@functools.lru_cache(maxsize=_REMEMBERED)
+@functools.lru_cache(maxsize=_CACHED_STEPS)
 def _step_rules(dt_s: float) -> tuple[Array, Array]:
-    """Matrices for the slopes, and for the integral, over a step of `dt_s` seconds."""
+    """Return the matrices for derivatives and integral over a step of `dt_s` seconds."""
     return _SLOPES / dt_s, dt_s * _SIMPSON
 
 
-@functools.lru_cache(maxsize=_REMEMBERED)
+@functools.lru_cache(maxsize=_CACHED_STEPS)
 def _decays(
     rate: float, up_s: float, down_s: float, times_s: tuple[float, ...]
 ) -> list[list[float]]:
-    """Return for each time the decay of a servo, less 1, and those of a motor, up and down."""
+    """Return the servo decay minus 1 and both motor decays (up, down) for each time."""
     elapsed_s = np.array(times_s)
     decays = np.expm1(-rate * elapsed_s), np.exp(-elapsed_s / up_s), np.exp(-elapsed_s / down_s)
     return np.stack(decays, axis=-1).tolist()
 
 
 class Actuation:
-    """Turns set-points into goals of servos and motors, and joints into measurements.
+    """Converts setpoints into goals of servos and motors, and joints into measurements.
 
-    `noise` scales the standard deviations of the description. Measured gimbal angles have noise;
-    the speed of each wheel is off by a constant share. The controller knows the `[calibration]` of
-    the machine, and none of its `robot.errors`.
+    `noise` scales the described standard deviations. Measured gimbal angles have noise; each wheel
+    speed has a constant relative error. The controller knows the machine's `[calibration]`, but not
+    its `robot.errors`.
     """
 
     def __init__(
@@ -73,18 +71,18 @@ class Actuation:
         self._joints = len(kinds)
         shape = (*batch, len(self.wheels))
         self._offsets = robot.actuator_offsets()
-        # A separate random generator: the errors of construction are independent of the noise.
+        # A separate random generator makes construction errors independent of the noise.
         built = np.random.default_rng(None if seed is None else [seed, 1])
         nominal_v = robot.battery.nominal_v
         off = robot.errors.battery_share * built.standard_normal((*batch, 1))
         given = nominal_v * (1.0 + off) if battery_v is None else battery_v
         self.battery_v: Array = np.broadcast_to(given, off.shape)
-        """(..., 1): voltage, of each robot."""
+        """(..., 1): battery voltage of each robot."""
         self.surface = WheelSurface.of(self.kinematics, robot.errors.layer_m, built, shape)
         self._sound_servos = Servos.of(robot, nominal_v)
         self.servos = Servos.of(robot, self.battery_v)
         self.servo_shares: Array = np.ones((*batch, len(self.angles)))
-        """(..., 2k): speed of each servo relative to a sound one."""
+        """(..., 2k): speed of each servo relative to a healthy one."""
         self.motors = Motors.of(robot)
         self.controllers = SpeedControllers(
             shape, float(self.motors.signals[0]), robot.motor.arming_hold_s
@@ -96,33 +94,33 @@ class Actuation:
         self._sound_share = (1.0 + spin_errors) * self._offsets.scale[self.wheels]
         self._wheel_shares: Array = np.ones(shape)
         self._unloaded: Array = np.zeros(shape)
-        """(..., k): speeds by the motor table for the newest signals."""
+        """(..., k): speeds from the motor table for the latest signals."""
         self._offset = self._offsets.offset[self.angles]
         wrong = np.radians(robot.errors.zero_deg)
         self.zero_rad: Array = self._offset + wrong * built.standard_normal(
             (*batch, len(self.angles))
         )
-        """(..., 2k): angle at which each gimbal stands when its servo reports 0."""
+        """(..., 2k): true gimbal angle when its servo reports 0."""
         self.goals: Array = self.zero_rad.copy()
         """(..., 2k): goal angles of the servos."""
         self.speed_goals: Array = np.zeros(shape)
         """(..., k): steady-state speeds of the motors, rad/s."""
         self.play_rad: Array = np.zeros_like(self.goals)
-        """(..., 2k): how far the motor of each servo is ahead of its gimbal."""
+        """(..., 2k): lead of each servo's motor over its gimbal."""
         self._all_on = False
-        """Whether no motor is shut off."""
+        """Whether all motors are running."""
         self._repeatable: tuple[tuple[int, ...], bytes] | None = None
-        """The newest set-point, if it changes nothing when it is given again."""
+        """Latest setpoint, if repeating it has no effect."""
         self._last_speeds = b""
-        """The newest commanded speeds, if they change nothing when they are commanded again."""
+        """Latest commanded speeds, if repeating them has no effect."""
 
     def command(self, setpoint: Array) -> bool:
-        """Give all actuators new set-points, (..., n); return whether that can change anything.
+        """Set the setpoints (..., n) of all actuators; return whether this can have any effect.
 
-        Wheels turn one way only; a speed of zero or less is zero throttle.
+        Wheels turn in one direction only; speeds up to zero give zero throttle.
 
         Raises:
-            ValueError: as `checked`.
+            ValueError: As in `checked`.
         """
         same = (np.shape(setpoint), np.asarray(setpoint, dtype=float).tobytes())
         if same == self._repeatable:
@@ -144,21 +142,21 @@ class Actuation:
         self._last_speeds = speed_bytes if self.controllers.is_repeatable else b""
 
     def lose_drive(self) -> None:
-        """Take the power of the speed controllers away: no motor is driven, and they arm anew."""
+        """Cut the speed controllers' power: motors are off, and controllers must arm again."""
         self.controllers.lose_power()
         self._unloaded[...] = 0.0
         self._set_speed_goals()
         self._repeatable, self._last_speeds = None, b""
 
     def degrade(self, shares: Array) -> None:
-        """Let each joint be slower from now on: `shares` (..., n) of a sound one's speed."""
+        """Slow down joints: `shares` (..., n) are speeds relative to healthy joints."""
         shares = np.broadcast_to(shares, (*self.goals.shape[:-1], self._joints))
         self.servo_shares = shares[..., self.angles].copy()
         self._wheel_shares = shares[..., self.wheels].copy()
         self._update_supply()
 
     def set_battery(self, battery_v: float) -> None:
-        """Set the voltage of the battery from now on."""
+        """Set the voltage of the battery."""
         self.battery_v = np.full_like(self.battery_v, battery_v)
         self._update_supply()
 
@@ -171,19 +169,19 @@ class Actuation:
             approach_rate_per_s=sound.approach_rate_per_s * self.servo_shares,
         )
         self._set_speed_goals()
-        self._repeatable = None  # The same set-points now mean another motion.
+        self._repeatable = None  # The same setpoints now cause a different motion.
 
     def _set_speed_goals(self) -> None:
-        # The curves were measured at the nominal voltage.
+        # The curves were measured at nominal voltage.
         share = self.battery_v / self._nominal_v * self._sound_share * self._wheel_shares
         self.speed_goals[...] = self._unloaded * share
         self._all_on = bool(self.speed_goals.all())
 
     def checked(self, setpoint: Array) -> Array:
-        """Set-points (..., n), one for each robot.
+        """Validate setpoints and broadcast them to (..., n).
 
         Raises:
-            ValueError: a number is not finite, or there is not one for each joint.
+            ValueError: If a number is not finite, or the shape is wrong.
         """
         if not np.isfinite(setpoint).all():
             raise ValueError(f"set-points must be finite, these are {setpoint}")
@@ -191,8 +189,8 @@ class Actuation:
         return setpoint if np.shape(setpoint) == shape else np.broadcast_to(setpoint, shape)
 
     def after(self, joints: Array, elapsed_s: Array) -> Array:
-        """Joints without load at times (m, ..., 1) from now, which the last one becomes."""
-        if joints.ndim == 1 and (few := self._few_after(joints, elapsed_s)) is not None:
+        """Advance unloaded joints to times (m, ..., 1) from now; the last becomes the state."""
+        if joints.ndim == 1 and (few := self._single_after(joints, elapsed_s)) is not None:
             return few
         angles, goals = joints[..., self.angles], self.goals
         turning_s = elapsed_s
@@ -207,10 +205,10 @@ class Actuation:
         modules[..., 2] = self.motors.after(speeds, self.speed_goals, elapsed_s)
         return later
 
-    def _few_after(self, joints: Array, elapsed_s: Array) -> Array | None:
-        """Return `after` of one robot in plain floats: in a third of the time, and the same bits.
+    def _single_after(self, joints: Array, elapsed_s: Array) -> Array | None:
+        """Compute `after` for a single robot in plain floats: three times as fast, bit-identical.
 
-        None if a servo is not ideal, slower than a sound one, or at its top speed.
+        Returns None if a servo is not ideal, degraded, or at its maximum speed.
         """
         servos, motors = self.servos, self.motors
         limit, rate = servos.speed_limit_rad_per_s, servos.approach_rate_per_s
@@ -236,7 +234,7 @@ class Actuation:
         return np.array(later).reshape(len(times_s), len(now))
 
     def rates(self, joints: Array) -> Array:
-        """How fast gimbals turn at `joints` (..., n) without load, rad/s; of wheels 0."""
+        """Return the unloaded gimbal rates at `joints` (..., n), rad/s; 0 for wheels."""
         rates = np.zeros_like(joints)
         speed = self.servos.rate(joints[..., self.angles], self.goals)
         edge_rad = 0.5 * self.servos.backlash_rad
@@ -245,7 +243,7 @@ class Actuation:
         return rates
 
     def come_to_rest(self, joints: Array) -> None:
-        """Put joints (..., n) that are all but at rest there: of modules with motors shut off."""
+        """Snap joints (..., n) of modules with stopped motors to rest once nearly there."""
         if self._all_on:
             return
         off = self.speed_goals == 0.0
@@ -257,11 +255,11 @@ class Actuation:
 
     @property
     def is_exact(self) -> bool:
-        """Whether what is measured has no noise."""
+        """Whether measurements are free of noise."""
         return self._angle_noise_rad <= 0.0
 
     def stands(self, joints: Array) -> bool:
-        """Whether all wheels stand and all gimbals are exactly at their goals."""
+        """Return whether all wheels are at rest and all gimbals exactly at their goals."""
         return not (
             self._all_on
             or self.speed_goals.any()
@@ -270,16 +268,16 @@ class Actuation:
         )
 
     def settled(self, joints: Array) -> bool:
-        """Whether nothing changes any more."""
+        """Return whether all transients have decayed."""
         turning = np.abs(self.servos.rate(joints[..., self.angles], self.goals))
         off = np.abs(joints[..., self.wheels] - self.speed_goals)
         slowest = _SETTLED * np.asarray(self.servos.approach_rate_per_s)
         return bool((turning < slowest).all() and off.max() < _SETTLED)
 
     def measure(self, joints: Array) -> Array:
-        """Joint vector (..., n), its angles as the servos report them: in whole steps.
+        """Return the joint vector (..., n), with angles quantized to servo steps.
 
-        Wheel speeds are exact here; whether a robot measures them is for the caller to say.
+        Wheel speeds are exact; callers decide whether a robot measures them.
         """
         measured = joints.copy()
         angles = joints.take(self.angles, axis=-1) - self.zero_rad
@@ -289,7 +287,7 @@ class Actuation:
         return measured
 
     def hardware_status(self) -> dict[str, object]:
-        """Voltage, whether the speed controllers are armed, and what pulses they get."""
+        """Return voltage, arming state and pulse widths of the speed controllers."""
         return {
             "battery_v": fmean(self.battery_v.ravel().tolist()),
             "esc_armed": all(self.controllers.armed.ravel().tolist()),
@@ -304,23 +302,23 @@ class KinematicPlant:
     kinematics: SingularityKinematics
 
     def tangent(self, joints: Array, dt_s: float) -> Array:
-        """Tangent (..., 3) of the motion over a step of `dt_s` seconds.
+        """Return the tangent (..., 3) of the motion over a step of `dt_s` seconds.
 
-        `joints` (3, ..., n) are the true joint vectors at its start, middle and end. Rates of the
-        gimbals come from the parabola through them, so that Simpson's rule adds up to the angle
-        turned through, exactly and over any number of steps.
+        `joints` (3, ..., n) are the true joint vectors at its start, middle and end. Gimbal rates
+        come from the parabola through them, so that Simpson's rule sums exactly to the rotation
+        angle over any number of steps.
 
-        The twist changes during the step and turns do not commute with translations: the second
-        term of the Magnus expansion keeps fourth order. Source: Iserles and Norsett, "On the
-        solution of linear differential equations in Lie groups" (1999), with the sign for twists
-        in the body frame.
+        The twist changes during the step, and rotations do not commute with translations; the
+        second term of the Magnus expansion preserves fourth order. Source: Iserles and Norsett, "On
+        the solution of linear differential equations in Lie groups" (1999), with the sign for
+        twists in the body frame.
         """
         by_node = joints.reshape(3, -1)
         slopes, weights = _step_rules(dt_s)
         rates = (slopes @ by_node).reshape(joints.shape)
         twists = self.kinematics.twist(joints, rates)
         tangent = (weights @ twists.reshape(3, -1)).reshape(twists.shape[1:])
-        # Of one robot, the numbers of a list are quicker than those of an array.
+        # For a single robot, list elements are faster than array elements.
         vx, vy, omega = twists.T.tolist() if twists.ndim == 2 else np.moveaxis(twists, -1, 0)
         twelfth = dt_s * dt_s / 12.0
         tangent[..., 0] += twelfth * (omega[2] * vy[0] - omega[0] * vy[2])
@@ -328,19 +326,19 @@ class KinematicPlant:
         return tangent
 
     def displacement(self, joints: Array, dt_s: float) -> SE2:
-        """Pose after a step, in the frame at its start; `joints` as in `tangent`."""
+        """Return the pose after a step, in the frame at its start; `joints` as in `tangent`."""
         return SE2.exp(self.tangent(joints, dt_s))
 
 
-_LONGEST_STEP_S = 0.02
-"""Longest integration step: short beside the time constant of the servos, about 1/30 s."""
+_MAX_STEP_S = 0.02
+"""Maximum integration step, short compared to the servo time constant of about 1/30 s."""
 
 
 class SingularitySimulation:
-    """`batch` robots of one description, all at the same virtual time; `()` is a single one.
+    """`batch` robots in lockstep virtual time; `()` is a single robot.
 
-    Servos, speed controllers and motors feed a kinematic plant: wheels roll without slip, and
-    nothing has mass. For `noise` see `Actuation`.
+    Servos, speed controllers and motors drive a kinematic plant: wheels roll without slip, and
+    bodies have no mass. For `noise` see `Actuation`.
     """
 
     def __init__(
@@ -359,54 +357,54 @@ class SingularitySimulation:
         self.joints: Array = np.zeros((*batch, len(self.kinematics.joints)))
         """(..., n): true joint vector."""
         self.joints[..., self.actuation.angles] = self.actuation.zero_rad
-        self._stands = False
+        self._at_rest = False
         self._displacements: dict[float, SE2] = {}
-        """Displacements of the steps, by their length, that leave all joints as they are."""
+        """Displacements by step length, for steps that leave all joints unchanged."""
         self._measured: Array | None = None
-        """What is measured while no joint changes, if that has no noise."""
+        """Cached noise-free measurement while no joint changes."""
         self._halves = np.array([0.5, 1.0]).reshape(2, *(1,) * (len(batch) + 1))
 
     def command(self, setpoint: Array) -> None:
-        """Give all actuators new set-points, as `Actuation.command` takes them."""
+        """Set the setpoints of all actuators, as in `Actuation.command`."""
         if self.actuation.command(setpoint):
-            self._forget()
+            self._clear_cache()
 
     def degrade(self, shares: Array) -> None:
-        """Slow joints down, as `Actuation.degrade` takes them."""
+        """Slow down joints, as in `Actuation.degrade`."""
         self.actuation.degrade(shares)
-        self._forget()
+        self._clear_cache()
 
     def set_battery(self, battery_v: float) -> None:
         """Set the voltage of the battery."""
         self.actuation.set_battery(battery_v)
-        self._forget()
+        self._clear_cache()
 
-    def _forget(self) -> None:
-        self._stands = False
+    def _clear_cache(self) -> None:
+        self._at_rest = False
         self._displacements.clear()
 
     def lose_drive(self) -> None:
-        """Take the power of the speed controllers away, as `Actuation.lose_drive`."""
+        """Cut the speed controllers' power, as in `Actuation.lose_drive`."""
         self.actuation.lose_drive()
-        self._stands = False
+        self._at_rest = False
         self._displacements.clear()
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass: in short steps while joints move, in one when all are still."""
+        """Advance by `dt_s`: in short steps while joints move, otherwise in one."""
         self.actuation.controllers.advance(dt_s)
-        if self._stands:
-            return  # A step would leave everything as it is, to the bit.
+        if self._at_rest:
+            return  # A step would leave everything bit-identical.
         left_s = dt_s
         while left_s > 0.0:
-            steps = math.ceil(left_s / _LONGEST_STEP_S)
+            steps = math.ceil(left_s / _MAX_STEP_S)
             short = steps <= 1 or self.actuation.settled(self.joints)
             step_s = left_s if short else left_s / steps
             self._step(step_s)
             left_s -= step_s
-        self._stands = self.actuation.stands(self.joints)
+        self._at_rest = self.actuation.stands(self.joints)
 
     def measure(self) -> Array:
-        """Joint vector (..., n) as `Actuation.measure` has it."""
+        """Return the joint vector (..., n) as in `Actuation.measure`."""
         if self._measured is not None:
             return self._measured.copy()
         measured = self.actuation.measure(self.joints)
@@ -415,12 +413,12 @@ class SingularitySimulation:
         return measured
 
     def twist(self) -> Array:
-        """True twist (..., 3) in the body frame."""
+        """Return the true twist (..., 3) in the body frame."""
         rates = self.actuation.rates(self.joints)
         return self.kinematics.twist(self.actuation.surface.roll(self.joints), rates)
 
     def hardware_status(self) -> dict[str, object]:
-        """Actuator status."""
+        """Return the actuator status."""
         return self.actuation.hardware_status()
 
     def _step(self, dt_s: float) -> None:
@@ -441,6 +439,6 @@ class SingularitySimulation:
         if self.joints.tobytes() + self.actuation.play_rad.tobytes() != before:
             self._displacements.clear()
             self._measured = None
-        elif len(self._displacements) < _REMEMBERED:
+        elif len(self._displacements) < _CACHED_STEPS:
             self._displacements[dt_s] = moved
         return moved

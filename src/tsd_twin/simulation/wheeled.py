@@ -1,6 +1,4 @@
-"""Simulation of robots on geared motors: omni and Mecanum platforms with slip, and spherical
-platforms.
-"""
+"""Simulation of robots on geared motors: omni and Mecanum platforms with slip, and spheres."""
 
 from __future__ import annotations
 
@@ -20,23 +18,23 @@ from tsd_twin.simulation.sensors import DeadWheelSensors
 
 @dataclass(frozen=True, slots=True)
 class GearedMotors:
-    """Model of DC gear motors with speed control, on arrays of any shape; torques at the wheel.
+    """Model of speed-controlled DC gear motors, on arrays of any shape; torques at the wheel.
 
-    The torque that a voltage gives falls along a straight line from stall to the no-load speed; the
-    driver can reverse the voltage, and cuts off at its current limit.
+    The available torque decreases linearly from stall to no-load speed; the driver can reverse the
+    voltage and has a current limit.
     """
 
     stall_torque_nm: float
-    """At the voltage there is."""
+    """Stall torque at the current voltage."""
     top_speed_rad_per_s: float
-    """At the voltage there is, without load."""
+    """No-load speed at the current voltage."""
     torque_limit_nm: float
     gain_nm_s: float
     """Gain of the speed control: torque per rad/s of speed error."""
 
     @staticmethod
     def of(motor: GearedMotor, inertia_kg_m2: float, voltage_share: float) -> GearedMotors:
-        """Motors of wheels that feel `inertia_kg_m2`, at a share of nominal voltage."""
+        """Return motors for wheels with load `inertia_kg_m2`, at a fraction of nominal voltage."""
         return GearedMotors(
             stall_torque_nm=motor.stall_torque_nm * voltage_share,
             top_speed_rad_per_s=motor.top_speed_rad_per_s * voltage_share,
@@ -45,7 +43,7 @@ class GearedMotors:
         )
 
     def bounds(self, speed: Array) -> tuple[Array, Array]:
-        """Least and the most torque there is at wheel speeds `speed`, rad/s."""
+        """Return the minimum and maximum torque at wheel speeds `speed`, rad/s."""
         share = speed / self.top_speed_rad_per_s
         limit = self.torque_limit_nm
         low = np.maximum(-self.stall_torque_nm * (1.0 + share), -limit)
@@ -56,8 +54,8 @@ class GearedMotors:
 class GearedSimulation(ABC):
     """Base class of simulations with speed-controlled wheels; subclasses model the body.
 
-    `noise` scales the standard deviations of the description: each wheel measures its speed wrong
-    by a share that stays the same for the run. Time passes in steps of `longest_step_s` at most.
+    `noise` scales the described standard deviations: each wheel's measured speed has a relative
+    error that is constant per run. Time advances in steps of at most `longest_step_s`.
     """
 
     longest_step_s: float
@@ -72,7 +70,7 @@ class GearedSimulation(ABC):
         noise: float = 0.0,
         battery_v: float | None = None,
     ) -> None:
-        """Create wheels of `shape` (..., k); each drives an inertia."""
+        """Create wheels of `shape` (..., k), each driving an inertia."""
         self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
         self.joints: Array = np.zeros(shape)
         """(..., k): true wheel speeds."""
@@ -85,10 +83,10 @@ class GearedSimulation(ABC):
         self._scale = 1.0 + noise * robot.noise.spin_share * self._random.standard_normal(shape)
 
     def command(self, setpoint: Array) -> None:
-        """Give all motors new speeds, (..., k), rad/s.
+        """Set the speed setpoints (..., k) of all motors, rad/s.
 
         Raises:
-            ValueError: a number is not finite, or there is not one for each wheel.
+            ValueError: If a number is not finite, or the shape is wrong.
         """
         if not np.isfinite(setpoint).all():
             raise ValueError(f"set-points must be finite, these are {setpoint}")
@@ -96,12 +94,12 @@ class GearedSimulation(ABC):
         self._goals = self._setpoint * self._shares
 
     def degrade(self, shares: Array) -> None:
-        """Let each wheel be slower from now on: `shares` (..., k) of its set-point."""
+        """Slow down wheels: `shares` (..., k) are factors on the setpoints."""
         self._shares[...] = shares
         self._goals = self._setpoint * self._shares
 
     def set_battery(self, battery_v: float) -> None:
-        """Set the voltage of the battery from now on."""
+        """Set the voltage of the battery."""
         self.battery_v = battery_v
         share = battery_v / self._robot.battery.nominal_v
         self._motors = GearedMotors.of(self._robot.motor, self._driven_kg_m2, share)
@@ -115,7 +113,7 @@ class GearedSimulation(ABC):
             self._step(dt_s / steps)
 
     def measure(self) -> Array:
-        """Wheel speeds (..., k)."""
+        """Return wheel speeds (..., k)."""
         return self.joints * self._scale
 
     def _rests(self) -> bool:
@@ -123,26 +121,25 @@ class GearedSimulation(ABC):
 
     @abstractmethod
     def _step(self, dt_s: float) -> None:
-        """Move wheels and body on by `dt_s` seconds."""
+        """Advance wheels and body by `dt_s` seconds."""
 
 
-_ROUNDS = 30
-_CLOSE_MPS = 0.2 * ROLLER_CREEP_MPS
+_MAX_ITERATIONS = 30
+_TOLERANCE_MPS = 0.2 * ROLLER_CREEP_MPS
 """Tolerance of the creep iteration."""
 _SETTLED = 1e-9
-"""Metres, or radians, a second below which nothing moves."""
+"""Speed (m/s or rad/s) below which the robot is at rest."""
 
 
 class OmniSimulation(GearedSimulation):
-    """`batch` robots of one description, all at the same virtual time; `()` is a single one.
+    """`batch` robots in lockstep virtual time; `()` is a single robot.
 
-    A rigid body on wheels that carry equal shares of its weight. The friction of a roller acts
-    along its axle, grows with the creep, and saturates at its limit. A saturated wheel slips, which
-    its encoder does not show.
+    A rigid body on equally loaded wheels. The friction of a roller acts along its axle, grows with
+    the creep, and saturates. A saturated wheel slips, which its encoder cannot measure.
     """
 
     longest_step_s = 0.0025
-    """Slipping wheels accelerate within some milliseconds."""
+    """Slipping wheels accelerate within a few milliseconds."""
 
     def __init__(
         self,
@@ -159,7 +156,7 @@ class OmniSimulation(GearedSimulation):
         """True pose in the world."""
         self._twist = np.zeros((*batch, 3))
         self._grip = kinematics.grip_from_twist
-        # Of a wheel's speed, the part along the roller's axle.
+        # Component of a wheel's speed along the roller's axle.
         self._arm_m = kinematics.wheel_radius_m * np.cos(kinematics.rollers_rad)
         self._pull_m = (1.0 - robot.drive.slip) * self._arm_m
         self._body = robot.inertia
@@ -172,22 +169,22 @@ class OmniSimulation(GearedSimulation):
             self._sensors = DeadWheelSensors(robot.dead_wheels, batch, self._random, noise)
 
     def measure(self) -> Array:
-        """Wheel speeds, and what dead wheels and gyro say, (..., k + s)."""
+        """Return wheel speeds, then tracking wheels and gyro, (..., k + s)."""
         speeds = super().measure()
         if self._sensors is None:
             return speeds
         return np.concatenate([speeds, self._sensors.measure(self._twist)], axis=-1)
 
     def twist(self) -> Array:
-        """True twist (..., 3) in the body frame."""
+        """Return the true twist (..., 3) in the body frame."""
         return self._twist.copy()
 
     def slipping(self) -> Array:
-        """Return how much faster each rim is than the floor under it, (..., k), m/s."""
+        """Return the speed (..., k) of each rim relative to the floor, m/s."""
         return self._arm_m * self.joints - self._twist @ self._grip.T
 
     def hardware_status(self) -> dict[str, object]:
-        """Voltage, and how fast the wheels slip."""
+        """Return battery voltage and wheel slip."""
         return {
             "battery_v": self.battery_v,
             "slip_mps": np.round(self.slipping(), 4).tolist(),
@@ -202,7 +199,7 @@ class OmniSimulation(GearedSimulation):
         self.pose = self.pose @ SE2.exp(dt_s * middle)
         if self._sensors is not None:
             self._sensors.advance(middle, dt_s)
-        # The axes have turned with the body, the velocity in the world has not.
+        # The axes have turned with the body, but the velocity in the world has not.
         angle = -dt_s * middle[..., 2]
         cos, sin = np.cos(angle), np.sin(angle)
         vx, vy = twist[..., 0].copy(), twist[..., 1].copy()
@@ -214,8 +211,8 @@ class OmniSimulation(GearedSimulation):
     def _after(self, dt_s: float) -> tuple[Array, Array]:
         """Return wheel speeds and twist by the implicit Euler equations of wheels and body.
 
-        Friction is c s with the creep s, and c falls as the creep grows: solved again with the c of
-        the creep that came out, until that is the one that went in.
+        Friction is c s with the creep s, where c decreases with the creep: iterated to a fixed
+        point.
         """
         low, high = self._motors.bounds(self.joints)
         wanted = self._motors.gain_nm_s * (self._goals - self.joints)
@@ -224,26 +221,26 @@ class OmniSimulation(GearedSimulation):
         torque = np.where(free, gain * self._goals, np.minimum(np.maximum(wanted, low), high))
         joints, twist = self.joints, self._twist
         creep = self._creep(joints, twist)
-        going = np.ones((*twist.shape[:-1], 1), dtype=bool)
-        for _ in range(_ROUNDS):
+        active = np.ones((*twist.shape[:-1], 1), dtype=bool)
+        for _ in range(_MAX_ITERATIONS):
             c = self._friction_n / np.sqrt(creep * creep + ROLLER_CREEP_MPS**2)
             solved = self._linear(c, gain, torque, dt_s)
-            if going.all():
+            if active.all():
                 joints, twist = solved
-            else:  # One that is done is left as it is, so that a batch is its members.
-                joints = np.where(going, solved[0], joints)
-                twist = np.where(going, solved[1], twist)
+            else:  # Keep converged robots unchanged, so that a batch equals its members.
+                joints = np.where(active, solved[0], joints)
+                twist = np.where(active, solved[1], twist)
             before, creep = creep, self._creep(joints, twist)
             change = np.maximum.reduce(np.abs(creep - before), axis=-1, keepdims=True)
-            going = going & (change >= _CLOSE_MPS)
-            if not going.any():
+            active = active & (change >= _TOLERANCE_MPS)
+            if not active.any():
                 break
         return joints, twist
 
     def _linear(self, c: Array, gain: Array, torque: Array, dt_s: float) -> tuple[Array, Array]:
-        """Return wheel speeds and twist for friction c s and torque less gain times speed.
+        """Return wheel speeds and twist for friction c s and torque minus gain times speed.
 
-        Each wheel's equation gives its speed from the twist; that leaves three for the body.
+        Each wheel's equation yields its speed from the twist, which leaves three for the body.
         """
         grip, heavy = self._grip, self._wheel / dt_s
         pulled = c * self._arm_m
@@ -261,14 +258,14 @@ class OmniSimulation(GearedSimulation):
 
 
 class SphereSimulation(GearedSimulation):
-    """`batch` platforms of one description, all at the same virtual time; `()` is a single one.
+    """`batch` platforms in lockstep virtual time; `()` is a single platform.
 
-    There is no slip. The sphere always follows the rows of rollers in contact, whatever model an
-    estimate uses. At the start each wheel is at the beginning of its first row.
+    There is no slip. The sphere always follows the rows of rollers in contact, independently of the
+    estimator's model. Initially each wheel is at the beginning of its first row.
     """
 
     longest_step_s = 0.005
-    """Wheels come to speed within some tens of milliseconds."""
+    """Wheels accelerate within tens of milliseconds."""
 
     def __init__(
         self,
@@ -285,15 +282,15 @@ class SphereSimulation(GearedSimulation):
         self.pose = SO3.identity(batch) if pose is None else SO3.identity(batch) @ pose
         """True orientation of the sphere in the world."""
         self.angles_rad: Array = np.zeros_like(self.joints)
-        """(..., k): how far each wheel has turned."""
+        """(..., k): angle of each wheel."""
         self._time_constant_s = robot.motor.time_constant_s
 
     def twist(self) -> Array:
-        """True angular velocity (..., 3) in the base frame, on the rows of now."""
+        """Return the true angular velocity (..., 3) in the base frame, on the current rows."""
         return self.kinematics.true_twist(self.joints, self.kinematics.side(self.angles_rad))
 
     def hardware_status(self) -> dict[str, object]:
-        """Voltage, and which row of each wheel carries: 1 or 2."""
+        """Return battery voltage and the supporting row of each wheel: 1 or 2."""
         rows = 1.5 + 0.5 * self.kinematics.side(self.angles_rad)
         return {"battery_v": self.battery_v, "rows": rows.astype(int).tolist()}
 

@@ -1,6 +1,6 @@
-"""Colours, layers with their scene nodes, lights, view settings of a page, and roster of robots.
+"""Colours, layers and their scene nodes, lights, view settings of a page, and roster of robots.
 
-Colours are distinct for colour-blind people.
+The colours are distinct for colour-blind people.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Rgb: TypeAlias = tuple[int, int, int]
 ESTIMATE: Rgb = (36, 132, 227)
 """Colour of the estimate: trail and covariance."""
 SETPOINT: Rgb = (0, 200, 215)
-"""Colour of set-points."""
+"""Colour of setpoints."""
 TRUTH: Rgb = (60, 190, 90)
 """Colour of ground truth."""
 OTHER: Rgb = (232, 86, 120)
@@ -35,7 +35,7 @@ PREDICTED: Rgb = (235, 80, 160)
 ENVELOPE: Rgb = (232, 90, 60)
 """Colour of the stop envelope."""
 PAST: Rgb = (245, 189, 74)
-"""Colour of the past, as of all that belongs to recordings."""
+"""Colour of history and recordings."""
 SUSPECT: Rgb = (225, 40, 40)
 """Colour of a suspected fault."""
 STALE: Rgb = (128, 132, 138)
@@ -46,11 +46,13 @@ GRID_LABEL: Rgb = (140, 146, 155)
 
 
 ROOT = "/w"
-"""The world, `odom`: everything hangs on it. It moves so that the robot keeps its place."""
+"""The world frame, `odom`, the parent of all nodes. It moves so that the followed robot stays in
+place.
+"""
 
 
 class Layer(StrEnum):
-    """Layers that a client can hide; the values are the labels in the panel."""
+    """Layers that clients can hide; the values are the labels in the panel."""
 
     SETPOINT = "set-point"
     TRUTH = "true pose"
@@ -70,12 +72,11 @@ TRUE_POSES, ALTERNATIVE_POSES, TRAILS, AXIS_LABELS = (
     f"{ROOT}/k",
     f"{ROOT}/l",
 )
-"""Nodes of all robots' true poses, of what else is estimated, of all trails, and of the metres on
-the floor."""
+"""Parent nodes of the true poses, alternative estimates, trails and metre labels of all robots."""
 ROUTES = f"{ROOT}/p"
-"""Node of all planned paths."""
+"""Parent node of all planned paths."""
 PAST_NODE = f"{ROOT}/h"
-"""Node of the robot of a page as it was some seconds ago, in the scene of that page."""
+"""Node of a robot's past state, in the scene of its page."""
 _SHARED_NODES = {
     Layer.TRUTH: TRUE_POSES,
     Layer.OTHER: ALTERNATIVE_POSES,
@@ -94,30 +95,30 @@ _ROBOT_NODES = {
 
 
 def robot_node(robot_id: str) -> str:
-    """Node at the floor projection of `base_link`."""
+    """Return the node at the floor projection of `base_link`."""
     return f"{ROOT}/r/{robot_id}"
 
 
 def overlay_node(layer: Layer, robot_id: str) -> str:
-    """Node that shows a layer of one robot and moves with it."""
+    """Return the node that shows a robot's layer and moves with the robot."""
     return f"{robot_node(robot_id)}/{_ROBOT_NODES[layer]}"
 
 
 def layer_nodes(layer: Layer, robot_ids: Iterable[str]) -> set[str]:
-    """Return the nodes to hide for a layer; their children are hidden too."""
+    """Return the nodes to hide for a layer; hiding includes their children."""
     shared = {_SHARED_NODES[layer]} if layer in _SHARED_NODES else set[str]()
     return shared | {overlay_node(layer, one) for one in robot_ids if layer in _ROBOT_NODES}
 
 
 _AMBIENT_NODE = "/ambient"
 _AMBIENT_INTENSITY = 1.5
-"""As bright as the reflections that it stands for."""
+"""Matches the brightness of the reflections it replaces."""
 
 
 def disable_shadows_and_reflections(own: viser.SceneApi) -> None:
-    """Disable shadows and reflections in the scene of one client, most of the rendering time.
+    """Disable shadows and reflections, most of the rendering time, in the scene of a client.
 
-    Also after its nodes have been reset.
+    Call it again after the client's nodes have been reset.
     """
     own.configure_default_lights(cast_shadow=False)
     own.configure_environment_map(None)
@@ -134,24 +135,24 @@ ROBOT_COLOURS: tuple[Rgb, ...] = (
     (224, 72, 122),
     (95, 143, 47),
 )
-"""Each has a contrast of 3 : 1 and more against the light and against the dark surfaces."""
+"""Each has a contrast of at least 3 : 1 to the light and the dark background."""
 
 
 class RobotRoster:
     """Order and colours of robots, the same on all pages and in the scene; thread-safe.
 
-    The robots that were named come first, in that order; a page that opens shows the first one. The
-    others follow by id. A robot keeps its colour; when all are in use, they are used again.
+    Named robots precede the others, in the given order, and new pages show the first one; the
+    others are sorted by id. A robot keeps its colour; if all colours are in use, they repeat.
     """
 
     def __init__(self, first: Sequence[str] = ()) -> None:
-        """`first` are ids of robots, which may appear later, or never."""
+        """`first` lists robot ids, which may appear later or never."""
         self._lock = threading.Lock()
         self._first = {robot_id: place for place, robot_id in enumerate(dict.fromkeys(first))}
         self._numbers = dict(self._first)
 
     def in_order(self, robot_ids: Iterable[str]) -> list[str]:
-        """Return robots in the order of the menu."""
+        """Return robots in menu order."""
         last = len(self._first)
         return sorted(robot_ids, key=lambda each: (self._first.get(each, last), each))
 
@@ -168,11 +169,11 @@ class CameraPreset(StrEnum):
     ISO = "3-D"
     TOP = "top"
     CHASE = "chase"
-    """Behind the robot: the picture turns along with it, while the camera follows it."""
+    """Behind the robot; while following, the view turns with the robot."""
 
 
 class TruePoseDisplay(StrEnum):
-    """Display condition of the true pose; the values are the labels in the panel."""
+    """When the true pose is displayed; the values are the labels in the panel."""
 
     DIFFERS = "when it differs"
     ALWAYS = "always"
@@ -180,7 +181,7 @@ class TruePoseDisplay(StrEnum):
 
 
 class TiltFactor(StrEnum):
-    """Factors of the drawn tilt; the values are the labels in the panel."""
+    """Exaggeration of the displayed tilt; the values are the labels in the panel."""
 
     TRUE = "x1"
     THREE = "x3"
@@ -188,12 +189,12 @@ class TiltFactor(StrEnum):
 
     @property
     def number(self) -> int:
-        """The factor."""
+        """Exaggeration factor."""
         return int(self.value[1:])
 
 
 class ViewSettings(msgspec.Struct, frozen=True):
-    """View settings of one page, as it keeps them."""
+    """View settings stored by a page."""
 
     camera: CameraPreset = CameraPreset.ISO
     follow: bool = True
@@ -202,4 +203,4 @@ class ViewSettings(msgspec.Struct, frozen=True):
     true_pose: TruePoseDisplay = TruePoseDisplay.DIFFERS
     tilt: TiltFactor = TiltFactor.TRUE
     dark: bool | None = None
-    """Dark or light colours; None as the browser prefers."""
+    """Dark or light colours; None follows the browser's preference."""

@@ -1,4 +1,4 @@
-"""Scene of one client: hidden layers, followed robot, camera, and the pose preview."""
+"""Client-specific scene: hidden layers, followed robot, camera, and the pose preview."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from tsd_twin.models import Link
 
 
 class PosePreview:
-    """Pose preview in one client's scene: posed gimbals, or arrows for wheels that only roll."""
+    """Pose preview in a client's scene: gimbal poses, or arrows for wheels without gimbals."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
@@ -53,12 +53,12 @@ class PosePreview:
             hide_links(self._client, body, None)
 
     def forget(self, body: RobotVisual) -> None:
-        """Discard the nodes of this client, and show the links of a robot again."""
+        """Discard this client's nodes and show the robot's links again."""
         if self._links:
             hide_links(self._client, body, None)
 
     def clear(self) -> None:
-        """Discard the nodes of this client."""
+        """Discard this client's nodes."""
         self._links.clear()
         self._arrows = None
 
@@ -100,7 +100,7 @@ class PosePreview:
 
 
 class PastGhost:
-    """Ghost in one client's scene: edges and moving links of a robot where it was, with a label."""
+    """Ghost in a client's scene: wireframe and moving links of a robot's past state, labelled."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
@@ -110,7 +110,7 @@ class PastGhost:
         self._reader: JointReader | None = None
 
     def draw(self, body: RobotVisual | None, past: Snapshot | None, ago_s: float) -> None:
-        """Show what a robot sent some seconds ago; None hides the ghost."""
+        """Show the state that a robot sent `ago_s` ago; None hides the ghost."""
         shown = body is not None and past is not None and past.odom is not None
         if self._frame is not None and self._frame.visible != shown:
             self._frame.visible = shown
@@ -131,7 +131,7 @@ class PastGhost:
             set_planar_pose(self._frame, past.odom.xy_heading)
         else:
             ball = SO3(past.odom.wxyz)
-            aside_m = _BESIDE * shape.reach_m  # It turns in place: the ghost would be inside it.
+            aside_m = _BESIDE * shape.reach_m  # Otherwise it would be inside the sphere.
             self._frame.position = (float(body.pose[0]), float(body.pose[1]) - aside_m, 0.0)
         text = f"{body.id} {ago_s:.1f} s ago"
         if self._label is None:
@@ -152,7 +152,7 @@ class PastGhost:
             self._pose(shape, joints, ball)
 
     def clear(self) -> None:
-        """Forget the nodes of this client."""
+        """Discard this client's nodes."""
         self._frame = self._label = self._reader = None
         self._links.clear()
 
@@ -174,16 +174,16 @@ class PastGhost:
 
 _LABEL_ABOVE_M = 0.05
 _BESIDE = 2.2
-"""Distance of the ghost of a sphere from it, in radii of the robot."""
+"""Distance between a sphere and its ghost, in radii of the robot."""
 _LOOK_AT_TOLERANCE_M = 0.05
-"""A camera that looks at a place this near to the robot has not been moved away from it."""
+"""A camera that looks at a point this close to the robot still follows it."""
 
 
 class ClientView:
-    """Scene of one client: its own nodes, which override the shared ones."""
+    """Scene of a client: its nodes override the shared ones."""
 
     def __init__(self, scene: Scene, client: viser.ClientHandle, *, plain: bool = False) -> None:
-        """`plain` is for a browser without a graphics card."""
+        """`plain` is for browsers without a graphics card."""
         self._no_gpu = plain
         if plain:
             disable_shadows_and_reflections(client.scene)
@@ -205,7 +205,7 @@ class ClientView:
 
     @property
     def lock(self) -> threading.RLock:
-        """Lock for several changes that belong together."""
+        """Lock for a group of related changes."""
         return self._scene.lock
 
     @property
@@ -220,7 +220,7 @@ class ClientView:
 
     @property
     def visual(self) -> RobotVisual | None:
-        """Visual of the selected robot; None without one."""
+        """Visual of the selected robot, or None."""
         return self._scene.visuals.get(self._robot_id or "")
 
     def select_robot(self, robot_id: str) -> None:
@@ -230,21 +230,21 @@ class ClientView:
             self.on_robots_changed()
 
     def _bring_into_view(self) -> None:
-        """Put the selected robot where a followed robot is, and look at that place.
+        """Move the selected robot to the place of a followed robot, and look at it.
 
-        The camera keeps its direction and its distance.
+        The camera keeps its direction and distance.
         """
         if self._fixed_world_xy is not None:
             self._fixed_world_xy = self._followed_world_xy
         camera = self._client.camera
         aside, back = camera.look_at - LOOK_AT_M, camera.position - camera.look_at
         if not (np.isfinite([aside, back]).all() and back.any()):
-            return  # A client may send any camera.
+            return  # Clients may send invalid cameras.
         if np.linalg.norm(aside) > _LOOK_AT_TOLERANCE_M:
-            camera.position = LOOK_AT_M + back  # Moves along what it looks at.
+            camera.position = LOOK_AT_M + back  # This also moves the point it looks at.
 
     def _place_camera(self) -> None:
-        """Turn the camera to the robot, as the preset says."""
+        """Point the camera at the robot according to the preset."""
         body, world, camera = self.visual, self._world_pose, self._settings.camera
         at = SE2.identity() if body is None else world @ SE2(body.pose)
         offset = np.array(CAMERA_OFFSET_M)
@@ -259,18 +259,18 @@ class ClientView:
         self._client.flush()
 
     def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
-        """Point of the sphere that a ray (3,), (3,) of this client meets."""
+        """Return the point of the sphere hit by a ray (3,), (3,) of this client."""
         body = self.visual
         radius_m = None if body is None else body.meshes.shape.ball_radius_m
         if body is None or radius_m is None:
             return None
-        x, y = self._world_pose.xy_heading[:2]  # It turns for no sphere.
+        x, y = self._world_pose.xy_heading[:2]  # The world frame is never rotated for spheres.
         height_m = body.meshes.shape.skeleton.tree.height_m
         centre = np.array([x + body.pose[0], y + body.pose[1], height_m])
         return sphere_point(origin, direction, centre, radius_m, body.ball)
 
     def pick_floor(self, shares: Array) -> Array:
-        """Floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
+        """Return floor points (m, 2) in `odom` at screen positions, see `floor_points`."""
         camera = self._client.camera
         camera_pose = CameraPose(camera.position, camera.wxyz, camera.fov, camera.aspect)
         return self._world_pose.inverse().transform(floor_points(camera_pose, shares))
@@ -279,11 +279,11 @@ class ClientView:
 
     @property
     def settings(self) -> ViewSettings:
-        """Settings in force."""
+        """Active settings."""
         return self._settings
 
     def apply(self, settings: ViewSettings, *, look: bool = False) -> None:
-        """Apply all settings; `look` turns the camera to the robot, as another preset does."""
+        """Apply all settings; `look` points the camera at the robot, like changing the preset."""
         with self._scene.lock:
             before = self._settings
             if settings.follow != before.follow:
@@ -301,7 +301,7 @@ class ClientView:
     def set_preview(self, joints: Array | None) -> None:
         """Preview a joint vector (n,) for this client only; None ends the preview.
 
-        It poses gimbals; of wheels that only roll, arrows tell which way and how fast.
+        It poses gimbals; for wheels without gimbals, arrows show direction and speed.
         """
         with self._scene.lock:
             self._preview_joints = joints
@@ -309,13 +309,13 @@ class ClientView:
             body = self.visual
             if joints is None and body is not None and self._tilt.is_on(body):
                 self._tilt.update(body)
-                hide_links(self._client, body, body.id)  # The end of the preview has shown them.
+                hide_links(self._client, body, body.id)  # Ending the preview has shown them.
         self._client.flush()
 
-    # The past.
+    # History.
 
     def show_past(self, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the selected robot as it was some seconds ago, for this client; None ends it."""
+        """Draw the past state of the selected robot for this client; None hides it."""
         with self._scene.lock, self._client.atomic():
             self._past = past, ago_s
             self._ghost.draw(self.visual, *self._past)
@@ -333,7 +333,7 @@ class ClientView:
     # Callbacks of the scene.
 
     def on_robots_moved(self) -> None:
-        """Move the world frame of this client, if it follows another robot than the default."""
+        """Move this client's world frame, unless it follows the default robot."""
         moves_world = self._world is not None and self._fixed_world_xy is None
         body = self.visual
         if body is not None and self._tilt.is_on(body) and self._preview_joints is None:
@@ -346,7 +346,7 @@ class ClientView:
         self._client.flush()
 
     def on_robots_changed(self) -> None:
-        """Rebuild the nodes of this client after a change of robots or settings."""
+        """Rebuild this client's nodes after a change of robots or settings."""
         own = self._client.scene
         with self._client.atomic():
             for body in self._scene.visuals.values():
@@ -372,12 +372,12 @@ class ClientView:
         self._client.flush()
 
     def _add_world(self, own: viser.SceneApi) -> viser.FrameHandle | None:
-        """Add the world frame of this client; a client that has had one always has one.
+        """Add this client's world frame; once added, it is always kept.
 
-        viser drops the removal of a node that is added again at once, and says nothing of a pose
-        that is zero: the browser would keep the pose of before. An ancestor that viser adds for the
-        nodes of this client has the same effect. So this client never gives its frame up, and sends
-        its pose even if that is zero.
+        viser drops the removal of a node that is immediately added again, and does not send a zero
+        pose, so the browser would keep the previous pose. An ancestor that viser adds for this
+        client's nodes has the same effect. Therefore this client never removes its frame, and sends
+        its pose even if it is zero.
         """
         followed = self._robot_id == self._scene.default_robot_id
         if self._fixed_world_xy is not None or not followed or self._is_chasing:
@@ -385,7 +385,7 @@ class ClientView:
         if not self._has_own_world:
             return None
         x, y, _ = self._world_pose.xy_heading
-        upside_down = (0.0, 1.0, 0.0, 0.0)  # No turn about z.
+        upside_down = (0.0, 1.0, 0.0, 0.0)  # Differs from any rotation about z.
         world = own.add_frame(ROOT, show_axes=False, position=(x + 1.0, y, 0.0), wxyz=upside_down)
         self._move_world(world)
         return world
@@ -432,7 +432,7 @@ class ClientView:
 
     @property
     def _world_pose(self) -> SE2:
-        """Pose of `odom` in the scene of this client."""
+        """Pose of `odom` in this client's scene."""
         body = self.visual
         if body is not None and self._is_chasing:
             return SE2(body.pose).inverse()
@@ -440,7 +440,7 @@ class ClientView:
 
     @property
     def _followed_world_xy(self) -> tuple[float, float]:
-        """Origin of `odom` in the scene, so that the selected robot keeps its place."""
+        """Origin of `odom` in the scene that keeps the selected robot in place."""
         body = self.visual
         if body is None or body.id == self._scene.default_robot_id:
             return self._scene.world_xy

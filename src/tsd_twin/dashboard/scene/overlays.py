@@ -1,5 +1,5 @@
-"""Overlays of the scene: thrust arrows, region of the pose, stop envelope, trail, planned path,
-fault ring.
+"""Overlays of the scene: thrust arrows, pose region, stop envelope, trail, planned path, fault
+ring.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class RateLimiter:
         self._last_s = -math.inf
 
     def is_due(self, now_s: float) -> bool:
-        """Return whether a period has passed since this last returned True, or time went back."""
-        # A little early counts: callers come in steps of their own period.
+        """Return whether a period has passed since it last returned True, or time went back."""
+        # Tolerate early calls, because the callers are periodic too.
         if 0.0 <= now_s - self._last_s < self._period_s - 1e-3:
             return False
         self._last_s = now_s
@@ -36,14 +36,14 @@ class RateLimiter:
 
 
 ARROW_LENGTH_PER_SPEED_S = 0.25
-"""Metres of arrow for a metre a second."""
+"""Arrow length in metres per m/s."""
 MIN_ARROW_SPEED_MPS = 0.02
 ARROW_HEAD_M = 0.028
 ARROW_HEIGHT_M = 0.006
 
 
 class ThrustArrows:
-    """Arrows of the velocity that each wheel contributes, from the joint vector."""
+    """Arrows for the velocity contributed by each wheel, from the joint vector."""
 
     def __init__(self, scene: viser.SceneApi, name: str, skeleton: Skeleton) -> None:
         self._skeleton = skeleton
@@ -61,7 +61,7 @@ class ThrustArrows:
         )
 
     def update(self, joints: Array, now_s: float) -> None:
-        """Draw the arrows of joint vector (n,)."""
+        """Draw the arrows for a joint vector (n,)."""
         if not len(self._drawn) or not self._rate.is_due(now_s):
             return
         places, velocities = self._skeleton.contacts(joints)
@@ -77,48 +77,48 @@ class ThrustArrows:
 
 
 def arrow_points(starts: Array, velocities: Array, speeds: Array) -> npt.NDArray[np.float32]:
-    """Return arrows (n, 2, 3) from `starts` (n, 3), just above what they lie on."""
+    """Return arrows (n, 2, 3) from `starts` (n, 3), slightly raised above the surface."""
     lifted = starts + np.array([0.0, 0.0, ARROW_HEIGHT_M])
-    # The head comes on top, so that the slowest arrow is no shorter than it.
+    # Add the head to the length, so that even the slowest arrow is at least as long as its head.
     ends = lifted + velocities * (ARROW_LENGTH_PER_SPEED_S + ARROW_HEAD_M / speeds)[:, None]
     return np.stack([lifted, ends], axis=1).astype(np.float32)
 
 
 _LEAST_SIGMA_M = 0.001
-"""So that the outline of an exact position can be seen."""
+"""Makes the outline of an exact position visible."""
 _REGION_HEIGHT_M = 0.003
 _REGION_CHANGE = 0.02
-"""Changes of the outline below this share of its size are not sent."""
+"""Relative change of the outline below which it is not sent."""
 _VISIBLE_M = 0.002
-"""A turn of the outline that moves no point of it farther is not sent."""
+"""Maximum displacement by a rotation of the outline that is not sent."""
 _WEDGE_SIDES = 12
 _WEDGE_BEYOND_M = 0.12
-"""From the rim of the robot to the end of the wedge."""
+"""Distance from the rim of the robot to the end of the wedge."""
 _LEAST_WEDGE_RAD = math.radians(0.5)
-"""A narrower wedge is not drawn, and a smaller change not sent."""
+"""Narrower wedges are not drawn, and smaller changes not sent."""
 
 
 class PoseRegion:
-    """Regions of the estimated pose: an outline for the position, and a wedge for the heading.
+    """Confidence regions of the estimated pose: an outline for position, a wedge for heading.
 
-    The true ones are inside with 86 % certainty each. The outline lies in the axes of `odom`, where
-    it hardly changes while the robot turns; the wedge points ahead.
+    Each contains the true value with 86 % probability. The outline is aligned with `odom`, where it
+    hardly changes while the robot turns; the wedge points ahead.
     """
 
     def __init__(self, scene: viser.SceneApi, name: str, reach_m: float) -> None:
         self._rate = RateLimiter(5.0)
         self._frame = scene.add_frame(name, show_axes=False)
         self.shown = self._outline_of(np.zeros((3, 3)))
-        """(n, 2): outline of the position, less the estimated position, axes of `odom`."""
+        """(n, 2): outline relative to the estimated position, axes of `odom`."""
         self._turned_rad = 0.0
         self._outline = _add_region_lines(scene, f"{name}/p", _closed(self.shown))
         self._wedge_m = reach_m + _WEDGE_BEYOND_M
         self.half_rad = 0.0
-        """Half-width of the wedge that is shown; zero for none."""
+        """Displayed half-width of the wedge; 0 if hidden."""
         self._wedge = _add_region_lines(scene, f"{name}/w", self._wedge_of(0.0), visible=False)
 
     def update(self, covariance: Array, heading_rad: float, now_s: float) -> None:
-        """Show a pose covariance (3, 3) around a robot with that heading."""
+        """Show a pose covariance (3, 3) around a robot with this heading."""
         if self._rate.is_due(now_s):
             self._reshape(covariance)
         turn_rad = math.remainder(heading_rad - self._turned_rad, math.tau)
@@ -165,7 +165,7 @@ def _add_region_lines(
 
 
 def _closed(outline: Array) -> npt.NDArray[np.float32]:
-    """Return the sides (n, 2, 3) of a polygon (n, 2), just above the floor."""
+    """Return the sides (n, 2, 3) of a polygon (n, 2), slightly above the floor."""
     corners = np.insert(outline, 2, _REGION_HEIGHT_M, axis=1).astype(np.float32)
     return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
@@ -178,10 +178,10 @@ _MIN_CHANGE_M = 0.001
 
 
 def swept_outline(path: Array, reach_m: float) -> Array:
-    """Convex polygon (SIDES, 2) that contains the area a disc sweeps along `path` (n, 2+).
+    """Return a convex polygon (SIDES, 2) that contains a disc moved along `path` (n, 2+).
 
-    It is about the convex hull of the discs, by its support function: tangents in SIDES directions,
-    and where each meets the next. The arcs to standstill are short, so the hull adds little.
+    It approximates the convex hull of the discs by tangents in SIDES directions and their
+    intersections. Braking paths are short arcs, so the hull adds little area.
     """
     angles = np.arange(ENVELOPE_SIDES) * 2.0 * np.pi / ENVELOPE_SIDES
     x, y = np.cos(angles), np.sin(angles)
@@ -192,17 +192,18 @@ def swept_outline(path: Array, reach_m: float) -> Array:
 
 
 class StopEnvelope:
-    """Stop envelope: translucent area of the braking path on the node of the robot; empty at rest.
+    """Stop envelope: translucent area of the braking path on the robot's node; empty at rest.
 
-    While the robot moves evenly the area is the same in its frame, and nothing is sent.
+    While the robot moves steadily, the area is constant in its frame and nothing is sent.
     """
 
     def __init__(self, scene: viser.SceneApi, name: str, reach_m: float) -> None:
         self._reach_m = reach_m
         self._shown = swept_outline(np.zeros((1, 2)), reach_m)
         self.outline: Array | None = None
-        """The drawn polygon (SIDES, 2) in the frame of the robot; None while it is hidden. An array
-        is never changed in place."""
+        """Displayed polygon (SIDES, 2) in the robot's frame, or None if hidden. Arrays are
+        replaced, never modified.
+        """
         self._frame = scene.add_frame(name, show_axes=False)
         fan = np.arange(1, ENVELOPE_SIDES - 1, dtype=np.uint32)
         self._area = scene.add_mesh_simple(
@@ -226,7 +227,7 @@ class StopEnvelope:
         )
 
     def update(self, path: Array | None) -> None:
-        """Draw the area of `path` (n, 3) in the frame of the robot; None hides it."""
+        """Draw the area of `path` (n, 3) in the robot's frame; None hides it."""
         self._area.visible = self._rim.visible = path is not None
         if path is None:
             self.outline = None
@@ -250,14 +251,14 @@ class StopEnvelope:
 TRAIL_SPACING_M = 0.02
 TRAIL_CHUNK = 64
 TRAIL_CHUNKS = 32
-"""As many chunks of as many segments as are kept: the last 40 m."""
+"""Number of chunks kept, each with TRAIL_CHUNK segments: the last 40 m."""
 TRAIL_JUMP_M = 0.5
-"""A step this long is no motion: the pose was set."""
+"""A longer step is not motion but a change of the pose."""
 TRAIL_HEIGHT_M = 0.002
 
 
 class Trail:
-    """The path of the estimate, in chunks: only the newest one is sent again as it grows."""
+    """Path of the estimate, in chunks; only the latest chunk is resent as it grows."""
 
     def __init__(self, scene: viser.SceneApi, name: str) -> None:
         self._scene = scene
@@ -285,7 +286,7 @@ class Trail:
             self._segments, self._sent = [], 0
 
     def clear(self) -> None:
-        """Forget the path."""
+        """Clear the path."""
         for node in self._nodes.values():
             node.remove()
         self._nodes.clear()
@@ -308,15 +309,15 @@ class Trail:
 
 ROUTE_HEIGHT_M = 0.003
 ROUTE_POINTS = 120
-"""Of the line; a robot cannot bend it more than these show."""
+"""Number of points of the line, enough for the strongest curvature of a robot."""
 _GOAL_RING_SIDES = 32
 _GOAL_TIP_M = 0.06
 
 
 def route_segments(poses: Array, reach_m: float) -> Array:
-    """Line segments (k, 2, 3) of a path through `poses` (n, 3), n above 1.
+    """Return line segments (k, 2, 3) of a path through `poses` (n, 3), n > 1.
 
-    At its end stands a ring as large as the robot, with a tip where it will look.
+    At the end is a ring of the robot's size, with a tip in the direction of its final heading.
     """
     way = np.stack([poses[:-1, :2], poses[1:, :2]], axis=1)
     around = np.arange(_GOAL_RING_SIDES) * 2.0 * np.pi / _GOAL_RING_SIDES
@@ -334,7 +335,7 @@ def route_segments(poses: Array, reach_m: float) -> Array:
 
 
 class RouteLine:
-    """Line of the planned path: one node while a path exists."""
+    """Line of the planned path: a single node while a path exists."""
 
     def __init__(self, scene: viser.SceneApi, name: str, reach_m: float) -> None:
         self._scene = scene
@@ -363,11 +364,11 @@ _FAULT_RING_HEIGHT_M = 0.008
 
 
 class FaultRing:
-    """Ring at the actuator that the robot reports as faulty; it cannot be hidden."""
+    """Ring at the actuator that the robot reports as faulty; cannot be hidden."""
 
     def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
         self._actuators = shape.kinematics.actuators
-        # Where wheels touch does not depend on what they do: near enough for a ring.
+        # The contacts hardly depend on the joints, so this is accurate enough.
         at_rest = shape.kinematics.inverse(np.zeros(3))
         self._places: Array = shape.skeleton.contacts(at_rest)[0]
         profile: Any = CrossSection.circle(_FAULT_RING_THICKNESS_M, 8).translate(

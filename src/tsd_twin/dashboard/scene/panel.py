@@ -1,4 +1,4 @@
-"""Panel of one client: tabs Drive, actuators, View, Plots, Health and Student."""
+"""Panel of a client: tabs Drive, actuators, View, Plots, Health and Student."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tsd_twin.motion import TwistLimiter
 from tsd_twin.robots import KINDS, kind_of
 
 _SLIDER_STEPS = 50
-"""Steps of a slider from zero to its end."""
+"""Slider steps from zero to the end."""
 
 
 class SliderMode(StrEnum):
@@ -40,13 +40,13 @@ class SliderMode(StrEnum):
 
 
 OnSlidersMoved: TypeAlias = Callable[[float, float, float, SliderMode, bool], None]
-"""Called with the three numbers of the twist, the mode and whether it is latched."""
+"""Called with the twist components, the mode and whether it is latched."""
 
 
 class DriveTab:
     """Drive tab: twist sliders, their mode, and the robot menu.
 
-    Callbacks are coroutines that never wait: viser runs others in any order.
+    Callbacks are coroutines that never wait, because viser runs others in arbitrary order.
     """
 
     def __init__(
@@ -114,24 +114,24 @@ class DriveTab:
             slider.min, slider.max, slider.step = -end, end, end / _SLIDER_STEPS
 
     def reset_sliders(self) -> None:
-        """Centre the sliders, and end the preview."""
+        """Centre the sliders and end the preview."""
         for slider in self._sliders:
             slider.value = 0.0
         self._view.set_preview(None)
 
     async def _on_slider(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None:  # Otherwise it was moved by us.
+        if event.client is not None:  # Otherwise the program moved it.
             self._report()
 
     async def _on_zero(self, event: viser.GuiEvent[Any]) -> None:
         if event.client is not None:
-            self.reset_sliders()  # So nothing starts to move by a change of mode.
+            self.reset_sliders()  # A change of mode must not start a motion.
             self._report()
 
     async def _on_robot_selected(self, event: viser.GuiEvent[Any]) -> None:
         robot_id = self._robot.value
         if event.client is not None and robot_id in self._view.robot_ids:
-            with self._view.lock:  # Another thread may bring the choice of the rest of the page.
+            with self._view.lock:  # Another thread may deliver the selection of the page.
                 self.reset_sliders()
                 self._view.select_robot(robot_id)
                 self.update_controls()
@@ -149,9 +149,7 @@ class DriveTab:
         self._on_moved(first, second, third, mode, bool(self._latch.value))
 
     def _twist(self, body: RobotVisual) -> Array:
-        """Twist of the sliders (3,), clipped to the limits; a client may send any
-        number.
-        """
+        """Return the sliders' twist (3,), clipped to the limits; clients may send any number."""
         numbers = [float(slider.value) for slider in self._sliders]
         twist = np.array([number if math.isfinite(number) else 0.0 for number in numbers])
         return TwistLimiter(body.kinematics, body.link.robot.limits).cap(twist)
@@ -171,7 +169,7 @@ _LAYER_HINTS = {
 
 
 OnViewChanged: TypeAlias = Callable[[ViewSettings], None]
-"""Called with the settings that an operator has changed in the panel."""
+"""Called with the settings changed in the panel."""
 
 
 class ViewTab:
@@ -224,7 +222,7 @@ class ViewTab:
         clear.on_click(self._on_clear)
 
     def show(self, settings: ViewSettings) -> None:
-        """Show settings that are in force."""
+        """Show the active settings."""
         self._follow.value = settings.follow
         for layer, box in self._layers.items():
             box.value = layer not in settings.hidden
@@ -235,7 +233,7 @@ class ViewTab:
             set_theme(self._gui, dark=settings.dark)
 
     def update_controls(self) -> None:
-        """Offer what the selected robot has: only gimbals tilt."""
+        """Show controls supported by the selected robot; only gimbals tilt."""
         body = self._view.visual
         self._tilt.visible = body is None or body.meshes.shape.tilts
 
@@ -248,7 +246,7 @@ class ViewTab:
         initial: bool = True,
     ) -> viser.GuiCheckboxHandle:
         async def toggled(event: viser.GuiEvent[Any]) -> None:
-            if event.client is not None:  # Otherwise it was set by us.
+            if event.client is not None:  # Otherwise the program set it.
                 self._change(**changes(bool(event.target.value)))
 
         box = self._gui.add_checkbox(label, initial, hint=hint)
@@ -260,7 +258,7 @@ class ViewTab:
         return {"hidden": sorted(hidden if on else hidden | {layer})}
 
     def _change(self, *, look: bool = False, **changes: Any) -> None:
-        with self._view.lock:  # Another thread may bring the settings of the page.
+        with self._view.lock:  # Another thread may deliver the settings of the page.
             settings = msgspec.structs.replace(self._view.settings, **changes)
             self._view.apply(settings, look=look)
         if "dark" in changes:
@@ -268,7 +266,7 @@ class ViewTab:
         self._on_changed(settings)
 
     async def _on_camera(self, event: viser.GuiEvent[Any]) -> None:
-        if event.target.value in list(CameraPreset):  # A client may send anything.
+        if event.target.value in list(CameraPreset):  # Clients may send any value.
             self._change(camera=CameraPreset(event.target.value), look=True)
 
     async def _on_true_pose(self, event: viser.GuiEvent[Any]) -> None:
@@ -284,14 +282,14 @@ class ViewTab:
 
 
 _ACTUATOR_TAB = KINDS[0].actuator_tab
-"""Label of the tab of the actuators while no robot is chosen."""
+"""Label of the actuator tab if no robot is selected."""
 
 
 class Panel:
-    """Panel of one client: tabs Drive, actuators, View, Plots, Health and Student.
+    """Panel of a client: tabs Drive, actuators, View, Plots, Health and Student.
 
     The actuators tab, Plots, Health, Student, the end of Drive and both ends of View are empty
-    elements, marked `data-tsd`. The page fills them from its own socket, so that no data is sent
+    elements marked `data-tsd`. The page fills them from its own socket, so that data is not sent
     twice.
     """
 
@@ -307,10 +305,7 @@ class Panel:
         watches: bool = False,
         plain: bool = False,
     ) -> None:
-        """A viewer has no controls that have an effect.
-
-        A client without a graphics card has a `plain` scene.
-        """
+        """`watches`: omit controls for viewers. `plain`: the client has no graphics card."""
         self.client = client
         self._view = ClientView(scene, client, plain=plain)
         self._on_robot = on_robot
@@ -344,25 +339,25 @@ class Panel:
         return self._view.robot_id
 
     def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
-        """Point of the robot's sphere that a ray (3,), (3,) meets."""
+        """Return the point of the robot's sphere hit by a ray (3,), (3,)."""
         return self._view.pick_sphere(origin, direction)
 
     def pick_floor(self, shares: Array) -> Array:
-        """Floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
+        """Return floor points (m, 2) in `odom` at screen positions, see `floor_points`."""
         return self._view.pick_floor(shares)
 
     def show_past(self, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the robot as it was some seconds ago, beside the live one; None ends it."""
+        """Draw the robot's state of `ago_s` ago next to the live one; None hides it."""
         self._view.show_past(past, ago_s)
 
     def set_view(self, settings: ViewSettings, *, look: bool) -> None:
-        """Apply the view settings of the page; `look` turns the camera to the robot."""
+        """Apply the view settings of the page; `look` points the camera at the robot."""
         self._view.apply(settings, look=look)
         if self._view_tab is not None:
             self._view_tab.show(settings)
 
     def on_robots_moved(self) -> None:
-        """Follow the robot that has moved."""
+        """Update the view after the robot has moved."""
         self._view.on_robots_moved()
 
     def on_robots_changed(self) -> None:
@@ -391,8 +386,8 @@ class Panel:
             self._drive_tab.reset_sliders()
 
     def select_robot(self, robot_id: str) -> None:
-        """Select the robot that was chosen elsewhere in the page."""
-        with self._view.lock:  # Another thread may bring the choice in the panel itself.
+        """Select the robot that was selected elsewhere on the page."""
+        with self._view.lock:  # Another thread may deliver the selection in the panel.
             before = self._view.robot_id
             self._view.select_robot(robot_id)
             if self._view.robot_id != before:

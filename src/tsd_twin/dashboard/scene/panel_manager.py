@@ -1,4 +1,4 @@
-"""Panel manager: one panel per viser client, and the page that each client belongs to."""
+"""Panel manager: one panel per viser client, and the page of each client."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from tsd_twin.lie import Array
 OnPanelMoved: TypeAlias = Callable[
     [str, float, float, float, Literal["preview", "drive"], bool], None
 ]
-"""Called on viser's thread with page, the three numbers of the twist, mode and latch."""
+"""Called on viser's thread with page, twist components, mode and latch."""
 OnSphereClick: TypeAlias = Callable[[str, str, tuple[float, float, float]], None]
-"""Called on viser's thread with page, robot id, and the unit vector to a point of its ball."""
+"""Called on viser's thread with page, robot id, and the unit vector to a point of its sphere."""
 OnRobotSelected: TypeAlias = Callable[[str, str], None]
 """Called on viser's thread with page and robot id."""
 
 
 OnPageViewChanged: TypeAlias = Callable[[str, ViewSettings], None]
-"""Called on viser's thread with page and the settings that its operator has changed."""
+"""Called on viser's thread with page and the settings changed by its operator."""
 
 
 def _ignore_view(_page: str, _settings: ViewSettings) -> None:
@@ -43,7 +43,7 @@ def _ignore_view(_page: str, _settings: ViewSettings) -> None:
 class PanelManager:
     """Creates a panel for each connected client, and forwards its input to the page's session.
 
-    The panel of a client without a known page only moves its own scene.
+    The panel of a client without a known page only changes its view.
     """
 
     def __init__(
@@ -59,10 +59,18 @@ class PanelManager:
         view_of: Callable[[str], ViewSettings | None] = lambda _page: None,
         dark: bool | None = None,
     ) -> None:
-        """`dark` is the theme of all clients; None is the preference of each browser.
+        """Register with the server and the scene.
 
-        `robot_of` and `view_of` are asked on viser's thread which robot the rest of a page shows,
-        and with which settings.
+        Args:
+            server: Viser server.
+            scene: Shared scene.
+            on_panel: Called if sliders are moved.
+            on_robot: Called if a robot is selected.
+            on_point: Called if a sphere is clicked.
+            robot_of: Returns the robot shown on a page; called on viser's thread.
+            on_view: Called if view settings are changed.
+            view_of: Returns the view settings of a page; called on viser's thread.
+            dark: Theme of all clients; None follows the preference of each browser.
         """
         self._server = server
         self._scene = scene
@@ -90,19 +98,17 @@ class PanelManager:
             panel.select_robot(robot_id)
 
     def set_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
-        """Apply the view settings of a page; `look` turns its camera to the robot."""
+        """Apply the view settings of a page; `look` points its camera at the robot."""
         for panel in self._panels_of(page):
             panel.set_view(settings, look=look)
 
     def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
+        """Draw the past state of a page's robot next to the live one; None hides it."""
         for panel in self._panels_of(page):
             panel.show_past(past, ago_s)
 
     def pick_floor(self, page: str, shares: Array) -> Array:
-        """Floor points (m, 2) in `odom` at screen positions of a page, as
-        `floor_points`.
-        """
+        """Return floor points (m, 2) in `odom` at a page's screen positions, see `floor_points`."""
         with self._scene.lock:
             for panel in self._panels_of(page):
                 return panel.pick_floor(shares)
@@ -156,7 +162,7 @@ class PanelManager:
             if page is not None:
                 self._on_view(page, settings)
 
-        with self._scene.lock:  # No robot may come in between.
+        with self._scene.lock:  # Robots must not change in between.
             self._pages[client.client_id] = page
             dark = self._dark
             if dark is None:

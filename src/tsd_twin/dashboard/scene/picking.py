@@ -1,4 +1,4 @@
-"""Picking: points of the floor and of a sphere below a screen position or click ray."""
+"""Picking: points of the floor or a sphere at a screen position or click ray."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tsd_twin.dashboard.scene.robot_geometry import RobotShape
 from tsd_twin.lie import SO3, Array
 
 MAX_DISTANCE_M = 60.0
-"""Closer to the horizon, a pixel is metres."""
+"""Limit close to the horizon, where a pixel covers metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,24 +25,24 @@ class CameraPose:
     """Camera pose of a client."""
 
     position: Array
-    """(3,): in the scene."""
+    """(3,): position in the scene."""
     wxyz: Array
-    """(4,): how it is turned; z is ahead, x to the right, y down, as OpenCV has it."""
+    """(4,): orientation; z ahead, x right, y down (OpenCV convention)."""
     view_rad: float
-    """Angle between its upper and its lower edge."""
+    """Vertical field of view."""
     aspect: float
-    """Width over height."""
+    """Width divided by height."""
 
 
 def floor_points(camera_pose: CameraPose, shares: Array) -> Array:
-    """Floor points (m, 2) of the scene at screen positions `shares` (n, 2).
+    """Return floor points (m, 2) of the scene at screen positions `shares` (n, 2).
 
-    Shares of width and height, right and down from the upper left corner. They end before the first
-    without floor, or beyond `MAX_DISTANCE_M`.
+    Positions are fractions of width and height from the upper left corner. The result ends before
+    the first position without floor or beyond `MAX_DISTANCE_M`.
     """
     numbers = [*camera_pose.position, *camera_pose.wxyz, camera_pose.view_rad, camera_pose.aspect]
     if not np.isfinite(numbers).all():
-        return np.empty((0, 2))  # A client may send any camera.
+        return np.empty((0, 2))  # Clients may send invalid cameras.
     half = math.tan(0.5 * camera_pose.view_rad)
     ahead = np.stack(
         [
@@ -63,46 +63,42 @@ def floor_points(camera_pose: CameraPose, shares: Array) -> Array:
 
 
 class PageScene(Protocol):
-    """Scene interface of a page's session; no call blocks."""
+    """Scene interface of a page's session; calls do not block."""
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Floor points (m, 2) in `odom` at screen positions of a page, as
-        `floor_points`.
-        """
+        """Return floor points (m, 2) in `odom` at a page's screen positions, see `floor_points`."""
         ...
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
-        """Show the planned path of a robot, poses (n, 3) in `odom`, on all pages; None removes
-        it.
-        """
+        """Show a robot's planned path, poses (n, 3) in `odom`, on all pages; None removes it."""
         ...
 
 
 class DashboardScene(PageScene, Protocol):
-    """Scene interface of all sessions; no call blocks."""
+    """Scene interface of all sessions; calls do not block."""
 
     def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
-        """Apply the view settings of a page; `look` turns its camera to the robot."""
+        """Apply the view settings of a page; `look` points its camera at the robot."""
         ...
 
     def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
+        """Draw the past state of a page's robot next to the live one; None hides it."""
         ...
 
     def envelope(self, robot_id: str) -> Array | None:
-        """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""
+        """Return the displayed stop envelope (n, 2) in the robot's frame, or None at rest."""
         ...
 
     def reach_m(self, robot_id: str) -> float:
-        """Radius of a robot around its base; 0 while it is not in the scene."""
+        """Return the radius of a robot around its base; 0 if it is not in the scene."""
         ...
 
 
 class EmptyPageScene:
-    """Page scene without content, for servers without a scene."""
+    """Page scene for servers without a scene."""
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:  # noqa: ARG002  The shape.
-        """Return no place."""
+        """Return an empty array."""
         nothing: Future[Array] = Future()
         nothing.set_result(np.empty((0, 2)))
         return nothing
@@ -117,7 +113,7 @@ class EmptyPageScene:
         """Draw nothing."""
 
     def envelope(self, robot_id: str) -> Array | None:  # noqa: ARG002  The shape.
-        """Return no area."""
+        """Return None."""
         return None
 
     def reach_m(self, robot_id: str) -> float:  # noqa: ARG002  The shape.
@@ -128,7 +124,8 @@ class EmptyPageScene:
 OnClick: TypeAlias = Callable[[viser.ClientHandle, str, Array, Array], None]
 """Called on viser's thread with client, robot id, and the ray in the scene: origin, direction (3,).
 
-A client may send any ray."""
+Clients may send invalid rays.
+"""
 
 
 def add_click_target(
@@ -136,8 +133,7 @@ def add_click_target(
 ) -> None:
     """Add an invisible click target at the sphere of a robot, if it has one.
 
-    The ball itself is a batched node, and those break the page of viser 1.1.1 when they can be
-    clicked on.
+    The sphere is a batched node, and clickable batched nodes break the page in viser 1.1.1.
     """
     if shape.ball_radius_m is None:
         return
@@ -160,17 +156,17 @@ def add_click_target(
 def sphere_point(
     origin: Array, direction: Array, centre: Array, radius_m: float, turn: SO3
 ) -> tuple[float, float, float] | None:
-    """Unit vector, along the axes of the ball, to where a ray first meets it.
+    """Return the unit vector, in sphere axes, to the first intersection with a ray.
 
     Args:
-        origin: (3,), of the ray.
-        direction: (3,), of any length.
-        centre: (3,), of the ball.
-        radius_m: of the ball.
-        turn: how the ball is turned, p_scene = R p_ball.
+        origin: (3,): origin of the ray.
+        direction: (3,): direction of the ray, any length.
+        centre: (3,): centre of the sphere.
+        radius_m: Radius of the sphere.
+        turn: Orientation of the sphere, p_scene = R p_ball.
 
     Returns:
-        None when the ray misses it, or is none.
+        The vector, or None if the ray is invalid or misses the sphere.
     """
     length = float(np.linalg.norm(direction))
     if not (np.isfinite(origin).all() and math.isfinite(length) and length > 0.0):

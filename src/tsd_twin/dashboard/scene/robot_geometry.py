@@ -36,7 +36,7 @@ _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def _hamilton() -> Array:
-    """Return T (4, 4, 4) so that the product of a and b is the sum of a_i b_j T_ij."""
+    """Return T (4, 4, 4) such that the product of a and b is the sum of a_i b_j T_ij."""
     w, x, y, z = _UNITS
     return np.array([[w, x, y, z], [x, -w, z, -y], [y, -z, -w, x], [z, y, -x, -w]])
 
@@ -46,18 +46,18 @@ _PRODUCT = _HAMILTON.reshape(16, 4)
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
-    """Turns a b (..., 4): b first, then a."""
+    """Multiply rotations a b (..., 4): b first, then a."""
     return pairwise_products(a, b) @ _PRODUCT
 
 
 def pairwise_products(a: Array, b: Array) -> Array:
-    """Return all products of a number of a and one of b (..., 16)."""
+    """Return all products of the components of a and b (..., 16)."""
     both = a[..., :, None] * b[..., None, :]
     return both.reshape(*both.shape[:-2], 16)
 
 
 def rotation_matrix_of_products(vectors: Array) -> Array:
-    """Return M (..., 16, 3) so that `pairs(q, q) @ M` are `vectors` (..., 3) turned by q."""
+    """Return M (..., 16, 3) such that `pairs(q, q) @ M` are `vectors` (..., 3) rotated by q."""
     pure = np.concatenate([np.zeros((*vectors.shape[:-1], 1)), vectors], axis=-1)
     made = np.einsum("ijk,...j,klm->...ilm", _HAMILTON, pure, _HAMILTON * _CONJUGATE[:, None])
     return made.reshape(*vectors.shape[:-1], 16, 4)[..., 1:]
@@ -65,11 +65,11 @@ def rotation_matrix_of_products(vectors: Array) -> Array:
 
 _Z = np.array([0.0, 0.0, 1.0])
 _ACTUATED = (JointType.ANGLE, JointType.SPIN, JointType.SLIDE)
-"""Joints with a value of their own."""
+"""Joint types with a value."""
 
 
 def drawn_joints(robot: RobotDescription, tree: KinematicTree) -> tuple[Joint, ...]:
-    """Joints whose values a drawing needs: those of the drive, then measured ones in the tree."""
+    """Return the joints required for drawing: drive joints, then measured ones in the tree."""
     drive = robot.kinematics().joints
     named = {name for group in tree.link_groups for name in group.joints}
     named -= {joint.name for joint in drive}
@@ -77,7 +77,7 @@ def drawn_joints(robot: RobotDescription, tree: KinematicTree) -> tuple[Joint, .
 
 
 class LinkPoses(NamedTuple):
-    """Poses of all links of one kind, k to a robot."""
+    """Poses of all links of a kind, k per robot."""
 
     wxyz: Array
     """(..., k, 4): unit quaternions, p_world = R p_link."""
@@ -86,10 +86,10 @@ class LinkPoses(NamedTuple):
 
 
 class Skeleton:
-    """Forward kinematics of all links of one description."""
+    """Forward kinematics of all links of a description."""
 
     def __init__(self, tree: KinematicTree, joints: Sequence[Joint]) -> None:
-        """`joints` are those of `drawn_joints`, whose values `poses` takes."""
+        """`joints` are the `drawn_joints`, whose values `poses` takes."""
         self.tree = tree
         places = {joint.name: i for i, joint in enumerate(joints)}
         self._columns: dict[Link, list[int]] = {
@@ -102,11 +102,12 @@ class Skeleton:
         ]
 
     def poses(self, base: SE2, ball: SO3, angles: Array) -> dict[Link, LinkPoses]:
-        """Poses of all links above the floor, by their kind.
+        """Return the poses of all links above the floor, by kind.
 
-        `base` (...) is where `base_link` stands, `ball` (...) how a ball in it is turned, which
-        means nothing to a robot without one. `angles` (..., n) are those of the joints, in their
-        order, radians: for a wheel the angle that it has turned by. What slides has metres.
+        Args:
+            base: (...): pose of `base_link`.
+            ball: (...): orientation of the robot's sphere; unused for planar robots.
+            angles: (..., n): joint values in order, rad; rotation of wheels; m for sliding joints.
         """
         where = base.xy_heading[..., None, :]
         wxyz, position = np.zeros((*where.shape[:-1], 4)), np.empty(where.shape)
@@ -123,7 +124,7 @@ class Skeleton:
 
     @property
     def wheels(self) -> tuple[LinkGroup, ...]:
-        """The links that touch floor or ball: those that spin and collide."""
+        """Links that touch floor or sphere: those that spin and collide."""
         return tuple(
             group
             for group in self.tree.link_groups
@@ -131,11 +132,12 @@ class Skeleton:
         )
 
     def contacts(self, joints: Array) -> tuple[Array, Array]:
-        """Return where wheels touch (k, 3) and what they do there (k, 3), m/s, by rolling.
+        """Return the wheel contacts (k, 3) and their rolling velocities (k, 3), m/s.
 
-        In the frame on the floor below `base_link`, from a joint vector (n,): the velocity that a
-        wheel gives the robot over the floor, or the ball over the robot. Only along its circle: on
-        rollers a wheel lets the rest be. Wheels that contradict one another are seen to.
+        Both are in the frame on the floor below `base_link`, for a joint vector (n,). A velocity
+        describes the motion of the robot over the floor, or of the sphere over the robot, along the
+        wheel's circle; rollers leave the other directions free. This makes contradicting wheels
+        visible.
         """
         if not self.wheels:
             return np.zeros((0, 3)), np.zeros((0, 3))
@@ -146,7 +148,7 @@ class Skeleton:
             assert group.collision is not None  # noqa: S101  That is how they were chosen.
             turn = SO3(here[group.kind].wxyz)
             spin = turn.rotate(group.axes * joints[self._columns[group.kind], None])
-            # A round wheel touches with its lowest point, however it is tilted.
+            # A spherical wheel touches at its lowest point, regardless of its tilt.
             up = _Z if isinstance(group.collision, Sphere) else turn.rotate(_Z)
             arm = group.collision.radius_m * np.broadcast_to(up, spin.shape)
             places.append(here[group.kind].position - arm)
@@ -155,11 +157,11 @@ class Skeleton:
 
     @property
     def has_ball(self) -> bool:
-        """Whether it turns a sphere in place, instead of driving over a floor."""
+        """Whether the robot turns a sphere in place instead of driving on the floor."""
         return any(group.joint_type is JointType.BALL for group in self.tree.link_groups)
 
     def _at_rest(self, joints: Array) -> Array:
-        """Joints as angles, wheels as they were built in."""
+        """Return the joints as angles, with wheels at zero."""
         angles = joints.copy()
         for group in self.wheels:
             angles[self._columns[group.kind]] = 0.0
@@ -167,7 +169,7 @@ class Skeleton:
 
 
 class _LinkMount:
-    """Mounting of links of one kind on their parents; constant parts are computed once."""
+    """Mounting of the links of a kind on their parents, with precomputed constants."""
 
     def __init__(self, group: LinkGroup, columns: list[int] | None) -> None:
         self.kind, self.parent = group.kind, group.parent
@@ -181,7 +183,7 @@ class _LinkMount:
         self._way = rotation_matrix_of_products(group.turn.rotate(group.axes))
 
     def turn(self, ball: SO3, angles: Array) -> Array:
-        """Return how they are turned (..., k, 4) against what they hang on."""
+        """Return the orientations (..., k, 4) relative to the parent."""
         if self._columns is not None and not self._slides:
             half = 0.5 * angles[..., self._columns, None]
             return np.cos(half) * self._at_zero + np.sin(half) * self._at_half_turn
@@ -192,7 +194,7 @@ class _LinkMount:
         )
 
     def place(self, above: LinkPoses, angles: Array) -> Array:
-        """Return where they are (..., k, 3)."""
+        """Return the positions (..., k, 3)."""
         offset: Array | None = self._offset
         if self._slides and self._columns is not None:
             way = angles[..., self._columns, None, None] * self._way
@@ -204,7 +206,7 @@ class _LinkMount:
 
 
 class JointReader:
-    """Reader of joint vectors from messages, with the order of joint names cached."""
+    """Reads joint vectors from messages; caches the order of joint names."""
 
     def __init__(self, joints: Sequence[Joint]) -> None:
         self._names = [joint.name for joint in joints]
@@ -213,10 +215,10 @@ class JointReader:
         self._rows: list[int] | None = None
 
     def vector(self, state: JointState, otherwise: Array | None = None) -> Array | None:
-        """Joint vector (n,) in a message, or None when it lacks one of our joints.
+        """Return the joint vector (n,) in a message, or None if a joint is missing.
 
-        What the message leaves open, like speeds in set-points of angles, is that of `otherwise`
-        (n,), or zero.
+        Values missing in the message, such as speeds in setpoints of angles, are taken from
+        `otherwise` (n,), or zero.
         """
         if (names := tuple(state.names)) != self._order:
             self._order, self._rows = names, self._find(names)
@@ -234,10 +236,10 @@ class JointReader:
 
 
 def commanded_joints(drive: Kinematics[Any], setpoint: Array, joints: Array) -> Array:
-    """Joints (n,) that the commanded twist is in, from set-point and measured ones.
+    """Return the joints (n,) of the commanded twist, from setpoint and measured ones.
 
-    Gimbals are told what they need at the speed that their wheels have: while that changes, it is
-    not the one that the wheels are told. Wheels that are shut off give nothing.
+    Gimbal setpoints match the measured wheel speeds, which differ from the wheel setpoints while
+    the speed changes. Wheels that are shut off contribute nothing.
     """
     is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
     if not is_angle.any():
@@ -245,17 +247,17 @@ def commanded_joints(drive: Kinematics[Any], setpoint: Array, joints: Array) -> 
     return np.where(is_angle | (setpoint == 0.0), setpoint, joints)
 
 
-_MANIFOLD: Any = manifold3d.Manifold  # Its stubs leave the shapes of arrays open.
+_MANIFOLD: Any = manifold3d.Manifold  # The stubs do not specify array shapes.
 _OUTLINE: Any = manifold3d.CrossSection
 
 BASE_LINK_KIND: Link = "chassis"
-"""The kind of link that stands still in the base frame; all others move."""
+"""Kind of the link that is fixed in the base frame; all others move."""
 _TINT_SHARE = 0.6
-"""Share of the colour in a part that is tinted with it."""
+"""Fraction of the tint colour in tinted parts."""
 
 
 class Surface(NamedTuple):
-    """A mesh of triangles."""
+    """Triangle mesh."""
 
     vertices: npt.NDArray[np.float32]
     """(n, 3): metres."""
@@ -264,7 +266,7 @@ class Surface(NamedTuple):
 
     @classmethod
     def of(cls, solid: Any) -> Surface:
-        """Surface of a Manifold, as copies: a view would keep the solid alive."""
+        """Copy the surface of a Manifold; a view would keep the solid alive."""
         mesh = solid.to_mesh()
         return cls(
             np.array(mesh.vert_properties[:, :3], np.float32), np.array(mesh.tri_verts, np.uint32)
@@ -272,42 +274,42 @@ class Surface(NamedTuple):
 
 
 class RobotShape:
-    """Parts of a robot, as meshes for viewers; made once for all robots of a description."""
+    """Parts of a robot as meshes for viewers; created once per description."""
 
     def __init__(self, robot: RobotDescription) -> None:
         self.kinematics = robot.kinematics()
         tree = kinematic_tree(robot)
         self.joints = drawn_joints(robot, tree)
-        """Joints whose values a drawing needs; those of the drive are the first."""
+        """Joints required for drawing, beginning with the drive joints."""
         self.skeleton = Skeleton(tree, self.joints)
         self._parts = load_parts(robot)
         self.glbs: dict[Link, bytes] = {kind: glb(drawn) for kind, drawn in self._parts.items()}
-        """A binary glTF for each kind of link, metres, in the frame of the link."""
+        """Binary glTF per kind of link, metres, in the frame of the link."""
         self._poses = self.skeleton.poses(
             SE2.identity(), SO3.identity(), np.zeros(len(self.joints))
         )
 
     @property
     def moving(self) -> tuple[Link, ...]:
-        """The kinds of links that move in the base frame."""
+        """Kinds of links that move in the base frame."""
         return tuple(kind for kind in self._parts if kind != BASE_LINK_KIND)
 
     def count(self, kind: Link) -> int:
-        """Return how many links of a kind one robot has."""
+        """Return the number of links of a kind per robot."""
         return len(self._poses[kind].wxyz)
 
     def tinted(self, kind: Link, colour: Rgb) -> bytes:
-        """Binary glTF of a kind of link, all its parts tinted."""
+        """Return the binary glTF of a kind of link with all parts tinted."""
         return glb(_tinted(self._parts[kind], colour))
 
     @property
     def tilts(self) -> bool:
-        """Whether joints have position set-points, as gimbals do."""
+        """Whether joints have position setpoints, as gimbals do."""
         return any(joint.kind is JointKind.POSITION for joint in self.kinematics.joints)
 
     @property
     def ball_radius_m(self) -> float | None:
-        """Radius of the sphere that it turns in place; None for a planar robot."""
+        """Radius of the sphere that the robot turns in place, or None for a planar robot."""
         for group in self.skeleton.tree.link_groups:
             if group.joint_type is JointType.BALL and group.collision is not None:
                 return group.collision.radius_m
@@ -315,7 +317,7 @@ class RobotShape:
 
     @cached_property
     def collision(self) -> Surface:
-        """The convex hull of all parts, joints at zero; origin on the floor below `base_link`."""
+        """Convex hull of all parts with joints at zero; origin on the floor below `base_link`."""
         points = [
             SO3(wxyz).rotate(np.asarray(part.mesh.vertices)) + position
             for kind, drawn in self._parts.items()
@@ -326,7 +328,7 @@ class RobotShape:
 
     @cached_property
     def footprint(self) -> Array:
-        """(n, 2): outline of the hull seen from above, counter-clockwise, metres."""
+        """(n, 2): outline of the hull from above, counter-clockwise, metres."""
         seen = self.collision.vertices[:, :2].astype(np.float64)
         return np.asarray(_OUTLINE.hull_points(seen).to_polygons()[0])
 
@@ -337,7 +339,7 @@ class RobotShape:
 
     @cached_property
     def reach_m(self) -> float:
-        """Radius of the robot about its centre, in the plane."""
+        """Planar radius of the robot about its centre."""
         return float(np.hypot(*self.footprint.T).max())
 
 
@@ -354,7 +356,7 @@ def _tinted(drawn: Iterable[Part], colour: Rgb) -> list[Part]:
 
 
 class TwistAxis(NamedTuple):
-    """Component of a twist: name, symbol and unit, and what a positive value does."""
+    """Component of a twist: name, symbol, unit, and effect of a positive value."""
 
     name: str
     symbol: str
@@ -364,7 +366,7 @@ class TwistAxis(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Label of its slider."""
+        """Label of the slider."""
         return f"{self.positive} ({self.unit})"
 
 
@@ -373,14 +375,14 @@ FLOOR_AXES = (
     TwistAxis("vy", "vy", "m/s", "Left", "vy; negative drives right"),
     TwistAxis("omega", "ω", "rad/s", "Turn left", "ω; negative turns right"),
 )
-"""Of a robot that drives over a floor."""
+"""Twist axes of robots that drive on a floor."""
 _SPHERE_AXES = (
     TwistAxis("wx", "ωx", "rad/s", "Roll right", "ωx; negative rolls the top of the sphere left"),
     TwistAxis("wy", "ωy", "rad/s", "Roll forward", "ωy; negative rolls its top backward"),
     TwistAxis("wz", "ωz", "rad/s", "Turn left", "ωz; negative turns the sphere right"),
 )
 _TWIST_AXES = {(0, 1, 5): FLOOR_AXES, (3, 4, 5): _SPHERE_AXES}
-"""By where they stand in a spatial twist."""
+"""Twist axes by their indices in a spatial twist."""
 
 
 def twist_axes_of(kinematics: Kinematics[Any]) -> tuple[TwistAxis, TwistAxis, TwistAxis]:
@@ -389,6 +391,6 @@ def twist_axes_of(kinematics: Kinematics[Any]) -> tuple[TwistAxis, TwistAxis, Tw
 
 
 def axis_limits(kinematics: Kinematics[Any], limits: Limits) -> tuple[float, float, float]:
-    """Return the limit of each component of a twist, in its unit."""
+    """Return the limit of each twist component, in its unit."""
     most = limits.speed_mps / kinematics.twist_scale_m
     return most, most, limits.turn_rate_rad_per_s

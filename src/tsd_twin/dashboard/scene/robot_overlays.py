@@ -1,5 +1,5 @@
-"""Overlays of one robot: predicted motion, set-point rings and wireframes of other poses; and all
-other overlays together.
+"""Overlays of a robot: predicted motion, setpoint rings, wireframes of other poses, and their
+combination with all other overlays.
 """
 
 from __future__ import annotations
@@ -43,29 +43,29 @@ from tsd_twin.robots import RobotDescription
 from tsd_twin.safety import Mode
 
 MIN_DELAY_S = 0.05
-"""A delay shorter than this is not worth a ghost."""
+"""Minimum delay for showing a predicted pose."""
 TIMEOUT_MARGIN_S = 0.03
-"""Commands come in every 20 ms and are looked at every 10 ms."""
+"""Commands arrive every 20 ms and are evaluated every 10 ms."""
 _COARSE_STEP_S = 0.02
 _SENDER_TIMEOUT_S = 0.5
-"""Time without commands, plus a round trip, after which the operator does not drive."""
+"""Time without commands, plus a round trip, after which the operator is not driving."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """Prediction in the frame of the robot at its newest state."""
+    """Prediction in the robot's frame at its latest state."""
 
     arrival_pose: Array | None
-    """(3,): where it will be when a command that is sent now arrives; None when that is now."""
+    """(3,): pose when a command sent now arrives, or None without a noticeable delay."""
     path: Array | None
-    """(n, 3): path to rest without further messages; None at rest."""
+    """(n, 3): path to rest without further messages, or None at rest."""
 
 
 NO_PREDICTION = Prediction(None, None)
 
 
 class MotionPredictor:
-    """Motion predictor: forward simulation of one planar robot."""
+    """Predicts the motion of a planar robot by simulation."""
 
     def __init__(self, kinematics: Kinematics[SE2], robot: RobotDescription) -> None:
         self._kinematics = kinematics
@@ -76,7 +76,7 @@ class MotionPredictor:
     def predict(
         self, snapshot: Snapshot, setpoint: Array, sent: Sequence[SentCommand], trips: RoundTrips
     ) -> Prediction:
-        """Prediction for a robot with joint set-points `setpoint` (n,)."""
+        """Return the prediction for joint setpoints `setpoint` (n,)."""
         status, odom = snapshot.status, snapshot.odom
         if status is None or odom is None or status.mode not in (Mode.DRIVING, Mode.STOPPING):
             return NO_PREDICTION
@@ -84,7 +84,7 @@ class MotionPredictor:
         heading = float(odom.xy_heading[2])
         share = status.limits.speed_mps / self._limits.speed_mps
         if not share > 0.0:
-            return NO_PREDICTION  # Anyone may put a status on a bus without access rules.
+            return NO_PREDICTION  # Anyone may publish a status on a bus without access rules.
         trip_s = trips.median_s()
         arrival_pose = None
         if trip_s is not None and trip_s >= MIN_DELAY_S and status.mode == Mode.DRIVING:
@@ -104,8 +104,9 @@ class MotionPredictor:
         late_s: float | None,
         heading: float,
     ) -> Array:
-        # A command moves the robot until this long after the status was sent that it echoes. From
-        # here that is a status received by now; another dashboard may get one this much later.
+        # A command moves the robot until `max_age_s` after the status that it echoes was sent. This
+        # dashboard has received that status by now; another one may receive it up to `max_age_s`
+        # later.
         max_age_s = status.limits.max_command_age_s
         silence_s = 2.0 * max_age_s
         commands: list[PendingCommand] = []
@@ -126,10 +127,10 @@ class MotionPredictor:
 def _commands_in_flight(
     sent: Sequence[SentCommand], now_s: float, trip_s: float, heading: float
 ) -> list[PendingCommand]:
-    """Commands that a state received now does not include, or has just included.
+    """Return the commands not included, or just included, in a state received now.
 
-    A command that is sent now arrives a round trip after the state that has come in now was sent:
-    no clocks have to agree for that.
+    A command sent now arrives one round trip after the state received now was sent; this requires
+    no synchronized clocks.
     """
     recent = [one for one in sent if one.sent_s > now_s - trip_s - _SENDER_TIMEOUT_S]
     from_world = _WorldToBody(heading)
@@ -143,7 +144,7 @@ def _commands_in_flight(
 
 @dataclass(frozen=True, slots=True)
 class _WorldToBody:
-    """Rotation of twists from `odom` to `base_link`; poses begin at `heading_rad`."""
+    """Rotation of twists from `odom` to `base_link`; poses start at `heading_rad`."""
 
     heading_rad: float
 
@@ -154,20 +155,21 @@ class _WorldToBody:
 
 VISIBLE_DIFFERENCE_M = 0.005
 VISIBLE_DIFFERENCE_RAD = math.radians(0.5)
-"""Another pose is shown when it is farther from the estimate than this, or turned by more."""
+"""Other poses are shown if they differ from the estimate by more than this distance or angle."""
 
 
 class SetpointRings:
-    """Set-point rings: a ring at the commanded pose of each wheel, with the end of its axle.
+    """Setpoint rings: a ring and an axle end at the commanded pose of each wheel.
 
-    Drawn around the wheel, not over it, so that small differences show and nothing flickers.
+    Drawn around the wheel instead of over it, so that small differences are visible without
+    flicker.
     """
 
     def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
         self._skeleton = shape.skeleton
         (self._wheels,) = self._skeleton.wheels
         self.shown = shape.kinematics.inverse(np.zeros(3))
-        """The joint vector (n,) that is shown."""
+        """Displayed joint vector (n,)."""
         wxyz, position = self._poses(self.shown)
         assert self._wheels.collision is not None  # noqa: S101  Or they would not be among the wheels.
         self._handle = scene.add_batched_meshes_simple(
@@ -189,16 +191,15 @@ class SetpointRings:
         self._handle.batched_wxyzs = self._poses(setpoint).wxyz.astype(np.float32)
 
     def _poses(self, joints: Array) -> LinkPoses:
-        # A hoop is round: by how much its wheel has turned does not show.
+        # The rotation of the wheel is not visible in a ring.
         every = self._skeleton.poses(SE2.identity(), SO3.identity(), joints)
         return every[self._wheels.kind]
 
 
 class PoseWireframe:
-    """Wireframe at another pose of the robot: the true pose of a simulator, or the alternative
-    estimate.
+    """Wireframe at another pose of the robot: simulated ground truth, or the alternative estimate.
 
-    Of a ball, great circles that are turned as that one has it.
+    For spheres, it consists of great circles with the other orientation.
     """
 
     def __init__(
@@ -212,7 +213,7 @@ class PoseWireframe:
     def update(self, reported: Odometry, estimate: Odometry) -> None:
         """Show the pose, unless it is close to the estimate."""
         self._wireframe.visible = _differs_visibly(reported, estimate)
-        # Also out of sight: a client may show the cage all the same.
+        # Also update it while hidden, because a client may show the wireframe anyway.
         if reported.wxyz is None:
             set_planar_pose(self._frame, reported.xy_heading)
         else:
@@ -239,7 +240,7 @@ def _differs_visibly(reported: Odometry, estimate: Odometry) -> bool:
 class PredictedPoseWireframe:
     """Wireframe at the predicted pose of the robot when a command sent now arrives.
 
-    It hangs on the robot, so a delay that stays the same at a speed that stays the same is silent.
+    Its parent is the robot, so it sends nothing while delay and speed are constant.
     """
 
     def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
@@ -249,7 +250,7 @@ class PredictedPoseWireframe:
         )
 
     def update(self, ahead: Array | None) -> None:
-        """Show a pose (3,) in the frame of the robot; None hides it."""
+        """Show a pose (3,) in the robot's frame; None hides it."""
         self._wireframe.visible = ahead is not None
         if ahead is not None:
             set_planar_pose(self._frame, np.round(ahead, 3))
@@ -265,7 +266,7 @@ def set_planar_pose(frame: viser.FrameHandle, pose: Array) -> None:
 def add_wireframe(
     scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb, *, visible: bool
 ) -> viser.LineSegmentsHandle:
-    """Add the edges of a robot's bounding box: unlike a translucent body, lines hide little."""
+    """Add the edges of a robot's bounding box; unlike a translucent body, lines hide little."""
     return scene.add_line_segments(
         name,
         _box_edges(shape) if shape.ball_radius_m is None else _great_circles(shape.ball_radius_m),
@@ -277,7 +278,7 @@ def add_wireframe(
 
 
 def _box_edges(shape: RobotShape) -> Array:
-    """Edges (n, 2, 3) around a robot that stands on the floor."""
+    """Return edges (n, 2, 3) around a robot on the floor."""
     foot = shape.footprint
     low, high = (np.insert(foot, 2, z, axis=1) for z in (0.003, shape.height_m))
     rims = [np.stack([rim, np.roll(rim, -1, axis=0)], axis=1) for rim in (low, high)]
@@ -286,7 +287,7 @@ def _box_edges(shape: RobotShape) -> Array:
 
 
 def _great_circles(radius_m: float) -> Array:
-    """Return great circles (n, 2, 3) just outside a ball, and pointers along its X and Z."""
+    """Return great circles (n, 2, 3) just outside a sphere, and pointers along its X and Z."""
     angles = np.linspace(0.0, 2.0 * np.pi, 73)
     flat = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
     lines = [np.stack([ring[:-1], ring[1:]], axis=1) for ring in (flat, flat[:, [0, 2, 1]])]
@@ -295,7 +296,7 @@ def _great_circles(radius_m: float) -> Array:
 
 
 def _ring_mesh(wheel_radius_m: float) -> Surface:
-    """Ring about the wheel and a pointer along its axle, in the frame of the wheel."""
+    """Return a ring around the wheel and a pointer along its axle, in the wheel's frame."""
     thin = 0.025 * wheel_radius_m
     ring = CrossSection.circle(thin, 6).translate((1.62 * wheel_radius_m, 0.0))
     length = 2.0 * wheel_radius_m
@@ -306,10 +307,9 @@ def _ring_mesh(wheel_radius_m: float) -> Surface:
 
 
 class RobotOverlays:
-    """Overlays of one robot: wireframes, trail, arrows, pose region, envelope, heading, stale hull.
+    """Overlays of a robot: wireframes, trail, arrows, pose region, envelope, heading, stale hull.
 
-    What belongs to the robot hangs on one node that moves with it, so that it costs nothing while
-    it only moves along.
+    Parts fixed to the robot are children of a single moving node, which makes motion cheap.
     """
 
     def __init__(
@@ -321,7 +321,7 @@ class RobotOverlays:
         *,
         colour: appearance.Rgb,
     ) -> None:
-        """`colour` tells the robot from others."""
+        """`colour` identifies the robot."""
         node, self._reader = robot_node(robot_id), JointReader(shape.kinematics.joints)
         self._base = scene.add_frame(node, show_axes=False)
         self.setpoint = (
@@ -341,7 +341,7 @@ class RobotOverlays:
             scene, overlay_node(Layer.PREDICTED, robot_id), shape
         )
         self.envelope = StopEnvelope(scene, overlay_node(Layer.ENVELOPE, robot_id), shape.reach_m)
-        if not shape.skeleton.has_ball:  # It stays where it is, whatever it does.
+        if not shape.skeleton.has_ball:  # A sphere does not move.
             _add_heading_arrow(scene, f"{node}/h", shape.reach_m)
         add_click_target(scene, f"{node}/x", shape, robot_id, on_click)
         self._suspect = FaultRing(scene, f"{node}/j", shape)
@@ -356,14 +356,14 @@ class RobotOverlays:
         self._name_ring = _add_name_ring(scene, f"{node}/q", shape, colour)
 
     def set_named(self, on: bool) -> None:
-        """Show name and colour of the robot, for when there are several."""
+        """Show name and colour of the robot, if there are several robots."""
         self.label.visible = on
         self._name_ring.visible = on
 
     def set_stale(self, stale: bool) -> None:
         """Cover the robot in grey while its state is stale.
 
-        The envelope stays: it contains the robot if the link is lost.
+        The envelope remains, because it contains the robot if the link is lost.
         """
         self._cover.visible = stale
         if stale:
@@ -375,7 +375,7 @@ class RobotOverlays:
         self.envelope.update(prediction.path)
 
     def update(self, new: Snapshot, old: Snapshot, joints: Array) -> None:
-        """Show the changes from `old` to `new`; `joints` (n,) are the newest measured."""
+        """Show the changes from `old` to `new`; `joints` (n,) are the latest measured ones."""
         moved = new.odom is not None and new.odom is not old.odom
         if new.odom is not None and moved and new.odom.wxyz is None:
             pose = new.odom.xy_heading
@@ -407,7 +407,7 @@ class RobotOverlays:
 
 
 def _add_stale_hull(scene: viser.SceneApi, name: str, shape: RobotShape) -> viser.MeshHandle:
-    """Add the hull of the robot in grey, a little larger than what it covers."""
+    """Add a grey hull, slightly larger than the robot."""
     vertices, faces = shape.collision
     return scene.add_mesh_simple(
         name,
@@ -425,7 +425,7 @@ def _add_stale_hull(scene: viser.SceneApi, name: str, shape: RobotShape) -> vise
 def _add_name_ring(
     scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb
 ) -> viser.MeshHandle:
-    """Add a ring on the floor around the robot, in its colour."""
+    """Add a ring in the robot's colour on the floor around it."""
     inner_m = shape.reach_m + 0.015
     ring = CrossSection.circle(inner_m + 0.012, 96) - CrossSection.circle(inner_m, 96)
     return scene.add_mesh_simple(
@@ -439,7 +439,7 @@ def _add_name_ring(
 
 
 def _add_heading_arrow(scene: viser.SceneApi, name: str, reach_m: float) -> None:
-    """Add a flat arrow head on the floor, ahead of the robot."""
+    """Add a flat arrow head on the floor in front of the robot."""
     near, far, half = reach_m + 0.02, reach_m + 0.07, 0.03
     vertices = np.array([[near, half, 0.004], [near, -half, 0.004], [far, 0.0, 0.004]])
     scene.add_mesh_simple(

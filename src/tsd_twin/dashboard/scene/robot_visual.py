@@ -1,6 +1,6 @@
-"""Visual of one robot: batched meshes of its links, joint angles and pose from the newest state.
+"""Visual of a robot: batched link meshes, joint angles and pose from the latest state.
 
-The tilt of the gimbals can be exaggerated, for one client.
+The tilt of the gimbals can be exaggerated for individual clients.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from tsd_twin.robots import RobotDescription
 
 
 class BatchedRobotMeshes:
-    """Batched meshes of all robots of one description; poses are computed and sent together.
+    """Batched meshes of all robots of a description; poses are computed and sent together.
 
-    Twenty robots cost as many messages as one, and as many draw calls. The nodes hang on the first
-    robot: browsers apply poses of nodes in the frame they come in, and poses of instances later, so
-    a robot that is alone does not lag behind its own arrows and rings.
+    The number of messages and draw calls does not depend on the number of robots. The nodes are
+    children of the first robot, because browsers apply node poses in the same frame but instance
+    poses later; this way a single robot does not lag behind its arrows and rings.
     """
 
     def __init__(self, scene: viser.SceneApi, shape: RobotShape) -> None:
@@ -53,15 +53,15 @@ class BatchedRobotMeshes:
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """The robots, in the order of their instances."""
+        """Robot ids in the order of their instances."""
         return tuple(self._ids)
 
     def node(self, kind: Link) -> str:
-        """Name of the node that has all links of a kind."""
+        """Return the name of the node with all links of a kind."""
         return f"{robot_node(self._ids[0])}/m{kind}"
 
     def add(self, robot_id: str) -> None:
-        """Show another robot: at the origin, upright, until it is placed."""
+        """Add a robot, at the origin and upright until it is placed."""
         self._ids.append(robot_id)
         self._bases = np.vstack([self._bases, np.zeros(3)])
         self._balls = np.vstack([self._balls, SO3.identity().wxyz])
@@ -82,14 +82,14 @@ class BatchedRobotMeshes:
         self.send()
 
     def place(self, robot_id: str, base: Array, ball: SO3, angles_rad: Array) -> None:
-        """Note where a robot is: pose (3,), turn of its ball if any, angles of its joints (n,)."""
+        """Set a robot's pose (3,), orientation of its sphere if any, and joint angles (n,)."""
         row = self._ids.index(robot_id)
         self._bases[row], self._balls[row] = base, ball.wxyz
         self._angles[row] = angles_rad
         self._moved = True
 
     def send(self) -> None:
-        """Send what has been noted; what has not changed is not sent."""
+        """Send the poses that have changed."""
         if not self._moved:
             return
         self._moved = False
@@ -101,7 +101,7 @@ class BatchedRobotMeshes:
             wxyz = every[kind].wxyz.reshape(-1, 4).astype(np.float32)
             position = every[kind].position.reshape(-1, 3).astype(np.float32)
             if kind in self._handles:
-                # viser would find out as well, and take much longer over it.
+                # viser also detects this, but takes much longer.
                 if self._is_new(kind, "wxyz", wxyz):
                     self._handles[kind].batched_wxyzs = wxyz
                 if self._is_new(kind, "position", position):
@@ -124,42 +124,43 @@ class BatchedRobotMeshes:
         self._shown.clear()
 
     def scales_without(self, robot_id: str | None, kind: Link) -> Array:
-        """Return scales (instances of `kind`,) that hide one robot, or none: 0 for it, else 1."""
+        """Return scales (instances of `kind`,) that hide a robot: 0 for the robot, else 1."""
         shown = np.array([0.0 if other == robot_id else 1.0 for other in self._ids])
         return np.repeat(shown, self.shape.count(kind))
 
 
 SPIN_SLOWDOWN = 50
-"""Wheels that spin on gimbals are drawn turning this much slower than they do: 2,500 a minute as 50
-a minute, 5 degrees a frame. At their true speed a picture at 60 Hz would show them creeping,
-standing or going back. Wheels that roll are drawn as fast as they are."""
+"""Wheels on gimbals are drawn this much slower: 2500 rpm as 50 rpm, 5 degrees per frame. At true
+speed, a display at 60 Hz would show them creep, stop or turn backwards. Rolling wheels are drawn at
+true speed.
+"""
 PREDICTION_HZ = 10.0
-"""The model is run forward this often: it takes a millisecond or two."""
+"""Rate of predictions, which take 1 to 2 ms each."""
 _MAX_STATE_GAP_S = 0.1
-"""A gap in the state longer than this is no time that a wheel was seen turning."""
+"""After a longer gap between states, the wheels are not turned."""
 
 
 class RobotSource(Protocol):
-    """Source of a robot's description and newest state, such as a `RobotClient`."""
+    """Source of a robot's description and latest state, such as a `RobotClient`."""
 
     @property
     def id(self) -> str:
-        """Id of the robot."""
+        """Robot id."""
         ...
 
     @property
     def robot(self) -> RobotDescription:
-        """Its description."""
+        """Robot description."""
         ...
 
     @property
     def kinematics(self) -> Kinematics[Any]:
-        """Its kinematics."""
+        """Robot kinematics."""
         ...
 
     @property
     def snapshot(self) -> Snapshot:
-        """Newest messages; the same object as long as nothing has changed."""
+        """Latest messages; the object is replaced only if they change."""
         ...
 
     @property
@@ -169,12 +170,12 @@ class RobotSource(Protocol):
 
     @property
     def round_trips(self) -> RoundTrips:
-        """Round-trip times of its services."""
+        """Round-trip times of the robot's services."""
         ...
 
 
 class RobotVisual:
-    """Visual of one robot: meshes, overlays and motion prediction."""
+    """Visual of a robot: meshes, overlays and motion prediction."""
 
     def __init__(
         self, link: RobotSource, meshes: BatchedRobotMeshes, overlays: RobotOverlays
@@ -185,15 +186,15 @@ class RobotVisual:
         self.overlays = overlays
         self.drawn = Snapshot()
         self.joints = link.kinematics.inverse(np.zeros(3))
-        """The joint vector (n,)."""
+        """Joint vector (n,)."""
         self.angles = np.zeros(len(meshes.shape.joints))
-        """All joints that are drawn: angles, of wheels those that they have turned by."""
+        """All drawn joints: angles of gimbals, and rotation of wheels."""
         self.pose = np.zeros(3)
-        """Pose of the base (3,): the origin, if it does not move."""
+        """Pose of the base (3,); the origin, if it does not move."""
         self.ball = SO3.identity()
-        """Orientation of its sphere, if it has one."""
+        """Orientation of the sphere, if any."""
         self._turned_s = -np.inf
-        # What stays where it is goes nowhere, and where others stop cannot be promised.
+        # Spheres do not move, and some robots do not guarantee their braking.
         predictable = link.kinematics.pose_type is SE2 and not link.robot.not_promised
         self._predictor = MotionPredictor(link.kinematics, link.robot) if predictable else None
         self._prediction_rate = RateLimiter(PREDICTION_HZ)
@@ -204,7 +205,7 @@ class RobotVisual:
 
     @property
     def is_outdated(self) -> bool:
-        """Whether the client has data that is not drawn yet."""
+        """Whether the latest data is not drawn yet."""
         return self.link.snapshot is not self.drawn
 
     @property
@@ -214,7 +215,7 @@ class RobotVisual:
         return kinematics_in_force(link.robot, link.kinematics, link.snapshot.status)
 
     def update(self) -> None:
-        """Update with the newest snapshot."""
+        """Update with the latest snapshot."""
         new, old = self.link.snapshot, self.drawn
         self.drawn = new
         if new.odom is not None:
@@ -223,7 +224,7 @@ class RobotVisual:
             else:
                 self.ball = SO3(new.odom.wxyz)
         if new.joints is not None and new.joints is not old.joints:
-            # A joint that is not measured any more stays where it was.
+            # Joints that are no longer measured keep their values.
             before = np.where(self._wheels, 0.0, self.angles)
             joints = self._reader.vector(new.joints, before)
             if joints is not None:
@@ -249,14 +250,14 @@ class RobotVisual:
 
 
 MOST_TILT_RAD = math.radians(75.0)
-"""No axle is drawn with more tilt than this, unless it has more."""
+"""Maximum displayed tilt of an axle, unless its true tilt is larger."""
 _LABEL_HEIGHT_M = 0.05
 
 
 def exaggerate_tilt(joints: Array, factor: float) -> Array:
-    """Joints (3k,) whose axles lean in the same directions, `factor` times as far.
+    """Return joints (3k,) with axles tilted in the same directions, `factor` times as far.
 
-    For each module alpha, beta and a number that stays, as in the joint vector of the drive.
+    Each module has alpha, beta and an unchanged value, as in the drive's joint vector.
     """
     modules = joints.reshape(-1, 3).copy()
     alpha, beta = modules[:, 0], modules[:, 1]
@@ -271,14 +272,14 @@ def exaggerate_tilt(joints: Array, factor: float) -> Array:
 
 
 def hide_links(client: viser.ClientHandle, body: RobotVisual, robot_id: str | None) -> None:
-    """Hide the moving links of one robot for a client; None shows those of all."""
+    """Hide the moving links of a robot for a client; None shows all."""
     for kind in body.meshes.shape.moving:
         scales = body.meshes.scales_without(robot_id, kind)
         scale_instances(client, body.meshes.node(kind), scales)
 
 
 class ExaggeratedTilt:
-    """Gimbals and set-point rings of one robot in one client's scene, with more tilt."""
+    """Gimbals and setpoint rings of a robot in a client's scene, with exaggerated tilt."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self.factor = TiltFactor.TRUE
@@ -287,7 +288,7 @@ class ExaggeratedTilt:
         self._rings: SetpointRings | None = None
 
     def is_on(self, body: RobotVisual | None) -> bool:
-        """Return whether this robot is drawn with another tilt than it has."""
+        """Return whether this robot is drawn with exaggerated tilt."""
         return (
             self.factor is not TiltFactor.TRUE
             and body is not None
@@ -295,11 +296,11 @@ class ExaggeratedTilt:
         )
 
     def applied(self, joints: Array) -> Array:
-        """Return a joint vector (n,) of a robot with gimbals as it is drawn."""
+        """Return the joint vector (n,) as drawn, for a robot with gimbals."""
         return exaggerate_tilt(joints, self.factor.number)
 
     def start(self, body: RobotVisual, *, rings: bool) -> None:
-        """Create the nodes of this client, once its other ones have been reset."""
+        """Create this client's nodes, after the reset of its other nodes."""
         self._links.clear()
         scene, node = self._client.scene, robot_node(body.id)
         shape = body.meshes.shape
@@ -309,14 +310,14 @@ class ExaggeratedTilt:
             position=(0.0, 0.0, shape.height_m + _LABEL_HEIGHT_M),
             anchor="bottom-center",
         )
-        if rings:  # Otherwise the shared ones, which show the true tilt, are hidden already.
+        if rings:  # Otherwise the shared rings, which show the true tilt, are already hidden.
             scene.add_frame(overlay_node(Layer.SETPOINT, body.id), show_axes=False, visible=False)
             self._rings = SetpointRings(scene, f"{node}/qs", shape)
         self.update(body)
         hide_links(self._client, body, body.id)
 
     def update(self, body: RobotVisual) -> None:
-        """Draw the joints of a robot anew."""
+        """Redraw the joints of a robot."""
         shape = body.meshes.shape
         poses = shape.skeleton.poses(SE2.identity(), body.ball, self.applied(body.angles))
         for kind in shape.moving:
@@ -331,11 +332,11 @@ class ExaggeratedTilt:
             self._rings.update(self.applied(body.overlays.setpoint.shown))
 
     def set_visible(self, visible: bool) -> None:
-        """Show or hide the gimbals; a preview takes their place."""
+        """Show or hide the gimbals, which a preview replaces."""
         for handle in self._links.values():
             handle.visible = visible
 
     def clear(self) -> None:
-        """Forget the nodes of this client."""
+        """Discard this client's nodes."""
         self._links.clear()
         self._rings = None

@@ -1,4 +1,4 @@
-"""Three-dimensional scene shared by all clients: robots, ground grid with metre labels."""
+"""3-D scene shared by all clients: robots, ground grid with metre labels."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tsd_twin.dashboard.scene.robot_visual import BatchedRobotMeshes, RobotSourc
 from tsd_twin.lie import Array
 
 _LETTER_ADVANCE = 0.75
-"""Width of a letter with its gap, in heights."""
+"""Width of a letter including its gap, relative to its height."""
 _LOW, _MID, _HIGH, _LEFT, _RIGHT = 0.0, 0.5, 1.0, 0.0, 0.5
 _SEGMENTS = {
     "a": (_LEFT, _HIGH, _RIGHT, _HIGH),
@@ -44,7 +44,7 @@ _SEGMENTS = {
     "k": (_LEFT, _MID, 0.25, 0.2),
     "l": (_LEFT, -0.2, _RIGHT, _MID),
 }
-"""The seven bars of a clock's digit, a to g, and a few for letters: x and y from, x and y to."""
+"""Segments a to g of a seven-segment digit, and further ones for letters: x and y of both ends."""
 _LETTERS = {
     "0": "abcdef",
     "1": "bc",
@@ -65,9 +65,9 @@ _LETTERS = {
 
 
 def text_lines(text: str, at_m: tuple[float, float], height_m: float) -> Array:
-    """Lines (n, 2, 2) of a word on the floor, upright when seen along +X.
+    """Return the lines (n, 2, 2) of a text on the floor, upright when seen along +X.
 
-    It starts to the right of `at_m` and stands on it. Letters are digits, minus, m, x and y.
+    The text starts to the right of `at_m`. Supported characters are digits, minus, m, x and y.
     """
     lines = [
         (np.reshape(_SEGMENTS[bar], (2, 2)) + np.array([i * _LETTER_ADVANCE, 0.0])) * height_m
@@ -80,14 +80,14 @@ def text_lines(text: str, at_m: tuple[float, float], height_m: float) -> Array:
 
 
 LABELLED_RANGE_M = 5
-"""Metres from the origin up to which the axes are labelled."""
+"""Range of the axis labels, metres from the origin."""
 _TEXT_HEIGHT_M = 0.07
 _TEXT_GAP_M = 0.03
 
 
 def add_ground(scene: viser.SceneApi, root: str, labels: str) -> None:
-    """Add grid and axes below the node `root`, and the labels as the node of that name."""
-    scene.world_axes.visible = False  # It does not move with `root`.
+    """Add grid and axes below the node `root`, and the labels as node `labels`."""
+    scene.world_axes.visible = False  # The default axes do not move with `root`.
     scene.add_grid(
         f"{root}/g",
         infinite_grid=True,
@@ -114,7 +114,7 @@ def add_ground(scene: viser.SceneApi, root: str, labels: str) -> None:
 
 
 def _axis_labels() -> Array:
-    """Lines (n, 2, 3) of the labels, a hair above the floor."""
+    """Return the lines (n, 2, 3) of the labels, slightly above the floor."""
     words = [
         text_lines("x", (0.14, -_TEXT_GAP_M), _TEXT_HEIGHT_M),
         text_lines("y", (_TEXT_GAP_M, 0.14), _TEXT_HEIGHT_M),
@@ -129,7 +129,7 @@ def _axis_labels() -> Array:
 
 
 class Viewer(Protocol):
-    """Observer that draws the parts of the scene that differ between clients."""
+    """Observer that draws the client-specific parts of the scene."""
 
     def on_robots_moved(self) -> None:
         """Follow robots that have moved."""
@@ -144,20 +144,20 @@ class Scene:
     """Scene of robots, overlays and floor, shared by all clients; thread-safe.
 
     The world frame moves so that the first robot stays in place: an untouched camera follows it,
-    and a user can turn the camera. Clients with other settings have their own world frame.
+    and users can turn the camera. Clients with other settings have separate world frames.
     """
 
     def __init__(self, server: viser.ViserServer, roster: RobotRoster | None = None) -> None:
         self.server = server
         self._roster = roster or RobotRoster()
         self.lock = threading.RLock()
-        """Held while robots come, go or are drawn."""
+        """Held while robots are added, removed or drawn."""
         self._visuals: dict[str, RobotVisual] = {}
         self._meshes: dict[bytes, BatchedRobotMeshes] = {}
         self._world = server.scene.add_frame(ROOT, show_axes=False)
         self._viewers: list[Viewer] = []
         self.on_click: OnClick | None = None
-        """Called on viser's thread when the ball of a robot is clicked on."""
+        """Called on viser's thread if the sphere of a robot is clicked."""
         self.on_trails_cleared: Callable[[], None] = lambda: None
         """Called on viser's thread."""
         add_ground(server.scene, ROOT, AXIS_LABELS)
@@ -166,7 +166,7 @@ class Scene:
 
     @property
     def visuals(self) -> Mapping[str, RobotVisual]:
-        """The robots in the scene, by id, in the order in which they came."""
+        """Robots in the scene by id, in the order of their addition."""
         return MappingProxyType(self._visuals)
 
     @property
@@ -181,10 +181,10 @@ class Scene:
         return float(x), float(y)
 
     def add(self, link: RobotSource) -> None:
-        """Add a robot, or replace the one with its id; takes a second for new meshes."""
+        """Add a robot, or replace the one with the same id; new meshes take a second."""
         key = msgspec.json.encode(link.robot)
         known = self._meshes.get(key)
-        shape = known.shape if known else RobotShape(link.robot)  # Not under the lock.
+        shape = known.shape if known else RobotShape(link.robot)  # Slow, so outside the lock.
         with self.lock:
             meshes = self._meshes.setdefault(key, BatchedRobotMeshes(self.server.scene, shape))
             if link.id in self._visuals:
@@ -232,7 +232,7 @@ class Scene:
                 self._visuals[robot_id].overlays.set_stale(stale)
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
-        """Show the planned path of a robot, poses (n, 3) in `odom`; None removes it."""
+        """Show a robot's planned path, poses (n, 3) in `odom`; None removes it."""
         with self.lock:
             if robot_id in self._visuals:
                 with self.server.atomic():
@@ -247,19 +247,19 @@ class Scene:
         self.on_trails_cleared()
 
     def envelope(self, robot_id: str) -> Array | None:
-        """Drawn stop envelope (n, 2) in the frame of a robot; None at rest. It does not wait for a
-        frame.
+        """Return the displayed stop envelope (n, 2) in the robot's frame, or None at rest; never
+        waits.
         """
         body = self._visuals.get(robot_id)
         return None if body is None else body.overlays.envelope.outline
 
     def reach_m(self, robot_id: str) -> float:
-        """Radius of a robot around its base; 0 while it is not in the scene."""
+        """Return the radius of a robot around its base; 0 if it is not in the scene."""
         body = self._visuals.get(robot_id)
         return 0.0 if body is None else body.meshes.shape.reach_m
 
     def add_viewer(self, viewer: Viewer) -> None:
-        """Add a viewer that is notified, under the lock, when robots come, go and move."""
+        """Add a viewer, which is notified under the lock if robots are added, removed or moved."""
         self._viewers.append(viewer)
 
     def _clicked(

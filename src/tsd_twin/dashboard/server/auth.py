@@ -1,6 +1,4 @@
-"""Authentication and request checks: hosts, origins, proxies, logins and the principal of a
-request.
-"""
+"""Authentication and request checks: hosts, origins, proxies and logins."""
 
 from __future__ import annotations
 
@@ -47,12 +45,13 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Server": "tsd-twin",
 }
-"""Sent with every answer. Framing is forbidden, because a framed page can be used for
-clickjacking."""
+"""Headers of every response. Framing is forbidden because a framed page can be used for
+clickjacking.
+"""
 
 
 FORWARDING_HEADERS = ("X-Forwarded-For", "X-Forwarded-Proto", "X-Forwarded-Prefix")
-"""Headers by which a proxy says how a browser came to it."""
+"""Forwarding headers set by a reverse proxy."""
 _PREFIX = re.compile(r"(/[A-Za-z0-9._~-]+)*")
 
 
@@ -61,21 +60,21 @@ class ClientAddress:
     """Address, transport security and path of a request as the browser sees them."""
 
     address: str
-    """Address for the rate limit of logins; of IPv6 the network."""
+    """Rate-limit key for logins: the IPv4 address or the IPv6 /64 network."""
     secure: bool
     """Whether the request used TLS."""
     path: str
-    """Path of the dashboard's pages, as the browser sees it; for its cookie."""
+    """Path of the dashboard's pages as the browser sees it, used for the login cookie."""
 
 
 def resolve_client_address(
     peer: str, headers: Mapping[str, str], *, tls: bool, proxy: str | None
 ) -> ClientAddress | str:
-    """Return the client address of a request, or why its route is refused.
+    """Return the client address of a request, or the reason for refusing it.
 
-    `peer` is the address of the TCP peer, `proxy` that of the reverse proxy, if configured. Only
-    then forwarding headers are used: a client can forge them. A
-    header that came several times is given once, joined by commas.
+    Forwarding headers are used only if the TCP peer `peer` is the configured reverse proxy at
+    address `proxy`, because any client can forge them. `headers` contains each header once, with
+    repeated values joined by commas.
     """
     if proxy is None:
         return ClientAddress(subscriber_network(peer), tls, "/")
@@ -83,8 +82,8 @@ def resolve_client_address(
         return "Requests come through the proxy in front of this gateway."
     if headers.get("X-Forwarded-Proto") != "https":
         return "The proxy has to speak TLS to browsers and to say so: X-Forwarded-Proto: https."
-    # Each proxy adds what it saw at the end, some of them as one more header; before that may stand
-    # whatever a browser made up.
+    # Each proxy appends the address that it saw, some of them as an additional header. A browser
+    # can forge everything before that.
     seen = headers.get("X-Forwarded-For", peer).rpartition(",")[2].strip()
     prefix = headers.get("X-Forwarded-Prefix", "").rstrip("/")
     path = prefix if prefix and _PREFIX.fullmatch(prefix) else "/"
@@ -92,7 +91,7 @@ def resolve_client_address(
 
 
 def is_proxy(peer: str, proxy: str | None) -> bool:
-    """Return whether a peer is the proxy, or may be it, being on the dashboard's machine."""
+    """Return whether a peer is the proxy, or might be, because it is on the dashboard's machine."""
     return proxy is not None and (is_loopback(peer) or _is_same_address(peer, proxy))
 
 
@@ -104,7 +103,7 @@ def _is_same_address(peer: str, proxy: str) -> bool:
 
 
 def subscriber_network(address: str) -> str:
-    """Return the rate-limit key of an address; for IPv6 the network of one subscriber."""
+    """Return the rate-limit key of an address: for IPv6 the subscriber's /64 network."""
     try:
         parsed = _parse_address(address)
     except ValueError:
@@ -121,22 +120,22 @@ def _parse_address(address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Addres
 
 
 DEFAULT_IDENTITY = Identity("web", Role.OPERATOR)
-"""Identity of a dashboard without a certificate."""
+"""Bus identity of a dashboard without a certificate."""
 
 
 @dataclass(frozen=True, slots=True)
 class Principal:
-    """Principal of a request: bus identity, permission to stop, and login."""
+    """Bus identity, stop permission and login of a request."""
 
     identity: Identity
     """Operator identity on the bus."""
     may_stop: bool
     login: Login | None = None
-    """None when no login is required."""
+    """None if no login is required."""
 
     @property
     def key(self) -> str | None:
-        """Id of the login session; its end closes all sockets of this principal."""
+        """Id of the login session; when it ends, all sockets of this principal are closed."""
         return None if self.login is None else self.login.id
 
     @property
@@ -146,14 +145,13 @@ class Principal:
 
 
 def bus_identity_of(user: User, owner: Identity) -> Identity:
-    """Return the bus identity of a user of `owner`'s dashboard; it never has more rights than the
-    owner.
+    """Return the bus identity for a user of `owner`'s dashboard, with at most the owner's rights.
 
-    A robot with access rules lets a dashboard speak under its own name and what continues that with
-    a dash, so with a certificate the name is `<owner>-<user>`.
+    With a certificate, the name is `<owner>-<user>`, because access rules let a dashboard use its
+    certificate's name and any name that extends it with a dash.
 
     Raises:
-        TwinError: together the names are too long.
+        TwinError: If the combined name is too long.
     """
     if owner == DEFAULT_IDENTITY:
         return Identity(user.name, user.role)
@@ -167,10 +165,10 @@ _TYPED_NAME = re.compile(r"[a-z0-9_][a-z0-9_-]*")
 
 
 def operator_name(principal: Principal, typed: str) -> str:
-    """Return the name of an operator: that of the login, or the one typed on a page without one.
+    """Return the operator name: from the login, or as typed on a page without a login.
 
-    A typed name is no proof of anything. One that the bus does not permit is ignored, so that no
-    name keeps a page from connecting; with a certificate it continues the dashboard's own.
+    A typed name is not authenticated. If the bus does not permit it, it is ignored, so that a page
+    can always connect. With a certificate, the typed name is appended to the dashboard's own name.
     """
     own = principal.identity
     if principal.login is not None or not _TYPED_NAME.fullmatch(typed):
@@ -195,19 +193,18 @@ class AccessSettings:
     owner: Identity = DEFAULT_IDENTITY
     """Identity of the dashboard on the bus."""
     users: Users | None = None
-    """Users that may log in; None when no login is required."""
+    """Users who may log in; None if no login is required."""
     tls: ssl.SSLContext | None = None
     proxy: str | None = None
-    """Address of the proxy through which all requests come; of the loopback for this machine."""
+    """Address of the proxy that forwards all requests; a loopback address for this machine."""
     allowed_hosts: Collection[str] = ()
-    """Values of the `Host` header that are answered, beside those of this machine."""
+    """Accepted values of the `Host` header in addition to this machine's names."""
 
     def check(self, host: str) -> None:
-        """Refuse settings that allow unauthenticated access from the network or unencrypted
-        passwords.
+        """Check the settings for unauthenticated network access and unencrypted passwords.
 
         Raises:
-            TwinError: the settings are unsafe.
+            TwinError: If the settings are unsafe.
         """
         if self.users is not None:
             for name in self.users.names:
@@ -228,7 +225,7 @@ class AccessSettings:
 
 @dataclass(slots=True)
 class AuthMiddleware:
-    """Authentication middleware: checks each request, and closes the sockets of ended logins."""
+    """Middleware that checks each request and closes the sockets of ended logins."""
 
     rules: AccessSettings
     logins: Logins = field(default_factory=Logins)
@@ -243,7 +240,8 @@ class AuthMiddleware:
     def set_address(self, host: str, port: int) -> None:
         """Set the address that the server listens on."""
         self._port = port
-        # Cookies do not tell ports apart: two dashboards of one machine need a name each.
+        # Browsers share cookies between ports, so each dashboard on a machine needs its own cookie
+        # name.
         self.cookie = f"tsd-login-{port}"
         self._accepts_addresses = not is_loopback(host)
         names = set(self.rules.allowed_hosts)
@@ -253,9 +251,9 @@ class AuthMiddleware:
 
     @web.middleware
     async def authenticate(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Check a request before its handler runs; sockets before their upgrade."""
+        """Check a request before its handler runs or its socket is upgraded."""
         headers = {
-            name: ", ".join(request.headers.getall(name))  # What comes twice is no host, no origin.
+            name: ", ".join(request.headers.getall(name))  # Invalid if repeated.
             for name in (*FORWARDING_HEADERS, "Host", "Origin")
             if name in request.headers
         }
@@ -288,7 +286,7 @@ class AuthMiddleware:
         return await handler(request)
 
     def principal_of_request(self, request: web.Request) -> Principal | None:
-        """Return the principal of a request; None when a login is required."""
+        """Return the principal of a request, or None if a login is required."""
         owner = self.rules.owner
         if self.rules.users is None:
             return Principal(owner, may_stop=True)
@@ -301,7 +299,7 @@ class AuthMiddleware:
     def close_on_logout(
         self, principal: Principal, socket: web.WebSocketResponse
     ) -> Generator[None]:
-        """Close a socket when its login ends, within this context."""
+        """Context in which a socket is closed when its login ends."""
         if principal.key is None:
             yield
             return
@@ -315,12 +313,12 @@ class AuthMiddleware:
                 del self._sockets[principal.key]
 
     async def end_login(self, login_id: str) -> None:
-        """End a login and close its sockets: a robot that it drives stops."""
+        """End a login and close its sockets, so that a robot driven through them stops."""
         self.logins.close(login_id)
         await asyncio.gather(*(_close_socket(socket) for socket in self._sockets.get(login_id, ())))
 
     async def expire_logins(self) -> None:
-        """Expire login sessions once a second; runs until cancelled."""
+        """Check for expired login sessions once a second; runs until cancelled."""
         while True:
             await asyncio.sleep(_EXPIRY_CHECK_S)
             self.logins.sweep(set(self._sockets), time.monotonic())
@@ -335,7 +333,7 @@ def principal_of(request: web.Request) -> Principal:
 
 
 def principal_or_none(request: web.Request) -> Principal | None:
-    """Return the principal of a request; None when a login is required."""
+    """Return the principal of a request, or None if a login is required."""
     return request.get(_PRINCIPAL)
 
 

@@ -1,7 +1,7 @@
-"""Limits of connections: their number, and the time until a request is authenticated.
+"""Limits on the number of connections and on the time until a request is authenticated.
 
-Connections without an authenticated request share a few places. The one that has waited longest is
-closed for a new one, so no number of them keeps out an operator.
+Connections without an authenticated request share a limited number of slots. When they are full, a
+new connection replaces the one that has waited longest, so that they cannot lock out an operator.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _SWEEP_S = 0.5
 _BACKLOG = 1024
 _NO_FILES_S = 0.1
 _RESET = struct.pack("ii", 1, 0)
-"""`SO_LINGER` for zero seconds: closing discards what has not been sent."""
+"""`SO_LINGER` of zero seconds, so that closing discards unsent data."""
 _NOT_HERE = frozenset({errno.EAFNOSUPPORT, errno.EADDRNOTAVAIL})
 _PACE_S = 0.001
 _GOODBYE_S = 1.0
@@ -42,39 +42,39 @@ _REFUSAL = (
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLimits:
-    """Maximum numbers of connections, and their time-outs."""
+    """Maximum numbers and timeouts of connections."""
 
     unauthenticated: int = 128
-    """Maximum number of connections without a login."""
+    """Maximum number of unauthenticated connections."""
     per_address: int = 32
-    """Of these, connections from one address, unless it is that of the proxy."""
+    """Maximum number of unauthenticated connections per address, except the proxy's."""
     per_user: int = 128
-    """Connections of one user, from all browsers; a page has two that stay open."""
+    """Maximum number of connections per user over all browsers; a page keeps two open."""
     handshake_s: float = 5.0
-    """Time-out of the TLS handshake."""
+    """Timeout of the TLS handshake."""
     request_s: float = 10.0
-    """Time-out of the first request of a connection."""
+    """Timeout of the first request on a connection."""
     idle_s: float = 60.0
-    """Time-out of an idle connection between two requests."""
+    """Timeout of an idle connection between requests."""
     stall_s: float = 20.0
-    """Time-out of a client that does not read."""
+    """Timeout of a client that does not read."""
 
 
 class _Connection(asyncio.Protocol):
-    """One TCP connection; forwards its events to the HTTP protocol object."""
+    """TCP connection that forwards its events to the HTTP protocol object."""
 
     def __init__(
         self, inner: asyncio.Protocol, peer: str, on_lost: Callable[[_Connection], None]
     ) -> None:
         self.peer = peer
         self.user: str | None = None
-        """User name; None before a login."""
+        """User name, or None before a login."""
         self.busy = False
-        """A request on it is being answered, or it is a websocket."""
+        """True while a request is being answered, and for websockets."""
         self.known = False
-        """Whether a request on it has been authenticated."""
+        """True once a request has been authenticated."""
         self.since_s = time.monotonic()
-        """When it came, or when its last request was answered."""
+        """Time when it was accepted or its last request was answered."""
         self.handshake: asyncio.Task[Any] | None = None
         self._transport: asyncio.Transport | None = None
         self._exceeds: Callable[[int], bool] | None = None
@@ -82,7 +82,7 @@ class _Connection(asyncio.Protocol):
         self._on_lost = on_lost
         self._stalled: tuple[int, float] | None = None
 
-    # Callbacks of the transport.
+    # Transport callbacks.
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
@@ -110,15 +110,17 @@ class _Connection(asyncio.Protocol):
         self._inner.connection_lost(exc)
 
     def limit_bytes(self, exceeds: Callable[[int], bool]) -> None:
-        """Drop the connection once `exceeds` returns True for the number of bytes that came."""
+        """Drop the connection once `exceeds`, called with the number of received bytes, returns
+        True.
+        """
         self._exceeds = exceeds
 
-    # Time-outs.
+    # Timeouts.
 
     def is_over(self, limits: ConnectionLimits, now_s: float) -> bool:
-        """Return whether its time-out is over."""
+        """Return whether its timeout has expired."""
         if self._transport is None:
-            return False  # A handshake has a limit of its own.
+            return False  # asyncio limits the handshake.
         if self._stalled is not None:
             left = self._unsent()
             bytes_, since_s = self._stalled
@@ -133,13 +135,13 @@ class _Connection(asyncio.Protocol):
     def drop(self) -> None:
         """Abort the connection, discarding unsent data."""
         if self._transport is not None:
-            # Otherwise the system would keep unread data of such a browser for minutes.
+            # Otherwise the kernel would keep data that this client does not read for minutes.
             connection = self._transport.get_extra_info("socket")
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
             self._transport.abort()
 
     def refuse(self) -> None:
-        """Close the connection, with an error message where the client can read one."""
+        """Close the connection, after an error message if the client can read one."""
         transport = self._transport
         if transport is None:
             if self.handshake is not None:
@@ -155,10 +157,10 @@ class _Connection(asyncio.Protocol):
 
 
 class ConnectionLimiter:
-    """Listener that limits the number of connections."""
+    """Listening socket with a limited number of connections."""
 
     def __init__(self, is_proxy: Callable[[str], bool]) -> None:
-        """`is_proxy` returns whether an address is that of the reverse proxy."""
+        """`is_proxy` returns whether an address belongs to the reverse proxy."""
         self._limits = ConnectionLimits()
         self._is_proxy = is_proxy
         self._listeners: list[socket.socket] = []
@@ -167,7 +169,7 @@ class ConnectionLimiter:
 
     @property
     def port(self) -> int:
-        """Port it listens on."""
+        """Port that it listens on."""
         return self._listeners[0].getsockname()[1]
 
     async def open(
@@ -177,10 +179,10 @@ class ConnectionLimiter:
         port: int,
         tls: ssl.SSLContext | None,
     ) -> None:
-        """Listen; `server` makes what reads HTTP.
+        """Listen for connections; `server` creates the HTTP protocol of each.
 
         Raises:
-            OSError: the address cannot be used.
+            OSError: If the address cannot be used.
         """
         loop = asyncio.get_running_loop()
         found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
@@ -193,7 +195,7 @@ class ConnectionLimiter:
             except OSError as error:
                 failure = error
                 if error.errno in _NOT_HERE:
-                    continue  # Such as IPv6 of `localhost` where there is none.
+                    continue  # For example, `localhost` without IPv6.
                 break
             listener.setblocking(False)
             self._listeners.append(listener)
@@ -205,7 +207,7 @@ class ConnectionLimiter:
         self._start(self._sweep())
 
     async def close(self) -> None:
-        """Stop listening; open connections stay open."""
+        """Stop listening; existing connections remain open."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -213,7 +215,7 @@ class ConnectionLimiter:
 
     @web.middleware
     async def admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Count an authenticated request, or refuse it when its user has too many connections."""
+        """Count an authenticated request, or refuse it if its user has too many connections."""
         connection = _connection_of(request)
         principal = principal_or_none(request)
         if principal is not None:
@@ -241,7 +243,7 @@ class ConnectionLimiter:
         while True:
             try:
                 accepted, address = await loop.sock_accept(listener)
-            except OSError:  # No more files can be opened, or the other side has gone.
+            except OSError:  # Too many open files, or the client has disconnected.
                 await asyncio.sleep(_NO_FILES_S)
                 continue
             peer = str(address[0])
@@ -249,7 +251,7 @@ class ConnectionLimiter:
             connection = _Connection(server(), subscriber_network(peer), self._forget)
             self._open[connection] = None
             self._start(self._receive(connection, accepted, tls))
-            # Commands come first: a flood is taken in at a pace, and never in one go.
+            # Pace a flood of connections, because commands have priority.
             await asyncio.sleep(_PACE_S if scarce else 0.0)
 
     async def _receive(
@@ -268,7 +270,7 @@ class ConnectionLimiter:
             await asyncio.get_running_loop().connect_accepted_socket(
                 lambda: connection, accepted, ssl=tls, **limits
             )
-        except OSError:  # Of TLS, too; also that it took too long.
+        except OSError:  # Also TLS errors and handshake timeouts.
             self._forget(connection)
         except asyncio.CancelledError:
             self._forget(connection)
@@ -278,7 +280,7 @@ class ConnectionLimiter:
             connection.handshake = None
 
     def _make_room(self, peer: str, *, proxied: bool) -> bool:
-        """Close an unauthenticated connection at a limit; return whether few places are left."""
+        """Close an unauthenticated connection at a limit; return whether slots are scarce."""
         unauthenticated = [each for each in self._open if each.user is None]
         if not proxied:
             own = [each for each in unauthenticated if each.peer == peer]
@@ -290,10 +292,10 @@ class ConnectionLimiter:
         return 2 * len(unauthenticated) > self._limits.unauthenticated
 
     def _make_room_for(self, user: str, connection: _Connection) -> None:
-        """Close an idle connection of a user in favour of one with a request.
+        """Close an idle connection of a user to make room for one with a request.
 
         Raises:
-            web.HTTPServiceUnavailable: none is idle.
+            web.HTTPServiceUnavailable: If no connection is idle.
         """
         own = [each for each in self._open if each.user == user and each is not connection]
         if len(own) < self._limits.per_user:
@@ -306,7 +308,7 @@ class ConnectionLimiter:
         self._drop_oldest(idle)
 
     def _drop_oldest(self, connections: Iterable[_Connection]) -> None:
-        """Close the oldest waiting connection; those without a request in progress first."""
+        """Close the oldest waiting connection, preferably without a request in progress."""
         oldest = min(connections, key=lambda each: (each.busy, each.since_s))
         self._forget(oldest)
         oldest.refuse()
@@ -333,9 +335,9 @@ class ConnectionLimiter:
 
 
 def limit_bytes(request: web.Request, exceeds: Callable[[int], bool]) -> None:
-    """Drop the connection of a request once `exceeds` returns True for the bytes that came.
+    """Drop the connection of a request once `exceeds` returns True for its received bytes.
 
-    Frames that no message is made of, such as fragments without an end, never reach a handler.
+    Frames that never complete a message, such as endless fragments, do not reach a handler.
     """
     _connection_of(request).limit_bytes(exceeds)
 
@@ -344,7 +346,7 @@ def _connection_of(request: web.Request) -> _Connection:
     """Return the connection of a request.
 
     Raises:
-        ConnectionResetError: it has gone.
+        ConnectionResetError: If the connection has closed.
     """
     transport = request.transport
     connection = None if transport is None else transport.get_protocol()
@@ -354,7 +356,7 @@ def _connection_of(request: web.Request) -> _Connection:
 
 
 def allow_many_files() -> None:
-    """Raise the limit of open files of this process to the maximum: each connection needs some."""
+    """Raise this process's open-file limit, because each connection needs several files."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = _FILES if hard == resource.RLIM_INFINITY else min(_FILES, hard)
     if soft != resource.RLIM_INFINITY and soft < wanted:
@@ -362,15 +364,15 @@ def allow_many_files() -> None:
 
 
 def quiet_log() -> logging.Logger:
-    """Log of the HTTP server; malformed requests and lost connections leave no traceback in it."""
+    """Logger of the HTTP server without tracebacks for malformed requests and lost connections."""
     log = logging.getLogger(__name__)
-    log.addFilter(_is_ours)  # Twice the same is once.
+    log.addFilter(_is_ours)  # Adding the same filter twice has no effect.
     return log
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
     error = record.exc_info[1] if record.exc_info else None
-    # A browser that goes while it is answered is no fault of the server.
+    # A browser may disconnect during a response.
     return not isinstance(
         error, (HttpProcessingError, web.RequestPayloadError, ConnectionResetError)
     )

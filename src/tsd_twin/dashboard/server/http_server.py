@@ -28,16 +28,16 @@ from tsd_twin.errors import TwinError
 
 _MAX_BODY_BYTES = 2048
 _MAX_MESSAGE_BYTES = 16 * 2**10
-"""The longest message of a page is a line that was drawn; all others have fewer than 200."""
+"""The longest message of a page is a drawn line; all others have fewer than 200 bytes."""
 _HEARTBEAT_S = 5.0
 _CLOSE_TIMEOUT_S = 0.5
 _SHUTDOWN_TIMEOUT_S = 3.0
 _LINGER_S = 2.0
-"""Time-out for reading the rest of a request body after its response."""
+"""Timeout for reading the rest of a request body after the response."""
 
 
 class HttpServer:
-    """One HTTP server on one event loop."""
+    """HTTP server on an asyncio event loop."""
 
     def __init__(
         self,
@@ -52,10 +52,10 @@ class HttpServer:
         Without `auth`, all requests from this machine are accepted, and no others.
 
         Raises:
-            TwinError: viser's page cannot be used.
+            TwinError: If viser's page cannot be used.
         """
         self.sessions = sessions
-        """The pages that are open."""
+        """Sessions of the open pages."""
         self._index = IndexPage()
         self._auth = AuthMiddleware(AccessSettings()) if auth is None else auth
         self._login_routes = LoginRoutes(self._auth)
@@ -71,11 +71,11 @@ class HttpServer:
         """Port of the server, once started."""
 
     async def start(self, host: str = "127.0.0.1", port: int = 8080) -> None:
-        """Listen; port 0 takes a free one.
+        """Start listening; port 0 selects a free port.
 
         Raises:
-            TwinError: the port is in use, or the settings allow access or eavesdropping from the
-            network.
+            TwinError: If the port is in use, or the settings allow network access without a login
+                or without encryption.
         """
         self._auth.rules.check(host)
         self.sessions.open()
@@ -214,7 +214,7 @@ class HttpServer:
         return socket
 
     def _page_of(self, request: web.Request, page: str) -> str:
-        """Return the page id of a socket; refuse an invalid one, or one of another login."""
+        """Return the page id of a socket; refuse an invalid id or another login's page."""
         if not PAGE_ID.fullmatch(page):
             raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
         owner = self.sessions.principal_of(page)
@@ -224,12 +224,12 @@ class HttpServer:
 
 
 async def _serve_no_recordings(_request: web.Request) -> web.StreamResponse:
-    """Answer `GET recordings` without a list; the page then has no timeline."""
+    """Answer `GET recordings` with 204, so that the page has no timeline."""
     return web.Response(status=204, headers={"Cache-Control": "no-store"})
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
-    if "Content-Security-Policy" not in response.headers:  # The login page has rules of its own.
+    if "Content-Security-Policy" not in response.headers:  # The login page has a stricter policy.
         response.headers.update(HEADERS)
     if request.path.startswith("/static/"):
         response.headers["Cache-Control"] = "no-cache"

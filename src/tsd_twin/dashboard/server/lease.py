@@ -1,4 +1,4 @@
-"""Calls to robots without blocking the event loop, and the lease of one page."""
+"""Non-blocking calls to robots, and lease handling per page."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _STOP_THREADS = 32
 
 
 class RpcExecutor:
-    """Thread pools for blocking calls: a stop never waits behind a call to a robot that does not
-    answer.
+    """Thread pools for blocking calls; stops have a separate pool.
 
-    One thread plans for all pages; cancelled calls are not started.
+    Stops therefore never wait for a call to an unresponsive robot. One thread plans for all pages.
+    Cancelled calls are not started.
     """
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class RpcExecutor:
         self._next_stops: dict[str, asyncio.Task[Reply]] = {}
 
     def close(self) -> None:
-        """Accept no more calls; running ones end by themselves."""
+        """Accept no further calls; running ones finish."""
         self._rpc_pool.shutdown(wait=False, cancel_futures=True)
         self._stop_pool.shutdown(wait=False)
         self._planning_pool.shutdown(wait=False, cancel_futures=True)
@@ -56,7 +56,7 @@ class RpcExecutor:
         return await _run(link, procedure, self._rpc_pool)
 
     async def measure(self, link: RobotMonitor, call: Call) -> float | None:
-        """Return the time from a call to its answer; None without one."""
+        """Return the round-trip time of a call, or None without a response."""
 
         def timed() -> float | None:
             start_s = time.perf_counter()
@@ -73,10 +73,10 @@ class RpcExecutor:
         return await loop.run_in_executor(self._planning_pool, lambda: compute(*args, **kwargs))
 
     async def stop(self, link: RobotMonitor, operator: str) -> Reply:
-        """Repeat a stop that has been published, until the robot acknowledges it.
+        """Repeat a published stop until the robot acknowledges it.
 
-        Further requests share the one that follows a running one, so a stop begins after each press
-        and no robot uses more than one thread.
+        A stop requested during another stop starts after it, and later requests share that second
+        one. Each press is therefore followed by a stop, and each robot uses at most one thread.
         """
         if (under_way := self._stops.get(link.id)) is None or under_way.done():
             self._stops[link.id] = asyncio.create_task(self._stop(link, operator))
@@ -86,7 +86,7 @@ class RpcExecutor:
         return await asyncio.shield(self._next_stops[link.id])
 
     async def stop_all(self, links: Sequence[RobotMonitor], operator: str) -> Reply:
-        """Repeat a stop that has been published to robots, until each acknowledges it."""
+        """Repeat published stops until every robot acknowledges."""
         replies = await asyncio.gather(*(self.stop(link, operator) for link in links))
         refused = [reply for reply in replies if not reply.ok]
         return refused[0] if refused else Reply(bool(links), "" if links else "no robot is there")
@@ -119,7 +119,7 @@ async def _run(link: RobotMonitor, procedure: Procedure[_Result], pool: Executor
 
 @dataclass(slots=True, eq=False)
 class Lease:
-    """Lease of one robot, as long as `protocol` has it."""
+    """Lease of a robot; valid as long as `protocol` holds it."""
 
     link: RobotMonitor
     protocol: ControlProtocol
@@ -127,7 +127,7 @@ class Lease:
 
 @dataclass(frozen=True, slots=True)
 class _PendingRequest:
-    """Pending request for control; the status of the robot contains its progress."""
+    """Pending request for control; its progress is in the robot's status."""
 
     link: RobotMonitor
     protocol: ControlProtocol
@@ -137,16 +137,17 @@ class _PendingRequest:
 
 
 HEARTBEAT_TIMEOUT_S = 2.0
-"""A page without a heartbeat for this long loses the lease."""
+"""A page without a heartbeat for this time loses the lease."""
 _REQUEST_GRACE_S = 0.3
-"""A status sent before the request does not contain it."""
+"""A status received this soon after the request may predate it."""
 _NO_LEASE = Reply(False, "take control first")
 _NO_ROBOT = Reply(False, "no robot is shown")
 
 
 class LeaseClient:
-    """Lease client of one page: one request at a time, each with a reply, without blocking other
-    pages.
+    """Lease client for a page, with one request at a time and a reply to each.
+
+    Other pages are not blocked.
     """
 
     def __init__(
@@ -157,7 +158,7 @@ class LeaseClient:
         release_controls: Callable[[str], None],
     ) -> None:
         self.lease: Lease | None = None
-        """Lease that the page holds."""
+        """Lease held by the page."""
         self._pending: _PendingRequest | None = None
         self._operator = operator
         self._executor = executor
@@ -168,11 +169,13 @@ class LeaseClient:
         self._renewing: asyncio.Task[None] | None = None
 
     def on_heartbeat(self) -> None:
-        """Register a heartbeat of the page."""
+        """Record a heartbeat of the page."""
         self._heartbeat_s = time.monotonic()
 
     def start_request(self, what: str, work: Coroutine[Any, Any, Reply]) -> bool:
-        """Start `work` and reply with its result; return False if a request is already running."""
+        """Start `work` and send its result as the reply; return False if another request is
+        running.
+        """
         if self._request is not None and not self._request.done():
             work.close()
             self._send_reply(
@@ -186,21 +189,21 @@ class LeaseClient:
         try:
             reply = await work
         except TwinError as error:
-            # Of a refusal, the robot's own sentence.
+            # If refused, the robot's reason.
             refused = isinstance(error, ControlDenied | RequestRefused)
             reply = Reply(False, error.reason if refused else str(error))
         self._send_reply(ActionReply(to=what, ok=reply.ok, reason=reply.reason))
 
     async def close(self) -> None:
-        """Finish the running request, which may acquire the lease, and release the lease."""
+        """Finish the running request, which may acquire the lease, then release the lease."""
         if self._request is not None:
             await asyncio.wait([self._request])
         await self.release_lease()
 
-    # The status of the robot.
+    # Robot status.
 
     def lost_lease(self) -> str | None:
-        """Forget the lease when the robot says that it has ended, and return why."""
+        """Clear the lease if the robot reports its end; return the reason."""
         lease = self.lease
         if lease is None:
             return None
@@ -213,7 +216,7 @@ class LeaseClient:
         return lease.protocol.lost_reason
 
     def on_lease_status(self, lease: LeaseStatus) -> None:
-        """Acquire the lease once the holder has granted it, if the page is alive."""
+        """Acquire the lease once its holder has granted it, if the page is alive."""
         pending = self._pending
         if pending is None or (self._request is not None and not self._request.done()):
             return
@@ -259,7 +262,7 @@ class LeaseClient:
         return Reply(reply.done, reply.reason)
 
     async def _begin(self, link: RobotMonitor) -> ControlProtocol:
-        """Release what is held, and return the protocol of a new lease."""
+        """Release the current lease and return the protocol for a new one."""
         self._release_controls("control is asked for")
         await self.release_lease()
         protocol, snapshot = ControlProtocol(link.id, link.robot, self._operator), link.snapshot
@@ -277,7 +280,7 @@ class LeaseClient:
         return Reply(False, "the robot does not answer") if reply is None else _done(reply)
 
     async def answer_request(self, op: Literal["grant", "deny"], asker: str | None) -> Reply:
-        """Grant or deny a pending request; a grant releases the controls first."""
+        """Grant or deny a pending request; before a grant, release the controls."""
         lease = self.lease
         if lease is None:
             return _NO_LEASE
@@ -306,7 +309,7 @@ class LeaseClient:
         return Reply(True)
 
     async def set_wheel_speed(self, cruise_speed_rpm: float) -> Reply:
-        """Request another wheel speed; the reply states the range."""
+        """Request a wheel speed; the reply states the range."""
         if self.lease is None:
             return _NO_LEASE
         setting = procedures.set_wheel_speed(self.lease.protocol, cruise_speed_rpm)

@@ -1,4 +1,4 @@
-"""Data of the map: poses of all robots on the floor, trails, planned paths, stop envelope."""
+"""Map data: robot poses, trails, planned paths and the stop envelope."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from tsd_twin.lie import SE2, Array
 
 TRAIL_SPACING_M = 0.05
 TRAIL_JUMP_M = 0.5
-"""A step this long is no motion: the pose was set. `static/map_trail.js` has the same two."""
+"""A longer step means that the pose was set. `static/map_trail.js` uses the same two constants."""
 TRAIL_POINTS = 800
 """The last 40 m."""
 STALE_S = 0.3
-"""A pose that is older is shown as old, as in the scene."""
+"""An older pose is shown as stale, as in the scene."""
 
 
 class MapTrail:
-    """Path of one estimate, thinned for the map."""
+    """Path of an estimate, thinned for the map."""
 
     def __init__(self) -> None:
         self.points: deque[FloorPoint | None] = deque(maxlen=TRAIL_POINTS)
-        """Oldest first; None where it begins anew."""
+        """Oldest first; None separates discontinuous parts."""
         self._last: FloorPoint | None = None
 
     def add(self, x_m: float, y_m: float) -> None:
-        """Append a position, if it is far enough from the last one."""
+        """Append a position if it is far enough from the last one."""
         here = round(x_m, 3), round(y_m, 3)
         step_m = math.inf if self._last is None else math.dist(here, self._last)
         if step_m < TRAIL_SPACING_M:
@@ -43,15 +43,15 @@ class MapTrail:
         self._last = here
 
     def clear(self) -> None:
-        """Forget the path."""
+        """Clear the path."""
         self.points.clear()
         self._last = None
 
 
 class MapData:
-    """Data of the map, and the scene of the pages that it belongs to; event loop only.
+    """Map data and the scene of its pages; event loop only.
 
-    It takes the planned paths on their way to the scene, so that both show the same ones.
+    Planned paths pass through this class to the scene, so that both show the same ones.
     """
 
     def __init__(
@@ -61,8 +61,8 @@ class MapData:
         on_lines: Callable[[], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`links` returns the clients of all robots; `on_lines` is called after a path has
-        changed; `clock` is that of the times at which their states were received.
+        """`links` returns the clients of all robots; `on_lines` is called when a path has changed;
+        `clock` must be the clock of the states' receive times.
         """
         self._links, self._scene, self._on_lines = links, scene, on_lines
         self._clock = clock
@@ -70,17 +70,17 @@ class MapData:
         self._routes: dict[str, list[FloorPoint]] = {}
 
     def on_status(self, robot_id: str) -> None:
-        """Continue the trail of a robot that has sent something."""
+        """Extend the trail of a robot after a new state."""
         pose = self._pose(robot_id)
         if pose is not None:
             self.extend_trail(robot_id, float(pose[0]), float(pose[1]))
 
     def extend_trail(self, robot_id: str, x_m: float, y_m: float) -> None:
-        """Continue the trail of a robot to a place in `odom`."""
+        """Extend the trail of a robot to a position in `odom`."""
         self._trails.setdefault(robot_id, MapTrail()).add(x_m, y_m)
 
     def on_robots_changed(self) -> None:
-        """Forget robots that have left."""
+        """Remove the data of disconnected robots."""
         for kept in (self._trails, self._routes):
             for robot_id in kept.keys() - self._links().keys():
                 del kept[robot_id]
@@ -91,7 +91,7 @@ class MapData:
             trail.clear()
 
     def state(self, shown: str) -> MapState:
-        """Return what moves; `shown` is the robot that the page shows."""
+        """Return the moving elements of the map; the page shows robot `shown`."""
         now_s = self._clock()
         robots: list[MapRobot] = []
         for robot_id, link in self._links().items():
@@ -105,7 +105,7 @@ class MapData:
         return MapState(robots, None if envelope is None else _points(envelope))
 
     def lines(self, *, trails: bool) -> MapLines:
-        """Return planned paths, and on request the trails."""
+        """Return planned paths and, if requested, trails."""
         points = {robot_id: list(trail.points) for robot_id, trail in self._trails.items()}
         return MapLines(routes=self._routes, trails=points if trails else None)
 
@@ -115,16 +115,14 @@ class MapData:
             return None
         return link.snapshot.odom.xy_heading
 
-    # The scene of the pages.
+    # Scene of the pages.
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Floor points (m, 2) in `odom` at screen positions of a page, as `floor_points`."""
+        """Return floor points (m, 2) in `odom` at screen positions; see `floor_points`."""
         return self._scene.pick_floor(page, shares)
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
-        """Show the planned path of a robot, poses (n, 3) in `odom`, on all pages; None removes
-        it.
-        """
+        """Show a planned path, poses (n, 3) in `odom`, on all pages; None removes it."""
         if poses is None:
             self._routes.pop(robot_id, None)
         else:
@@ -137,7 +135,7 @@ class MapData:
         self._scene.apply_view(page, settings, look=look)
 
     def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
+        """Draw the past pose of a page's robot next to the live one; None removes it."""
         self._scene.show_past(page, past, ago_s)
 
 

@@ -1,4 +1,4 @@
-"""Messages from the page to the dashboard server, as `docs/teleop.md` specifies them."""
+"""Messages from the page to the dashboard server, specified in `docs/teleop.md`."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tsd_twin.recording.events import NOTE_LENGTH
 from tsd_twin.recording.player import LEAST_SPEED, MOST_SPEED
 
 Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
-"""A number that a browser can hold exactly."""
+"""An integer that JavaScript represents exactly."""
 Triple: TypeAlias = tuple[float, float, float]
 Coordinate: TypeAlias = Annotated[float, Meta(ge=-1e4, le=1e4)]
-"""A number of which nothing overflows: metres, radians, or shares of a picture."""
+"""Metres, radians or picture fractions, bounded to avoid overflow."""
 Level: TypeAlias = Annotated[int, Meta(ge=1, le=100)]
-"""Percent of the limits in force."""
+"""Percentage of the active limits."""
 MAX_POINTS = 256
-"""Of a line that is drawn."""
+"""Maximum number of points of a drawn line."""
 MAX_PLOT_FIELDS, MAX_FIELD_NAME = 16, 100
 
 
@@ -30,7 +30,7 @@ class Message(msgspec.Struct, frozen=True, tag_field="t", kw_only=True):
 
 
 class DriveCommand(Message, frozen=True, tag="drive"):
-    """Drive command: twist in m/s and rad/s in `frame`; of a sphere wx, wy and wz, rad/s."""
+    """Drive command: twist in m/s and rad/s in `frame`; for spheres wx, wy, wz in rad/s."""
 
     vx: float
     vy: float
@@ -46,11 +46,11 @@ class PlanRequest(Message, frozen=True, tag="plan"):
     points: Annotated[
         list[tuple[Coordinate, Coordinate]], Meta(min_length=1, max_length=MAX_POINTS)
     ]
-    """Of `to` the place, and then one that shall be looked at on arrival; of `draw` all."""
+    """For `to`, the goal and optionally a point to face on arrival; for `draw`, the whole line."""
     on: Literal["floor", "picture"]
-    """Metres in `odom`, or shares of the picture, right and down from its upper left corner."""
+    """Metres in `odom`, or picture fractions to the right and down from the upper left corner."""
     heading: Coordinate | None = None
-    """Heading on arrival, radians in `odom`; null keeps the present one."""
+    """Heading on arrival in `odom`, radians; null keeps the current heading."""
     level: Level = 100
 
 
@@ -68,7 +68,7 @@ class FollowPlan(Message, frozen=True, tag="follow_plan"):
     """Command to follow the planned path; like `drive`, it must be repeated."""
 
     route: Count
-    """Number of the way, which is another one after each planning."""
+    """Number of the path, which changes with each planning."""
     seen: Count
 
 
@@ -94,7 +94,7 @@ class LeaseAction(Message, frozen=True, tag="lease"):
     op: Literal["acquire", "release", "request", "withdraw", "grant", "deny"]
     take_over: bool = False
     reason: ShortText = ""
-    """Why it is taken over."""
+    """Reason for taking over."""
     asker: Operator | None = None
     """Requesting operator, for grant and deny."""
     max_age_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
@@ -113,7 +113,7 @@ class ResetRequest(Message, frozen=True, tag="reset"):
 
 
 class SetWheelSpeed(Message, frozen=True, tag="wheel_speed"):
-    """Request of another speed for wheels that always spin."""
+    """Request to change the speed of continuously spinning wheels."""
 
     cruise_speed_rpm: float
 
@@ -129,56 +129,56 @@ class SelectRobot(Message, frozen=True, tag="robot"):
 
 
 class SelectPlotFields(Message, frozen=True, tag="plot_fields"):
-    """Request of values for the plots of this page, with every state of the selected robot."""
+    """Request for plot values with every state of the selected robot."""
 
     names: Annotated[
         list[Annotated[str, Meta(max_length=MAX_FIELD_NAME)]], Meta(max_length=MAX_PLOT_FIELDS)
     ]
-    """Of `RobotInfo.plot_fields`; unknown names are ignored."""
+    """Names from `RobotInfo.plot_fields`; unknown names are ignored."""
 
 
 class SetView(Message, frozen=True, tag="view"):
-    """Apply view settings: those that the browser has kept, or a key or a preset of the page."""
+    """View settings to apply: stored by the browser, or set by a key or preset of the page."""
 
     settings: ViewSettings
     look: bool = False
-    """Whether the camera turns to the robot even if its preset stays."""
+    """Whether the camera turns to the robot even if its preset does not change."""
 
 
 class ShowMap(Message, frozen=True, tag="map"):
-    """Request of what the map shows, with every state while it is `on`."""
+    """Request for map data with every state while `on`."""
 
     on: bool
 
 
 LOOK_BACK_S = 30.0
-"""Time for which the past of a robot is kept."""
+"""Duration of the stored history of a robot."""
 
 
 class LookBack(Message, frozen=True, tag="look_back"):
-    """Request to draw the robot as it was some seconds ago beside the live one; null ends it."""
+    """Request to draw a past state of the robot next to the live one; null ends it."""
 
     ago_s: Annotated[float, Meta(ge=0.1, le=LOOK_BACK_S)] | None
 
 
 class ShowShadow(Message, frozen=True, tag="shadow"):
-    """Request of the comparison with the shadow twin, with every state while it is `on`."""
+    """Request for the comparison with the shadow twin with every state while `on`."""
 
     on: bool
 
 
 class StudentRequest(Message, frozen=True, tag="student"):
-    """Request of the figures of a shipped robot with some knobs turned; it concerns no robot."""
+    """Request for the figures of a built-in robot with modified parameters."""
 
     number: Count
-    """Returned with the answer."""
+    """Returned in the reply."""
     base: Annotated[str, Meta(max_length=32)]
     knobs: Annotated[dict[Annotated[str, Meta(max_length=64)], float], Meta(max_length=64)]
-    """Changed numbers of the description, by their keys."""
+    """Modified numbers of the description by key."""
     twist: Triple = (0.0, 0.0, 0.0)
-    """Twist that the joints are computed for."""
+    """Twist for which the joint values are computed."""
     toml: bool = False
-    """Whether the answer shall have the description as a file."""
+    """Whether the reply includes the description as a TOML file."""
 
 
 PageMessage: TypeAlias = (
@@ -208,23 +208,23 @@ _DECODER = msgspec.json.Decoder(PageMessage)
 
 
 def decode_page_message(text: str | bytes) -> PageMessage:
-    """Return the message in a text frame.
+    """Decode the message in a text frame.
 
     Raises:
-        MessageError: `shape`, when it is none of the above.
+        MessageError: With code `shape` if it is not a valid message.
     """
     try:
         return _DECODER.decode(text)
-    # Text that is not UTF-8 and thousands of brackets are not among the errors of msgspec.
+    # msgspec does not wrap the errors for invalid UTF-8 and deep nesting.
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise MessageError("shape", str(error)) from error
 
 
-# From a page that shows a recording.
+# Messages from a page that shows a recording.
 
 
 class Seek(Message, frozen=True, tag="seek"):
-    """Request to show a time."""
+    """Request to show a time of the recording."""
 
     t_s: Annotated[float, Meta(ge=0.0, le=1e6)]
 
@@ -236,17 +236,17 @@ class Play(Message, frozen=True, tag="play"):
 
 
 class Pause(Message, frozen=True, tag="pause"):
-    """Request to stand still."""
+    """Request to pause."""
 
 
 class StepStatus(Message, frozen=True, tag="step"):
-    """Request to show the next status of the selected robot, or the one before."""
+    """Request to show the next or previous status of the selected robot."""
 
     back: bool = False
 
 
 class AddMark(Message, frozen=True, tag="mark"):
-    """Request to mark the time that is shown."""
+    """Request to annotate the current time."""
 
     note: Annotated[str, Meta(max_length=NOTE_LENGTH)]
 
@@ -266,4 +266,4 @@ RecordedPageMessage: TypeAlias = (
     | ShowShadow
     | StudentRequest
 )
-"""What such a page may send: nothing that moves a robot."""
+"""Messages accepted from such a page; none of them moves a robot."""

@@ -1,4 +1,4 @@
-"""Messages from the dashboard server to the page, as `docs/teleop.md` specifies them."""
+"""Messages from the dashboard server to the page, specified in `docs/teleop.md`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FloorPoint: TypeAlias = tuple[float, float]
 
 
 def encode_message(message: Any) -> str:
-    """Return the text frame of a message; numbers that are not finite become null."""
+    """Encode a message as a text frame; NaN and infinity become null."""
     return msgspec.json.encode(message).decode()
 
 
@@ -40,12 +40,12 @@ class TwistAxisInfo(msgspec.Struct, frozen=True):
 
 
 class WheelSpeedLimits(msgspec.Struct, frozen=True):
-    """Range of the speed of wheels that always spin, and the resulting limits."""
+    """Speed range of continuously spinning wheels, and the resulting limits."""
 
     least_rpm: int
     most_rpm: int
     usual_rpm: int
-    """That of the description."""
+    """Wheel speed from the description."""
     wheel_radius_m: float
     servo_step_deg: float
 
@@ -58,32 +58,32 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     limits: SpeedLimits
     levels: Sequence[int]
     space: Literal["floor", "sphere"]
-    """Pose type: a robot on a floor, or a sphere that is turned in place."""
+    """Pose type: a robot on a floor, or a sphere rotating in place."""
     twist_axes: Sequence[TwistAxisInfo]
-    """Of `drive`, `twist` and `commanded`, in this order."""
+    """Components of `drive`, `twist` and `commanded`, in this order."""
     twist_scale_m: float
-    """Metres a second that one unit of the first two numbers is; limits of speed are in m/s."""
+    """Metres per second per unit of the first two components; speed limits are in m/s."""
     panel: Literal["gimbals", "wheels", "sphere", "twist"]
     """Kind of the actuator tab."""
     max_tilt_deg: float | None = None
     modules: Sequence[str] = ()
     """Names of the gimbals."""
     wheel_speed_limits: WheelSpeedLimits | None = None
-    """Of robots on gimbals."""
+    """For robots with gimbals."""
     wheels: Sequence[str] = ()
-    """Names of the wheels that roll."""
+    """Names of the rolling wheels."""
     max_rpm: float | None = None
-    """Of those wheels."""
+    """Maximum speed of the rolling wheels."""
     alternative_estimate: str | None = None
-    """Source of the alternative estimate, of robots that have two."""
+    """Source of the alternative estimate, if the robot has one."""
     not_promised: Sequence[str] = ()
-    """What the rules cannot promise for a robot without our node on it, a sentence each."""
+    """Safety rules that cannot be guaranteed without our node on the robot, one sentence each."""
     plot_fields: Sequence[str] = ()
-    """Names of the values that a page can request for its plots; each ends with its unit."""
+    """Names of the values available for plots; each ends with its unit."""
 
 
 class GimbalState(msgspec.Struct, frozen=True):
-    """One gimbal; degrees."""
+    """State of a gimbal; angles in degrees."""
 
     alpha: float
     beta: float
@@ -93,7 +93,7 @@ class GimbalState(msgspec.Struct, frozen=True):
     set_alpha: float
     set_beta: float
     axle: tuple[float, float]
-    """Tilt direction of the axle, seen from above in `base_link`; length 1 is the tilt limit."""
+    """Tilt direction of the axle in `base_link`, seen from above; length 1 is the tilt limit."""
     set_axle: tuple[float, float]
     spinning: bool
 
@@ -104,24 +104,24 @@ class WheelState(msgspec.Struct, frozen=True):
     rpm: float
     set_rpm: float
     residual_mps: float
-    """Speed of its rim that no motion of the robot explains."""
+    """Rim speed not explained by the robot's motion."""
 
 
 class SphereState(msgspec.Struct, frozen=True):
-    """A sphere that turns in place; angular velocities in rad/s."""
+    """State of a sphere rotating in place; angular velocities in rad/s."""
 
     wxyz: tuple[float, float, float, float]
     """Orientation."""
     ideal: Triple
-    """Its angular velocity if each wheel touched half-way between its rows."""
+    """Angular velocity for ideal wheel contacts, midway between the rows of rollers."""
     dual: Triple | None
-    """And by the rows that do touch."""
+    """Angular velocity for the actual row contacts."""
     angle_deg: float | None
-    """Between the two."""
+    """Angle between the two angular velocities."""
     magnitude_percent: float | None
-    """By how much the first is smaller."""
+    """Amount by which `ideal` is smaller than `dual`, in percent of `dual`."""
     rows: Sequence[int]
-    """The row that each wheel stands on, 1 or 2; 0 when that cannot be told."""
+    """Row of rollers in contact per wheel, 1 or 2; 0 if unknown."""
 
 
 class EstimateDifference(msgspec.Struct, frozen=True):
@@ -132,7 +132,7 @@ class EstimateDifference(msgspec.Struct, frozen=True):
 
 
 class RouteState(msgspec.Struct, frozen=True):
-    """Planned path of this page, and progress along it."""
+    """Planned path of this page and its progress."""
 
     number: int
     phase: Literal["planning", "planned", "going", "arrived", "ended"]
@@ -141,9 +141,9 @@ class RouteState(msgspec.Struct, frozen=True):
     """Duration at the planned speed level."""
     done_m: float = 0.0
     off_mm: float = 0.0
-    """Between the robot and where it should be."""
+    """Distance between the robot and its planned position."""
     reason: str = ""
-    """Why it has ended."""
+    """Reason why the run has ended."""
 
 
 class MapRobot(msgspec.Struct, frozen=True):
@@ -153,22 +153,22 @@ class MapRobot(msgspec.Struct, frozen=True):
     pose: Triple
     """Estimate in `odom`."""
     reach_m: float
-    """Radius around its base."""
+    """Radius around the base."""
     stale: bool
-    """Whether it is silent: the pose is old."""
+    """Whether the pose is outdated because the robot is silent."""
 
 
 class MapState(msgspec.Struct, frozen=True):
-    """What moves on the map."""
+    """Moving elements of the map."""
 
     robots: Sequence[MapRobot]
-    """All that drive on the floor."""
+    """All robots that drive on the floor."""
     envelope: Sequence[FloorPoint] | None
-    """Stop envelope of the robot that the page shows, in the frame of that robot; null at rest."""
+    """Stop envelope of the selected robot in its frame; null at rest."""
 
 
 class PastState(msgspec.Struct, frozen=True):
-    """What the robot was doing some seconds ago, while its past is drawn."""
+    """Past state of the robot while it is drawn."""
 
     ago_s: float
     mode: str
@@ -181,18 +181,18 @@ class RobotState(Message, frozen=True, tag="state"):
 
     seen: int
     robot_s: float
-    """Time of the robot's monotonic clock when it sent the status."""
+    """Monotonic time of the robot when it sent the status."""
     age_ms: float
     source: Source
-    """Only states of a `robot` show that it is stopped."""
+    """Only states from a `robot` confirm that it has stopped."""
     status: Status
     mode_age_s: float
-    """For how long the robot has been in its mode, as far as the gateway knows."""
+    """Time in the current mode, as observed by the gateway."""
     you: bool
     robot_ms: float | None
-    """Round trip from here to the robot, median of the last ones."""
+    """Median recent round-trip time between the gateway and the robot."""
     robot_jitter_ms: float | None
-    """95th percentile minus median of them."""
+    """95th percentile minus median of the recent round-trip times."""
     pose: Triple | None
     twist: Triple | None
     commanded: Triple | None
@@ -205,25 +205,27 @@ class RobotState(Message, frozen=True, tag="state"):
     plot: Mapping[str, float | None] = {}
     """Values that this page has requested for its plots."""
     map: MapState | None = None
-    """While the page shows its map."""
+    """Present while the page shows the map."""
     past: PastState | None = None
-    """While the page draws the past beside it."""
+    """Present while the page draws the past state."""
     shadow: ShadowReport | None = None
-    """While the page shows it."""
+    """Present while the page shows the comparison."""
 
 
 class MapLines(Message, frozen=True, tag="map_lines"):
-    """Lines of the map; sent when it is opened, and when another path or no path is planned."""
+    """Lines of the map, sent when it is opened and when the planned paths change."""
 
     routes: Mapping[str, Sequence[FloorPoint]]
     """Planned paths of all pages, in `odom`, by robot."""
     trails: Mapping[str, Sequence[FloorPoint | None]] | None
-    """Paths of the estimates by robot, with null where one begins anew; the page continues them.
-    Without a value they stay as they are."""
+    """Paths of the estimates by robot, with null between discontinuous parts.
+
+    The page extends them; null leaves the current ones unchanged.
+    """
 
 
 class ViewChanged(Message, frozen=True, tag="view"):
-    """View settings that were changed in the panel, for the page to keep."""
+    """View settings changed in the panel, which the page should store."""
 
     settings: ViewSettings
 
@@ -234,7 +236,7 @@ class RobotName(msgspec.Struct, frozen=True):
     id: str
     title: str
     colour: str
-    """As `#rrggbb`; that of the robot in the scene."""
+    """Colour of the robot in the scene, as `#rrggbb`."""
 
 
 class SessionInfo(Message, frozen=True, tag="welcome"):
@@ -243,7 +245,7 @@ class SessionInfo(Message, frozen=True, tag="welcome"):
     operator: str
     role: Role
     user: str | None
-    """Logged-in user; None when no login is required."""
+    """Logged-in user, or None if no login is required."""
     may_stop: bool
     robots: Sequence[RobotName]
     robot: str | None
@@ -260,15 +262,15 @@ class PanelSliders(Message, frozen=True, tag="panel_sliders"):
 
 
 class SphereClick(Message, frozen=True, tag="sphere_click"):
-    """Click on a point of the sphere, which the operator wants on top."""
+    """Click on the point of the sphere that should turn to the top."""
 
     robot: str
     at: Triple
-    """Unit vector to it, along the axes that are painted on the ball."""
+    """Unit vector to the point, along the axes painted on the ball."""
 
 
 class ControlsReleased(Message, frozen=True, tag="released"):
-    """The server has released the controls; they must be centred first."""
+    """The server has released the controls; the page must centre them before they act again."""
 
     reason: str
 
@@ -288,9 +290,9 @@ class RobotEvent(Message, frozen=True, tag="event"):
     text: str
     robot_s: float
     past: bool = False
-    """It happened before the page selected the robot."""
+    """Whether it happened before the page selected the robot."""
     age_s: float = 0.0
-    """Time since the dashboard received it: pages show all times on their own clock."""
+    """Time since the dashboard received it; pages convert all times to their own clock."""
 
     @classmethod
     def of(cls, event: Event, *, past: bool = False, age_s: float = 0.0) -> RobotEvent:
@@ -305,21 +307,21 @@ class RobotEvent(Message, frozen=True, tag="event"):
 
 
 class StudentKnob(msgspec.Struct, frozen=True):
-    """Number of a description that can be changed."""
+    """Adjustable number of a description."""
 
     key: str
     label: str
     unit: str
     value: float
     usual: float
-    """Value in the shipped description."""
+    """Value in the built-in description."""
     least: float
     most: float
     step: float
 
 
 class StudentFigure(msgspec.Struct, frozen=True):
-    """Number that follows from the description."""
+    """Number derived from the description."""
 
     name: str
     value: float
@@ -342,11 +344,11 @@ class StudentWheel(msgspec.Struct, frozen=True):
     """Wheel of a variant at the requested twist, along the axes of the robot."""
 
     at: tuple[float, float]
-    """Where it touches, metres."""
+    """Contact point, metres."""
     push: tuple[float, float]
-    """Velocity of that place, m/s."""
+    """Velocity of the contact point, m/s."""
     direction_deg: float | None
-    """Where a wheel that turns forward drives to; None for wheels on gimbals."""
+    """Drive direction of a forward-turning wheel; None for wheels on gimbals."""
     rpm: float
     gimbal: Triple | None = None
     """alpha, beta and tilt in degrees."""
@@ -356,20 +358,20 @@ class StudentWheel(msgspec.Struct, frozen=True):
 
 
 class StudentFigures(msgspec.Struct, frozen=True):
-    """All that follows from a description and a twist."""
+    """All figures derived from a description and a twist."""
 
     axes: Sequence[TwistAxisInfo]
     tops: Triple
-    """Largest value of each component alone."""
+    """Maximum of each component alone."""
     figures: Sequence[StudentFigure]
     outlines: Sequence[StudentOutline]
     twist: Triple
-    """The requested twist, scaled as a whole to what the joints reach."""
+    """Requested twist, scaled down to the joint limits if necessary."""
     utilization: float
-    """Share of the joint limits that the requested twist needs; above 1 it is scaled."""
+    """Fraction of the joint limits needed by the requested twist; above 1 the twist is scaled."""
     wheels: Sequence[StudentWheel]
     radius_m: float
-    """Radius of the wheels."""
+    """Wheel radius."""
 
 
 class ShippedRobot(msgspec.Struct, frozen=True):
@@ -380,7 +382,7 @@ class ShippedRobot(msgspec.Struct, frozen=True):
 
 
 class StudentReply(Message, frozen=True, tag="student"):
-    """Answer to `StudentRequest`; an impossible description has a problem and mostly no figures."""
+    """Reply to `StudentRequest`; an impossible description has a problem and usually no figures."""
 
     number: int
     base: str
@@ -397,11 +399,11 @@ class HeartbeatReply(Message, frozen=True, tag="heartbeat"):
     sent_ms: float
 
 
-# To a page that shows a recording.
+# Messages to a page that shows a recording.
 
 
 class TimelineEvent(msgspec.Struct, frozen=True):
-    """Event or mark on the timeline."""
+    """Event or annotation on the timeline."""
 
     t_s: float
     robot: str
@@ -411,33 +413,33 @@ class TimelineEvent(msgspec.Struct, frozen=True):
 
 
 class Timeline(Message, frozen=True, tag="timeline"):
-    """The recording that a page shows."""
+    """Timeline of the recording."""
 
     name: str
     start_ms: int
-    """Wall clock of the recorder at its start."""
+    """Wall-clock time of the recorder at the start."""
     duration_s: float
     events: Sequence[TimelineEvent]
 
 
 class RecordedPath(msgspec.Struct, frozen=True):
-    """Path of a robot, for the small picture of a recording in the list."""
+    """Path of a robot for the preview in the list of recordings."""
 
     robot: str
     colour: str
     """As `#rrggbb`."""
     points: Sequence[FloorPoint]
-    """Places at equal times, in `odom`; none of a sphere."""
+    """Positions at equal time intervals in `odom`; empty for a sphere."""
 
 
 class PastStates(Message, frozen=True, tag="past"):
-    """States before the time that is shown, for plots, after a jump."""
+    """States before the current time of the recording, sent after a jump for the plots."""
 
     states: Sequence[RobotState]
 
 
 class Cursor(Message, frozen=True, tag="cursor"):
-    """Time that is shown."""
+    """Current time of the recording."""
 
     t_s: float
     playing: bool

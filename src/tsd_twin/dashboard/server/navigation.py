@@ -1,6 +1,4 @@
-"""Navigation of one page: path planning, the timed plan, and its execution while the button is
-held.
-"""
+"""Navigation for a page: path planning, timing and execution while the button is held."""
 
 from __future__ import annotations
 
@@ -28,14 +26,14 @@ from tsd_twin.motion.trajectory import Trajectory
 from tsd_twin.safety import LATCHED, Mode
 
 _MIN_DRAG_M = 0.05
-"""A shorter drag gives no heading."""
+"""Minimum length of a drag that sets a heading."""
 _START_TOLERANCE_M, _START_TOLERANCE_RAD = 0.03, 0.05
-"""Tolerance between the robot and the start of its plan."""
+"""Position and heading tolerance between the robot and the start of its plan."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedPlan:
-    """Timed plan: a trajectory from the current pose of the robot."""
+    """Trajectory from the robot's pose at planning time."""
 
     number: int
     start: SE2
@@ -43,7 +41,7 @@ class TimedPlan:
     trajectory: Trajectory
 
     def is_valid(self, pose: SE2, limits_used: PlanLimits) -> bool:
-        """Return whether it still starts at the robot's pose, and is timed with the same limits."""
+        """Return whether it still starts at the robot's pose and uses the same limits."""
         off = pose.xy_heading - self.start.xy_heading
         stands = (
             bool(np.hypot(off[0], off[1]) < _START_TOLERANCE_M)
@@ -56,7 +54,7 @@ class TimedPlan:
         phase: Literal["planned", "going", "arrived", "ended"],
         step: ExecutionStep | None = None,
     ) -> RouteState:
-        """Return the route state for the page, after a step if there was one."""
+        """Return the route state for the page, after an execution step if one is given."""
         return RouteState(
             number=self.number,
             phase=phase,
@@ -69,10 +67,10 @@ class TimedPlan:
 
 
 def navigation_goal(request: PlanRequest, points: Array) -> NavigationGoal:
-    """Return the navigation goal of a request, with its floor points (n, 2).
+    """Return the navigation goal of a request with floor points (n, 2).
 
     Raises:
-        PathError: there are none.
+        PathError: If there are no floor points.
     """
     if not len(points):
         raise PathError("that is not on the floor")
@@ -85,7 +83,7 @@ def navigation_goal(request: PlanRequest, points: Array) -> NavigationGoal:
 
 
 def current_limits(link: RobotMonitor, level: int) -> PlanLimits:
-    """Return the limits in force, at a speed level in percent."""
+    """Return the active limits at a speed level in percent."""
     return PlanLimits.in_force(
         link.robot, link.kinematics, link.snapshot.status, share=0.01 * level
     )
@@ -97,11 +95,11 @@ _MOVING_MODES = (Mode.DRIVING, Mode.STOPPING)
 
 
 class NavigationSession:
-    """Navigation of one page: planning and path following; event loop only.
+    """Path planning and following for one page; event loop only.
 
-    Only `step` moves the robot; it is called while the page reports the button as held. When that
-    ends, the run ends: the remaining path is planned again from the pose at rest with a new number,
-    so that a button that is still held does not continue it.
+    Only `step` moves the robot, and it is called only while the page reports the button as held.
+    When that ends, the remaining path is planned again from the pose at rest and with a new number,
+    so that a button that is still held does not resume the motion.
     """
 
     def __init__(
@@ -143,9 +141,7 @@ class NavigationSession:
     # Requests of the page.
 
     def request_plan(self, link: RobotMonitor, message: PlanRequest) -> None:
-        """Plan a path for a robot that this page controls; a new request replaces the previous
-        one.
-        """
+        """Plan a path for a robot controlled by this page, replacing any previous request."""
         self.clear()
         if link.kinematics.pose_type is not SE2:
             self._reject("this robot turns in place and follows no path")
@@ -158,7 +154,7 @@ class NavigationSession:
         self._start(self._set_goal(message))
 
     def set_speed_level(self, level: int) -> None:
-        """Set the speed level; a plan that is not being followed is timed again."""
+        """Set the speed level; a plan that is not being followed is retimed."""
         self._speed_level_percent = level
         if self._follower is None:
             self._timed_plan = None
@@ -173,7 +169,7 @@ class NavigationSession:
     # Execution.
 
     def update(self) -> None:
-        """Start planning, when a request is pending and the robot is at rest."""
+        """Start a pending plan when the robot is at rest."""
         link, timed_plan = self._link, self._timed_plan
         if link is None:
             return
@@ -187,7 +183,7 @@ class NavigationSession:
             return
         if self._started and self._navigation_goal.is_done(
             SE2(odom.xy_heading)
-        ):  # Let go of at the very end.
+        ):  # The button was released just before the end.
             off_mm = 1000.0 * math.dist(self._navigation_goal.points[-1], odom.xy_heading[:2])
             self._finish(RouteState(self._plan_count, "arrived", 0.0, 0.0, off_mm=round(off_mm, 1)))
             return
@@ -197,7 +193,7 @@ class NavigationSession:
             self._start(self._plan(link, self._navigation_goal, SE2(odom.xy_heading), limits))
 
     def pause(self) -> None:
-        """Handle release of the button: the remaining path is planned again."""
+        """Handle release of the button; the remaining path is planned again."""
         timed_plan, step = self._timed_plan, self._step
         if self._follower is None or timed_plan is None or self._navigation_goal is None:
             return
@@ -216,13 +212,19 @@ class NavigationSession:
         now_s: float,
         delay_s: float | None = None,
     ) -> ExecutionStep:
-        """Return the command while the button is held, and the state of plan `number`.
+        """Return the command and the plan's state while the button is held.
 
-        `link` is the robot to command; a plan of another robot is ignored. `delay_s` is the delay
-        from a command to its effect in a state, as it is measured now; None if that is unknown.
+        Args:
+            link: Robot to command.
+            number: Number of the plan to follow.
+            max_age_s: Maximum age of the pose.
+            now_s: Monotonic time.
+            delay_s: Currently measured delay from a command to its effect in a state, or None if
+                unknown.
 
         Raises:
-            PathError: it cannot be started, or was aborted, with the reason.
+            PathError: If the plan is outdated or for another robot, cannot be started, or was
+                aborted.
         """
         timed_plan = self._timed_plan
         if timed_plan is None or link is not self._link or timed_plan.number != number:

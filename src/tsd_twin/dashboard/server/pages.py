@@ -1,6 +1,4 @@
-"""Pages of the dashboard server: index page, login page with its strictly parsed form, and their
-routes.
-"""
+"""Index and login pages of the dashboard, their routes and the strict login form parser."""
 
 from __future__ import annotations
 
@@ -24,9 +22,9 @@ from tsd_twin.errors import TwinError
 from tsd_twin.security import User
 
 STATIC = Path(__file__).parents[1] / "static"
-"""Our scripts and styles."""
+"""Scripts and styles of the dashboard."""
 BLOCKED_PARAMETERS = frozenset({"websocket", "playbackPath"})
-"""Query parameters by which a link could make viser's client obey a foreign server."""
+"""Query parameters with which a link could connect viser's client to a foreign server."""
 
 _FIRST_SCRIPTS = (
     '<script src="static/boot.js"></script><script src="static/render_throttle.js"></script>'
@@ -35,13 +33,13 @@ _LAST_SCRIPTS = '<script type="module" src="static/overlay.js"></script>'
 
 
 class IndexPage:
-    """Index page: viser's client from the installed package, with our scripts."""
+    """viser's client page from the installed package with the dashboard's scripts added."""
 
     def __init__(self) -> None:
-        """Read it.
+        """Read the page from the viser package.
 
         Raises:
-            TwinError: the package has no client that scripts can be added to.
+            TwinError: If the page has no place to insert scripts.
         """
         file = Path(viser.__file__).parent / "client" / "build" / "index.html"
         try:
@@ -75,18 +73,18 @@ class IndexPage:
 
 
 def with_scripts(html: str) -> str:
-    """Return the page with our scripts: two before all others, one at the end of the head.
+    """Return the page with two scripts inserted before all others and one at the end of the head.
 
     Raises:
-        ValueError: it has no head.
+        ValueError: If the page has no head.
     """
-    # The client's own code, in the head, may mention the end of a head: the last one is the end.
+    # Use the last `</head>`, because the client's inline code may contain another.
     start, end = html.index("<head>") + len("<head>"), html.rindex("</head>")
     return html[:start] + _FIRST_SCRIPTS + html[start:end] + _LAST_SCRIPTS + html[end:]
 
 
 def without_blocked_parameters(request: web.Request) -> str:
-    """Return the same address, relative, without the parameters that are stripped."""
+    """Return the relative address without the blocked parameters."""
     kept = [(key, value) for key, value in request.query.items() if key not in BLOCKED_PARAMETERS]
     return "?" + request.url.with_query(kept).raw_query_string
 
@@ -94,19 +92,19 @@ def without_blocked_parameters(request: web.Request) -> str:
 _TYPE = "application/x-www-form-urlencoded"
 _FIELDS = ("name", "password")
 READ_S = 10.0
-"""Time-out for reading a login form."""
+"""Timeout for reading a login form."""
 
 
 class LoginFormError(Exception):
-    """Invalid body of a login form; its text is one sentence."""
+    """Invalid body of a login form; the message is one sentence."""
 
 
 async def name_and_password(request: web.Request) -> tuple[str, str]:
     """Return name and password from the form of a request.
 
     Raises:
-        FormError: this is not the form, it has other fields, or is not in UTF-8.
-        TimeoutError: it did not come within `READ_S`.
+        LoginFormError: If the body is not this form, has other fields, or is not UTF-8.
+        TimeoutError: If the form does not arrive within `READ_S`.
     """
     kind, _, parameters = request.headers.get("Content-Type", "").lower().partition(";")
     charset = parameters.strip().replace('"', "")
@@ -125,10 +123,10 @@ async def name_and_password(request: web.Request) -> tuple[str, str]:
 
 
 def parse_login_form(body: bytes) -> tuple[str, str]:
-    """Return name and password of a form.
+    """Parse the name and password of a form.
 
     Raises:
-        FormError: it has other fields, one of them twice, or is not in UTF-8.
+        LoginFormError: If a field is missing, unknown or repeated, or the body is not UTF-8.
     """
     try:
         pairs = parse_qsl(
@@ -138,7 +136,7 @@ def parse_login_form(body: bytes) -> tuple[str, str]:
             errors="strict",
             max_num_fields=len(_FIELDS),
         )
-    except ValueError:  # UnicodeError is one.
+    except ValueError:  # Includes UnicodeError.
         raise LoginFormError("This is not the form of the login page.") from None
     if sorted(key for key, _ in pairs) != list(_FIELDS):
         raise LoginFormError("A login has a name and a password, and nothing else.")
@@ -148,14 +146,14 @@ def parse_login_form(body: bytes) -> tuple[str, str]:
 
 _TEMPLATES = Path(__file__).parent
 _MAX_PENDING_LOGINS = 8
-"""Passwords that wait to be checked, one at a time: each takes 64 MiB and a processor's time."""
+"""Maximum number of passwords in the queue; checking one takes 64 MiB and a CPU core."""
 _TOO_MANY = "Too many wrong passwords"
 _HOME = "./"
-"""Relative to `login` and `logout`: a proxy may add a prefix."""
+"""Relative to `login` and `logout`, because a proxy may add a prefix."""
 
 
 class LoginRoutes:
-    """Routes of the login page, of login and logout."""
+    """Routes of the login page, login and logout."""
 
     def __init__(self, auth: AuthMiddleware) -> None:
         self._auth = auth
@@ -168,22 +166,23 @@ class LoginRoutes:
                 f"default-src 'none'; style-src 'sha256-{digest}'; form-action 'self'; "
                 "base-uri 'none'; frame-ancestors 'none'"
             ),
-            # With no-referrer a browser would send `Origin: null` with the form.
+            # With no-referrer, browsers would send `Origin: null` with the form.
             "Referrer-Policy": "same-origin",
             "Cache-Control": "no-store",
         }
-        # On a thread beside the event loop that forwards commands, one at a time.
+        # Check one password at a time on a separate thread, because the event loop forwards
+        # commands.
         self._password_pool = ThreadPoolExecutor(1, "passwords")
         self._pending_checks = 0
 
     def add_to(self, router: web.UrlDispatcher) -> None:
-        """Answer `login` and `logout`."""
+        """Register the routes of `login` and `logout`."""
         router.add_get("/login", self._show)
         router.add_post("/login", self._log_in)
         router.add_post("/logout", self._log_out)
 
     def close(self) -> None:
-        """Shut down the thread that checks passwords."""
+        """Shut down the password thread."""
         self._password_pool.shutdown(wait=False, cancel_futures=True)
 
     async def _show(self, request: web.Request) -> web.StreamResponse:
@@ -208,7 +207,7 @@ class LoginRoutes:
             )
         except TimeoutError:
             return self._last(self._page("The form took too long to come.", status=408))
-        # A phone may write names with a capital and a space after them.
+        # Phones may capitalise names and append a space.
         name = name.strip().lower()[:64]
         if self._pending_checks >= _MAX_PENDING_LOGINS:
             return self._page("Too many people try to log in at once", name, wait_s=1.0)
@@ -258,7 +257,7 @@ class LoginRoutes:
         return response
 
     def _last(self, response: web.Response) -> web.Response:
-        """Return a response that closes the connection: the rest of the body is not read."""
+        """Return a response that closes the connection without reading the rest of the body."""
         response.force_close()
         return response
 

@@ -1,4 +1,4 @@
-"""Pages that show recordings: their list, and a view and a session for each page."""
+"""Pages that show recordings, each with its own view and session, and the list of recordings."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from tsd_twin.recording.folder import Catalogue
 from tsd_twin.recording.remote import ReaderProcesses, RemoteFolderReader, RemoteReader
 
 MOST_VIEWS = 5
-"""Pages that show recordings at the same time; each has a scene in memory."""
+"""Maximum number of pages that show recordings; each keeps a scene in memory."""
 LINGER_S = 3.0
-"""A view stays for so long without a socket: both of a page come and go by themselves."""
+"""Time a view stays open without sockets, because a page reconnects its two sockets separately."""
 _PATH_POINTS = 64
 _PATHS_KEPT = 256
 _PATH_BYTES = 1 << 20
-"""The picture of a recording that is being written is made anew when it has grown by so much."""
+"""Growth after which the path preview of an unfinished recording is computed again."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}\.mcap")
 
 
 class RecordedPages:
-    """All pages that show recordings of one folder; on the event loop."""
+    """All pages that show recordings in a folder; event loop only."""
 
     def __init__(self, folder: Path, stop_all: Callable[[str], Awaitable[Reply]]) -> None:
         self._folder = folder
@@ -88,7 +88,7 @@ class RecordedPages:
         )
 
     async def serve_path(self, request: web.Request) -> web.StreamResponse:
-        """Answer `GET recordings/<name>/path`: where the robots drove, as JSON."""
+        """Answer `GET recordings/<name>/path` with the paths of the robots as JSON."""
         path = self._file(request.match_info["name"])
         try:
             async with self._listing:
@@ -108,7 +108,7 @@ class RecordedPages:
         """Return the paths of all robots of a recording as JSON.
 
         Raises:
-            RecordingError: it is none.
+            RecordingError: If the file is not a recording.
         """
         roster = RobotRoster()
         tracks = self._reader.track(path, _PATH_POINTS + 1)
@@ -132,17 +132,17 @@ class RecordedPages:
     async def view(
         self, page: str, name: str, principal: Principal
     ) -> AsyncGenerator[RecordedView]:
-        """View of a page, which is opened when its first socket comes.
+        """Context with the view of a page, opened for its first socket.
 
         Raises:
-            HTTPException: there is no such recording, it cannot be shown, or too many are open.
+            HTTPException: If the recording is missing or cannot be shown, or too many are open.
         """
         owner = self._owners.get(page)
         if owner is not None and owner.key != principal.key:
             raise web.HTTPForbidden(text="This page belongs to another login.")
         if page not in self._views:
             path = self._file(name)
-            if len(self._views) >= MOST_VIEWS:  # Those that linger give way.
+            if len(self._views) >= MOST_VIEWS:  # Close idle views first.
                 idle = [each for each in self._views if not self._uses.get(each)]
                 await asyncio.gather(*(self._close(each) for each in idle))
             if len(self._views) >= MOST_VIEWS:
@@ -193,7 +193,7 @@ class RecordedPages:
             if self._sessions.get(page) is session:
                 del self._sessions[page]
 
-    # On threads of viser.
+    # Called on viser's threads.
 
     def _on_robot(self, page: str, robot_id: str) -> None:
         self._with_session(page, lambda session: session.select_robot(robot_id))
@@ -207,7 +207,7 @@ class RecordedPages:
                 act(session)
 
         if self._loop is not None:
-            with contextlib.suppress(RuntimeError):  # The loop has just been closed.
+            with contextlib.suppress(RuntimeError):  # The loop may have closed.
                 self._loop.call_soon_threadsafe(call)
 
     async def _close_unused(self, page: str) -> None:
@@ -221,6 +221,6 @@ class RecordedPages:
         self._uses.pop(page, None)
         self._owners.pop(page, None)
         if task is not None:
-            with contextlib.suppress(Exception):  # It could not be opened.
+            with contextlib.suppress(Exception):  # Opening may have failed.
                 view = await task
                 await asyncio.to_thread(view.close)

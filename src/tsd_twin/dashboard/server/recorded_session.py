@@ -1,4 +1,4 @@
-"""Session of a page that shows a recording: it can look, mark, and stop the live robots."""
+"""Session of a page that shows a recording; it can view, annotate, and stop the live robots."""
 
 from __future__ import annotations
 
@@ -55,34 +55,34 @@ from tsd_twin.recording.player import Player, RecordedRobot
 from tsd_twin.security import Role
 
 PAST_S, PAST_HZ = 20.0, 5.0
-"""States before the cursor that plots get after a jump."""
+"""Duration and rate of the past states sent for plots after a jump."""
 _SETTLED_S = 0.25
-"""Time after the last jump of a scrub."""
+"""Time after the last jump before past states are sent."""
 REFUSAL = "this is a recording: press L for the live robots"
 _DECODER = msgspec.json.Decoder(RecordedPageMessage)
 _STATE_EVERY = 2
-"""Frames from one state to the next."""
+"""Frames per state."""
 _GROWN_S = 5.0
-"""The timeline of a recording that is being written is sent again when it is longer by this."""
+"""Growth after which the timeline of an unfinished recording is sent again."""
 
 
 class _ViewScene(EmptyPageScene):
-    """Scene of a view, as the map needs it."""
+    """Scene of a recorded view, as the map data uses it."""
 
     def __init__(self, view: RecordedView) -> None:
         self._scene = view.scene
 
     def envelope(self, robot_id: str) -> Array | None:
-        """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""
+        """Return the drawn stop envelope (n, 2) in the robot's frame; None at rest."""
         return self._scene.envelope(robot_id)
 
     def reach_m(self, robot_id: str) -> float:
-        """Radius of a robot around its base."""
+        """Return the radius of a robot around its base."""
         return self._scene.reach_m(robot_id)
 
 
 class RecordedSession(PageSession):
-    """Session of one page with its view; on the event loop."""
+    """Session for a page with a recorded view; event loop only."""
 
     def __init__(
         self,
@@ -98,7 +98,7 @@ class RecordedSession(PageSession):
         self._view = view
         self._stop_all = stop_all
         self._telemetry = {
-            # A recorded robot has all of a live one that is shown.
+            # A recorded robot has every attribute of a live one that telemetry uses.
             robot.id: RobotTelemetry(cast("RobotMonitor", robot))
             for robot in view.player.robots.values()
         }
@@ -121,7 +121,7 @@ class RecordedSession(PageSession):
         )
 
     async def open(self) -> None:
-        """Tell the page about the recording, and go on with what is shown."""
+        """Send the page the recording's data, and start showing it."""
         roster = self._view.roster
         self._send(
             SessionInfo(
@@ -145,17 +145,17 @@ class RecordedSession(PageSession):
         self._view.on_shown = self._on_shown
 
     def close(self) -> None:
-        """End."""
+        """End the session."""
         self._view.on_shown = lambda _jumped: None
         if self._settling is not None:
             self._settling.cancel()
         for task in self._tasks:
             task.cancel()
 
-    # From the page.
+    # Messages from the page.
 
     def receive(self, text: str | bytes) -> None:
-        """Handle one message; what would move a robot is refused."""
+        """Handle a message; messages that would move a robot are refused."""
         try:
             message: RecordedPageMessage = _DECODER.decode(text)
         except (msgspec.DecodeError, UnicodeError, RecursionError):
@@ -174,7 +174,7 @@ class RecordedSession(PageSession):
             case SelectRobot() | SelectPlotFields() | ShowMap() | SetView():
                 self._show_otherwise(message)
             case ShowShadow():
-                pass  # `tsd-lab health` compares recordings: a cursor that jumps cannot.
+                pass  # A shadow twin cannot follow jumps; use `tsd-lab health` for recordings.
             case Seek() | Play() | Pause() | StepStatus():
                 self._move(message)
 
@@ -204,7 +204,7 @@ class RecordedSession(PageSession):
                 self._view.step(back=message.back)
 
     def select_robot(self, robot_id: str) -> None:
-        """Show another robot of the recording."""
+        """Select another robot of the recording."""
         if robot_id in self._telemetry and robot_id != self._view.robot_id:
             self._plot_fields = ()
             self._view.select_robot(self.page, robot_id)
@@ -212,7 +212,7 @@ class RecordedSession(PageSession):
             self._send(self._telemetry[robot_id].info())
 
     def on_view(self, settings: ViewSettings) -> None:
-        """Send view settings that were changed in the panel, for the page to keep."""
+        """Send view settings changed in the panel, which the page should store."""
         self._send(ViewChanged(settings=settings))
 
     def _refuse(self, text: str | bytes) -> None:
@@ -259,7 +259,7 @@ class RecordedSession(PageSession):
         task.add_done_callback(self._tasks.discard)
         return task
 
-    # To the page.
+    # Messages to the page.
 
     async def _send_timeline(self) -> None:
         player = self._view.player
@@ -280,7 +280,7 @@ class RecordedSession(PageSession):
         )
 
     def _settle(self) -> None:
-        """Send the states before the time that is shown, once the last of several jumps is over."""
+        """Schedule sending the past states after the last of several jumps."""
         self._jumps += 1
         jump = self._jumps
         if self._settling is not None:
@@ -303,7 +303,7 @@ class RecordedSession(PageSession):
             self._send(self._map_data.lines(trails=True))
 
     def _past(self) -> list[RobotState]:
-        """States of the selected robot, from a player of their own: the view goes on meanwhile."""
+        """Return past states of the selected robot, read with a separate player."""
         view, robot_id = self._view, self._view.robot_id
         if self._past_player is None or robot_id not in self._past_player.robots:
             self._past_player = Player(view.player.path, robot_id, view.player.reader)
@@ -329,7 +329,7 @@ class RecordedSession(PageSession):
         return msgspec.structs.replace(state, plot=plot)
 
     def _on_shown(self, jumped: bool) -> None:
-        """On the thread of the view."""
+        """Schedule an update for the page; called on the view's thread."""
         if (next(self._frames) % _STATE_EVERY == 0 or jumped) and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._show)
 
@@ -348,7 +348,7 @@ class RecordedSession(PageSession):
         robot = view.player.robots[robot_id]
         state = self._state(self._telemetry[robot_id], robot)
         if state is not None:
-            # A number of its own: a recording that stands still goes on being shown.
+            # Use a separate number, because updates continue while the recording is paused.
             number = next(self._numbers)
             shown = self._map_data.state(robot_id) if self._shows_map else None
             state = msgspec.structs.replace(state, seen=number, map=shown)

@@ -1,6 +1,4 @@
-"""Robot directory: info, state, events, health and round-trip times of all discovered robots; the
-shadow twin of a robot that a page shows runs on a thread of its own.
-"""
+"""State, events, health, round-trip times and shadow twins of all discovered robots."""
 
 from __future__ import annotations
 
@@ -34,17 +32,17 @@ from tsd_twin.robots import kind_of
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
 
 LINGER_S = 10.0
-"""A twin goes on for so long after it was shown: it takes some seconds to know anything."""
+"""Time a twin keeps running after it was last shown, because a new one needs seconds to warm up."""
 _PERIOD_S = 0.1
 _DEPTH = 64
-"""Queue of a stream: a second of it."""
+"""Queue size of a stream, one second of messages."""
 _LOG = logging.getLogger(__name__)
 
 
 class ShadowMonitor:
-    """Shadow twin of one robot, which runs while its report is asked for.
+    """Shadow twin of a robot, running on its own thread while its report is requested.
 
-    Without a page that shows it, it has neither subscriptions nor a thread.
+    Otherwise it has neither subscriptions nor a thread.
     """
 
     def __init__(self, link: RobotConnection) -> None:
@@ -56,9 +54,9 @@ class ShadowMonitor:
         self._report: ShadowReport | None = None
 
     def report(self) -> ShadowReport | None:
-        """Return the newest report, and keep the twin running; None before the first.
+        """Return the latest report and keep the twin running.
 
-        A robot that cannot be simulated has none.
+        Returns None before the first report, and for a robot that cannot be simulated.
         """
         if not kind_of(self._link.robot).simulations:
             return None
@@ -70,11 +68,11 @@ class ShadowMonitor:
             return self._report
 
     def end(self) -> None:
-        """Let the thread end, for good."""
+        """Make the thread end permanently."""
         self._ending.set()
 
     def close(self) -> None:
-        """End the thread, for good, and wait until it has."""
+        """End the thread permanently and wait for it."""
         self.end()
         thread = self._thread
         if thread is not None:
@@ -113,9 +111,9 @@ class ShadowMonitor:
 
 
 def _decoded(link: RobotConnection, topic: Topic, sample: Sample) -> Any:
-    """Return a status, or another message with the time of the robot's monotonic clock.
+    """Decode a status, or another message with its time on the robot's monotonic clock.
 
-    None if it is none: another program writes on this key.
+    Returns None for an invalid message, because any program can publish on this key.
     """
     try:
         if topic is STATUS:
@@ -128,19 +126,19 @@ def _decoded(link: RobotConnection, topic: Topic, sample: Sample) -> Any:
 
 SPACING_S = 0.1
 _SLACK_S = 1.0
-"""Kept for longer, so that the oldest time that can be asked for is there."""
+"""Extra history, so that the oldest time a page can request is still stored."""
 
 
 class StateHistory:
-    """Snapshots of one robot, at least `SPACING_S` apart."""
+    """Snapshots of a robot, at least `SPACING_S` apart."""
 
     def __init__(self) -> None:
         self._kept: deque[Snapshot] = deque()
 
     def add(self, snapshot: Snapshot) -> None:
-        """Keep a snapshot, if enough time has passed since the last one that was kept."""
+        """Store a snapshot if enough time has passed since the last stored one."""
         now_s = snapshot.received_s
-        # A little early counts: statuses come at a period of their own.
+        # Allow for the jitter of the status period.
         if self._kept and now_s - self._kept[-1].received_s < SPACING_S - 0.01:
             return
         self._kept.append(snapshot)
@@ -148,24 +146,24 @@ class StateHistory:
             self._kept.popleft()
 
     def at(self, received_s: float) -> Snapshot | None:
-        """Return the newest snapshot up to a time; None when none is so old."""
+        """Return the latest snapshot up to a time, or None if the history starts later."""
         count = bisect.bisect_right(self._kept, received_s, key=attrgetter("received_s"))
         return self._kept[count - 1] if count else None
 
 
 MAX_ROBOTS = 64
 MAX_EVENTS = 30
-"""Events of a robot that a new page receives."""
+"""Maximum number of past events sent to a new page."""
 LIVE_TIMEOUT_S = 1.0
-"""A robot without a state for longer is not live."""
+"""A robot is not live after this time without a state."""
 _PING_PERIOD_S = 0.25
 _OPERATOR = "gateway"
 _IDLE_PINGS = 4
-"""Periods from one measurement to the next while no page is open."""
+"""Ping interval while no page is open, in periods."""
 
 
 class RobotClients(Protocol):
-    """Robot clients by id, and a notification of changes."""
+    """Robot clients by id, with a change notification."""
 
     @property
     def links(self) -> Mapping[str, RobotMonitor]:
@@ -178,7 +176,7 @@ class RobotClients(Protocol):
 
 
 class RobotDirectory:
-    """Directory of all robots with their newest state and events; event loop only."""
+    """All robots with their latest states and events; event loop only."""
 
     def __init__(
         self, discovery: RobotClients, executor: RpcExecutor, roster: RobotRoster | None = None
@@ -194,7 +192,7 @@ class RobotDirectory:
         self._measuring: set[asyncio.Task[None]] = set()
 
     def robot_names(self) -> list[RobotName]:
-        """Return the lines of the robot menu; a new page shows the first one."""
+        """Return the entries of the robot menu; a new page selects the first."""
         links, roster = self._discovery.links, self._roster
         return [
             RobotName(
@@ -206,7 +204,7 @@ class RobotDirectory:
         ]
 
     def view(self, robot_id: str | None) -> RobotTelemetry | None:
-        """Return the view of a robot; a new one when it has been restarted."""
+        """Return the telemetry of a robot; a new object after the robot has restarted."""
         link = self._discovery.links.get(robot_id) if robot_id is not None else None
         if link is None:
             return None
@@ -215,7 +213,7 @@ class RobotDirectory:
         return self._telemetry[link.id]
 
     def state(self, robot_id: str | None) -> RobotState | None:
-        """Return the state of a robot; None before its first status."""
+        """Return the state of a robot, or None before its first status."""
         view = self.view(robot_id)
         if view is None:
             return None
@@ -232,14 +230,14 @@ class RobotDirectory:
         )
 
     def shadow(self, robot_id: str | None) -> ShadowReport | None:
-        """Return how a robot differs from its shadow twin, which runs while this is called."""
+        """Return the comparison of a robot with its shadow twin; calls keep the twin running."""
         view = self.view(robot_id)
         if view is None:
             return None
         known = self._shadows.get(view.link.id)
         if known is None or known[0] is not view.link:
             if known is not None:
-                known[1].end()  # The robot was restarted.
+                known[1].end()  # The robot has restarted.
             self._shadows[view.link.id] = known = (view.link, ShadowMonitor(view.link))
         return known[1].report()
 
@@ -249,19 +247,19 @@ class RobotDirectory:
             monitor.close()
 
     def add_event(self, robot_id: str, event: Event) -> None:
-        """Store an event, which may arrive before its robot is known."""
+        """Store an event, which may arrive before its robot is discovered."""
         if robot_id not in self._events and len(self._events) >= MAX_ROBOTS:
             return  # Robot ids on the bus are not authenticated.
         events = self._events.setdefault(robot_id, deque(maxlen=MAX_EVENTS))
         events.append((time.monotonic(), event))
 
     def events(self, robot_id: str) -> list[tuple[float, Event]]:
-        """Return the newest events of a robot with their ages in seconds, oldest first."""
+        """Return the latest events of a robot with their ages in seconds, oldest first."""
         now_s = time.monotonic()
         return [(now_s - came_s, event) for came_s, event in self._events.get(robot_id, ())]
 
     def health(self) -> dict[str, dict[str, str | float | None]]:
-        """Return mode and age of the state of each robot; null before its first status."""
+        """Return the mode and state age of each robot; null before its first status."""
         health: dict[str, dict[str, str | float | None]] = {}
         for robot_id, link in list(self._discovery.links.items()):
             status, age_s = link.snapshot.status, _state_age_s(link)
@@ -278,13 +276,13 @@ class RobotDirectory:
         )
 
     def note_status(self, robot_id: str) -> None:
-        """Note the newest state of a robot: its history, and since when it has been in its mode."""
+        """Record the latest state in the robot's history, and the time of its last mode change."""
         link = self._discovery.links.get(robot_id)
         if link is None or link.snapshot.status is None:
             return
         self._mode_since_s(robot_id, link.snapshot.status.mode)
         if robot_id not in self._histories or self._histories[robot_id][0] is not link:
-            known = self._discovery.links  # Of robots that have left, or were restarted, none.
+            known = self._discovery.links  # Drop the history of robots that have left or restarted.
             self._histories = {
                 each: kept for each, kept in self._histories.items() if each in known
             }
@@ -292,16 +290,16 @@ class RobotDirectory:
         self._histories[robot_id][1].add(link.snapshot)
 
     def past(self, robot_id: str, ago_s: float) -> Snapshot | None:
-        """Return what a robot sent some seconds ago; None when no page was open then."""
+        """Return a past snapshot of a robot, or None if no page was open at that time."""
         link, history = self._histories.get(robot_id, (None, None))
         if link is None or history is None or link is not self._discovery.links.get(robot_id):
             return None
         return history.at(link.snapshot.received_s - ago_s)
 
     def links_to_stop(self, robot_id: str | None) -> list[RobotMonitor]:
-        """Return the clients that a stop goes to, from a page that shows a robot.
+        """Return the robots to stop, for a page that has a robot selected.
 
-        From a page that shows a recording, or none, it goes to all live robots. Replays cannot be
+        These are all live robots if the page shows a recording or no robot. Replays cannot be
         stopped.
         """
         links = list(self._discovery.links.values())
@@ -311,7 +309,7 @@ class RobotDirectory:
     async def measure_round_trips(self, is_watched: Callable[[], bool] = lambda: True) -> None:
         """Measure the round-trip times of robots; runs until cancelled.
 
-        Four times a second, or once while there is no page, as `is_watched` says.
+        Measures four times a second, or once a second while `is_watched` returns False.
         """
         for period in itertools.count():
             await asyncio.sleep(_PING_PERIOD_S)
@@ -325,7 +323,7 @@ class RobotDirectory:
                     self._measuring.add(asyncio.create_task(self._measure(link), name=link.id))
 
     def _mode_since_s(self, robot_id: str, mode: str) -> float:
-        """Note the mode of a robot, and return when it was first seen in it."""
+        """Return when a robot was first seen in its current mode."""
         known = self._modes.get(robot_id)
         if known is None or known[0] != mode:
             self._modes[robot_id] = known = (mode, time.monotonic())

@@ -1,6 +1,6 @@
-"""Session of one page: acts on messages of the page and statuses of its robot.
+"""Live page session, which handles messages of the page and statuses of its robot.
 
-States, events and replies go out, and decide nothing.
+Outgoing states, events and replies have no effect on the robot.
 """
 
 from __future__ import annotations
@@ -70,16 +70,18 @@ _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Servi
 }
 VIEWER_REFUSAL = "a viewer only watches"
 _MAX_CONCURRENT_STOPS = 2
-"""The second starts after the first, so a third adds nothing."""
+"""A second stop starts after the first, so a third would add nothing."""
 
 
 class PageSession:
-    """Base class of the sessions of pages: its page and login, what goes out, stops under way."""
+    """Base class of page sessions with the page's id and login, outgoing messages and running
+    stops.
+    """
 
     def __init__(self, page: str, principal: Principal, name: str) -> None:
-        """`principal` owns the page; each page has an operator id of its own.
+        """`principal` owns the page; each page has its own operator id.
 
-        `name` is what the operator has typed, which counts where there are no logins.
+        `name` is the name typed by the operator, used only without logins.
         """
         self.page = page
         self.principal = principal
@@ -92,7 +94,7 @@ class PageSession:
         self._stopping: set[asyncio.Task[None]] = set()
 
     def reject(self, reason: str) -> None:
-        """Count an invalid message; the page receives one reply."""
+        """Count an invalid message and reply to it."""
         self.rejected += 1
         if self.rejected == 1:
             self._send(ActionReply(to="message", ok=False, reason=reason))
@@ -101,7 +103,7 @@ class PageSession:
         self._send(ActionReply(to="stop", ok=False, reason=VIEWER_REFUSAL))
 
     def _acknowledge_stop(self, stop: Callable[[], Awaitable[Reply]]) -> None:
-        """Send the page the robot's reply, unless two of its stops are under way."""
+        """Send the robot's reply to the page, unless two of its stops are already running."""
         if len(self._stopping) < _MAX_CONCURRENT_STOPS:
             task = asyncio.create_task(self._stop_and_answer(stop))
             self._stopping.add(task)
@@ -116,9 +118,7 @@ class PageSession:
 
 
 class Session(PageSession):
-    """Session of one page on the event loop; calls that wait for a robot are tasks of the
-    session.
-    """
+    """Session for a live page on the event loop; calls to a robot run as tasks of the session."""
 
     def __init__(
         self,
@@ -134,7 +134,7 @@ class Session(PageSession):
     ) -> None:
         super().__init__(page, principal, name)
         self.robot_id: str | None = None
-        """The robot that is watched."""
+        """Selected robot."""
         self.view: ViewSettings | None = None
         """View settings, if the page or its panel has sent any."""
         self._role = principal.identity.role
@@ -163,7 +163,7 @@ class Session(PageSession):
         if control is not None and (view := self._directory.view(control.link.id)) is not None:
             if view.link is not control.link:
                 self._teleop.navigation.clear()
-            # The robot was restarted; the previous client receives nothing.
+            # The robot has restarted; send nothing to its previous client.
             control.link = view.link
         names = self._directory.robot_names()
         if self.robot_id is None and names:
@@ -182,20 +182,20 @@ class Session(PageSession):
         self._send_robot()
 
     async def close(self) -> None:
-        """Stop the motion and release the lease; the socket is closed or lost."""
+        """Stop the motion and release the lease, after the socket has closed."""
         self._motion = None
         self._teleop.close()
         self._student.close()
         await self._lease_client.close()
         self._on_released(self.page)
 
-    # From the page.
+    # Messages from the page.
 
     def receive(self, text: str | bytes) -> None:
         """Handle one message; invalid messages raise nothing and allocate nothing.
 
-        A motion command is applied after all messages received with it: the newest replaces earlier
-        ones, and a release or a stop cancels them.
+        A motion command is applied after all messages received with it. A newer one replaces it,
+        and a release or a stop cancels it.
         """
         try:
             message = decode_page_message(text)
@@ -204,14 +204,14 @@ class Session(PageSession):
             return
         match message:
             case StopCommand():
-                pass  # Published before anything else happens.
+                pass  # Already published.
             case DriveCommand() | FollowPlan():
                 if self._motion is None:
                     asyncio.get_running_loop().call_soon(self._move)
                 self._motion = message
                 return
             case StudentRequest():
-                pass  # It concerns no robot.
+                pass  # Independent of the robot.
             case ReleaseControls():
                 self._motion = None
             case _:
@@ -316,9 +316,9 @@ class Session(PageSession):
             self._teleop.release("the page is not in front")
 
     def _stop(self) -> None:
-        """Stop the robot that is shown: published first, then released, then acknowledged.
+        """Publish a stop for the selected robot, release the controls, then await acknowledgement.
 
-        With a replay in view, that is every live robot.
+        If a replay is selected, this stops every live robot.
         """
         self._motion = None
         if not self.principal.may_stop:
@@ -350,14 +350,14 @@ class Session(PageSession):
                 )
 
     def select_robot(self, robot_id: str) -> None:
-        """Select another robot; the lease of the previous robot is released."""
+        """Select another robot and release the lease of the previous one."""
         if robot_id != self.robot_id and not self._lease_client.start_request(
             "robot", self._select_robot(robot_id)
         ):
             self._restore_panel()
 
     def _restore_panel(self) -> None:
-        """Select the current robot in the panel again."""
+        """Restore the panel's robot selection."""
         if self.robot_id is not None:
             self._on_chosen(self.page, self.robot_id)
 
@@ -375,10 +375,10 @@ class Session(PageSession):
         self._on_chosen(self.page, robot_id)
         return Reply(True)
 
-    # From the robot.
+    # Messages from the robot.
 
     def decide(self, status: Status) -> None:
-        """Act on a new status of the selected robot, before it is shown."""
+        """Handle a new status of the selected robot, before it is shown."""
         if self.robot_id is None:
             return
         if (lost := self._lease_client.lost_lease()) is not None:
@@ -389,7 +389,7 @@ class Session(PageSession):
         self._lease_client.on_lease_status(status.lease)
         self._teleop.decide(self.robot_id, status)
 
-    # To the page.
+    # Messages to the page.
 
     def show(self, state: RobotState) -> None:
         """Send a state of the selected robot."""
@@ -406,7 +406,7 @@ class Session(PageSession):
         self.send_queue.put_state(state.seen, encode_message(state))
 
     def _show_past(self) -> PastState | None:
-        """Draw the robot as it was, if that is asked for, and return what it was doing."""
+        """Draw the past state of the robot, if requested, and return it."""
         ago_s, view = self._ago_s, self._directory.view(self.robot_id)
         past = None
         if ago_s is not None and view is not None:
@@ -428,12 +428,12 @@ class Session(PageSession):
         return view.plot_fields.values(self._plot_fields, view.link.snapshot)
 
     def send_map_lines(self, *, trails: bool) -> None:
-        """Send paths, and on request trails, if the page shows its map."""
+        """Send paths and, if requested, trails, if the page shows its map."""
         if self._shows_map:
             self._send(self._map_data.lines(trails=trails))
 
     def on_view(self, settings: ViewSettings) -> None:
-        """Send view settings that were changed in the panel, for the page to keep."""
+        """Send view settings changed in the panel, which the page should store."""
         self.view = settings
         self._send(ViewChanged(settings=settings))
 

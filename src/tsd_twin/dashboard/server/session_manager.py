@@ -42,16 +42,16 @@ class SessionManager:
         on_opened: Callable[[], None] = _ignore,
         roster: RobotRoster | None = None,
     ) -> None:
-        """Create it without sessions.
+        """Initialise the manager without sessions.
 
-        Called on the event loop: `on_released`, with the page, to centre the sliders of its panel,
-        and `on_chosen`, with page and robot id, when its menu is used; `on_opened` when a page has
-        connected. `page_scene` is the scene that pages pick from and draw on; `roster` has the
-        order and the colours of the robots.
+        Callbacks run on the event loop: `on_released(page)` centres the sliders of the page's
+        panel, `on_chosen(page, robot_id)` selects a robot in it, and `on_opened` reports a new
+        page. `page_scene` is the scene for picking and drawing; `roster` defines the order and
+        colours of robots.
         """
         self._executor = RpcExecutor()
         self.directory = RobotDirectory(discovery, self._executor, roster)
-        """The robots that there are to see."""
+        """All robots visible to pages."""
         self._on_released, self._on_chosen = on_released, on_chosen
         self._on_opened = on_opened
         self._map_data = MapData(
@@ -64,7 +64,7 @@ class SessionManager:
         discovery.on_change(lambda: self._call_soon(self._on_robots_changed))
 
     def open(self) -> None:
-        """Start on the running event loop, and accept calls of other threads."""
+        """Start on the running event loop and accept calls from other threads."""
         self._loop = asyncio.get_running_loop()
 
     def close(self) -> None:
@@ -83,7 +83,7 @@ class SessionManager:
 
     @property
     def any_open(self) -> bool:
-        """Whether there is a page; from any thread."""
+        """Whether a page is open; thread-safe."""
         return bool(self._sessions)
 
     @property
@@ -92,7 +92,7 @@ class SessionManager:
         return self._rejected + sum(session.rejected for session in self._sessions.values())
 
     async def stop_all(self, operator: str) -> Reply:
-        """Stop all live robots: published to all first, then repeated until each acknowledges."""
+        """Publish stops to all live robots, then repeat them until each acknowledges."""
         links = self.directory.links_to_stop(None)
         for link in links:
             link.send_stop(procedures.stop_payload(operator))
@@ -101,7 +101,7 @@ class SessionManager:
     # State and events to the pages.
 
     def on_status(self, robot_id: str) -> None:
-        """Decide on a robot's new status in all sessions that have it selected, then show it."""
+        """Handle a robot's new status in all sessions that have it selected, then show it."""
         self._map_data.on_status(robot_id)
         self.directory.note_status(robot_id)
         if not (sessions := self._sessions_showing(robot_id)):
@@ -114,7 +114,7 @@ class SessionManager:
             session.show(state)
 
     def on_event(self, robot_id: str, event: Event) -> None:
-        """Send an event to all pages that have the robot selected, and store it for later ones."""
+        """Store an event, and send it to all pages that have the robot selected."""
         self.directory.add_event(robot_id, event)
         for session in self._sessions_showing(robot_id):
             session.send_event(event)
@@ -130,7 +130,7 @@ class SessionManager:
     ) -> None:
         """Send a page the slider positions of its panel, m/s and rad/s; thread-safe.
 
-        The page sends them as commands, under the same dead-man switch as its stick.
+        The page sends them as commands, subject to the same dead-man switch as its stick.
         """
         message = PanelSliders(vx=vx, vy=vy, omega=omega, mode=mode, latch=latch)
         self._with_session(
@@ -140,13 +140,13 @@ class SessionManager:
     def on_sphere_click(self, page: str, robot_id: str, at: tuple[float, float, float]) -> None:
         """Send a page the clicked point of a sphere; thread-safe.
 
-        The page commands the motion, under the same dead-man switch as its stick.
+        The page commands the motion, subject to the same dead-man switch as its stick.
         """
         message = SphereClick(robot=robot_id, at=at)
         self._with_session(page, lambda session: session.send_queue.put(encode_message(message)))
 
     def on_view(self, page: str, settings: ViewSettings) -> None:
-        """Send a page the view settings that were changed in its panel; thread-safe."""
+        """Send a page the view settings changed in its panel; thread-safe."""
         self._with_session(page, lambda session: session.on_view(settings))
 
     def on_trails_cleared(self) -> None:
@@ -182,7 +182,7 @@ class SessionManager:
 
     def _call_soon(self, call: Callable[[], None]) -> None:
         if self._loop is not None:
-            with contextlib.suppress(RuntimeError):  # The loop has just been closed.
+            with contextlib.suppress(RuntimeError):  # The loop may have closed.
                 self._loop.call_soon_threadsafe(call)
 
     # Pages that connect and disconnect.
@@ -198,7 +198,7 @@ class SessionManager:
         return None if session is None else session.view
 
     def principal_of(self, page: str) -> Principal | None:
-        """Return the principal of a page; None when it is not open."""
+        """Return the principal of a page, or None if the page is not open."""
         session = self._sessions.get(page)
         return None if session is None else session.principal
 
@@ -214,9 +214,9 @@ class SessionManager:
     ) -> None:
         """Run the session of a page while its socket is open, within `holding`.
 
-        `messages` are the messages of the socket; `name` is what the operator has typed.
+        `messages` are the messages of the socket; `name` is the name typed by the operator.
         """
-        if (before := self._sockets.get(page)) is not None:  # Lost without notice.
+        if (before := self._sockets.get(page)) is not None:  # The old connection was lost silently.
             await before.close(code=1001, message=b"the page has come back")
         session = Session(
             page,

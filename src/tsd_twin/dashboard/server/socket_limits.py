@@ -1,6 +1,6 @@
-"""Limits of one socket: rates and sizes of what comes in, and a bounded queue of what goes out.
+"""Per-socket limits on the rate and size of input, and a bounded output queue.
 
-Messages are checked before they are decoded, and sockets are received fairly beside each other.
+Messages are checked before they are decoded, and all sockets get equal receive time.
 """
 
 from __future__ import annotations
@@ -23,31 +23,31 @@ from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.server.connection_limits import limit_bytes
 
 MAX_QUEUED = 64
-"""Replies and events that wait for a slow page; then the oldest are dropped."""
+"""Maximum number of replies and events queued for a slow page; the oldest are dropped first."""
 MAX_UNACKNOWLEDGED = 12
-"""States in flight that the page has not acknowledged; then no more are sent until it does."""
+"""Maximum number of unacknowledged states; further states wait for an acknowledgement."""
 POLICY_VIOLATION = 1008
-"""Close code of a socket that floods."""
+"""Close code of a flooding socket."""
 TOO_MUCH = "too many messages: this socket is closed"
-"""Close reason of a socket that floods."""
+"""Close reason of a flooding socket."""
 GRACE = 2.0
-"""A socket is closed once it owes this many times its burst, beyond the burst itself."""
+"""A socket is closed when its token level falls below minus this many bursts."""
 _ON_THE_WIRE = 2.0
-"""Bytes on the wire for each byte of the shortest messages: a frame has a header of six."""
+"""Bytes on the wire per byte of the shortest messages; the frame header has six bytes."""
 _KIND = re.compile(r'\s*\{\s*"t"\s*:\s*"([a-z_]{1,20})"')
 _NEVER_DROPPED = frozenset({"stop", "release"})
-"""Kinds that only make the robot stop."""
+"""Kinds that can only stop the robot."""
 _SHORT = 64
-"""Characters: both of them are shorter."""
+"""Length in characters that both of them stay below."""
 
 
 class LimitDecision(Enum):
-    """Decision of a limiter about a message."""
+    """Decision of a limiter on a message."""
 
     PASS = auto()
     DROP = auto()
     CUT = auto()
-    """The socket floods: it has to be closed."""
+    """The socket floods and must be closed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +67,14 @@ class Bucket:
         self._at_s = 0.0
 
     def take(self, amount: float, now_s: float) -> float:
-        """Take tokens, and return the level, which may be negative."""
+        """Take tokens and return the level, which may be negative."""
         refill = max(0.0, now_s - self._at_s) * self._quota.per_s
         self._left = min(self._quota.burst, self._left + refill) - amount
         self._at_s = now_s
         return self._left
 
     def try_take(self, now_s: float) -> bool:
-        """Take one token if there is one."""
+        """Take one token if available."""
         if self.take(1.0, now_s) >= 0.0:
             return True
         self._left += 1.0
@@ -83,19 +83,19 @@ class Bucket:
 
 @dataclass(frozen=True, slots=True)
 class SocketLimits:
-    """Rate and size limits of one socket."""
+    """Rate and size limits of a socket."""
 
     messages: Quota
     size: Quota
     """In characters or bytes."""
     kinds: Mapping[str, Quota]
-    """Further limits of single kinds of text messages."""
+    """Additional limits per kind of text message."""
     other: Quota
-    """Limit of text messages whose kind cannot be told, or has no limit of its own."""
+    """Limit of text messages of unknown kind or without their own limit."""
 
     @property
     def on_the_wire(self) -> Quota:
-        """Limit of all bytes; beyond what closes a socket that sends whole messages."""
+        """Limit of raw bytes, above the level at which whole messages close the socket."""
         size = self.size
         return Quota(_ON_THE_WIRE * size.per_s, _ON_THE_WIRE * (1.0 + GRACE) * size.burst)
 
@@ -105,7 +105,7 @@ TELEOP = SocketLimits(
     size=Quota(64e3, 192e3),
     kinds=MappingProxyType(
         {
-            # A page sends at most 100 of these a second, and 10 heartbeats.
+            # A page sends at most 100 of these and 10 heartbeats per second.
             "drive": Quota(150.0, 300.0),
             "follow_plan": Quota(150.0, 300.0),
             "heartbeat": Quota(30.0, 100.0),
@@ -131,25 +131,25 @@ TELEOP = SocketLimits(
     ),
     other=Quota(50.0, 300.0),
 )
-"""Of the socket of the controls."""
+"""Limits of the control socket."""
 VISER = SocketLimits(
     messages=Quota(120.0, 300.0), size=Quota(64e3, 256e3), kinds={}, other=Quota(120.0, 300.0)
 )
-"""Of viser's socket: its page sends at most 50 cameras and 20 changes of a control a second."""
+"""Limits of viser's socket; its page sends at most 50 camera and 20 control changes per second."""
 
 
 class SocketLimiter:
-    """Rate limiter of one socket; dropped messages count as well."""
+    """Rate limiter of a socket; dropped messages count too."""
 
     def __init__(self, limits: SocketLimits) -> None:
         self._limits = limits
         self._messages, self._size = Bucket(limits.messages), Bucket(limits.size)
         self._kinds: dict[str, Bucket] = {}
         self.dropped = 0
-        """Messages that were not looked at."""
+        """Number of messages dropped without decoding."""
 
     def decide(self, data: str | bytes, now_s: float) -> LimitDecision:
-        """Return the decision about a message, from its length and first characters."""
+        """Decide on a message from its length and first characters."""
         kind = _kind_of(data) if isinstance(data, str) else ""
         left = self._messages.take(1.0, now_s) / self._limits.messages.burst
         left = min(left, self._size.take(float(len(data)), now_s) / self._limits.size.burst)
@@ -178,7 +178,7 @@ def _kind_of(text: str) -> str:
 class SocketCutOff:
     """Block list of logins and pages whose socket was closed for flooding.
 
-    The block time doubles when a client floods again soon.
+    The block time doubles if a client floods again within a minute.
     """
 
     STAYS_OUT_S = 5.0
@@ -187,9 +187,9 @@ class SocketCutOff:
 
     def __init__(self) -> None:
         self._out: dict[str, tuple[float, float]] = {}
-        """For how long, and until when."""
+        """Block duration and end time by key."""
         self.count = 0
-        """Sockets that were closed so far."""
+        """Number of sockets closed so far."""
 
     def __len__(self) -> int:
         """Return the number of entries."""
@@ -203,30 +203,30 @@ class SocketCutOff:
         before_s, until_s = self._out.pop(key, (0.0, 0.0))
         while len(self._out) >= self._MOST:
             del self._out[next(iter(self._out))]
-        if until_s > now_s:  # From another socket of the same client, which was open already.
+        if until_s > now_s:  # The client flooded on another socket that was already open.
             self._out[key] = (before_s, until_s)
             return
         stays_s = min(max(self.STAYS_OUT_S, 2.0 * before_s), self.LONGEST_S)
         self._out[key] = (stays_s, now_s + stays_s)
 
     def waits_s(self, key: str, now_s: float) -> float:
-        """Return the remaining block time; 0 when a new socket is allowed."""
+        """Return the remaining block time; 0 if a new socket is allowed."""
         return max(0.0, self._out.get(key, (0.0, 0.0))[1] - now_s)
 
 
 _LOG = logging.getLogger(__name__)
 
 TURN = 24
-"""Messages of one socket in one turn of the event loop."""
+"""Maximum number of messages per socket in one iteration of the event loop."""
 _IN_A_ROW_S = 0.002
-"""Between two messages that were read without waiting in between."""
+"""Maximum interval between two messages read without waiting."""
 _RECEIVE_BYTES = 32 * 2**10
-"""Receive buffer of one socket, which bounds the data parsed in one iteration of the loop."""
+"""Receive buffer of a socket, which bounds the data parsed in one iteration of the loop."""
 _GOODBYE_S = 0.2
-"""For the close frame to arrive before the connection is reset."""
+"""Time for the close frame to arrive before the connection is reset."""
 _REFUSED_AFTER_S = 1.0
 _REFUSING = 100
-"""Refusals that wait at a time; more are answered at once, so that nothing piles up."""
+"""Maximum number of delayed refusals; further ones are sent immediately."""
 _ENDS = (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED, WSMsgType.ERROR)
 
 
@@ -237,19 +237,19 @@ class SocketReader:
         self.cut_off = SocketCutOff()
         """Block list of flooding clients."""
         self.dropped = 0
-        """Messages beyond what a socket may send."""
+        """Number of messages dropped because of a limit."""
         self._says = RateLimiter(0.1)
         self._refusing = 0
 
     async def admit(self, request: web.Request, key: str) -> None:
-        """Refuse a new socket of a blocked login or page; otherwise prepare it.
+        """Refuse a new socket of a blocked login or page; otherwise limit its receive buffer.
 
         Raises:
-            web.HTTPTooManyRequests: it is blocked.
+            web.HTTPTooManyRequests: If the login or page is blocked.
         """
         if (wait_s := self.cut_off.waits_s(key, time.monotonic())) > 0.0:
             if self._refusing < _REFUSING:
-                # A client that retries after each response must not keep the loop busy.
+                # Delay clients that retry after each response, which would keep the loop busy.
                 self._refusing += 1
                 try:
                     await asyncio.sleep(min(wait_s, _REFUSED_AFTER_S))
@@ -266,7 +266,8 @@ class SocketReader:
     ) -> AsyncGenerator[WSMessage]:
         """Yield the accepted messages of a socket until it closes or floods, which blocks `key`.
 
-        `socket` must not answer pings by itself: a flood of them would never come here.
+        Disable the automatic pong of `socket`, because a flood of pings would otherwise go
+        unnoticed.
         """
         limiter = SocketLimiter(limits)
         wire = Bucket(limits.on_the_wire)
@@ -282,7 +283,7 @@ class SocketReader:
         while True:
             if in_a_row >= TURN:
                 in_a_row = 0
-                await asyncio.sleep(0.0)  # `receive` does not wait while something is there.
+                await asyncio.sleep(0.0)  # `receive` does not yield while messages are buffered.
             message = await socket.receive()
             now_s = time.monotonic()
             in_a_row = in_a_row + 1 if now_s - before_s < _IN_A_ROW_S else 0
@@ -309,7 +310,7 @@ class SocketReader:
             _LOG.warning("a page that flooded was cut off, the %d. so far", self.cut_off.count)
 
     async def close_cut_off(self, request: web.Request, socket: web.WebSocketResponse) -> None:
-        """Close a socket that was cut off, with code and reason, without reading on."""
+        """Close a flooding socket with code and reason, without reading further."""
         transport = request.transport
         if not is_cut_off(request) or transport is None:
             return
@@ -336,19 +337,21 @@ def stop_reading(request: web.Request) -> None:
 
 
 def is_cut_off(request: web.Request) -> bool:
-    """Return whether its socket was cut off."""
+    """Return whether the request's socket was closed for flooding."""
     return request.get(_HUNG_UP, False)
 
 
 def limit_receive_buffer(request: web.Request) -> None:
-    """Reduce the receive buffer of a socket: data parsed at once delays all other sockets."""
+    """Reduce the receive buffer of a socket, because parsing much data at once delays other
+    sockets.
+    """
     connection = request.get_extra_info("socket")
     if connection is not None:
         connection.setsockopt(sockets.SOL_SOCKET, sockets.SO_RCVBUF, _RECEIVE_BYTES)
 
 
 class Socket(Protocol):
-    """Sending part of a WebSocket."""
+    """Sending side of a WebSocket."""
 
     async def send_str(self, data: str) -> None:
         """Send a text frame; waits while the socket is full."""
@@ -356,11 +359,10 @@ class Socket(Protocol):
 
 
 class SendQueue:
-    """Send queue of one page, which keeps only the newest state; event loop only.
+    """Per-page send queue, which keeps only the latest state; event loop only.
 
-    Back pressure of the socket is not enough: the kernel buffers seconds of old states.
-    The page confirms the states it has seen, so no more than `MAX_UNACKNOWLEDGED` are ever on the
-    way.
+    Back pressure is not sufficient, because the kernel buffers seconds of old states. The page
+    acknowledges states, so at most `MAX_UNACKNOWLEDGED` are in flight.
     """
 
     def __init__(self) -> None:
@@ -376,12 +378,12 @@ class SendQueue:
         self._wake.set()
 
     def put_panel(self, text: str) -> None:
-        """Queue the slider positions, in place of waiting ones."""
+        """Queue the slider positions, replacing any that are waiting."""
         self._panel = text
         self._wake.set()
 
     def put_state(self, number: int, text: str) -> None:
-        """Queue a state, in place of a waiting one."""
+        """Queue a state, replacing any that is waiting."""
         self._state = (number, text)
         self._wake.set()
 
@@ -393,7 +395,7 @@ class SendQueue:
             self._wake.set()
 
     def drop_states(self) -> None:
-        """Discard waiting states: another robot is selected, and its numbers restart."""
+        """Discard waiting states after another robot is selected, because its numbers restart."""
         self._state = None
         self._unacknowledged.clear()
 

@@ -1,6 +1,6 @@
-"""Answers to the Student tab: a shipped robot with some knobs turned, in numbers.
+"""Figures for the Student tab: a built-in robot with modified parameters.
 
-`answer` is pure: no bus, no clock, no robot. The mathematics is that of `robots` and `kinematics`.
+`answer` is pure, without bus, clock or robot. `robots` and `kinematics` provide the mathematics.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ from tsd_twin.robots.loader import knobs_of, variant, variant_toml
 _OUTLINE_POINTS = 60
 _PLANES = ((0, 1), (0, 2), (1, 2))
 _DIRECTIONS = 360
-"""Directions without turning that are searched for the fastest and the slowest one."""
+"""Number of directions without turning in which the fastest and slowest are searched."""
 _LARGEST = 1e6
-"""Twists are cut to this, in m/s or rad/s: nothing overflows."""
+"""Limit of twist components in m/s or rad/s, which avoids overflow."""
 
 
 class StudentSession:
-    """Student requests of one page: one is computed at a time, and the newest comes next.
+    """Per-page student requests, computed one at a time; only the latest waits.
 
-    Event loop only; the computation is on the planning thread.
+    Event loop only; the computation runs on the planning thread.
     """
 
     def __init__(self, executor: RpcExecutor, send_message: Callable[[Any], None]) -> None:
@@ -65,13 +65,13 @@ class StudentSession:
         self._task: asyncio.Task[None] | None = None
 
     def request(self, request: StudentRequest) -> None:
-        """Answer a request, unless a newer one comes before its turn."""
+        """Answer a request, unless a newer one replaces it while it waits."""
         self._next = request
         if self._task is None:
             self._task = asyncio.create_task(self._answer())
 
     def close(self) -> None:
-        """Answer no more."""
+        """Stop answering requests."""
         self._next = None
         if self._task is not None:
             self._task.cancel()
@@ -86,7 +86,7 @@ class StudentSession:
 
 
 def answer(request: StudentRequest) -> StudentReply:
-    """Return the figures of a variant, and the problem that makes it impossible, if any."""
+    """Return the figures of a variant and, if it is impossible, the problem."""
     knobs: list[StudentKnob] = []
     figures, toml, problem = None, None, ""
     try:
@@ -94,7 +94,7 @@ def answer(request: StudentRequest) -> StudentReply:
         knobs = _knobs(request.base, changed)
         robot = variant(request.base, changed)
         figures = figures_of(robot, np.array(request.twist))
-        check_room(robot)  # It has figures, but no body: no program would start with its file.
+        check_room(robot)  # Figures do not require a valid body, but the file does.
         if request.toml:
             toml = variant_toml(request.base, changed)
     except RobotFileError as error:
@@ -111,7 +111,7 @@ def answer(request: StudentRequest) -> StudentReply:
 
 
 def figures_of(robot: RobotDescription, twist: Array) -> StudentFigures:
-    """Return the figures of a robot, and of its wheels at `twist` (3,)."""
+    """Return the figures of a robot, and its wheels at `twist` (3,)."""
     drive = robot.kinematics()
     asked = np.clip(np.nan_to_num(twist), -_LARGEST, _LARGEST)
     share = float(drive.joint_utilization(asked))
@@ -160,7 +160,7 @@ def _figures(robot: RobotDescription, drive: Kinematics[Any]) -> list[StudentFig
     angles = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
     directions = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
     speeds: Array = np.linalg.norm(largest_twist(drive, directions), axis=-1)
-    speeds = np.round(speeds, 9)  # Of equal ones the first is named.
+    speeds = np.round(speeds, 9)  # Among equal speeds, the first one is reported.
     slow, fast = int(speeds.argmin()), int(speeds.argmax())
     figures = [
         StudentFigure("Top speed forward", _short(tops[0]), "m/s"),
@@ -285,7 +285,7 @@ def _pair(point: Array) -> tuple[float, float]:
 
 
 def _drawn(points: Array) -> list[tuple[float, float]]:
-    """Return points (k, 2) with the four digits that a drawing needs."""
+    """Round points (k, 2) to the four digits a drawing needs."""
     return [(float(f"{a:.4g}"), float(f"{b:.4g}")) for a, b in points]
 
 

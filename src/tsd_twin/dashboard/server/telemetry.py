@@ -266,7 +266,7 @@ def _triple(values: Array) -> Triple:
 
 
 SPEED_LEVELS_PERCENT = (20, 50, 80, 100)
-"""Speeds that can be chosen, in percent of the limits."""
+"""Selectable speeds in percent of the limits."""
 
 
 class ActuatorTelemetry(Protocol):
@@ -323,7 +323,7 @@ class RobotTelemetry:
         mode_age_s: float,
         round_trips: RoundTrips,
     ) -> RobotState:
-        """Return the newest state; null for messages not yet received."""
+        """Return the latest state; null for messages not yet received."""
         typical_s, jitter_s = round_trips.median_s(), round_trips.jitter_s()
         joints = self._joint_vector(snapshot.joints)
         setpoint = self._joint_vector(snapshot.setpoint)
@@ -356,11 +356,11 @@ class RobotTelemetry:
         return _rounded(self._kinematics.forward(setpoint).twist)
 
     def _planar_pose(self, said: Odometry | None) -> Triple | None:
-        """Return the planar pose of a robot; None for a sphere."""
+        """Return the planar pose of a robot, or None for a sphere."""
         return None if said is None or said.wxyz is not None else _rounded(said.xy_heading)
 
     def _joint_vector(self, state: JointState | None) -> Array | None:
-        """Return a joint vector (n,), or None when it lacks one of our joints."""
+        """Return a joint vector (n,), or None if a joint of this robot is missing."""
         if state is None:
             return None
         place = {name: i for i, name in enumerate(state.names)}
@@ -381,7 +381,7 @@ def _rounded(values: Array) -> Triple:
 
 
 REQUEST_TIMEOUT_S = 0.25
-"""A drive command that is older is over."""
+"""Maximum age of an active drive command."""
 _SUFFIXES = {"m/s": "mps", "rad/s": "rad_per_s"}
 _POSE = ("x_m", "y_m", "heading_rad")
 
@@ -389,10 +389,10 @@ _Reader: TypeAlias = Callable[[Snapshot], float | None]
 
 
 class PlotFields:
-    """Fields of one robot by name, such as `joints.wheel1.velocity_rad_per_s`.
+    """Plot fields of a robot by name, such as `joints.wheel1.velocity_rad_per_s`.
 
-    The last part of a name ends with the unit. `requested` is the twist that this dashboard
-    commands, before the limits of the robot.
+    The last part of a name ends with the unit. `requested` is the twist commanded by this dashboard
+    before the robot's limits.
     """
 
     def __init__(self, link: RobotMonitor, *, has_alternative: bool) -> None:
@@ -428,7 +428,7 @@ class PlotFields:
         return list(self._readers)
 
     def values(self, names: Iterable[str], snapshot: Snapshot) -> dict[str, float | None]:
-        """Return fields by name, None for what was not received; unknown names are ignored."""
+        """Return fields by name, None if not received; unknown names are ignored."""
         return {
             name: read(snapshot) for name in names if (read := self._readers.get(name)) is not None
         }
@@ -438,7 +438,7 @@ class PlotFields:
             self._readers[f"{stream}.{group}.{name}"] = partial(_odometry_value, stream, part, i)
 
     def _requested(self, i: int) -> float:
-        """Return a component of the newest command, in the robot's axes; 0 when it is over."""
+        """Return a component of the latest command in the robot's axes, or 0 if it has expired."""
         commands = self._link.sent_commands
         if not commands or time.monotonic() - commands[-1].sent_s > REQUEST_TIMEOUT_S:
             return 0.0

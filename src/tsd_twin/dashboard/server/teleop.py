@@ -1,4 +1,4 @@
-"""Teleoperation by one page: dead-man switch, commands, their watchdog, and release."""
+"""Teleoperation by one page: dead-man switch, commands, watchdog and release."""
 
 from __future__ import annotations
 
@@ -30,27 +30,28 @@ from tsd_twin.motion.tracking import ExecutionPhase
 from tsd_twin.safety import Mode
 
 COMMAND_TIMEOUT_S = 0.2
-"""A page that sends no command for this long has released the controls."""
+"""A page that sends no command for this time has released the controls."""
 
 
 ZERO_PERIOD_S = 0.02
 ZERO_REPEATS = 25
-"""A zero is sent again so often, unless a status shows before that it counted."""
+"""Maximum resends of an unacknowledged zero command."""
 
 
 class DeadmanState(StrEnum):
     """State of the dead-man switch."""
 
     FREE = "free"
-    """They are centred, or not touched."""
+    """The controls are centred or untouched."""
     HELD = "held"
     MUST_RECENTER = "spent"
-    """The server has released them; the page must centre its controls before they act again."""
+    """The server has released the controls; the page must centre them before they act again."""
 
 
 class DeadmanSwitch:
-    """Dead-man switch: motion needs fresh commands; each end of motion is returned as True exactly
-    once.
+    """Dead-man switch that requires fresh commands for motion.
+
+    Each end of motion is returned as True exactly once.
     """
 
     def __init__(self) -> None:
@@ -58,37 +59,39 @@ class DeadmanSwitch:
         self._commanded_s = 0.0
 
     def on_command(self, now_s: float) -> bool:
-        """Process a motion command, and return whether it may be sent to the robot."""
+        """Process a motion command and return whether it may be sent to the robot."""
         if self.state is DeadmanState.MUST_RECENTER:
             return False
         self.state, self._commanded_s = DeadmanState.HELD, now_s
         return True
 
     def on_release(self) -> bool:
-        """Process that the page has centred its controls; return whether they were held."""
+        """Record that the page has centred its controls; return whether they were held."""
         was, self.state = self.state, DeadmanState.FREE
         return was is DeadmanState.HELD
 
     def force_release(self) -> bool:
-        """Release on behalf of the page, which must centre its controls to drive again."""
+        """Release the controls; the page must centre them before it can drive again."""
         if self.state is not DeadmanState.HELD:
             return False
         self.state = DeadmanState.MUST_RECENTER
         return True
 
     def refuse_command(self) -> bool:
-        """Refuse a command: the page must centre its controls first."""
+        """Refuse a command; the page must centre its controls first."""
         was, self.state = self.state, DeadmanState.MUST_RECENTER
         return was is not DeadmanState.MUST_RECENTER
 
     def silence_s(self, now_s: float) -> float:
-        """Return the time since the newest command; 0 when no control is held."""
+        """Return the time since the latest command, or 0 if no control is held."""
         return now_s - self._commanded_s if self.state is DeadmanState.HELD else 0.0
 
 
 DRIVABLE_MODES = (Mode.READY, Mode.DRIVING)
-"""Modes in which a held control moves the robot; in others the dashboard releases it. A robot that
-comes to rest would drive on, but here only a control that is used anew moves it.
+"""Modes in which a held control moves the robot; in others the dashboard releases it.
+
+A robot that is stopping would accept commands, but here a control must be released before it acts
+again.
 """
 
 TeleopMessage: TypeAlias = (
@@ -98,7 +101,7 @@ TeleopMessage: TypeAlias = (
 
 
 class TeleopController:
-    """Teleoperation of one page: every control takes one way to a command, and one way to release.
+    """Teleoperation by one page with a single path for all commands and releases.
 
     Event loop only. All controls share one dead-man switch.
     """
@@ -110,7 +113,7 @@ class TeleopController:
         send_message: Callable[[Any], None],
         on_released: Callable[[], None],
     ) -> None:
-        """`on_released` centres the controls that are not on the page."""
+        """`on_released` centres the controls outside the page."""
         self.navigation = navigation
         self._lease_client = lease_client
         self._send_message = send_message
@@ -124,7 +127,7 @@ class TeleopController:
         """Handle a motion message.
 
         Raises:
-            MessageError: it is no motion.
+            MessageError: If a value is not finite.
         """
         match message:
             case DriveCommand() | FollowPlan():
@@ -135,10 +138,10 @@ class TeleopController:
                 self._handle_plan_message(message)
 
     def release(self, reason: str = "", *, must_recentre: bool = True) -> None:
-        """Stop the motion of the page, if a control is held: every end of a motion comes here.
+        """Stop the motion of the page if a control is held; every end of a motion is handled here.
 
-        Unless the page itself has released its controls, it must centre them before they act again.
-        A `reason` is shown on the page.
+        With `must_recentre`, the page must centre its controls before they act again; this is not
+        needed if the page itself has released them. `reason` is shown on the page.
         """
         self.navigation.pause()
         deadman = self._deadman
@@ -150,14 +153,14 @@ class TeleopController:
             self._on_released()
 
     def close(self) -> None:
-        """Stop the motion; the page has disconnected."""
+        """Stop the motion after the page has disconnected."""
         if self._watchdog is not None:
             self._watchdog.cancel()
         self.release(must_recentre=False)
         self.navigation.clear()
 
     def decide(self, robot_id: str, status: Status) -> None:
-        """Act on a new status of the robot: release when it moves no more, and plan at rest."""
+        """Handle a new status: release controls if the robot no longer moves, and plan at rest."""
         if status.mode not in DRIVABLE_MODES:
             self.release(status.no_drive_reason)
         if self._stops[0] == robot_id and self._stops[1] != status.stops:
@@ -169,10 +172,10 @@ class TeleopController:
         self.navigation.update()
 
     def _move(self, message: DriveCommand | FollowPlan) -> None:
-        """Send the command of a control: stick, keys, gamepad, sliders, or the path that is held.
+        """Send the command of a held control: stick, keys, gamepad, sliders or path.
 
         Raises:
-            MessageError: it is not finite.
+            MessageError: If a value is not finite.
         """
         if isinstance(message, DriveCommand) and not all(map(math.isfinite, _twist(message))):
             raise MessageError("nonfinite", "a twist must be finite numbers")
@@ -189,7 +192,7 @@ class TeleopController:
                     lease.link, message.route, protocol.max_age_s, now_s, protocol.delay_s(now_s)
                 )
                 if step.phase is ExecutionPhase.ARRIVED:
-                    self.release()  # The page sees the arrival, and releases as well.
+                    self.release()  # The page sees the arrival and also releases.
                     return
                 twist, frame = step.twist.tolist(), BASE
             self._send(lease, twist, frame, message.seen)
@@ -200,7 +203,7 @@ class TeleopController:
             self._start_watchdog(COMMAND_TIMEOUT_S)
 
     def _send(self, lease: Lease, twist: Sequence[float], frame: str, seen: int) -> int:
-        """Send a command at once, with the number of the newest state that counts as seen."""
+        """Send a command immediately, with `seen` as the number of the latest state seen."""
         self._cancel_zeros()
         with lease.link.lock:
             command = lease.protocol.command(twist, frame, lease.link.now_s(), seen)
@@ -208,11 +211,12 @@ class TeleopController:
         return command.seq
 
     def _send_zero(self, lease: Lease, left: int, first: int | None) -> None:
-        """Send a zero, repeated every 20 ms until a status of the robot shows that it counted.
+        """Send a zero, and repeat it every 20 ms until a status confirms it.
 
-        It is sent now, so it counts, whatever the page has seen. The bus may lose any command, and
-        the one before the zero would stand until it runs out. The next twist ends it, as does the
-        end of the lease, or half a second.
+        The zero carries the number of the latest status here, so that the robot accepts it even if
+        the page has seen only older ones. The bus may lose any command, and the command before the
+        zero would otherwise remain active until it expires. Repetition stops with the next twist,
+        when the lease ends, or after `ZERO_REPEATS`.
         """
         protocol = lease.protocol
         if not protocol.has_lease or (first is not None and protocol.has_counted(first)):
@@ -244,19 +248,17 @@ class TeleopController:
                 self.navigation.clear()
 
     def _lease_to_move(self) -> Lease | None:
-        """Register that a control is held, and return the lease to move the robot with, if
-        allowed.
-        """
+        """Record that a control is held; return the lease if it may move the robot."""
         lease = self._lease_client.lease
         if lease is None:
-            if self._deadman.refuse_command():  # Held in a hand-over, it must not start motion.
+            if self._deadman.refuse_command():  # Held during a handover: must not start motion.
                 self._send_message(ControlsReleased(reason="take control first"))
             return None
         if not self._deadman.on_command(time.monotonic()):
             return None
         max_age_s = lease.protocol.max_age_s
         if time.monotonic() - lease.link.snapshot.received_s > max_age_s:
-            # The robot stops meanwhile, and may be ready again before its next status arrives.
+            # The robot stops, and may be ready again before its next status arrives.
             self.release(f"the robot was silent for {max_age_s:g} s")
             return None
         status = lease.link.snapshot.status

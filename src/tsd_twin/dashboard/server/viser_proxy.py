@@ -1,7 +1,7 @@
-"""WebSocket proxy to viser, and the filter of the messages that browsers may send to viser.
+"""WebSocket proxy to viser, with a filter for messages from browsers.
 
-viser's protocol can do more than its page shows: set any property of a control, switch off its
-callbacks, press what is disabled, click any node, upload files, request a public tunnel.
+viser's protocol allows more than its page shows: set any property of a control, disable its
+callbacks, press disabled controls, click any node, upload files, request a public tunnel.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from tsd_twin.errors import MessageError
 from tsd_twin.security import Role
 
 MAX_MESSAGE_BYTES = 16 * 2**10
-"""A camera has 300; a control that is moved, fewer."""
+"""A camera message has 300 bytes, a control change fewer."""
 _CAMERA_MESSAGE = "ViewerCameraMessage"
 _CONTROL_MESSAGE = "GuiUpdateMessage"
 _CLICK_MESSAGE = "SceneNodeClickMessage"
 _CLICK_TARGET = r"^/w/r/[a-z0-9_-]{1,32}/x\Z"
-"""Clickable scene nodes: the sphere of a robot."""
+"""Clickable scene nodes, which are the spheres."""
 _IGNORED_MESSAGES = frozenset(
     {
         "CommandTriggerMessage",
@@ -59,11 +59,11 @@ _IGNORED_MESSAGES = frozenset(
         "TransformControlsUpdateMessage",
     }
 )
-"""What viser's page could say beside that. Nothing of ours listens."""
+"""Other messages of viser's page, which this dashboard does not use."""
 _OFF = 0.1
 """Tolerance of the length of a unit quaternion."""
 _LONGEST = 200
-"""Characters of a text that a control can have."""
+"""Maximum length of a text value of a control."""
 _DECODER = msgspec.msgpack.Decoder(dict[str, Any])
 
 _Number: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
@@ -123,14 +123,14 @@ _KINDS: Mapping[str, type[_FromBrowser]] = MappingProxyType(
 
 
 def filter_message(frame: bytes, role: Role) -> bytes | None:
-    """Return the part of a frame to forward to viser; None when nothing is forwarded.
+    """Return the part of a frame to forward to viser, or None to forward nothing.
 
-    A viewer may send its camera only. Forwarded messages are encoded anew from fields of known
-    types and ranges, so that viser reads exactly the checked values. A message of a
-    kind that may pass but with other fields is dropped.
+    Viewers may send only their camera. Forwarded messages are re-encoded from fields with checked
+    types and ranges, so that viser reads exactly the checked values. A message of an accepted kind
+    with other fields is dropped.
 
     Raises:
-        MessageError: `shape`, when it is nothing that viser's page would say.
+        MessageError: With code `shape` if viser's page cannot send such a message.
     """
     if len(frame) > MAX_MESSAGE_BYTES:
         raise MessageError("shape", f"no message has more than {MAX_MESSAGE_BYTES} bytes")
@@ -152,7 +152,7 @@ def filter_message(frame: bytes, role: Role) -> bytes | None:
 
 
 def _is_finite(value: Any) -> bool:
-    """Return whether all numbers are finite, and a quaternion has unit length."""
+    """Return whether all numbers are finite and any quaternion has unit length."""
     match value:
         case float():
             return math.isfinite(value)
@@ -168,11 +168,11 @@ def _is_finite(value: Any) -> bool:
 
 
 PAGE_ID = re.compile(r"[0-9a-f]{16}")
-"""A page id: made by the page itself, and good for nothing else."""
+"""Page id, chosen by the page; it grants no rights."""
 
 _MAX_VISER_MESSAGE_BYTES = 64 * 2**20
 _SOCKET_BUFFER_BYTES = 128 * 2**10
-"""Bytes: by default the kernel holds 2 MB for a slow page, which is many seconds of old poses."""
+"""The kernel's default is 2 MB for a slow page, which is many seconds of old poses."""
 _HEARTBEAT_S = 10.0
 _CLOSE_TIMEOUT_S = 0.5
 
@@ -182,7 +182,7 @@ class ViserProxy:
 
     def __init__(self, viser_port: int, reader: SocketReader) -> None:
         self.dropped = 0
-        """Number of messages of pages that were not forwarded."""
+        """Number of page messages that were not forwarded."""
         self._reader = reader
         self._url = f"ws://127.0.0.1:{viser_port}/"
         self._client: ClientSession | None = None
@@ -205,9 +205,9 @@ class ViserProxy:
         *,
         port: int | None = None,
     ) -> web.StreamResponse:
-        """Answer `GET viser/<page>`; the page's socket is open within `holding` it.
+        """Answer `GET viser/<page>`, with the page's socket open within `holding`.
 
-        `port` is that of another viser server, which moves nothing: no sliders are shown.
+        `port` selects the viser server of a recording, whose panel has no sliders.
         """
         if self._client is None:
             self._client = ClientSession()
@@ -259,7 +259,7 @@ class ViserProxy:
         messages: AsyncIterator[WSMessage],
         role: Role,
     ) -> None:
-        """Pass messages both ways until either side ends, then end the other."""
+        """Relay messages in both directions until either side closes, then close the other."""
         ways = [
             asyncio.create_task(self._pass_checked(messages, viser, role)),
             asyncio.create_task(_relay_to_page(viser, page)),
@@ -271,7 +271,7 @@ class ViserProxy:
                 way.cancel()
             await asyncio.gather(*ways, return_exceptions=True)
             await self._reader.close_cut_off(request, page)
-            # viser tells a client of another version why it is refused.
+            # viser's close code indicates a client version mismatch.
             await page.close(code=viser.close_code or 1001)
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(_CLOSE_TIMEOUT_S):
@@ -280,7 +280,7 @@ class ViserProxy:
     async def _pass_checked(
         self, messages: AsyncIterator[WSMessage], sink: ClientWebSocketResponse, role: Role
     ) -> None:
-        """Forward allowed messages of a page, until it sends an invalid one."""
+        """Forward the allowed messages of a page until it sends an invalid one."""
         with contextlib.suppress(ConnectionError, MessageError):
             async for message in messages:
                 if message.type is not WSMsgType.BINARY:
@@ -296,7 +296,7 @@ def _display_option(request: web.Request, word: str) -> str:
 
 
 async def _relay_to_page(source: ClientWebSocketResponse, sink: web.WebSocketResponse) -> None:
-    """Forward messages one at a time: a slow reader slows its writer, without a queue."""
+    """Forward messages one at a time, so that a slow reader slows the sender without a queue."""
     with contextlib.suppress(ConnectionError):
         async for message in source:
             if message.type is WSMsgType.BINARY:
