@@ -32,7 +32,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
@@ -95,7 +95,7 @@ class MissingExtraError(TwinError):
 
 
 @contextmanager
-def needs_extra(what: str, extra: str) -> Iterator[None]:
+def needs_extra(what: str, extra: str) -> Generator[None]:
     """Import packages of an extra inside this context.
 
     Raises:
