@@ -16,6 +16,7 @@ from packaging.requirements import Requirement
 
 from tests.support.markdown_pages import ROOT, code, page
 from tests.support.packaging import build, outside_environment, pip_into, run_outside
+from tests.support.robot_node import PATIENT
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 
@@ -140,12 +141,14 @@ def test_missing_feature_of_a_program_names_its_extra(client: Path) -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_lines_of_the_readme_drive_a_mock(client: Path) -> None:
+def test_lines_of_the_readme_drive_a_mock(client: Path, tmp_path: Path) -> None:
     script = code(page("../README.md"), "python")[0]
+    (tmp_path / "tsd.toml").write_text(PATIENT, "utf-8")
+    flags = ["--robot", "tsd.toml", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
     pipe = subprocess.PIPE
     with subprocess.Popen(
-        [str(client / "bin/tsd-mock"), "--listen", "tcp/127.0.0.1:0", "--until-eof"],
-        cwd=client, env=outside_environment(), stdin=pipe, stdout=pipe, text=True,
+        [str(client / "bin/tsd-mock"), *flags],
+        cwd=tmp_path, env=outside_environment(), stdin=pipe, stdout=pipe, text=True,
     ) as mock:  # fmt: skip
         assert mock.stdin is not None
         assert mock.stdout is not None
