@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from tsd_twin.errors import RobotFileError, needs_extra
+from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.robots import RobotDescription
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tsd_twin.models.solids import Link
 
 if TYPE_CHECKING:
-    from tsd_twin.models.solids import Link, Parts
+    from tsd_twin.models.solids import Link
 
 BASE = "base_link"
 """Root link, which has the parts of kind `chassis`."""
