@@ -390,7 +390,8 @@ class CmdVelOperator:
         self._polled_s = now_s
         if self.state is State.HELD and conflict:
             self.released()
-            return [GiveBack(), *self._say(now_s, f"the robot is disarmed: {conflict}")]
+            text = f"the robot is disarmed: {conflict}"
+            return [GiveBack(), *self._say(now_s, "conflict", text)]
         if self.state is not State.HELD or now_s - self._driven_s < AT_REST_S:
             return []
         if view.asked_by is not None and view.holder == self.operator:
