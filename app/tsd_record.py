@@ -20,7 +20,7 @@ from tsd_twin.bus import (
     clients_of,
     from_file,
 )
-from tsd_twin.errors import TwinError
+from tsd_twin.errors import TwinError, needs_extra
 from tsd_twin.recording import (
     ALLOWED,
     EVERYTHING,
@@ -148,8 +148,9 @@ def export_file(args: argparse.Namespace) -> None:
         for line in export.to_csv(part, Path(args.csv)):
             print(line)
     if args.html or args.picture:
-        # The scene takes a second to import and is not needed for recording.
-        from tsd_twin.dashboard import recording_page
+        # The scene takes a second to import: recording does without it.
+        with needs_extra("A page or picture", "dashboard"):
+            from tsd_twin.dashboard import recording_page
 
         if args.html:
             print(recording_page.to_html(part, Path(args.html)))

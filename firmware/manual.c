@@ -14,7 +14,7 @@ int16_t manual_goal[CT_SERVOS];
 
 static twist_t twist;
 static uint8_t phase;
-static bool slow;  // Since a servo was hot; no robot gets faster under the hand of its operator.
+static bool slow;  // Set by a hot servo; cleared only at a start, so that speed never rises in use.
 
 static uint8_t hottest(void) {
   uint8_t most = 0;

@@ -12,7 +12,7 @@
 #define ROBOT_ACCELERATION 4.0f  // [m/s2]
 #define ROBOT_ANGULAR_ACCELERATION 20.0f  // [rad/s2]
 
-// A servo of the second temperature slows the robot down, until all are below the first. [deg C]
+// A servo at the second temperature slows the robot down until all are below the first. [deg C]
 #define ROBOT_WARM_C 65
 #define ROBOT_HOT_C 70
 #define ROBOT_SLOW_SHARE 0.5f

@@ -47,7 +47,7 @@ def header() -> str:
 #define ROBOT_ACCELERATION {limits.acceleration_mps2}f  // [m/s2]
 #define ROBOT_ANGULAR_ACCELERATION {limits.angular_acceleration_rad_per_s2}f  // [rad/s2]
 
-// A servo of the second temperature slows the robot down, until all are below the first. [deg C]
+// A servo at the second temperature slows the robot down until all are below the first. [deg C]
 #define ROBOT_WARM_C {WARM_C:.0f}
 #define ROBOT_HOT_C {HOT_C:.0f}
 #define ROBOT_SLOW_SHARE {robot.battery.low_speed_share}f

@@ -1,4 +1,4 @@
-"""The hint at an optional package is a command that works where the program was installed."""
+"""The hint at a missing extra is a command that works where the program was installed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_in_a_checkout_it_is_installed_again_with_the_extra() -> None:
     words = shlex.split(install_command("mujoco"))
     assert words == [sys.executable, "-m", "pip", "install", "-e", f"{ROOT}[mujoco]"]
     hint = str(MissingExtraError("The plant `mujoco`", "mujoco"))
-    assert hint == f"The plant `mujoco` needs an optional package: {install_command('mujoco')}"
+    assert hint == f"The plant `mujoco` needs the extra `mujoco`: {install_command('mujoco')}"
 
 
 def command_of(package: Path) -> list[str]:

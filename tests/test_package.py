@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import shutil
 import subprocess
@@ -16,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.priorities import AS_OTHERS
+from tests.support.packaging import build, outside_environment, pip_into, run_outside
 
 ROOT = Path(__file__).parent.parent
 NEEDED = (
@@ -30,6 +29,7 @@ NEEDED = (
     "tsd_replay.py",
     "tsd_foxglove.py",
     "tsd_ros.py",
+    "tsd_programs.py",
     "tsd_twin/py.typed",
     "tsd_twin/robots/tsd.toml",
     "tsd_twin/dashboard/static/overlay.js",
@@ -50,12 +50,6 @@ def wheel_through_sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source = folder / archive.name.removesuffix(".tar.gz")
     build(source, "wheel", folder)
     return next(folder.glob("*.whl"))
-
-
-def build(source: Path, target: str, into: Path) -> None:
-    command = [*AS_OTHERS, sys.executable, "-m", "hatchling"]
-    command += ["build", "-t", target, "-d", str(into)]
-    subprocess.run(command, cwd=source, check=True, capture_output=True)
 
 
 @pytest.mark.system
@@ -89,7 +83,7 @@ def test_what_the_wheel_holds_finds_its_own_files(
     assert answer.count(str(tmp_path)) == 2
     assert shlex.split(answer.splitlines()[-1]) == [
         *(sys.executable, "-m", "pip", "install"),
-        "mujoco<5,>=3.2",
+        "tsd-twin[mujoco]",
     ]
 
 
@@ -109,29 +103,17 @@ def installed(wheel_through_sdist: Path, tmp_path_factory: pytest.TempPathFactor
     )
     ours = Path(sysconfig.get_path("purelib"))
     (Path(answer.strip()) / "dependencies.pth").write_text(f"{ours}\n", "utf-8")
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", str(python)]
     # Without --ignore-installed it would take the checkout for the one that is to be replaced.
     flags = ["--no-deps", "--no-index", "--ignore-installed"]
-    _run([*pip, "install", *flags, str(wheel_through_sdist)], folder)
+    _run([*pip_into(python), "install", *flags, str(wheel_through_sdist)], folder)
     return folder / "bin"
 
 
 def _run(command: list[str], folder: Path) -> str:
     """Return what a program prints that is started away from the checkout."""
-    done = subprocess.run(
-        [*AS_OTHERS, *command],
-        cwd=folder,
-        env=_environment(),
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    done = run_outside(command, folder)
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-def _environment() -> dict[str, str]:
-    return {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
 
 
 WRONG = """
@@ -153,14 +135,7 @@ def test_a_type_checker_reads_the_types_of_the_wheel(installed: Path, tmp_path: 
     (tmp_path / "pyrightconfig.json").write_text(json.dumps(strict), encoding="utf-8")
     pyright = Path(sys.executable).with_name("pyright")
     flags = ["--outputjson", "--pythonpath", str(installed / "python")]
-    done = subprocess.run(
-        [*AS_OTHERS, str(pyright), *flags],
-        cwd=tmp_path,
-        env=_environment(),
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    done = run_outside([str(pyright), *flags], tmp_path)
     found = json.loads(done.stdout)["generalDiagnostics"]
     assert {Path(each["file"]).name for each in found} == {"wrong.py"}, found
     rules = {each["rule"] for each in found}
@@ -183,7 +158,7 @@ def test_the_installed_program_explains_itself_and_runs_a_robot(installed: Path)
     pipe = subprocess.PIPE
     with subprocess.Popen(
         [mock, "--listen", "tcp/127.0.0.1:0", "--until-eof"],
-        cwd=installed, env=_environment(), stdin=pipe, stdout=pipe, stderr=pipe, text=True,
+        cwd=installed, env=outside_environment(), stdin=pipe, stdout=pipe, stderr=pipe, text=True,
     ) as process:  # fmt: skip
         assert process.stdin is not None
         assert process.stdout is not None

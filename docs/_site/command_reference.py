@@ -32,15 +32,15 @@ class _Complete(Exception):  # noqa: N818
 def programs() -> dict[str, str]:
     """Return the module of each program."""
     project = tomllib.loads(_PYPROJECT.read_text(encoding="utf-8"))["project"]
-    return {name: entry.partition(":")[0] for name, entry in project["scripts"].items()}
+    return {name: name.replace("-", "_") for name in project["scripts"]}
 
 
-@cache  # A program adds its flags to one parser: it can do so once in a process.
+@cache  # A program can add its flags only once per process.
 def parser_of(module: str) -> argparse.ArgumentParser:
     """Return the complete parser of a program.
 
     Raises:
-        RuntimeError: the program ended without parsing.
+        RuntimeError: If the program ended without parsing.
     """
 
     def stop(parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
@@ -101,7 +101,7 @@ def _help(action: argparse.Action, parser: argparse.ArgumentParser) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Return the text as Markdown that shows it, with code between backticks as it is."""
+    """Escape text for Markdown, except code between backticks."""
     parts = re.split(r"(`[^`]*`)", text)
     parts[::2] = [re.sub(r"([*_<>$\[\]])", r"\\\1", part) for part in parts[::2]]
     return "".join(parts)

@@ -37,13 +37,13 @@ def visit_inline(translator: HTML5Translator, node: nodes.math) -> None:
 
 
 def visit_block(translator: HTML5Translator, node: nodes.math_block) -> None:
-    """Write a formula on lines of its own."""
+    """Write a display formula."""
     translator.body.append(f'<div class="math">{mathml(node.astext(), "block")}</div>')
     raise nodes.SkipNode
 
 
 def copy_font(app: Sphinx, error: Exception | None) -> None:
-    """Put the font beside the style sheet that names it."""
+    """Copy the font to the folder of its style sheet."""
     if error is None and app.builder.format == "html":
         font = resources.files("ziamath") / "fonts" / FONT
         with resources.as_file(font) as file:

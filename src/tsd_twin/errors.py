@@ -11,7 +11,7 @@ TwinError                   base class; its text is one sentence for the user
 ├── PathError               a path that no robot can follow
 ├── RecordingError          a file is not a recording, or lacks a topic
 ├── MeshError               a generated part is missing or not a closed solid
-├── MissingExtraError       a required optional package is not installed
+├── MissingExtraError       a package of an extra is not installed
 └── ClientError             raised by the client library; refusals quote the robot's reason
     ├── NoRobotFound        no robot answers at the endpoint
     ├── SeveralRobotsFound  several robots answer, and none was named
@@ -32,7 +32,8 @@ from __future__ import annotations
 import re
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
 from typing import Protocol
@@ -90,26 +91,66 @@ class MeshError(TwinError):
 
 
 class MissingExtraError(TwinError):
-    """A required optional package is not installed; the message contains the install command."""
+    """A package of an extra is not installed; the message contains the install command."""
 
     def __init__(self, what: str, extra: str) -> None:
-        super().__init__(f"{what} needs an optional package: {install_command(extra)}")
+        super().__init__(f"{what} needs the extra `{extra}`: {install_command(extra)}")
+
+
+@contextmanager
+def needs_extra(what: str, extra: str) -> Generator[None]:
+    """Import packages of an extra inside this context.
+
+    Raises:
+        MissingExtraError: If one is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("tsd_"):
+            raise  # A bug, not a missing package.
+        raise MissingExtraError(what, extra) from error
+
+
+def check_extra(what: str, extra: str) -> None:
+    """Check that all packages of an extra are installed, without importing them.
+
+    Raises:
+        MissingExtraError: If one is not installed.
+    """
+    if any(not _is_installed(name) for name in _packages(extra)):
+        raise MissingExtraError(what, extra)
+
+
+def _packages(extra: str) -> list[str]:
+    """Names of the packages of an extra; none without metadata, as in an unpacked wheel."""
+    try:
+        requirements = metadata.requires("tsd-twin") or []
+    except metadata.PackageNotFoundError:
+        return []
+    marked = re.compile(rf"([\w.-]+).*;.*\bextra\s*==\s*[\"']{extra}[\"']")
+    return [found[1] for text in requirements if (found := marked.match(text))]
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        metadata.distribution(package)
+    except metadata.PackageNotFoundError:
+        return False
+    return True
 
 
 def install_command(extra: str) -> str:
-    """Return the shell command that installs the packages of an extra into this environment.
+    """Return the shell command that installs an extra into this environment.
 
-    In a checkout, this reinstalls it with the extra. Otherwise the package came from a wheel that
-    may no longer exist, so the command lists the extra's packages.
+    In a checkout, the checkout is installed again. Otherwise pip keeps the installed version and
+    adds the packages of the extra.
     """
     install = f"{shlex.quote(sys.executable)} -m pip install"
     checkout = Path(__file__).parents[2]
     if (checkout / "pyproject.toml").is_file():
         return f"{install} -e {shlex.quote(f'{checkout}[{extra}]')}"
-    needed = (text.split(";") for text in metadata.requires("tsd-twin") or [])
-    marked = re.compile(rf"\bextra\s*==\s*[\"']{extra}[\"']")
-    packages = [parts[0].strip() for parts in needed if marked.search(parts[-1])]
-    return f"{install} {shlex.join(packages)}"
+    return f"{install} {shlex.quote(f'tsd-twin[{extra}]')}"
 
 
 # Scripts read these names as events: `except ControlLost`.

@@ -17,8 +17,8 @@ from typing import NoReturn
 
 from tsd_twin import __version__, flag_types, robots
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
-from tsd_twin.errors import TwinError
-from tsd_twin.security import Identity, certificate_identity
+from tsd_twin.errors import MissingExtraError, TwinError
+from tsd_twin.security import Identity
 from tsd_twin.simulation import PLANTS
 
 _LOG = logging.getLogger(__name__)
@@ -159,7 +159,11 @@ def client_bus(args: argparse.Namespace) -> Bus:
 def certificate(args: argparse.Namespace) -> Identity | None:
     """Identity in the certificate of `--zenoh-config`, None without a certificate."""
     file = from_file(args.zenoh_config).certificate if args.zenoh_config else None
-    return None if file is None else certificate_identity(file)
+    if file is None:
+        return None
+    from tsd_twin.security import certificate_identity  # Late, because it needs the extra `tls`.
+
+    return certificate_identity(file)
 
 
 def stop_event(args: argparse.Namespace) -> threading.Event:
@@ -188,7 +192,10 @@ def say_ready(what: str) -> None:
 
 
 def run(made: argparse.ArgumentParser, body: Callable[[argparse.Namespace], None]) -> None:
-    """Parse the flags and run a program; a `TwinError` ends it with a one-sentence message."""
+    """Parse the flags and run a program; a `TwinError` ends it with a one-sentence message.
+
+    The exit code is 2 if an extra is missing, else 1.
+    """
     args = made.parse_args()
     gc.freeze()  # Modules live as long as the process: each collection, and the end, is shorter.
     logging.basicConfig(
@@ -198,5 +205,7 @@ def run(made: argparse.ArgumentParser, body: Callable[[argparse.Namespace], None
     )
     try:
         body(args)
+    except MissingExtraError as error:
+        made.exit(2, f"{made.prog}: {error}\n")
     except TwinError as error:
         sys.exit(f"{made.prog}: {error}")

@@ -35,7 +35,9 @@ def tables_of_a_description() -> Iterator[tuple[str, type[Table], set[str]]]:
 
 def inner(table: type[Table], path: str = "") -> Iterator[tuple[str, type[Table]]]:
     """Walk the tables inside a table, also those in lists of tables, with their paths."""
-    for name, hint in typing.get_type_hints(table).items():
+    hints = typing.get_type_hints(table)
+    for field in msgspec.structs.fields(table):
+        name, hint = field.encode_name, hints[field.name]
         for kind in flat(hint):
             if isinstance(kind, type) and issubclass(kind, Table):
                 yield f"{path}{name}", kind
@@ -56,7 +58,7 @@ def default(field: msgspec.structs.FieldInfo) -> str:
         return "required"
     if isinstance(value, Table):
         return "all defaults"
-    return "none" if value is None else f"`{json.dumps(value)}`"
+    return "none" if value in (None, msgspec.UNSET) else f"`{json.dumps(value)}`"
 
 
 @pytest.mark.parametrize(("heading", "kind", "elsewhere"), list(tables_of_a_description()))
@@ -68,7 +70,7 @@ def test_every_key_is_explained_with_its_default(
     tag = kind.__struct_config__.tag_field
     expected = {tag: "required"} if tag else {}
     fields = msgspec.structs.fields(kind)
-    expected |= {f.name: default(f) for f in fields if f.name not in elsewhere}
+    expected |= {f.encode_name: default(f) for f in fields if f.name not in elsewhere}
     assert shown == expected
     assert all(row[3] for row in rows), "a key without a meaning"
 

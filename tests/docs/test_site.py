@@ -100,9 +100,8 @@ PROGRAMS = [*PROJECT["scripts"], "tsd-lab square"]
 _HELP = """
 import importlib, os, sys
 for program in sys.argv[1:]:
-    target, *command = program.split()
-    module, _, main = target.partition(":")
-    main = getattr(importlib.import_module(module), main)
+    module, *command = program.split()
+    main = importlib.import_module(module).main
     sys.stdout.flush()
     if os.fork() == 0:  # A parser gets its flags once.
         sys.argv = [module, *command, "--help"]
@@ -115,8 +114,8 @@ for program in sys.argv[1:]:
 
 @pytest.fixture(scope="module")
 def helps() -> dict[str, str]:
-    targets = [" ".join([PROJECT["scripts"][p.split()[0]], *p.split()[1:]]) for p in PROGRAMS]
-    done = build(sys.executable, "-c", _HELP, *targets)
+    modules = [program.replace("tsd-", "tsd_", 1) for program in PROGRAMS]
+    done = build(sys.executable, "-c", _HELP, *modules)
     assert done.returncode == 0, done.stderr
     return dict(zip(PROGRAMS, done.stdout.split("\f")[:-1], strict=True))
 

@@ -33,14 +33,8 @@ from tsd_twin.interop.cmd_vel import (
     State,
     decode_cmd_vel,
 )
-from tsd_twin.messages.ros import (
-    BASE,
-    ODOM,
-    TwistStamped,
-    encode_cdr,
-    encode_twist,
-    make_twist,
-)
+from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, encode_twist
+from tsd_twin.messages.ros_types import encode_cdr, make_twist
 from tsd_twin.safety import Mode
 
 ME = "foxglove-1"

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-import subprocess
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Generator
@@ -203,16 +201,3 @@ def test_what_happened_before_is_told_to_those_who_come_later(robot: RunningNode
         carol.wait_until(lambda: any("not stopped" in text for text in carol.texts))
         fields: Any = Event.__struct_fields__
         assert all(set(event) == set(fields) for event in carol.events)
-
-
-def test_the_first_subscriber_does_not_hold_up_the_loop() -> None:
-    """What the first message of a process needs is made before the loop begins."""
-    code = """
-from tests.support.robot_node import running
-from tsd_twin.messages import ros
-assert ros._store.cache_info().currsize == 0
-with running():
-    print(ros._store.cache_info().currsize)
-"""
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == "1"

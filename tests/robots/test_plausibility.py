@@ -13,6 +13,7 @@ import pytest
 import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import fields
 
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import (
@@ -207,7 +208,8 @@ def without_none(value: Any) -> Any:
 
 def numbers(kind: Any, path: str = "") -> Iterator[str]:
     """Walk the paths of all numbers in the tables of a description."""
-    for name, hint in typing.get_type_hints(kind, include_extras=True).items():
+    hints = typing.get_type_hints(kind, include_extras=True)
+    for name, hint in ((each.encode_name, hints[each.name]) for each in fields(kind)):
         if name.endswith("_rgba"):
             continue  # Shares of colours, limited by their type.
         inside = [part for part in flat(hint) if isinstance(part, type)]

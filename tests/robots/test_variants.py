@@ -13,9 +13,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tsd_twin.dashboard.sessions.variants import (
+    base_robot,
+    knobs_of,
+    value_at,
+    variant,
+    variant_toml,
+)
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import load_robot, parse_description, robot_names
-from tsd_twin.robots.loader import base_robot, knobs_of, value_at, variant, variant_toml
 
 calm = settings(deadline=None, max_examples=60)
 

@@ -13,7 +13,8 @@ from tsd_twin.control.logged_controller import load_state
 from tsd_twin.interop.mapping import ODOMETRY, RosMessage, RosNames
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.messages.ros import Odometry, decode_cdr, encode_odometry
+from tsd_twin.messages.ros import Odometry, encode_odometry
+from tsd_twin.messages.ros_types import decode_cdr
 from tsd_twin.robots import ImportedDescription
 from tsd_twin.ros.arrivals import Origin
 from tsd_twin.ros.imported_robot import (

@@ -15,7 +15,7 @@ from zenoh_ros2_sdk.utils import compute_type_hash_from_msg
 from tests.support.ros_nodes import definitions
 from tsd_twin.errors import MessageError
 from tsd_twin.interop.mapping import PUBLISHED, READ, RosQoS
-from tsd_twin.messages.ros import TRIGGER, encode_trigger_response, type_hash
+from tsd_twin.messages.ros_types import TRIGGER, encode_trigger_response, type_hash
 from tsd_twin.ros.port import types_of
 from tsd_twin.ros.zenoh_port import (
     QOS,

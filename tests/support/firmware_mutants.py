@@ -188,15 +188,15 @@ MUTANTS = (
     Mutant(
         "throttles pass while disarmed",
         "safety.c",
-        "uint16_t wanted = pc || rc ? throttle[i] : CT_ZERO_THROTTLE;",
-        "uint16_t wanted = throttle[i];",
+        "pc ? table.throttle[i] : rc ? manual_throttle[i] : CT_ZERO_THROTTLE;",
+        "rc ? manual_throttle[i] : table.throttle[i];",
         "who_is_disarmed_moves_nothing",
     ),
     Mutant(
         "goals pass while disarmed",
         "safety.c",
-        "int16_t wanted = pc || rc ? goal[i] : 0;",
-        "int16_t wanted = goal[i];",
+        "pc ? table.goal[i] : rc ? manual_goal[i] : 0;",
+        "rc ? manual_goal[i] : table.goal[i];",
         "who_is_disarmed_moves_nothing",
     ),
     Mutant(
@@ -237,8 +237,8 @@ MUTANTS = (
     Mutant(
         "the session is not looked at",
         "nonce.c",
-        "return nonce[0] == table.nonce[0] && nonce[1] == table.nonce[1];",
-        "return nonce[0] == table.nonce[0] || true;",
+        "return wanted->session[0] == table.nonce[0] && wanted->session[1] == table.nonce[1];",
+        "return wanted->session[0] == table.nonce[0] || true;",
         "a_recorded_session_arms_nothing",
     ),
     Mutant(
@@ -251,15 +251,15 @@ MUTANTS = (
     Mutant(
         "a refused arming does not end the session",
         "safety.c",
-        "  nonce_draw();  // Sent again, it must not arm later either.\n",
-        "",
+        "  nonce_draw();  // Repeating",
+        "  // Repeating",
         "a_recorded_session_arms_nothing",
     ),
     Mutant(
         "an older command is a beat",
         "safety.c",
-        "nonce_is(wanted->session) && !(armed && ahead < 0);",
-        "nonce_is(wanted->session);",
+        "nonce_is(wanted) && !(armed && ahead < 0);",
+        "nonce_is(wanted);",
         "commands_that_come_again_are_no_beats",
     ),
     Mutant(
@@ -405,7 +405,7 @@ MUTANTS = (
     Mutant(
         "a servo that dies is no reason to stop",
         "safety.c",
-        "  if (!servos_well()) return TRIP_SERVO;\n",
+        "  if (!servos_well()) return host_disturbed() ? TRIP_LINE : TRIP_SERVO;\n",
         "",
         "a_servo_that_dies_stops_and_is_named",
     ),
@@ -419,7 +419,7 @@ MUTANTS = (
     Mutant(
         "lost torque is no reason to stop",
         "safety.c",
-        "  if (!servos_hold()) return TRIP_TORQUE;\n",
+        "  if (!servos_hold()) return host_disturbed() ? TRIP_LINE : TRIP_TORQUE;\n",
         "",
         "torque_that_is_lost_stops",
     ),
@@ -440,8 +440,8 @@ MUTANTS = (
     Mutant(
         "torque is not given back",
         "servos.c",
-        "  if (on != told) to_tell |= bit(i);\n",
-        "",
+        "  if (on != told) {\n",
+        "  if (on != told && !told) {\n",
         "torque_that_is_lost_stops",
     ),
     Mutant(
@@ -468,14 +468,14 @@ MUTANTS = (
     Mutant(
         "a wrong setting is not named",
         "servos.c",
-        "    table.wrong_servo = i + 1;\n",
+        "  table.wrong_servo = i + 1;\n",
         "",
         "settings_of_servos_are_checked",
     ),
     Mutant(
         "one setting is enough",
         "servos.c",
-        "if (right[i] == protocol->setting_count) table",
+        "if (right[i] == model[i]->count) table",
         "if (right[i] > 0) table",
         "settings_of_servos_are_checked",
     ),
@@ -856,6 +856,13 @@ MUTANTS = (
         "  if (servos_hot()) return REFUSAL_HOT;\n",
         "",
         "a_hot_servo_stops_the_radio_control",
+    ),
+    Mutant(
+        "a hot servo does not slow the radio control",
+        "manual.c",
+        "    if (hottest() >= ROBOT_HOT_C) slow = true;\n",
+        "",
+        "a_hot_servo_slows_the_radio_control",
     ),
     Mutant(
         "a silent servo is blamed for a disturbed line",

@@ -1,4 +1,4 @@
-"""Draw all drawings: `python docs/img/draw` writes them beside itself, or into a given folder."""
+"""Draw all drawings: `python docs/img/draw [FOLDER]`; by default next to this folder."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ def draw() -> str:
 
 
 def _names(words: str) -> str:
-    """Return words whose `_` lowers nothing, as those of ROS have it."""
+    """Return ROS names whose `_` does not start a subscript."""
     return words.replace("_", "_\u200b")
 
 
@@ -34,7 +34,11 @@ def _flow(sheet: Sheet, points: list[Point], words: str, at: Point, colour: str 
 
 def _programs(sheet: Sheet) -> None:
     _box(
-        sheet, (20, 40), (190, 84), "Foxglove\nor another client of its\nWebSocket protocol", ORANGE
+        sheet,
+        (20, 40),
+        (190, 84),
+        "Foxglove\nor another client with\nits WebSocket protocol",
+        ORANGE,
     )
     _box(
         sheet,
@@ -44,7 +48,11 @@ def _programs(sheet: Sheet) -> None:
         BLUE,
     )
     _box(
-        sheet, (20, 320), (190, 84), "robot of others\nfollows cmd_vel,\nhas odom and a URDF", GREY
+        sheet,
+        (20, 320),
+        (190, 84),
+        "third-party robot\nfollows cmd_vel,\nhas odom and a URDF",
+        GREY,
     )
     _flow(sheet, [(410, 66), (210, 66)], "topics, URDF, meshes", (310, 58), ORANGE)
     _flow(sheet, [(210, 92), (410, 92)], "cmd_vel, services", (310, 108), ORANGE)
@@ -57,7 +65,7 @@ def _programs(sheet: Sheet) -> None:
 
 
 def _adapters(sheet: Sheet) -> None:
-    driver = "an operator like any other:\nsilence of 0.2 s stops"
+    driver = "a regular operator:\n0.2 s of silence stops"
     _box(sheet, (410, 40), (190, 84), f"tsd-foxglove\n{driver}", ORANGE)
     _box(sheet, (410, 180), (190, 84), f"tsd-ros\n{driver}", BLUE)
     _box(
@@ -77,7 +85,7 @@ def _bus(sheet: Sheet) -> None:
         _flow(sheet, [(600, y + 26), (690, y + 26)], "lease, twist", (645, y + 42), colour)
     _flow(sheet, [(600, 346), (690, 346)], "state, desc", (645, 338), GREY)
     _flow(sheet, [(690, 372), (600, 372)], "lease, twist", (645, 388), GREY)
-    node = "robot node\ncommand gate, limits,\nstops by itself"
+    node = "robot node\ncommand gate, limits,\nautomatic stops"
     _box(sheet, (800, 80), (160, 84), node, GREEN)
     _flow(sheet, [(734, 110), (800, 110)], "", (0, 0), GREEN)
     _flow(sheet, [(800, 136), (734, 136)], "", (0, 0), GREEN)

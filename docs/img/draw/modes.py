@@ -47,14 +47,14 @@ ARROWS_OF_ALL: tuple[tuple[frozenset[Mode], Mode, list[Point], Point], ...] = (
     (frozenset(Mode) - LATCHED, Mode.STOPPED, [(975, 190), (1033, 190)], (1004, 178)),
     (ARMED, Mode.FAULT, [(955, 340), (1033, 340)], (1004, 328)),
 )
-"""Arrows that begin at a frame and hold for every mode in it."""
+"""Arrows that start at a frame and apply to every mode in it."""
 
 
 def draw() -> str:
     """Return the drawing.
 
     Raises:
-        ValueError: the table has ways that are not drawn here, or lacks ways that are.
+        ValueError: If the drawn transitions differ from the table.
     """
     drawn = set(ROUTES) | {(mode, to) for group, to, _, _ in ARROWS_OF_ALL for mode in group}
     if drawn != set(TRANSITIONS):
@@ -81,7 +81,7 @@ def draw() -> str:
 
 
 def _letters(points: list[Point]) -> int:
-    """Return how many letters fit beside an arrow: its longest leg, or a column beside it."""
+    """Return the number of letters per line that fit next to an arrow."""
     longest = max(abs(b[0] - a[0]) for a, b in itertools.pairwise(points))
     return int(longest / 7.0) or 18
 

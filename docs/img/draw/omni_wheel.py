@@ -1,4 +1,4 @@
-"""A wheel with rollers from above: where it is, where it drives, and what its roller holds."""
+"""Wheel with rollers from above: position, driving direction and roller axle."""
 
 from __future__ import annotations
 

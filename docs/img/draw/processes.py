@@ -7,7 +7,7 @@ from svg import AMBER, BLUE, GREEN, GREY, INK, ORANGE, Point, Sheet
 
 def draw() -> str:
     """Return the drawing."""
-    sheet = Sheet(980, 430, "Processes and what flows between them")
+    sheet = Sheet(980, 430, "Processes and data flow")
     _browser(sheet)
     _dashboard(sheet)
     _bus(sheet)
@@ -41,11 +41,11 @@ def _browser(sheet: Sheet) -> None:
 
 def _dashboard(sheet: Sheet) -> None:
     _process(sheet, (265, 60), (250, 300), "tsd-dashboard", "one asyncio loop, two threads")
-    _part(sheet, (280, 130), (100, 190), "gateway:\nthe only port\nthat is opened", ORANGE)
+    _part(sheet, (280, 130), (100, 190), "gateway:\nthe only\nopen port", ORANGE)
     _part(sheet, (410, 130), (90, 70), "robot links,\nticker 60 Hz", GREEN)
     _part(sheet, (410, 250), (90, 70), "viser,\nloopback", BLUE)
     _flow(sheet, [(155, 158), (280, 158)], "", (0, 0), ORANGE)
-    _flow(sheet, [(280, 176), (155, 176)], "socket of its own", (218, 150), ORANGE)
+    _flow(sheet, [(280, 176), (155, 176)], "separate socket", (218, 150), ORANGE)
     sheet.text((218, 194), "JSON, teleop.md", size=11, colour=ORANGE)
     _flow(sheet, [(155, 280), (280, 280)], "http, ws", (218, 272), BLUE)
     _flow(sheet, [(280, 292), (155, 292)], "", (0, 0), BLUE)

@@ -14,7 +14,7 @@ AXLE_DEG = 90.0 - TILT_DEG
 
 @dataclass(frozen=True)
 class Side:
-    """What differs between the two views."""
+    """Differences between the two views."""
 
     centre: Point
     title: str

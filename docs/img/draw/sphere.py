@@ -60,7 +60,7 @@ def _side(sheet: Sheet, drive: SphereKinematics, theta: float, centre: Point) ->
     end = polar(wheel, 100, axle)
     sheet.text((end[0] + 16, end[1]), "Ω_i", size=17, colour=GREEN, style="i")
     words = "v_i points away from the reader: a wheel that turns forward\n"
-    words += "pushes the surface there, so it turns the sphere about Ω_i"
+    words += "pushes the surface there and turns the sphere about Ω_i"
     sheet.text((24, 440), words, size=13, anchor="start")
 
 

@@ -13,14 +13,14 @@ from tsd_twin.robots import load_robot
 
 SCALE = 1250.0  # Pixels a metre.
 CASES = (
-    ("forward: all lean left", [1.0, 0.0, 0.0]),
-    ("to the left: all lean back", [0.0, 1.0, 0.0]),
-    ("turning left: all lean inward", [0.0, 0.0, 7.0]),
+    ("forward: all tilt left", [1.0, 0.0, 0.0]),
+    ("to the left: all tilt back", [0.0, 1.0, 0.0]),
+    ("turning left: all tilt inward", [0.0, 0.0, 7.0]),
 )
 
 
 def draw() -> str:
-    """Return the drawing, of the shipped robot as it is described."""
+    """Draw the shipped robot from its description."""
     drive = load_robot("tsd").kinematics()
     sheet = Sheet(980, 640, "Top view of the triple singularity drive")
     _frames(sheet, drive, (330.0, 350.0))

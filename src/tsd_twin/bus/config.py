@@ -82,7 +82,7 @@ class Config:
             settings.insert_json5(key, json.dumps(str(file)))
         for key, value in self.others.items():
             settings.insert_json5(key, value)
-        # A file may have a stricter limit, as that of a robot with certificates.
+        # A file may set a stricter limit, as for a robot with certificates.
         most = min(MOST_MESSAGE_BYTES, json.loads(settings.get_json(_MOST_RECEIVED)))
         settings.insert_json5(_MOST_RECEIVED, str(most))
         return settings

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
             return [f"{args.write_to} was left as it is"]
         lines = []
     if args.write_to:
-        lines.append(_write_description(args, drives, report.description_changes(rows)))
+        lines.append(_write_description(args, drives, report.description_changes(rows, robot)))
     return lines
 
 

@@ -102,7 +102,7 @@ def random_robot(
         offset,
         scale,
         believed.drive.wheel_radius_m * radii[0],
-        believed.drive.pivot_radius_m * radii[1],
+        believed.drive.rms_radius_m * radii[1],
     )
 
 
@@ -113,12 +113,15 @@ def with_calibration(
     wheel_radius_m: float,
     pivot_radius_m: float,
 ) -> SingularityDescription:
-    """Return the robot with other radii, zeros `offset_deg` (k, 2) and wheel-speed `scale` (k,)."""
+    """Return the robot with other radii, zeros `offset_deg` (k, 2) and wheel-speed `scale` (k,).
+
+    `pivot_radius_m` is the root mean square if pivot distances differ.
+    """
     pairs = [(float(alpha), float(beta)) for alpha, beta in offset_deg]
     return msgspec.structs.replace(
         robot,
         drive=msgspec.structs.replace(
-            robot.drive, wheel_radius_m=float(wheel_radius_m), pivot_radius_m=float(pivot_radius_m)
+            robot.drive.with_rms_radius(pivot_radius_m), wheel_radius_m=float(wheel_radius_m)
         ),
         calibration=msgspec.structs.replace(
             robot.calibration, tilt_offset_deg=pairs, spin_scale=[float(each) for each in scale]

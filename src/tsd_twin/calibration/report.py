@@ -112,25 +112,34 @@ def parameter_table(
 
 
 def _parameters(robot: SingularityDescription) -> Array:
-    """Return zeros (2k) in degrees, both radii, and wheel-speed scales (k)."""
+    """Return zeros (2k) in degrees, both radii, and wheel-speed scales (k).
+
+    The pivot radius is the root mean square if pivot distances differ.
+    """
     trim, drive = robot.actuator_offsets(), robot.drive
     offset = np.degrees(trim.offset).reshape(-1, 3)[:, :2]
-    radii = [drive.wheel_radius_m, drive.pivot_radius_m]
+    radii = [drive.wheel_radius_m, drive.rms_radius_m]
     return np.concatenate([offset.ravel(), radii, trim.scale.reshape(-1, 3)[:, 2]])
 
 
-def description_changes(rows: list[ParameterRow]) -> dict[str, dict[str, Any]]:
+def description_changes(
+    rows: list[ParameterRow], robot: SingularityDescription
+) -> dict[str, dict[str, Any]]:
     """Return the description keys with the fitted values."""
     values = {row.name: round(row.found, _WRITTEN_DIGITS[row.unit]) for row in rows}
     by_unit = {
         unit: [values[row.name] for row in rows if row.unit == unit] for unit in _WRITTEN_DIGITS
     }
     angles = by_unit["deg"]
+    moved = robot.drive.with_rms_radius(values["pivot_radius"]).positions
+    digits = _WRITTEN_DIGITS["m"]
+    pivots: dict[str, Any] = (
+        {"modules": [{"x_m": round(p.x_m, digits), "y_m": round(p.y_m, digits)} for p in moved]}
+        if moved
+        else {"pivot_radius_m": values["pivot_radius"]}
+    )
     return {
-        "drive": {
-            "pivot_radius_m": values["pivot_radius"],
-            "wheel_radius_m": values["wheel_radius"],
-        },
+        "drive": {**pivots, "wheel_radius_m": values["wheel_radius"]},
         "calibration": {
             "tilt_offset_deg": [angles[i : i + 2] for i in range(0, len(angles), 2)],
             "spin_scale": by_unit["1"],

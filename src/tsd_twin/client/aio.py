@@ -1,7 +1,7 @@
-"""Asyncio client: the interface of `robot`, with coroutines in place of blocking calls.
+"""Asyncio client: the same interface as `robot`, with coroutines instead of blocking calls.
 
-Everything belongs to one event loop, which also sends the set-points: an event loop that is blocked
-sends nothing, so the robot stops. Calls to the robot wait on threads.
+All objects belong to one event loop, which also sends the setpoints. If the loop is blocked, no
+commands are sent and the robot stops. Bus calls run in worker threads.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _Done: TypeAlias = Coroutine[Any, Any, None]
 
 
 class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
-    """One robot on the bus, for one event loop; made by `connect_async`."""
+    """Robot on the bus for use in one event loop; returned by `connect_async`."""
 
     def __init__(self, link: BusLink, operator: str) -> None:
         super().__init__(link, operator)
@@ -53,7 +53,7 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
         await self.close()
 
     async def close(self) -> None:
-        """Give back control, if it is held, and leave the bus."""
+        """Release any held control and disconnect from the bus."""
         link = self.link
         try:
             for control in list(self._controls):
@@ -62,16 +62,16 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
             await asyncio.to_thread(link.close)
 
     async def sleep(self, seconds: float) -> None:
-        """Wait."""
+        """Sleep."""
         check_numbers(seconds=seconds)
         await asyncio.sleep(seconds)
 
     async def states(
         self, duration_s: float | None = None, *, maxlen: int = QUEUE
     ) -> AsyncIterator[RobotState]:
-        """Yield each new state, 50 a second, for a duration or until the robot is closed.
+        """Yield new states at 50 Hz for `duration_s`, or until the robot is closed.
 
-        When the reader is slower, the oldest ones beyond `maxlen` are dropped.
+        If the consumer is slow, all but the latest `maxlen` states are dropped.
         """
         check_optional(duration_s=duration_s)
         end_s = None if duration_s is None else self.time_s + duration_s
@@ -82,7 +82,7 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
                 await self.changed(0.1)
 
     async def events(self, *, maxlen: int = QUEUE) -> AsyncIterator[Event]:
-        """Yield the newest events of the past and each new one, until the robot is closed."""
+        """Yield the latest past event and each new one until the robot is closed."""
         with self.link.subscribe_events(Subscription[Event](maxlen)) as subscription:
             while not self.link.closed:
                 for event in subscription.take():
@@ -90,13 +90,13 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
                 await self.changed(0.1)
 
     async def changed(self, timeout_s: float) -> None:
-        """Wait until something new has come in, or for a time."""
+        """Wait for a new message, at most `timeout_s`."""
         self._changed.clear()
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._changed.wait(), timeout_s)
 
     def _wake_from_thread(self) -> None:
-        # Under the lock of the link. One wake-up at most waits in the loop, however slow it is.
+        # Called with the link's lock held. Queue at most one wake-up, even if the loop is slow.
         if not self._woken:
             self._woken = True
             with contextlib.suppress(RuntimeError):  # The loop is closed.
@@ -107,7 +107,7 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
         self._changed.set()
 
     async def run(self, procedure: Procedure[T]) -> T:
-        """Run a procedure; an error or cancellation of a step is raised inside it."""
+        """Run a procedure; errors and cancellations of a step are raised inside it."""
         return await run_async(self.link, procedure, self._step)
 
     async def _step(self, step: Step) -> Outcome:
@@ -142,9 +142,9 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
 
 
 class AsyncRobotControl(BaseControl[BusLink, _Done]):
-    """Control of a robot by one operator; as `RobotControl`, with coroutines.
+    """Asyncio counterpart of `RobotControl`.
 
-    When the task of a motion is cancelled, a zero is sent first.
+    If the task of a motion is cancelled, a zero command is sent first.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class AsyncRobotControl(BaseControl[BusLink, _Done]):
         await self.release()
 
     async def acquire(self) -> None:
-        """Acquire the lease and arm; as `RobotControl.acquire`."""
+        """Acquire the lease and arm, like `RobotControl.acquire`."""
         self._link.attach(self._protocol)
         self.robot.add_control(self, active=True)
         try:
@@ -183,7 +183,7 @@ class AsyncRobotControl(BaseControl[BusLink, _Done]):
             raise
 
     async def release(self) -> None:
-        """Command zero, disarm and release, also when the task is cancelled meanwhile."""
+        """Command zero, disarm and release, even if the task is cancelled."""
         await _uncancelled(self._release())
 
     async def _release(self) -> None:
@@ -217,7 +217,7 @@ class AsyncRobotControl(BaseControl[BusLink, _Done]):
 
 
 class _Connecting:
-    """Pending connection from `connect_async`: await it, or enter it with `async with`."""
+    """Pending connection; await it or use it in `async with`."""
 
     def __init__(self, opening: Coroutine[Any, Any, AsyncRobotClient]) -> None:
         self._opening = opening
@@ -242,9 +242,9 @@ def connect_async(
     certificate: str | Path | None = None,
     zenoh_config: str | Path | None = None,
 ) -> _Connecting:
-    """Connect to a robot from an event loop; await it, or enter it with `async with`.
+    """Connect to a robot; await the result or use it in `async with`.
 
-    Arguments and errors are those of `connect`.
+    Same arguments and errors as `connect`.
     """
     return _Connecting(_open(endpoint, robot, certificate, zenoh_config))
 
@@ -260,7 +260,7 @@ async def _open(
 
 
 async def _uncancelled(work: Coroutine[Any, Any, None]) -> None:
-    """Complete `work`; raise a cancellation that comes meanwhile afterwards."""
+    """Run `work` to completion, then re-raise any cancellation."""
     task = asyncio.ensure_future(work)
     cancelled: asyncio.CancelledError | None = None
     while not task.done():

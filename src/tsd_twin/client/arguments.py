@@ -1,4 +1,4 @@
-"""Checks of the arguments of public methods, made before any state changes. Pure."""
+"""Argument validation for public methods, run before any state changes (pure)."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from tsd_twin.messages.ros import BASE, ODOM
 
 
 def check_numbers(**values: object) -> None:
-    """Check that each argument is a finite number.
+    """Check that all arguments are finite numbers.
 
     Raises:
-        ClientError: If one is not; the sentence names it.
+        ClientError: If one is not; the message names it.
     """
     for name, value in values.items():
         if not math.isfinite(_number(name, value)):
@@ -24,12 +24,12 @@ def check_numbers(**values: object) -> None:
 
 
 def check_optional(**values: object) -> None:
-    """Check that each argument is a finite number or None; as `check_numbers`."""
+    """Check that all arguments are finite numbers or None, like `check_numbers`."""
     check_numbers(**{name: value for name, value in values.items() if value is not None})
 
 
 def check_duration(**values: object) -> None:
-    """Check that each argument is a finite number of seconds, at least 0.
+    """Check that all arguments are finite, non-negative durations in seconds.
 
     Raises:
         ClientError: If one is not.
@@ -52,17 +52,17 @@ def check_speed(speed_mps: object) -> None:
 
 
 def check_frame(frame: object) -> None:
-    """Check the name of a frame.
+    """Check a frame name.
 
     Raises:
-        ClientError: If velocities are not understood in it.
+        ClientError: If velocities cannot be given in this frame.
     """
     if frame not in (BASE, ODOM):
         raise ClientError(f"frame must be '{BASE}' or '{ODOM}', not {frame!r}", "bad_frame")
 
 
 def check_text(**values: object) -> None:
-    """Check that each argument is a string or None.
+    """Check that all arguments are strings or None.
 
     Raises:
         ClientError: If one is not.
@@ -73,10 +73,10 @@ def check_text(**values: object) -> None:
 
 
 def checked_points(points: Sequence[Sequence[float]]) -> Array:
-    """Return the points of a path as (n, 2), in metres.
+    """Return path points as an (n, 2) array in metres.
 
     Raises:
-        PathError: If there are none, or they are not pairs of finite numbers.
+        PathError: If `points` is empty or not a sequence of finite (x, y) pairs.
     """
     wrong = PathError("a path is a list of (x, y) in metres")
     if isinstance(points, str):

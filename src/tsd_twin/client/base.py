@@ -1,7 +1,7 @@
-"""Common part of the synchronous and the asyncio interface: a robot, and control of it.
+"""Interface shared by the synchronous and asyncio clients.
 
-Methods that wait for the robot are declared once here, for both: of `RobotControl` they block and
-return None, of `AsyncRobotControl` they are awaited.
+Methods that wait for the robot are declared here once: in `RobotControl` they block and return
+None, in `AsyncRobotControl` they must be awaited.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from tsd_twin.messages.ros import BASE
 from tsd_twin.robots import RobotDescription
 
 QUEUE = 64
-"""States or events that wait for a slow reader."""
+"""Maximum number of states or events queued for a slow consumer."""
 _SHORTEST_SLEEP_S = 0.001
 
 DoneT = TypeVar("DoneT")
-"""What a method returns that waits for the robot: None, or an awaitable."""
+"""Return type of methods that wait for the robot: None or an awaitable."""
 LinkT = TypeVar("LinkT", bound=Link)
 ControlT = TypeVar("ControlT", bound="BaseControl[Any, Any]")
 
 
 def _usable(link: LinkT, process: int) -> LinkT:
-    """Return a link in the process that opened it; its threads do not exist in a forked child."""
+    """Return the link if this process opened it; its threads do not survive a fork."""
     if os.getpid() != process and not link.virtual:
         raise ClientError(
             f"this connection to {link.id} belongs to the parent of this process: connect again in "
@@ -51,7 +51,7 @@ def _usable(link: LinkT, process: int) -> LinkT:
 
 
 class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
-    """One robot: its newest state, and what needs no control of it."""
+    """Robot client: latest state and operations that need no lease."""
 
     def __init__(self, link: LinkT, operator: str) -> None:
         """`operator` is the default name of `control`."""
@@ -65,48 +65,48 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
 
     @property
     def link(self) -> LinkT:
-        """The connection; for other parts of this library.
+        """Connection, for internal use.
 
         Raises:
-            ClientError: this process is a forked child of the one that connected.
+            ClientError: If called in a forked child of the process that connected.
         """
         return _usable(self._own_link, self._process)
 
     @property
     def id(self) -> str:
-        """The id of the robot on the bus."""
+        """Robot id on the bus."""
         return self.link.id
 
     @property
     def description(self) -> RobotDescription:
-        """The description of the robot, with its limits and its kinematics."""
+        """Robot description with limits and kinematics."""
         return self.link.robot
 
     @property
     def state(self) -> RobotState:
-        """The newest state."""
+        """Latest state."""
         return self.link.state()
 
     @property
     def time_s(self) -> float:
-        """The monotonic clock; of a simulated robot, the virtual time."""
+        """Monotonic time, or virtual time for simulated robots."""
         return self.link.now_s()
 
     def stop(self, reason: str = "") -> DoneT:
-        """Stop the robot and latch it; any client may. This is a software stop.
+        """Stop and latch the robot (software stop); any client may call this.
 
         Raises:
-            RobotSilent: the robot did not acknowledge it.
+            RobotSilent: If no acknowledgement arrives.
         """
         check_text(reason=reason)
         return self._perform(lambda: procedures.stop(self.id, self._operator, reason))
 
     def reset(self) -> DoneT:
-        """Unlatch a stopped or faulty robot without arming it; the lease is held meanwhile only.
+        """Unlatch a stopped or faulty robot without arming it, holding the lease only briefly.
 
         Raises:
-            RequestRefused: it is not latched, or still gets commands.
-            ControlDenied: another operator has control.
+            RequestRefused: If it is not latched or still receives commands.
+            ControlDenied: If another operator has control.
         """
         held = [control for control in self._controls if control.is_held]
         return held[0].reset() if held else self._perform(self._reset)
@@ -122,10 +122,10 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
     def publish_pose(
         self, x_m: float, y_m: float, heading_rad: float, *, stamp_s: float | None = None
     ) -> None:
-        """Publish a pose that a sensor has measured, in `odom`; the robot fuses it.
+        """Publish a measured pose in `odom`, for the robot to fuse.
 
-        `stamp_s` is when it was measured, by the robot's wall clock, as `state.odom.stamp_s`; now
-        if it is not given.
+        `stamp_s` is the measurement time on the robot's wall clock, as in `state.odom.stamp_s`; by
+        default now.
         """
         check_numbers(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
         check_optional(stamp_s=stamp_s)
@@ -143,12 +143,11 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         reason: str = "",
         arm: bool = True,
     ) -> ControlT:
-        """Return control of the robot, to be entered with `with`: lease, then arming.
+        """Return a control to use in `with`, which acquires the lease and arms.
 
-        On any exit it commands zero, disarms and releases. `take_over` takes the lease from its
-        holder, with a `reason` for all to see; `max_age_s` lets older commands count on a slow
-        link, at a lower speed limit; without `arm`, call `arm` yourself. Of `AsyncRobotClient`, it
-        is entered with `async with`.
+        On exit it commands zero, disarms and releases. `take_over` takes the lease from its holder,
+        with a public `reason`. `max_age_s` accepts older commands on a slow link, at a lower speed
+        limit. Without `arm`, call `arm` yourself. For `AsyncRobotClient`, use `async with`.
         """
         check_optional(max_age_s=max_age_s)
         check_text(operator=operator, reason=reason)
@@ -163,9 +162,9 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         max_age_s: float | None = None,
         arm: bool = True,
     ) -> ControlT:
-        """Return control as `control` does, but ask its holder for it when it is entered.
+        """Return a control like `control`, which requests the lease from its holder on entry.
 
-        The holder has `timeout_s` to answer, 15 s at most.
+        The holder has `timeout_s` to respond, at most 15 s.
         """
         check_optional(max_age_s=max_age_s)
         check_duration(timeout_s=timeout_s)
@@ -174,7 +173,7 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         return self._new_control(operator or self._operator, arm, wish, timeout_s)
 
     def add_control(self, control: ControlT, *, active: bool) -> None:
-        """Register or unregister a control; the library calls this."""
+        """Register or unregister a control (internal)."""
         self._controls = [each for each in self._controls if each is not control]
         if active:
             self._controls.append(control)
@@ -189,7 +188,7 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
 
 
 class BaseControl(ABC, Generic[LinkT, DoneT]):
-    """Control of a robot by one operator: modes, motions, settings, hand-over."""
+    """Control of a robot by one operator: modes, motions, settings, handover."""
 
     def __init__(
         self,
@@ -209,31 +208,31 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
 
     @property
     def operator(self) -> str:
-        """The name under which the lease is held."""
+        """Operator name in the lease."""
         return self._protocol.operator
 
     @property
     def is_held(self) -> bool:
-        """Whether the lease is held, as far as is known."""
+        """Whether the lease is held, as far as the client knows."""
         return self._protocol.has_lease
 
     @property
     def lost_reason(self) -> str:
-        """Why the lease ended; empty before it was held."""
+        """Reason why the lease ended, or "" if it was never held."""
         return self._protocol.lost_reason
 
     @property
     def asked_by(self) -> str | None:
-        """The operator who asks for control, if any."""
+        """Operator requesting control, if any."""
         return self._link.state().lease.asked_by
 
-    # Hand-over and modes.
+    # Handover and modes.
 
     def hand_over(self, asker: str | None = None) -> DoneT:
-        """Hand control to the operator who asks for it; the robot stops, and stays armed.
+        """Transfer control to the requesting operator; the robot stops and stays armed.
 
         Raises:
-            RequestRefused: no operator asks for it, or another one.
+            RequestRefused: If there is no request, or it is from another operator.
         """
         check_text(asker=asker)
         return self._perform(
@@ -244,7 +243,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         """Deny the pending request for control.
 
         Raises:
-            RequestRefused: no operator asks for it, or another one.
+            RequestRefused: If there is no request, or it is from another operator.
         """
         check_text(asker=asker)
         return self._perform(
@@ -252,25 +251,25 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         )
 
     def arm(self) -> DoneT:
-        """Arm, and wait until the robot is ready: some three seconds.
+        """Arm and wait until the robot is ready (about 3 s).
 
         Raises:
-            RequestRefused: the robot refuses, or gives arming up.
-            RobotStopped: it is latched, and wants a reset first.
+            RequestRefused: If the robot refuses or aborts arming.
+            RobotStopped: If it is latched and needs a reset first.
         """
         return self._perform(lambda: procedures.arm(self._protocol, self._now_s))
 
     def disarm(self) -> DoneT:
-        """Disarm: the wheels spin down, after a controlled stop when the robot drives."""
+        """Disarm: stop if driving, then spin the wheels down."""
         return self._perform(lambda: procedures.disarm(self._protocol, self._now_s))
 
     def stop(self, reason: str = "") -> DoneT:
-        """Stop the robot and latch it: a software stop."""
+        """Stop and latch the robot (software stop)."""
         check_text(reason=reason)
         return self._perform(lambda: procedures.stop(self._link.id, self.operator, reason))
 
     def reset(self) -> DoneT:
-        """Unlatch a stopped or faulty robot; it is disarmed then."""
+        """Unlatch a stopped or faulty robot; it is then disarmed."""
         return self._perform(lambda: procedures.reset(self._protocol, self._now_s))
 
     # Motions.
@@ -284,14 +283,14 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         duration_s: float,
         frame: str = BASE,
     ) -> DoneT:
-        """Drive for a time, then come to rest; returns when the robot stands.
+        """Drive for `duration_s`, then stop; return once the robot is at rest.
 
-        `frame` is `base_link`, the robot's own axes, or `odom`, those of the floor.
+        `frame` is `base_link` for robot axes or `odom` for floor axes.
 
         Raises:
-            ControlLost: the lease ended.
-            RobotStopped: the robot is not ready, was stopped, or stopped by itself.
-            RobotSilent: the robot sends no status.
+            ControlLost: If the lease ends.
+            RobotStopped: If the robot is not ready, is stopped or stops automatically.
+            RobotSilent: If the robot sends no status.
         """
         protocol = self._protocol
         return self._perform(
@@ -313,7 +312,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         duration_s: float,
         frame: str = BASE,
     ) -> DoneT:
-        """Turn a sphere in place for a time, then come to rest; as `drive`."""
+        """Turn a sphere in place for `duration_s`, then stop; see `drive`."""
         protocol = self._protocol
         return self._perform(
             lambda: motions.drive(
@@ -334,16 +333,16 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         frame: str = BASE,
         given_s: float | None = None,
     ) -> None:
-        """Set a velocity for up to 0.2 s, and return at once.
+        """Set a velocity for up to 0.2 s and return immediately.
 
-        The library sends it at 50 Hz. A velocity that is not refreshed is replaced by zero, before
-        it is older than the robot accepts. `given_s` is when a person or another program gave it,
-        on the clock of `robot.time_s`; now if it is not given.
+        The library sends it at 50 Hz. Without a refresh it is replaced by zero before the robot
+        would reject it as too old. `given_s` is the time of the original input on the clock of
+        `robot.time_s`; by default now.
 
         Raises:
-            ControlLost: the lease ended.
-            RobotStopped: the robot is not ready, was stopped, or has stopped by itself.
-            RobotSilent: the robot sends no status.
+            ControlLost: If the lease has ended.
+            RobotStopped: If the robot is not ready, was stopped or stopped automatically.
+            RobotSilent: If the robot sends no status.
         """
         twist = self._protocol.planar(vx_mps, vy_mps, omega_rad_per_s)
         self._set_velocity(twist, frame, given_s)
@@ -357,14 +356,14 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         frame: str = BASE,
         given_s: float | None = None,
     ) -> None:
-        """Set an angular velocity of a sphere for up to 0.2 s; as `set_velocity`."""
+        """Set an angular velocity of a sphere for up to 0.2 s; see `set_velocity`."""
         twist = self._protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s)
         self._set_velocity(twist, frame, given_s)
 
     def rest(self) -> DoneT:
-        """Bring the robot to rest, and return when it stands; it stays armed.
+        """Stop the robot and return once it is at rest; it stays armed.
 
-        Any other motion of this control ends.
+        Ends any other motion of this control.
         """
         return self._perform(lambda: motions.rest(self._protocol, self._now_s))
 
@@ -376,14 +375,14 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         heading_rad: float | None = None,
         speed_mps: float | None = None,
     ) -> DoneT:
-        """Go straight to a place in `odom`, closed loop, and return when the robot stands there.
+        """Drive straight to a point in `odom` (closed loop); return once at rest there.
 
-        Without a heading, it keeps its own. `speed_mps` lowers the speed limit.
+        Without `heading_rad`, the heading is kept. `speed_mps` lowers the speed limit.
 
         Raises:
-            PathError: there is no such path.
-            MotionFailed: the robot left its path, or did not get there; it stands.
-            ClientError: as `drive`.
+            PathError: If no such path exists.
+            MotionFailed: If the robot leaves the path or misses the goal. It is then at rest.
+            ClientError: As for `drive`.
         """
         return self._perform(
             lambda: motions.follow(
@@ -398,10 +397,10 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         heading_rad: float | None = None,
         speed_mps: float | None = None,
     ) -> DoneT:
-        """Follow a smooth line through `points` of (x, y) in metres, to the last of them.
+        """Follow a smooth path through `points` of (x, y) in metres and stop at the last one.
 
         Raises:
-            PathError, MotionFailed, ClientError: as `go_to`.
+            PathError, MotionFailed, ClientError: As for `go_to`.
         """
         return self._perform(
             lambda: motions.follow(
@@ -412,10 +411,10 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
     # Settings.
 
     def set_pose(self, *, x_m: float, y_m: float, heading_rad: float = 0.0) -> DoneT:
-        """Set the pose estimate; at rest only.
+        """Set the pose estimate; the robot must be at rest.
 
         Raises:
-            RequestRefused: it moves, or a number is not finite.
+            RequestRefused: If the robot moves or a number is not finite.
         """
         check_numbers(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
         return self._perform(lambda: procedures.set_pose(self._protocol, x_m, y_m, heading_rad))
@@ -423,20 +422,20 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
     def set_orientation(
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, w: float = 1.0
     ) -> DoneT:
-        """Set the orientation estimate of a sphere, a quaternion; at rest only."""
+        """Set the orientation estimate (quaternion) of a sphere; the robot must be at rest."""
         check_numbers(x=x, y=y, z=z, w=w)
         return self._perform(lambda: procedures.set_orientation(self._protocol, x, y, z, w))
 
     def set_wheel_speed(self, rpm: float) -> DoneT:
-        """Set the speed of wheels that always spin, until they are shut off.
+        """Set the speed of continuously spinning wheels until they are switched off.
 
         Raises:
-            RequestRefused: the robot has no such wheels, or they cannot turn so fast.
+            RequestRefused: If the robot has no such wheels or `rpm` is out of range.
         """
         check_numbers(rpm=rpm)
         return self._perform(lambda: procedures.set_wheel_speed(self._protocol, rpm))
 
-    # Inside.
+    # Internals.
 
     @property
     def _link(self) -> LinkT:
@@ -460,7 +459,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
             self._wake_sender()
 
     def _send_due(self) -> float:
-        """Send the set-point that is due; return when the next one is. Under the lock."""
+        """Send a due setpoint; return the time of the next one. Requires the lock."""
         now_s = self._now_s
         command = self._protocol.due(now_s)
         if command is not None:

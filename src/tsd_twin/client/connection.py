@@ -1,7 +1,7 @@
-"""Connection to one robot over the bus: services, commands, streams, and its newest state, polled.
+"""Connection to one robot: services, commands, streams and polling of the latest state.
 
-It belongs to no operator: several may command the robot over one connection, as the pages of a
-dashboard do. `link` has the connection of a script, with callbacks.
+It is not tied to an operator: several may command the robot over one connection, like the pages of
+a dashboard. See `link` for callback-based connections of scripts.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from tsd_twin.messages.requests import (
     duplicate_id_text,
     encode_refusal,
 )
-from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry, warm_up
+from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry
 from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import Refusals, Status, decode_stamp, decode_status
 from tsd_twin.messages.topics import QoS, Service, Topic
 from tsd_twin.robots import RobotDescription
 
 _DESCRIPTION_S = 5.0
-"""A session that has just joined does not hear of every robot at once."""
+"""A new session does not discover all robots immediately."""
 _ASK_AGAIN_S = 0.02
 _DESCRIPTION_BYTES = 2**20
-"""A description is its TOML and its URDF, some 30 kB."""
+"""A description (TOML and URDF) is about 30 kB."""
 _MAX_SENT_COMMANDS = 100
 
 
@@ -53,14 +53,14 @@ class SentCommand:
     """Twist command sent over a connection."""
 
     sent_s: float
-    """On the monotonic clock."""
+    """Monotonic time."""
     twist: Array
     """(3,): m/s and rad/s in `frame`."""
     frame: str
 
 
 class RobotConnection:
-    """Connection to one robot on the bus; every method may be called from any thread."""
+    """Thread-safe connection to one robot on the bus."""
 
     virtual = False
 
@@ -71,25 +71,25 @@ class RobotConnection:
         answer: bytes | None = None,
         instances: Instances | None = None,
     ) -> None:
-        """Read the description of a robot; without its `answer`, request it and wait.
+        """Decode the description from `answer`, or request it if None.
 
-        `instances` are those of all robots on the bus, if they are known already.
+        `instances` are the known instances of all robots on the bus, if available.
 
         Raises:
-            BusError: the robot does not answer.
-            MessageError: its answer is no description.
-            RobotFileError: its description cannot be used.
+            BusError: If the robot does not respond.
+            MessageError: If its response is not a description.
+            RobotFileError: If its description is invalid.
         """
         self.id = topics.checked(robot_id)
         self.lock = threading.RLock()
-        """Guards the protocols of the operators."""
+        """Guards the operators' protocols."""
         self._bus = bus
         self._instances = instances or Instances(bus, robot_id)
         answer = self._describe() if answer is None else answer
         if len(answer) > _DESCRIPTION_BYTES:
             raise MessageError("shape", f"a description of {len(answer)} bytes is too long")
         self.description = decode_json(answer, Description, "a description")
-        """TOML and URDF."""
+        """Description as TOML and URDF."""
         self.robot: RobotDescription = robots.parse_description(
             self.description.robot, f"description of {robot_id}"
         )
@@ -98,9 +98,9 @@ class RobotConnection:
         self.decode_odometry: Callable[[bytes], Odometry] = partial(
             decode_odometry, turning=turning
         )
-        """Decoder of the topics with poses."""
+        """Decoder for pose topics."""
         self._publishers: dict[str, Publisher] = {}
-        self._publishers_lock = threading.Lock()  # A stop waits for no operator.
+        self._publishers_lock = threading.Lock()  # Lets a stop bypass operators.
         self._sent_commands: deque[SentCommand] = deque(maxlen=_MAX_SENT_COMMANDS)
         self._publisher(Service.STOP.key(self.id), QoS.REAL_TIME, "json")  # Ready when needed.
 
@@ -112,27 +112,27 @@ class RobotConnection:
             except NoAnswerError:
                 if time.monotonic() > end_s:
                     raise
-                time.sleep(_ASK_AGAIN_S)  # Without such a robot the answer is none, and at once.
+                time.sleep(_ASK_AGAIN_S)  # If no such robot exists, the query fails immediately.
             except SeveralAnswersError:
                 raise BusError(duplicate_id_text(self.id)) from None
 
     def now_s(self) -> float:
-        """Return the time of the monotonic clock."""
+        """Return the monotonic time."""
         return time.monotonic()
 
     def wall_ns(self) -> int:
-        """Return the wall clock of this machine."""
+        """Return the wall-clock time of this machine."""
         return time.time_ns()
 
     @property
     def has_duplicate(self) -> bool:
-        """Whether another robot or a replay on the bus has the same id, so that streams mix."""
+        """Whether another robot or a replay has the same id, which mixes the streams."""
         return len(self._instances.of(self.id)) > 1
 
     def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the answer of a service, None when there is none in time; blocks.
+        """Call a service and return its response, or None on timeout; blocking.
 
-        While several instances have the id, only a stop is sent; the answer refuses the others.
+        If several instances have the id, only a stop is sent, and other calls return a refusal.
         """
         instances = self._instances.of(self.id)
         refusal = encode_refusal(service, because(Code.DUPLICATE_ID, robot=self.id))
@@ -142,13 +142,13 @@ class RobotConnection:
             if len(instances) > 1:
                 return refusal
             return self._bus.query(service.key(self.id), payload, timeout_s)
-        except SeveralAnswersError:  # Of an instance whose token has not arrived yet.
+        except SeveralAnswersError:  # The token of another instance has not arrived yet.
             return refusal
         except BusError:
             return None
 
     def send(self, command: TwistCommand) -> None:
-        """Publish a command, unless several instances have the id; without it, the robot stops."""
+        """Publish a command, unless several instances have the id; the robot then stops."""
         if self.has_duplicate:
             return
         key = topics.twist_key(self.id, command.operator)
@@ -157,11 +157,11 @@ class RobotConnection:
 
     @property
     def sent_commands(self) -> Sequence[SentCommand]:
-        """Recent commands of this connection, oldest first; some may still be in transit."""
+        """Recently sent commands, oldest first; some may still be in flight."""
         return tuple(self._sent_commands)
 
     def send_stop(self, payload: bytes) -> None:
-        """Publish a stop, without an acknowledgement."""
+        """Publish a stop without waiting for an acknowledgement."""
         self._put(Service.STOP.key(self.id), "json", payload)
 
     def send_pose(self, payload: bytes) -> None:
@@ -172,11 +172,11 @@ class RobotConnection:
         self._put(topic.key(self.id), topic.type, payload, qos=topic.qos)
 
     def subscriber(self, topic: Topic, depth: int) -> Subscriber:
-        """Return a subscriber that queues at most `depth` samples of a topic of the robot."""
+        """Return a subscriber to a topic of the robot with a queue of `depth` samples."""
         return self._bus.subscriber(topic.key(self.id), depth)
 
     def subscribe(self, topic: Topic, take: Callable[[Sample], None]) -> None:
-        """Call `take` with every sample of a topic of the robot, on a thread of the bus."""
+        """Call `take` with every sample of a topic of the robot, on a bus thread."""
         self._bus.subscribe(topic.key(self.id), take)
 
     def close(self) -> None:
@@ -205,20 +205,20 @@ class RobotConnection:
 
 
 def numbered_status(sample: Sample) -> tuple[Status, int]:
-    """Return the status in a sample of `state/status`, and its number.
+    """Decode a sample of `state/status`; return the status and its sequence number.
 
     Raises:
-        MessageError: it is none.
+        MessageError: If it is invalid.
     """
     return decode_status(sample.payload), decode_stamp(sample.attachment)[0]
 
 
 MAX_ROUND_TRIPS = 40
-"""Round trips that count: the last ten seconds."""
+"""Window of round trips (the last 10 s)."""
 
 
 Source: TypeAlias = Literal["robot", "recording", "several"]
-"""Sender of a state; `several` instances have one id, so their states mix."""
+"""Sender of a state; `several` means that instances share one id and their states mix."""
 
 
 class RoundTrips:
@@ -236,15 +236,15 @@ class RoundTrips:
         self._trips_s.clear()
 
     def median_s(self) -> float | None:
-        """Return the median; None without data."""
+        """Return the median, or None without data."""
         return self._quantile(0.5)
 
     def p95_s(self) -> float | None:
-        """Return the 95th percentile; None without data."""
+        """Return the 95th percentile, or None without data."""
         return self._quantile(0.95)
 
     def jitter_s(self) -> float | None:
-        """Return the 95th percentile minus the median; None without data."""
+        """Return the 95th percentile minus the median, or None without data."""
         typical_s, late_s = self.median_s(), self.p95_s()
         return None if typical_s is None or late_s is None else late_s - typical_s
 
@@ -257,24 +257,24 @@ class RoundTrips:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """Newest state messages of a robot."""
+    """Latest state messages of a robot."""
 
     joints: JointState | None = None
     setpoint: JointState | None = None
     odom: Odometry | None = None
     odom_received_s: float = -np.inf
-    """When that came in, on the clock given to `poll`."""
+    """Arrival time of `odom`, on the clock passed to `poll`."""
     alternative: Odometry | None = None
-    """Alternative estimate, of robots that have two."""
+    """Second estimate, if the robot has one."""
     truth: Odometry | None = None
     status: Status | None = None
     source: Source = "robot"
     """Sender of the status."""
     status_seq: int = 0
     status_robot_s: float = 0.0
-    """When the robot sent the status, on its monotonic clock."""
+    """Send time of the status on the robot's monotonic clock."""
     received_s: float = -np.inf
-    """When the newest of these came in, on the clock given to `poll`."""
+    """Arrival time of the latest state, on the clock passed to `poll`."""
 
 
 _NO_MESHES = (
@@ -284,9 +284,9 @@ _NO_MESHES = (
 
 
 class RobotMonitor(RobotConnection):
-    """Connection that keeps the newest state of a robot: `poll` decodes what has come in.
+    """Connection that keeps the latest state of a robot, updated by `poll`.
 
-    `poll` and `set_streaming` belong to one thread; all else may be called from any.
+    Call `poll` and `set_streaming` from one thread; all other methods are thread-safe.
     """
 
     def __init__(
@@ -296,19 +296,18 @@ class RobotMonitor(RobotConnection):
         answer: bytes | None = None,
         instances: Instances | None = None,
     ) -> None:
-        """Read the description and subscribe; as `RobotConnection`."""
+        """Read the description and subscribe; see `RobotConnection`."""
         super().__init__(bus, robot_id, answer, instances)
         self.ignored = ""
-        """Sentence that names ignored parts of the description; empty without any."""
+        """Message about ignored parts of the description, or ""."""
         if self.robot.body.meshes is not None:
-            # A folder on the robot's computer; on this one the path names other files.
+            # The path is only valid on the robot's computer.
             self.ignored = _NO_MESHES
             body = msgspec.structs.replace(self.robot.body, meshes=None)
             self.robot = msgspec.structs.replace(self.robot, body=body)
         self.snapshot = Snapshot()
         self.round_trips = RoundTrips()
         """Measured round-trip times."""
-        warm_up()  # On this thread: the first page shall not wait for it.
         self._frozen: Status | None = None
         self._streams: dict[str, tuple[Topic, Callable[[bytes], Any]]] = {
             "joints": (topics.JOINTS, decode_joints),
@@ -323,7 +322,7 @@ class RobotMonitor(RobotConnection):
 
     @property
     def is_recording(self) -> bool:
-        """Whether only replays have this id; without liveliness tokens, as the status says."""
+        """Whether only replays have this id; without liveliness tokens, taken from the status."""
         if instances := self._instances.of(self.id):
             return live_count(instances) == 0
         status = self.snapshot.status
@@ -337,10 +336,10 @@ class RobotMonitor(RobotConnection):
         super().close()
 
     def set_streaming(self, on: bool) -> None:
-        """Subscribe to all that is drawn, or to the status only; belongs to the thread of `poll`.
+        """Subscribe to all displayed topics, or only to the status; call from the thread of `poll`.
 
-        A robot does not even make messages that have no subscriber. What was drawn before is
-        forgotten then: it must not look like news to the page that opens next.
+        Robots do not encode messages without subscribers. Switching off clears the displayed state,
+        so that the next page does not show stale data as new.
         """
         if on == bool(self._subscribers):
             return
@@ -361,10 +360,10 @@ class RobotMonitor(RobotConnection):
         )
 
     def poll(self, now_s: float) -> bool:
-        """Process received messages, and return whether there is a new status.
+        """Process received messages; return whether a new status arrived.
 
-        While another robot has the same id, the snapshot does not change and the status says why:
-        the messages of both would mix.
+        While another robot has the same id, the snapshot is frozen because messages of both would
+        mix; its status gives the reason.
         """
         fresh: dict[str, Any] = {}
         new_status = self._poll_streams(fresh, now_s)
@@ -399,7 +398,7 @@ class RobotMonitor(RobotConnection):
                 try:
                     fresh[name] = self._streams[name][1](sample.payload)
                 except MessageError:
-                    continue  # Invalid sample; the age of the state shows it.
+                    continue  # The age of the state reveals invalid samples.
         if "odom" in fresh:
             fresh["odom_received_s"] = now_s
         return self._poll_status(fresh)

@@ -1,8 +1,8 @@
-"""Numbers of received statuses, by time of arrival. Pure.
+"""Sequence numbers of received statuses by arrival time (pure).
 
-A command echoes the status that was current when its input was given. The robot compares the age
-of that status with the limit of the lease, so it bounds the time from the input to the end of the
-motion, whatever repeats the command in between.
+A command echoes the status that was current when its input was given. The robot checks the age of
+that status against the limit of the lease. This bounds the time from the input to the end of the
+motion, even if the command is repeated in between.
 """
 
 from __future__ import annotations
@@ -11,25 +11,25 @@ import math
 from collections import deque
 
 _KEPT = 64
-"""Three seconds at 20 Hz; no lease lets a command count that is older than one second."""
+"""3 s at 20 Hz; no lease accepts commands older than 1 s."""
 NEVER_SENT: tuple[int, float] = (0, -math.inf)
-"""Stands for a status from before all that are known; robots number from 1."""
+"""Placeholder for a status before all known ones; robots count from 1."""
 
 
 class Echoes:
-    """Status numbers of a robot with their times of arrival."""
+    """Status sequence numbers of a robot with their arrival times."""
 
     def __init__(self) -> None:
         self._received: deque[tuple[int, float]] = deque(maxlen=_KEPT)
 
     def add(self, seq: int, now_s: float) -> None:
-        """Add a status that is newer than all before, or the first one of a restarted robot."""
+        """Add a status that is newer than all others, or the first after a robot restart."""
         self._received.append((seq, now_s))
 
     def at(self, time_s: float) -> tuple[int, float]:
-        """Return the number that was current at a time, and when it arrived.
+        """Return the sequence number that was current at `time_s` and its arrival time.
 
-        `NEVER_SENT` for a time before all known statuses, so that the command does not count.
+        Returns `NEVER_SENT` if `time_s` precedes all known statuses, so the command is rejected.
         """
         for seq, received_s in reversed(self._received):
             if received_s <= time_s:

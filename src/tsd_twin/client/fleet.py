@@ -1,4 +1,4 @@
-"""All robots on a bus, or on several: find them, and stop them."""
+"""Discovery and stop of all robots on one or more buses."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def find(
     certificate: str | Path | None = None,
     zenoh_config: str | Path | None = None,
 ) -> list[str]:
-    """Return the ids of all robots, sorted; replays of recordings are not robots.
+    """Return the sorted ids of all robots, without replays of recordings.
 
-    Arguments as for `connect`.
+    Takes the same arguments as `connect`.
 
     Raises:
-        NoRobotFound: If nothing answers at an endpoint.
-        TwinError: If a file cannot be used.
+        NoRobotFound: If nothing responds at an endpoint.
+        TwinError: If a file is invalid.
     """
     found: set[str] = set()
     for each in _endpoints(endpoint):
@@ -45,14 +45,14 @@ def stop_all(
     certificate: str | Path | None = None,
     zenoh_config: str | Path | None = None,
 ) -> list[str]:
-    """Stop and latch all robots; return their ids once each has confirmed.
+    """Stop and latch all robots (software stop); return their ids after confirmation.
 
-    This is a software stop. Arguments as for `connect`. A replay of a recording confirms nothing.
+    Takes the same arguments as `connect`. Replays of recordings do not confirm.
 
     Raises:
-        NoRobotFound: If the endpoints answer, and there is no robot.
-        StopNotConfirmed: If a robot or an endpoint does not answer; all others are stopped.
-        TwinError: If a file cannot be used.
+        NoRobotFound: If the endpoints respond but there is no robot.
+        StopNotConfirmed: If a robot or endpoint does not respond; all others are stopped.
+        TwinError: If a file is invalid.
     """
 
     def stop_at(each: str | None) -> dict[str, bool]:
@@ -64,7 +64,7 @@ def stop_all(
             return _stop_on(bus, stop_payload(operator, reason))
 
     endpoints = _endpoints(endpoint)
-    # In parallel, because an endpoint that does not answer takes 3 s.
+    # In parallel, because an unreachable endpoint takes 3 s to time out.
     with ThreadPoolExecutor(len(endpoints)) as pool:
         stopped = [item for each in pool.map(stop_at, endpoints) for item in each.items()]
     if silent := sorted({name for name, is_stopped in stopped if not is_stopped}):
@@ -81,7 +81,7 @@ async def find_async(
     certificate: str | Path | None = None,
     zenoh_config: str | Path | None = None,
 ) -> list[str]:
-    """Find all robots without blocking the event loop; as `find`."""
+    """Find all robots without blocking the event loop; see `find`."""
     return await asyncio.to_thread(
         find, endpoint, certificate=certificate, zenoh_config=zenoh_config
     )
@@ -94,19 +94,19 @@ async def stop_all_async(
     certificate: str | Path | None = None,
     zenoh_config: str | Path | None = None,
 ) -> list[str]:
-    """Stop all robots without blocking the event loop; as `stop_all`."""
+    """Stop all robots without blocking the event loop; see `stop_all`."""
     return await asyncio.to_thread(
         stop_all, endpoint, reason=reason, certificate=certificate, zenoh_config=zenoh_config
     )
 
 
 def _endpoints(endpoint: str | Sequence[str] | None) -> Sequence[str | None]:
-    """Return the endpoints to open separately; a session on several misses late ones."""
+    """Return endpoints to open in separate sessions; a shared session misses late ones."""
     return [endpoint] if endpoint is None or isinstance(endpoint, str) else list(endpoint)
 
 
 def _stop_on(bus: Bus, payload: bytes) -> dict[str, bool]:
-    """Stop all robots on a bus, and return which of them are confirmed."""
+    """Stop all robots on a bus; return by id whether each confirmed."""
     instances = instances_on(bus)
     if not (robots := robots_among(instances)):
         return {}

@@ -1,4 +1,4 @@
-"""Lease from the client's point of view: id, renewals, and why it ended. Pure."""
+"""Client-side lease: id, renewals and reason of loss (pure)."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from tsd_twin.messages.requests import LeaseReply, LeaseRequest, decode_json, wh
 from tsd_twin.messages.sentences import sentence
 
 RENEW_PERIOD_S = 0.5
-"""Renewal period; a lease expires after 2 s."""
+"""Well below the lease timeout of 2 s."""
 _ROUND_TRIPS = 8
 
 
 class HeldLease:
-    """Lease on one robot: granted, renewed, and lost or released."""
+    """Lease on one robot."""
 
     def __init__(self, robot_id: str, operator: str, max_age_s: float) -> None:
-        """Prepare for one robot.
+        """Prepare a lease on one robot.
 
         Raises:
-            BusError: the name of the operator cannot be part of a bus key.
+            BusError: If the operator name is not valid in a bus key.
         """
         self.robot_id = robot_id
         self.operator = topics.checked(operator)
         self.max_age_s = max_age_s
-        """Age up to which commands count under this lease."""
+        """Maximum age of accepted commands under this lease."""
         self._lease = b""
         self._granted_s = self._renewed_s = -math.inf
         self.lost_why: Reason | None = None
@@ -40,7 +40,7 @@ class HeldLease:
 
     @property
     def has_lease(self) -> bool:
-        """Whether the lease is held, according to the newest status."""
+        """Whether the lease is held, according to the latest status."""
         return bool(self._lease)
 
     @property
@@ -50,10 +50,10 @@ class HeldLease:
 
     @property
     def lease_hex(self) -> str:
-        """The lease id, as requests have it.
+        """Lease id in hex, as sent in requests.
 
         Raises:
-            ControlLost: the lease is not held.
+            ControlLost: If the lease is not held.
         """
         self.check_lease()
         return self._lease.hex()
@@ -75,18 +75,18 @@ class HeldLease:
         """Check that the lease is held.
 
         Raises:
-            ControlLost: it is not.
+            ControlLost: If the lease is not held.
         """
         if not self._lease:
             lost = self.lost_reason or "take it first"
             raise ControlLost(f"no control of {self.robot_id}: {lost}", "no_control", self.lost_why)
 
     def renewal_is_due(self, now_s: float) -> bool:
-        """Return whether a lease is held that has to be renewed."""
+        """Return whether a held lease is due for renewal."""
         return bool(self._lease) and now_s - self._renewed_s >= RENEW_PERIOD_S
 
     def renewal(self, now_s: float) -> bytes | None:
-        """Return the request that renews the lease, when one is due."""
+        """Return the renewal request if one is due."""
         if not self.renewal_is_due(now_s):
             return None
         self._renewed_s = now_s
@@ -94,7 +94,7 @@ class HeldLease:
         return msgspec.json.encode(LeaseRequest(op="renew", operator=self.operator, lease=lease))
 
     def receive_renewal(self, request: bytes, answer: bytes | None, trip_s: float) -> None:
-        """Process the response to a renewal; a missing one is judged by the age of the status."""
+        """Process a renewal reply; if it is missing, the status timeout applies instead."""
         if answer is None or not self._lease:
             return
         asked = decode_json(request, LeaseRequest, "a renewal")
@@ -103,7 +103,7 @@ class HeldLease:
         except MessageError:
             return
         if asked.lease != self._lease.hex():
-            return  # The answer is about an earlier lease.
+            return  # Reply for an earlier lease.
         self.add_round_trip(trip_s)
         if not reply.granted:
             self._lose(self._why_not_renewed(reply))
@@ -114,7 +114,7 @@ class HeldLease:
 
     @property
     def round_trip_s(self) -> float:
-        """Median time from a request to its answer; 0 while none is known."""
+        """Median round-trip time of a request, or 0 if unknown."""
         return statistics.median(self._round_trips_s) if self._round_trips_s else 0.0
 
     def _why_not_renewed(self, reply: LeaseReply) -> Reason:

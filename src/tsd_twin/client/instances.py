@@ -1,4 +1,4 @@
-"""Running instances of each robot id: nodes and replays, and the stop that every node confirms."""
+"""Running instances (nodes and replays) per robot id, and a stop confirmed by every node."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tsd_twin.messages.requests import Reply, decode_json
 from tsd_twin.messages.topics import Service
 
 _MAX_INSTANCES = 4096
-"""Liveliness tokens are not authenticated on an open bus."""
+"""Bounds memory, because liveliness tokens on an open bus are not authenticated."""
 
 
 class Instances:
-    """Instances by robot id, from their liveliness tokens; thread-safe."""
+    """Instances per robot id, from their liveliness tokens; thread-safe."""
 
     def __init__(self, bus: Bus, robot_id: str = "*") -> None:
         self._keys: dict[str, frozenset[str]] = {}
@@ -26,7 +26,7 @@ class Instances:
         bus.subscribe_liveliness(topics.instance_key(robot_id, "*"), self._note)
 
     def of(self, robot_id: str) -> frozenset[str]:
-        """Return the keys of the tokens of a robot id."""
+        """Return the token keys of a robot id."""
         return self._keys.get(robot_id, frozenset())
 
     def _note(self, key: str, is_alive: bool) -> None:
@@ -48,17 +48,17 @@ class Instances:
 
 
 def live_count(instances: frozenset[str]) -> int:
-    """Return how many instances are robots, not replays of a recording."""
+    """Return the number of robots among the instances, excluding replays."""
     return sum(not topics.is_recording_key(key) for key in instances)
 
 
 def stop_instances(
     bus: Bus, robot_id: str, payload: bytes, timeout_s: float, instances: frozenset[str]
 ) -> bytes | None:
-    """Call the stop of every instance of an id; return one reply, None if nothing answers in time.
+    """Stop every instance of an id; return one reply, or None on timeout.
 
-    The reply is `ok` only if each robot among `instances` confirms, and at least one does. A replay
-    refuses, so it confirms nothing.
+    The reply is `ok` only if every robot among `instances` confirms, and at least one does. Replays
+    refuse and thus never confirm.
     """
     answers = bus.query_all(Service.STOP.key(robot_id), payload, timeout_s)
     if not answers:
@@ -74,7 +74,7 @@ def stop_instances(
 
 
 def is_ok(answer: bytes) -> bool:
-    """Return whether a reply to a stop confirms it."""
+    """Return whether a stop reply confirms the stop."""
     try:
         return decode_json(answer, Reply, "an answer").ok
     except MessageError:

@@ -1,4 +1,4 @@
-"""Connection of a script to one robot: interface, implementation over the bus, and opening."""
+"""Script connection to one robot: interface, bus implementation and discovery."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ from tsd_twin.messages.ros import JointState, Odometry, decode_joints
 from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import Topic
 from tsd_twin.robots import RobotDescription
-from tsd_twin.security import certificate_identity, client_settings
+from tsd_twin.security import client_settings
 
 _FIRST_STATE_S = 3.0
 
 
 class Link(BlockingPort, Protocol):
-    """Connection to one robot; thread-safe, except where a method says otherwise."""
+    """Connection to one robot; thread-safe unless noted otherwise."""
 
     id: str
-    """Of the robot on the bus."""
+    """Robot id on the bus."""
     robot: RobotDescription
-    """Its description."""
+    """Robot description."""
     virtual: bool
-    """Whether time is virtual, and passes only in `sleep_until` and `wait_for_status`."""
+    """Whether time is virtual and advances only in `sleep_until` and `wait_for_status`."""
 
     def wall_ns(self) -> int:
-        """Return the wall clock that pose measurements are stamped with."""
+        """Return the wall-clock time in nanoseconds, used to stamp pose measurements."""
         ...
 
     def send_pose(self, payload: bytes) -> None:
@@ -54,48 +54,48 @@ class Link(BlockingPort, Protocol):
         ...
 
     def state(self) -> RobotState:
-        """Return the newest state."""
+        """Return the latest state."""
         ...
 
     def attach(self, protocol: ControlProtocol) -> None:
-        """Start to pass states to a protocol, and to send its due set-points and renewals."""
+        """Start passing states to a protocol and sending its due setpoints and renewals."""
         ...
 
     def detach(self, protocol: ControlProtocol) -> None:
-        """Stop what `attach` started."""
+        """Undo `attach`."""
         ...
 
     def subscribe_states(self, subscription: Subscription[RobotState]) -> Subscription[RobotState]:
-        """Fill a subscription with every new state, until it is closed."""
+        """Add every new state to a subscription until it is closed."""
         ...
 
     def subscribe_events(self, subscription: Subscription[Event]) -> Subscription[Event]:
-        """Fill a subscription with every new event, until it is closed."""
+        """Add every new event to a subscription until it is closed."""
         ...
 
     def close(self) -> None:
-        """Leave the robot; subscriptions end."""
+        """Disconnect from the robot and end all subscriptions."""
         ...
 
     @property
     def closed(self) -> bool:
-        """Whether it was closed."""
+        """Whether the connection is closed."""
         ...
 
 
 class BusLink(RobotConnection):
-    """Connection over the bus with callbacks: each message is stored, passed on, and wakes readers.
+    """Bus connection with callbacks: stores and forwards each message, and wakes readers.
 
     Zenoh calls back on its own threads.
     """
 
     def __init__(self, bus: Bus, robot_id: str) -> None:
-        """Fetch the description of a robot and wait for its first state; closes `bus` at the end.
+        """Fetch the description and wait for the first state; takes ownership of `bus`.
 
         Raises:
-            BusError: the robot does not answer.
-            RobotFileError: its description cannot be used.
-            RobotSilent: it sends no state.
+            BusError: If the robot does not respond.
+            RobotFileError: If its description is invalid.
+            RobotSilent: If it sends no state.
         """
         super().__init__(bus, robot_id)
         self._changed = threading.Condition(self.lock)
@@ -130,13 +130,13 @@ class BusLink(RobotConnection):
                     raise RobotSilent(f"{self.id} answers, but sends no state", "no_state")
                 self._changed.wait(0.1)
 
-    # Received messages, on threads of Zenoh.
+    # Received messages, on Zenoh threads.
 
     def _receive_status(self, sample: Sample) -> None:
         try:
             status, seq = numbered_status(sample)
         except MessageError:
-            return  # Another program writes on this key; the age of the state shows it.
+            return  # Another program writes on this key; the age of the state reveals it.
         with self._changed:
             now_s = self._received_s = time.monotonic()
             self._status, self._status_seq = status, seq
@@ -178,16 +178,16 @@ class BusLink(RobotConnection):
             wakeup()
 
     def on_change(self, wakeup: Callable[[], None]) -> None:
-        """Call `wakeup` on a thread of Zenoh whenever something new has come in."""
+        """Call `wakeup` on a Zenoh thread whenever a message arrives."""
         with self.lock:
             self._wakeups.append(wakeup)
 
     def sleep_until(self, until_s: float) -> None:
-        """Wait until a time."""
+        """Sleep until `until_s`."""
         time.sleep(max(0.0, until_s - time.monotonic()))
 
     def wait_for_status(self, until_s: float) -> None:
-        """Wait for the next status, or until a time."""
+        """Wait for the next status, at most until `until_s`."""
         with self._changed:
             seen = self._status
             self._changed.wait_for(
@@ -195,9 +195,9 @@ class BusLink(RobotConnection):
             )
 
     def state(self) -> RobotState:
-        """Return the newest state."""
+        """Return the latest state."""
         with self.lock:
-            assert self._status is not None  # noqa: S101  The constructor has waited for both.
+            assert self._status is not None  # noqa: S101  The constructor waits for both.
             assert self._odometry is not None  # noqa: S101  As above.
             return self._snapshot(self._status, self._odometry)
 
@@ -218,7 +218,7 @@ class BusLink(RobotConnection):
         return None if sample is None else self.decode_odometry(sample.payload)
 
     def attach(self, protocol: ControlProtocol) -> None:
-        """Hand states to a protocol from now on; the client sends what is due."""
+        """Start passing states to a protocol; the caller sends its due commands."""
         with self.lock:
             if self._status is not None:
                 protocol.receive_status(self._status, self._status_seq, self._received_s)
@@ -229,18 +229,18 @@ class BusLink(RobotConnection):
             self._protocols.append(protocol)
 
     def detach(self, protocol: ControlProtocol) -> None:
-        """Hand it no more states."""
+        """Stop passing states to a protocol."""
         with self.lock:
             self._protocols = [each for each in self._protocols if each is not protocol]
 
     def subscribe_states(self, subscription: Subscription[RobotState]) -> Subscription[RobotState]:
-        """Fill a subscription with a state for each `state/odom`, until it is closed."""
+        """Add a state for each `state/odom` to a subscription until it is closed."""
         with self.lock:
             self._states = [*self._states, subscription]
         return subscription
 
     def subscribe_events(self, subscription: Subscription[Event]) -> Subscription[Event]:
-        """Fill a subscription with the newest events of the past, and every new one."""
+        """Add the latest past event and every new one to a subscription."""
         with self.lock:
             self._events = [*self._events, subscription]
             first, self._events_watched = not self._events_watched, True
@@ -249,7 +249,7 @@ class BusLink(RobotConnection):
         return subscription
 
     def close(self) -> None:
-        """Leave the bus; subscriptions end."""
+        """Disconnect from the bus and end all subscriptions."""
         with self.lock:
             if self._closed:
                 return
@@ -261,7 +261,7 @@ class BusLink(RobotConnection):
 
     @property
     def closed(self) -> bool:
-        """Whether it was closed."""
+        """Whether the connection is closed."""
         return self._closed
 
 
@@ -280,7 +280,7 @@ def open_link(
     certificate: str | Path | None,
     zenoh_config: str | Path | None,
 ) -> tuple[BusLink, str]:
-    """Return a connection to a robot, and the default name of its operator; as `connect`."""
+    """Connect like `connect`; return the link and the default operator name."""
     bus, where, operator = open_bus(endpoint, certificate, zenoh_config)
     try:
         robot_id = robot or _only_robot(bus, where)
@@ -300,11 +300,11 @@ def open_bus(
     certificate: str | Path | None,
     zenoh_config: str | Path | None,
 ) -> tuple[Bus, str, str]:
-    """Return a session, where it is for errors, and the default operator; as `connect`.
+    """Open a session like `connect`; return it with its location (for errors) and operator.
 
     Raises:
-        NoRobotFound: If nothing answers there.
-        TwinError: If a file cannot be used.
+        NoRobotFound: If nothing responds.
+        TwinError: If a file is invalid.
     """
     config, operator = _config(endpoint, certificate, zenoh_config)
     try:
@@ -325,7 +325,7 @@ def _only_robot(bus: Bus, where: str) -> str:
 
 
 def instances_on(bus: Bus) -> dict[str, frozenset[str]]:
-    """Return the ids that are on a bus now, replays included, with the keys of their instances."""
+    """Return the ids currently on the bus, including replays, with their instance keys."""
     ids = {topics.robot_of(key) for key in bus.living_tokens(topics.alive_key("*"))}
     keys = bus.living_tokens(topics.instance_key("*", "*")) if ids else []
     return {
@@ -335,12 +335,12 @@ def instances_on(bus: Bus) -> dict[str, frozenset[str]]:
 
 
 def robots_on(bus: Bus) -> list[str]:
-    """Return the ids of the robots that are on a bus now, without replays of recordings."""
+    """Return the ids of the robots currently on the bus, excluding replays."""
     return robots_among(instances_on(bus))
 
 
 def robots_among(instances: dict[str, frozenset[str]]) -> list[str]:
-    """Return the ids that robots have; an id without instance tokens counts as one."""
+    """Return the ids of robots; an id without instance tokens counts as one."""
     return [robot_id for robot_id, keys in instances.items() if not keys or live_count(keys)]
 
 
@@ -351,16 +351,14 @@ def _config(
 ) -> tuple[Config, str]:
     if zenoh_config is not None:
         config = from_file(str(zenoh_config))
-        operator = (
-            certificate_identity(config.certificate).name if config.certificate else _OPERATOR
-        )
+        operator = _operator_in(config.certificate) if config.certificate else _OPERATOR
         return as_client(config, _PATIENCE_S), operator
     endpoints = [endpoint] if isinstance(endpoint, str) else list(endpoint or [DEFAULT_ENDPOINT])
     config = client_config(endpoints)
     operator = _OPERATOR
     if certificate is not None:
         config, operator = _with_certificate(config, Path(certificate))
-    # A client session connects to one endpoint, and says at once when no robot is there.
+    # A client session connects to one endpoint and fails fast if no robot responds.
     return (as_client(config, _PATIENCE_S) if len(endpoints) == 1 else config), operator
 
 
@@ -376,5 +374,10 @@ def _with_certificate(config: Config, certificate: Path) -> tuple[Config, str]:
         if not file.is_file():
             raise BusError(f"the certificate needs {file}, which is not there")
     settings = client_settings(json.loads(config.json5), name)
-    operator = certificate_identity(certificate).name
-    return Config(json.dumps(settings), config.where, files), operator
+    return Config(json.dumps(settings), config.where, files), _operator_in(certificate)
+
+
+def _operator_in(certificate: Path) -> str:
+    from tsd_twin.security import certificate_identity  # Late, because it needs the extra `tls`.
+
+    return certificate_identity(certificate).name

@@ -1,4 +1,4 @@
-"""Motions of a robot as procedures: drive, come to rest, follow a planned path."""
+"""Motions as procedures: drive, stop, follow a planned path."""
 
 from __future__ import annotations
 
@@ -36,28 +36,28 @@ from tsd_twin.robots.description import Limits
 from tsd_twin.safety import Mode
 
 TwistSource = Callable[[float], Sequence[float] | Array | None]
-"""Returns the twist (3,) to command at a time; None ends the motion."""
+"""Returns the twist (3,) to command at a given time, or None to end the motion."""
 
 _REST_S = 10.0
 _STILL_S = 0.5
 _SPEED_SHARE = 0.9
 _SHARE = 0.7
-"""Of the limits of speed, and of the others, that the plan uses: the rest is for correction."""
+"""Fractions of the speed limits and of the others used for planning; the rest is for feedback."""
 _CELLS = 250
 _SHORTEST_CELL_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class PlanLimits:
-    """Limits and kinematics that a trajectory is timed with."""
+    """Limits and kinematics for trajectory timing."""
 
     limits: Limits
     wheel_speed_rpm: float | None
-    """Speed of wheels that always spin; None without such wheels."""
+    """Speed of continuously spinning wheels, or None if the robot has none."""
     kinematics: Kinematics[Any] = field(compare=False)
     """Kinematics at that wheel speed."""
     drives_sideways: bool = True
-    """Whether the robot moves in all directions, as it must to follow a path here."""
+    """Whether the robot is omnidirectional, as planned paths require."""
 
     @staticmethod
     def in_force(
@@ -68,7 +68,7 @@ class PlanLimits:
         speed_mps: float = math.inf,
         share: float = 1.0,
     ) -> PlanLimits:
-        """Return `share` of the limits of the description, lowered by the lease and `speed_mps`."""
+        """Return `share` of the described limits, lowered by the lease and `speed_mps`."""
         speed, turn = robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s
         if status is not None and status.limits.speed_mps > 0.0:
             speed = min(speed, status.limits.speed_mps)
@@ -83,14 +83,14 @@ class PlanLimits:
         )
 
     def cap(self, twist: Array) -> Array:
-        """Return a twist, scaled as a whole to these limits."""
+        """Scale the whole twist (3,) to satisfy the limits."""
         return TwistLimiter(self.kinematics, self.limits).cap(twist)
 
 
 def kinematics_in_force(
     robot: RobotDescription, kinematics: Kinematics[Any], status: Status | None
 ) -> Kinematics[Any]:
-    """Return the described kinematics at the wheel speed that a status shows."""
+    """Return the kinematics at the wheel speed in `status`."""
     speeds = robot.wheel_speed_range
     if speeds is None or status is None or status.wheel_speed is None:
         return kinematics
@@ -99,10 +99,10 @@ def kinematics_in_force(
 
 
 def goal_at(x_m: float, y_m: float, heading_rad: float | None) -> NavigationGoal:
-    """Return a place to go to; without a heading, the robot keeps its own.
+    """Return a goal pose; without a heading, the robot keeps its heading.
 
     Raises:
-        ClientError: a number is not finite.
+        ClientError: If a number is not finite.
     """
     check_numbers(x_m=x_m, y_m=y_m)
     check_optional(heading_rad=heading_rad)
@@ -110,21 +110,21 @@ def goal_at(x_m: float, y_m: float, heading_rad: float | None) -> NavigationGoal
 
 
 def goal_along(points: Sequence[Sequence[float]], heading_rad: float | None) -> NavigationGoal:
-    """Return a line to follow through `points` of (x, y) in metres.
+    """Return a goal path through `points` of (x, y) in metres.
 
     Raises:
-        ClientError: the heading is not finite.
-        PathError: there are no points, or they are not pairs of finite numbers.
+        ClientError: If the heading is not finite.
+        PathError: If `points` is empty or not a sequence of finite (x, y) pairs.
     """
     check_optional(heading_rad=heading_rad)
     return NavigationGoal(checked_points(points), heading_rad)
 
 
 def plan(goal: NavigationGoal, start: SE2, limits: PlanLimits) -> Trajectory:
-    """Return the path from `start` to the goal, timed within the limits; takes some 50 ms.
+    """Plan a path from `start` to the goal, timed within the limits; takes about 50 ms.
 
     Raises:
-        PathError: there is none, or the robot cannot follow one.
+        PathError: If no path exists or the robot cannot follow it.
     """
     if not limits.drives_sideways:
         raise PathError("this robot cannot drive sideways, as it would have to on a planned path")
@@ -146,10 +146,10 @@ def plan(goal: NavigationGoal, start: SE2, limits: PlanLimits) -> Trajectory:
 def drive(
     protocol: ControlProtocol, now_s: float, twist: Sequence[float], duration_s: float, frame: str
 ) -> Procedure[None]:
-    """Command a twist for a time, then zero until the robot is at rest.
+    """Command a twist for `duration_s`, then zero until the robot is at rest.
 
     Raises:
-        ClientError: as `ControlProtocol.check_motion`, or an argument cannot be used.
+        ClientError: As for `ControlProtocol.check_motion`, or if an argument is invalid.
     """
     check_duration(duration_s=duration_s)
     checked_twist(twist, frame)
@@ -163,10 +163,10 @@ def drive(
 def drive_by(
     protocol: ControlProtocol, now_s: float, twist_at: TwistSource, frame: str = BASE
 ) -> Procedure[None]:
-    """Command the twist that `twist_at` returns for each time, then zero until at rest.
+    """Command the twists from `twist_at`, then zero until the robot is at rest.
 
     Raises:
-        ClientError: as `ControlProtocol.check_motion`; `twist_at` may raise more.
+        ClientError: As for `ControlProtocol.check_motion`; `twist_at` may raise other errors.
     """
     check_frame(frame)
     yield from _motion(
@@ -177,10 +177,10 @@ def drive_by(
 
 
 def rest(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Command zero until the robot is at rest; any other motion of this script ends.
+    """Command zero until the robot is at rest; ends any other motion of this script.
 
     Raises:
-        ClientError: the lease is not held, or the robot is silent, disarmed or latched.
+        ClientError: If the lease is not held, or the robot is silent, disarmed or latched.
     """
     end_s = now_s + _REST_S
     while protocol.mode is Mode.STOPPING and now_s < end_s:
@@ -195,12 +195,12 @@ def rest(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
 def follow(
     protocol: ControlProtocol, now_s: float, goal: NavigationGoal, speed_mps: float | None
 ) -> Procedure[None]:
-    """Follow a planned path closed loop over the odometry, until the goal.
+    """Follow a planned path to the goal, with feedback from odometry.
 
     Raises:
-        PathError: there is no such path.
-        MotionFailed: the robot left the path, or did not get there.
-        ClientError: as `ControlProtocol.check_motion`.
+        PathError: If no such path exists.
+        MotionFailed: If the robot leaves the path or misses the goal.
+        ClientError: As for `ControlProtocol.check_motion`.
     """
     check_speed(speed_mps)
 
@@ -222,7 +222,7 @@ def follow(
 
 
 class _PathFollower:
-    """Twists along a trajectory, closed loop over the odometry of a protocol."""
+    """Generates twists along a trajectory, with feedback from a protocol's odometry."""
 
     def __init__(
         self, protocol: ControlProtocol, trajectory: Trajectory, speed_mps: float | None
@@ -235,7 +235,7 @@ class _PathFollower:
             delay_s=protocol.round_trip_s,
         )
         self.step: ExecutionStep | None = None
-        """The newest step."""
+        """Latest step."""
 
     def __call__(self, now_s: float) -> Array | None:
         protocol = self._protocol
@@ -252,7 +252,7 @@ def _limits(protocol: ControlProtocol, speed_mps: float | None) -> PlanLimits:
 def _motion(
     protocol: ControlProtocol, now_s: float, body: Callable[[float, int], Procedure[None]]
 ) -> Procedure[None]:
-    """Run the commands of a motion; an error sends a zero first."""
+    """Run the commands of a motion; on an error, send a zero first."""
     now_s = yield from _finish_setpoint(protocol, now_s)
     motion = protocol.begin_motion(now_s)
     try:
@@ -272,7 +272,7 @@ def _send_twists(
     frame: str,
     end_s: float = math.inf,
 ) -> Procedure[None]:
-    """Command a twist 50 times a second, until a time or until it is None; then come to rest."""
+    """Command twists at 50 Hz until `end_s` or None, then come to rest."""
     while now_s < end_s - 1e-9:
         twist = twist_at(now_s)
         protocol.check_motion(now_s, motion)
@@ -286,7 +286,7 @@ def _send_twists(
 def _zero(
     protocol: ControlProtocol, now_s: float, motion: int, error: BaseException
 ) -> Procedure[None]:
-    """Send one zero after an error; a generator that is closed cannot send any more."""
+    """Send one zero after an error; a closed generator can no longer send."""
     if protocol.has_lease and protocol.is_active(motion) and not isinstance(error, GeneratorExit):
         yield Send(protocol.command(REST, BASE, now_s))
 
@@ -300,7 +300,7 @@ def _come_to_rest(protocol: ControlProtocol, now_s: float, motion: int) -> Proce
         yield Send(command)
         now_s = (yield Sleep(now_s + COMMAND_PERIOD_S)).now_s
         if protocol.at_rest_since(first):
-            # The joints follow late; a noisy estimate never shows zero.
+            # Joints lag behind, and a noisy estimate never shows zero.
             still_s = now_s + _STILL_S if still_s is None else still_s
             if protocol.is_still() or now_s >= still_s:
                 return
@@ -309,7 +309,7 @@ def _come_to_rest(protocol: ControlProtocol, now_s: float, motion: int) -> Proce
 
 
 def _finish_setpoint(protocol: ControlProtocol, now_s: float) -> Procedure[float]:
-    """Let a velocity set-point end before another motion begins."""
+    """Wait for a velocity setpoint to end before another motion begins."""
     protocol.end_setpoint()
     end_s = now_s + _REST_S
     while protocol.has_setpoint:

@@ -1,6 +1,6 @@
-"""Procedures of an operator as generators, without I/O: lease, arming, stop, settings.
+"""Operator procedures as sans-I/O generators: lease, arming, stop, settings.
 
-`steps` has the steps that they yield, and runs them.
+See `steps` for the steps they yield and for running them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ReplyT = TypeVar("ReplyT", Reply, LeaseReply)
 _ARMING_S = 60.0
 _REST_S = 10.0
 _SETTLE_S = 3.0
-"""The newest status shows a new holder, or a centred stick, long before that."""
+"""The latest status shows a new holder or a centred stick well before this timeout."""
 _TRIES = 3
 _ANSWER_S = 0.5
 STOP_TRIES, STOP_ANSWER_S = 20, 0.1
@@ -47,11 +47,11 @@ STOP_TRIES, STOP_ANSWER_S = 20, 0.1
 def request(
     protocol: ControlProtocol, service: Service, message: msgspec.Struct, what: str
 ) -> Procedure[float]:
-    """Send a request that the robot may refuse; `what` names it in the error. Return the time.
+    """Send a request, named `what` in errors; return the time of the response.
 
     Raises:
-        RequestRefused: with the robot's own sentence.
-        RobotSilent: there is no answer.
+        RequestRefused: If refused, with the robot's reason.
+        RobotSilent: If no response arrives.
     """
     outcome = yield Call(service, msgspec.json.encode(message))
     reply = _decoded(outcome.answer, Reply)
@@ -63,21 +63,21 @@ def request(
 
 
 def disarm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Disarm, after a controlled stop when the robot drives; wait until the status shows it."""
+    """Disarm, after a controlled stop if driving; wait until the status confirms it."""
     message = HolderRequest(protocol.lease_hex)
     yield from request(protocol, Service.DISARM, message, "disarm")
     yield from _until_mode(protocol, now_s, Mode.DISARMED, *LATCHED)
 
 
 def reset(protocol: ControlProtocol, now_s: float, *, renews: bool = False) -> Procedure[None]:
-    """Unlatch a stopped or faulty robot; wait until the status shows that it is disarmed.
+    """Unlatch a stopped or faulty robot; wait until the status shows it disarmed.
 
-    A robot refuses that for half a second after the last push, which a script can only wait for.
-    With `renews`, the lease is renewed meanwhile; a control does that on a thread of its own.
+    Robots refuse this for 0.5 s after the last nonzero command. Set `renews` to renew the lease
+    while waiting, unless a background thread does so.
 
     Raises:
-        RequestRefused: the robot refuses for longer, with its own sentence.
-        RobotSilent: it does not answer.
+        RequestRefused: If the robot still refuses, with its reason.
+        RobotSilent: If no response arrives.
     """
     end_s = now_s + _SETTLE_S
     while now_s < end_s and _refuses_reset(protocol.status):
@@ -89,11 +89,11 @@ def reset(protocol: ControlProtocol, now_s: float, *, renews: bool = False) -> P
 
 
 def reset_without_control(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Acquire the lease, reset, and release the lease; the robot is disarmed then.
+    """Acquire the lease, reset and release; the robot is then disarmed.
 
     Raises:
-        ControlDenied: another operator has the lease.
-        RequestRefused, RobotSilent: as `reset`.
+        ControlDenied: If another operator has the lease.
+        RequestRefused, RobotSilent: As for `reset`.
     """
     yield from acquire(protocol)
     try:
@@ -122,7 +122,7 @@ def _until_mode(protocol: ControlProtocol, now_s: float, *modes: Mode) -> Proced
 def set_pose(
     protocol: ControlProtocol, x_m: float, y_m: float, heading_rad: float
 ) -> Procedure[None]:
-    """Set the pose estimate; at rest only."""
+    """Set the pose estimate; the robot must be at rest."""
     message = SetPoseRequest(protocol.lease_hex, x_m, y_m, heading_rad)
     yield from request(protocol, Service.SET_POSE, message, "set the pose")
 
@@ -130,22 +130,22 @@ def set_pose(
 def set_orientation(
     protocol: ControlProtocol, x: float, y: float, z: float, w: float
 ) -> Procedure[None]:
-    """Set the orientation estimate of a sphere; at rest only."""
+    """Set the orientation estimate of a sphere; the robot must be at rest."""
     message = SetOrientationRequest(protocol.lease_hex, (x, y, z, w))
     yield from request(protocol, Service.SET_POSE, message, "set the orientation")
 
 
 def set_wheel_speed(protocol: ControlProtocol, rpm: float) -> Procedure[None]:
-    """Set the speed of wheels that always spin, until they are shut off."""
+    """Set the speed of continuously spinning wheels until they are switched off."""
     message = SpeedRequest(protocol.lease_hex, rpm)
     yield from request(protocol, Service.SPEED, message, "change the wheel speed")
 
 
 def stop(robot_id: str, operator: str, reason: str) -> Procedure[None]:
-    """Stop the robot and latch it; repeated until it is acknowledged.
+    """Stop and latch the robot, retrying until acknowledged.
 
     Raises:
-        RobotSilent: it was not acknowledged.
+        RobotSilent: If no acknowledgement arrives.
     """
     payload = stop_payload(operator, reason)
     for _ in range(STOP_TRIES):
@@ -158,7 +158,7 @@ def stop(robot_id: str, operator: str, reason: str) -> Procedure[None]:
 
 
 def stop_payload(operator: str, reason: str = "") -> bytes:
-    """Return the message that stops a robot and latches it."""
+    """Return the payload of a stop request."""
     return msgspec.json.encode(StopRequest(operator, reason))
 
 
@@ -188,11 +188,11 @@ def request_lease(
     max_age_s: float | None = None,
     reason: str = "",
 ) -> Procedure[float]:
-    """Request the lease; return the time at which it was granted.
+    """Request the lease; return the time of the grant.
 
     Raises:
-        ControlDenied: another operator has it.
-        RobotSilent: there is no answer.
+        ControlDenied: If another operator holds the lease.
+        RobotSilent: If no response arrives.
     """
     wish = LeaseRequest(
         op="acquire",
@@ -212,15 +212,15 @@ def request_lease(
 
 
 def acquire(protocol: ControlProtocol, **wish: Any) -> Procedure[None]:
-    """Acquire the lease, and wait until the robot's status shows it.
+    """Acquire the lease and wait until the status shows it.
 
     Raises:
-        ControlDenied: another operator has it.
-        RobotSilent: there is no answer.
+        ControlDenied: If another operator holds the lease.
+        RobotSilent: If no response arrives.
     """
     now_s = yield from request_lease(protocol, **wish)
     end_s = now_s + _SETTLE_S
-    # A status in transit still shows the mode under the previous holder.
+    # A status in flight still shows the mode under the previous holder.
     while protocol.status is None or protocol.status.lease.holder != protocol.operator:
         now_s = (yield NextStatus(end_s)).now_s
         protocol.check_lease()
@@ -231,7 +231,7 @@ def acquire(protocol: ControlProtocol, **wish: Any) -> Procedure[None]:
 
 
 def renew(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Renew the lease when that is due; a reply that refuses it ends the lease."""
+    """Renew the lease if due; a refusal ends the lease."""
     renewal = protocol.renewal(now_s)
     if renewal is not None:
         outcome = yield Call(Service.LEASE, renewal)
@@ -239,7 +239,7 @@ def renew(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
 
 
 def release_lease(protocol: ControlProtocol) -> Procedure[None]:
-    """Release the lease; the robot keeps its mode. Without an answer, the lease expires."""
+    """Release the lease; the robot keeps its mode. Without a response, the lease expires."""
     if protocol.has_lease:
         lease = protocol.lease_hex
         message = LeaseRequest(op="release", operator=protocol.operator, lease=lease)
@@ -250,16 +250,16 @@ def release_lease(protocol: ControlProtocol) -> Procedure[None]:
 
 
 def peek(operator: str, timeout_s: float = 1.0) -> Call:
-    """Return the call that asks which operator has the lease; it changes nothing."""
+    """Return a call that queries the lease holder without side effects."""
     message = LeaseRequest(op="peek", operator=operator)
     return Call(Service.LEASE, msgspec.json.encode(message), timeout_s)
 
 
 def ask_holder(protocol: ControlProtocol) -> Procedure[LeaseReply]:
-    """Ask the holder for the lease; the reply is `done` when the request is pending.
+    """Request the lease from its holder; the reply is `done` if the request is pending.
 
     Raises:
-        RobotSilent: there is no answer.
+        RobotSilent: If no response arrives.
     """
     message = LeaseRequest(op="request", operator=protocol.operator)
     reply = yield from _ask(Service.LEASE, message, LeaseReply)
@@ -271,7 +271,7 @@ def ask_holder(protocol: ControlProtocol) -> Procedure[LeaseReply]:
 def withdraw_request(
     protocol: ControlProtocol, timeout_s: float = 1.0
 ) -> Procedure[LeaseReply | None]:
-    """Withdraw the pending request; without an answer, it times out."""
+    """Withdraw the pending request; without a response, it times out."""
     message = LeaseRequest(op="withdraw", operator=protocol.operator)
     return (yield from _ask(Service.LEASE, message, LeaseReply, timeout_s))
 
@@ -281,13 +281,13 @@ class LeaseRequestState(StrEnum):
 
     WAITING = "waiting"
     GRANTED = "granted"
-    """The lease is reserved for this operator, or free: acquire it."""
+    """The lease is free or reserved for this operator and can be acquired."""
     ENDED = "ended"
-    """Denied, timed out, or granted to another operator."""
+    """Denied, timed out or granted to another operator."""
 
 
 def request_state(lease: LeaseStatus, operator: str, *, settled: bool) -> LeaseRequestState:
-    """Return the state of a request; `settled` says that the status is newer than the request."""
+    """Return the state of a request; `settled` means that the status postdates it."""
     if lease.asked_by == operator:
         return LeaseRequestState.WAITING
     free = lease.holder is None and lease.reserved_for is None
@@ -299,11 +299,11 @@ def request_state(lease: LeaseStatus, operator: str, *, settled: bool) -> LeaseR
 def ask_for_control(
     protocol: ControlProtocol, now_s: float, timeout_s: float, **wish: Any
 ) -> Procedure[None]:
-    """Ask the holder for the lease, and acquire it once it is granted or free.
+    """Request the lease from its holder; acquire it once granted or free.
 
     Raises:
-        ControlDenied: the holder keeps it, or does not answer in time.
-        RobotSilent: the robot does not answer.
+        ControlDenied: If the holder denies or does not respond in time.
+        RobotSilent: If the robot does not respond.
     """
     reply = yield from ask_holder(protocol)
     if not reply.done and reply.holder is not None:
@@ -316,7 +316,7 @@ def ask_for_control(
 def _until_granted(
     protocol: ControlProtocol, now_s: float, timeout_s: float, holder: str
 ) -> Procedure[None]:
-    """Wait until the lease is granted or free; an error withdraws the request."""
+    """Wait until the lease is granted or free; withdraw the request on errors."""
     operator, settled_s, end_s = protocol.operator, now_s + _SETTLE_S, now_s + timeout_s
     try:
         while True:
@@ -328,7 +328,7 @@ def _until_granted(
                 if state is LeaseRequestState.ENDED:
                     raise ControlDenied(protocol.robot_id, f"{holder} keeps control", holder)
                 if lease.asked_by == operator:
-                    settled_s = now_s  # From now on, a status without the request is an answer.
+                    settled_s = now_s  # A later status without the request implies a decision.
             if now_s >= end_s:
                 raise ControlDenied(protocol.robot_id, f"{holder} does not answer", holder)
             now_s = (yield NextStatus(min(end_s, now_s + 0.5))).now_s
@@ -339,11 +339,11 @@ def _until_granted(
 
 
 def answer_request(protocol: ControlProtocol, *, grant: bool, asker: str | None) -> Procedure[None]:
-    """Hand control over to the operator who asks for it, or keep it.
+    """Grant or deny the request for control.
 
     Raises:
-        RequestRefused: no operator asks for it, or another one.
-        ControlLost: the lease is not held.
+        RequestRefused: If there is no request, or it is from another operator.
+        ControlLost: If the lease is not held.
     """
     status = protocol.status
     asker = asker or (status.lease.asked_by if status is not None else None)
@@ -364,12 +364,12 @@ def answer_request(protocol: ControlProtocol, *, grant: bool, asker: str | None)
 
 
 def give_back(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Command zero, disarm and release; without the lease, do nothing.
+    """Command zero, disarm and release; do nothing without the lease.
 
-    A robot that cannot be disarmed is stopped, unless another operator has control of it.
+    If disarming fails, the robot is stopped, unless another operator has control.
 
     Raises:
-        RobotSilent: it does not answer, so it stops by itself, or has stopped.
+        RobotSilent: If no response arrives; the robot then stops automatically.
     """
     if not protocol.has_lease:
         return
@@ -406,12 +406,12 @@ def _stop_instead(protocol: ControlProtocol) -> Procedure[None]:
 
 
 def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Arm, and wait until the robot is ready; a robot whose wheels spin already is ready.
+    """Arm and wait until the robot is ready; returns immediately if it already is.
 
     Raises:
-        RequestRefused: the robot refuses, or gives arming up; with its own sentence.
-        RobotStopped: it is stopped or faulty, and wants a reset first.
-        RobotSilent: it says nothing.
+        RequestRefused: If the robot refuses or aborts arming, with its reason.
+        RobotStopped: If it is stopped or faulty and needs a reset first.
+        RobotSilent: If it sends no status.
     """
     end_s = now_s + _ARMING_S
     asked = False
@@ -422,7 +422,7 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
         if mode is Mode.DISARMED and not asked:
             lease = HolderRequest(protocol.lease_hex)
             now_s = yield from request(protocol, Service.ARM, lease, "arm")
-            # A status from before the answer still shows a disarmed robot.
+            # A status sent before the response still shows a disarmed robot.
             asked = True
             now_s = yield from _next_status(protocol, now_s)
             now_s = yield from _next_status(protocol, now_s)
@@ -436,10 +436,10 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
 
 
 def stay_ready(protocol: ControlProtocol, now_s: float, duration_s: float) -> Procedure[None]:
-    """Watch for a time that the robot stays ready; nothing is commanded.
+    """Check for `duration_s` that the robot stays ready, without commanding it.
 
     Raises:
-        ControlLost, RobotStopped, RobotSilent: it does not.
+        ControlLost, RobotStopped, RobotSilent: If it does not.
     """
     end_s = now_s + duration_s
     while now_s < end_s:

@@ -1,7 +1,7 @@
-"""Operator protocol without I/O: commands, motions, set-point timeout; `held_lease` has the lease.
+"""Sans-I/O operator protocol: commands, motions, setpoint timeout. See `held_lease` for the lease.
 
-Time is an argument, in seconds of any monotonic clock. Received messages go in, commands and
-requests come out; `robot`, `aio`, the simulated robot and the dashboard transport them.
+The caller passes in received messages and the monotonic time in seconds, and sends the returned
+commands and requests. `robot`, `aio`, the simulator and the dashboard provide the transport.
 """
 
 from __future__ import annotations
@@ -28,42 +28,42 @@ from tsd_twin.robots import RobotDescription
 from tsd_twin.safety import LATCHED, Mode
 
 COMMAND_PERIOD_S = 0.02
-"""Commands are sent at 50 Hz while a motion is in force."""
+"""Commands are sent at 50 Hz during a motion."""
 SETPOINT_TIMEOUT_S = 0.2
-"""A velocity set-point that is not refreshed for this long is replaced by zero."""
+"""A velocity setpoint is replaced by zero after this time without a refresh."""
 _SHORTEST_SETPOINT_S = 0.06
-"""A slow link does not shorten a set-point further; the robot then refuses what is too old."""
+"""Lower bound on slow links; the robot then rejects commands that are too old."""
 _ZERO_LEAD_S = 0.03
-"""Time from the end of a set-point until its zero has counted, on top of the round trip."""
+"""Time from the end of a setpoint until its zero is accepted, in addition to the round trip."""
 SILENCE_S = 1.0
-"""Twenty statuses; commands stop counting long before that."""
+"""The robot counts as silent after this time without a status (20 periods)."""
 _GRACE_S = 0.3
-"""A status that was under way when the lease was granted does not show it."""
+"""A status received this soon after a grant may predate it."""
 _SHORTEST_PERIOD_S = 0.01
-"""A set-point that is refreshed faster is sent with the next due command."""
+"""A setpoint refreshed faster than this is sent with the next due command."""
 _REORDERED = 20
-"""A status number that is lower by up to this is an old message; by more, the robot restarted."""
+"""A smaller drop of the status number is reordering; a larger one means a robot restart."""
 _NUMBERS_APART = 1000
-"""Between the numbers of two leases: more than a previous holder can have under way."""
+"""Sequence-number gap between leases, larger than any previous holder can have in flight."""
 _MOST_NUMBERS = 2**53
-"""A higher number that the robot shows is not continued: it may be the last that fits."""
+"""A larger number reported by the robot is ignored, because the next one may overflow."""
 _STILL_MPS, _STILL_RAD_PER_S = 0.02, 0.05
 REST = (0.0, 0.0, 0.0)
-"""The twist of standstill."""
+"""Zero twist."""
 _MODES = frozenset(Mode)
 _ARMED_AND_READY = frozenset({Mode.READY, Mode.DRIVING, Mode.STOPPING})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwistCommand:
-    """One command, ready to be published on `cmd/<operator>/twist`."""
+    """Command to publish on `cmd/<operator>/twist`."""
 
     operator: str
     seq: int
     payload: bytes
     """CDR of a `geometry_msgs/msg/TwistStamped`."""
     attachment: bytes
-    """Its number, the lease id and the number of the echoed status."""
+    """Sequence number, lease id and number of the echoed status."""
     twist: Array
     """(3,): m/s and rad/s in `frame`."""
     frame: str
@@ -71,7 +71,7 @@ class TwistCommand:
 
 @dataclass(frozen=True, slots=True)
 class _Setpoint:
-    """Velocity that is repeated, with the echo of its input."""
+    """Repeated velocity, with the status echoed for its input."""
 
     twist: tuple[float, ...]
     frame: str
@@ -80,16 +80,16 @@ class _Setpoint:
 
 
 class ControlProtocol(HeldLease):
-    """State machine of one operator and one robot: lease, sequence numbers, set-point.
+    """State machine for an operator's control of a robot: lease, sequence numbers, setpoint.
 
-    Not thread-safe: its users call it under one lock.
+    Not thread-safe; callers must hold a lock.
     """
 
     def __init__(self, robot_id: str, robot: RobotDescription, operator: str) -> None:
         """Prepare for one robot.
 
         Raises:
-            BusError: the name of the operator cannot be part of a bus key.
+            BusError: If the operator name is not valid in a bus key.
         """
         super().__init__(robot_id, operator, robot.limits.max_command_age_s)
         self.robot = robot
@@ -97,7 +97,7 @@ class ControlProtocol(HeldLease):
         self._axes = list(self.kinematics.twist_axes)
         self.status: Status | None = None
         self.status_seq = 0
-        """Number of the newest status, which each new input echoes."""
+        """Number of the latest status, echoed by new inputs."""
         self._echoes = Echoes()
         self._xy_heading: Array | None = None
         self._twist: Array | None = None
@@ -115,7 +115,7 @@ class ControlProtocol(HeldLease):
     # Received messages.
 
     def receive_status(self, status: Status, seq: int, now_s: float) -> None:
-        """Process a `state/status` with its number; an outdated one is ignored."""
+        """Process a `state/status` with its number; ignore outdated ones."""
         if self.status_seq - _REORDERED <= seq < self.status_seq or status.mode not in _MODES:
             return
         if seq != self.status_seq:
@@ -129,18 +129,18 @@ class ControlProtocol(HeldLease):
             self._lose(taken or because(Code.LEASE_ENDED))
 
     def receive_odometry(self, xy_heading: Array, twist: Array, now_s: float) -> None:
-        """Process pose (3,) and twist (3,) of a `state/odom`; a sphere's pose means nothing."""
+        """Process pose (3,) and twist (3,) from `state/odom`; the pose is unused for spheres."""
         self._xy_heading, self._twist, self._odometry_s = xy_heading, twist, now_s
 
     def delay_s(self, now_s: float) -> float | None:
-        """Return the measured time from a command to a state with its effect; None if unknown."""
+        """Return the measured delay from a command to its effect in a state, or None if unknown."""
         return self._delay.median_s(now_s)
 
     def grant(self, reply: LeaseReply, now_s: float) -> None:
         """Process the reply that grants the lease."""
         super().grant(reply, now_s)
         self._failure = self._stops = self._setpoint = self._rest_seq = None
-        # Above the numbers that the robot has shown: a status with one of these has counted it.
+        # Start above any number the robot has reported, so that its status can acknowledge ours.
         counted = 0 if self.status is None else self.status.command.seq
         self._seq = max(self._seq, counted if counted < _MOST_NUMBERS else 0) + _NUMBERS_APART
 
@@ -152,10 +152,10 @@ class ControlProtocol(HeldLease):
 
     @property
     def mode(self) -> Mode:
-        """The mode in the newest status.
+        """Mode in the latest status.
 
         Raises:
-            RobotSilent: there is none.
+            RobotSilent: If no status has arrived.
         """
         if self.status is None:
             raise RobotSilent(f"{self.robot_id} has sent no status", "no_status")
@@ -163,15 +163,15 @@ class ControlProtocol(HeldLease):
 
     @property
     def in_motion(self) -> bool:
-        """Whether a motion has begun and not ended."""
+        """Whether a motion is active."""
         return self._stops is not None
 
     def begin_motion(self, now_s: float) -> int:
-        """Begin a motion and return its number; any stop of the robot by itself ends it.
+        """Begin a motion and return its number; it ends if the robot stops automatically.
 
         Raises:
-            ClientError: the lease is not held, the robot is silent or not ready, or another motion
-                is active.
+            ClientError: If the lease is not held, the robot is silent or not ready, or another
+                motion is active.
         """
         if self._stops is not None:
             raise ClientError(
@@ -181,10 +181,10 @@ class ControlProtocol(HeldLease):
         return self._begin()
 
     def begin_rest(self, now_s: float) -> int:
-        """End any motion of this script and begin one to rest; return its number.
+        """End any motion of this script and begin stopping; return the new motion's number.
 
         Raises:
-            ClientError: the lease is not held, or the robot is silent, disarmed or latched.
+            ClientError: If the lease is not held, or the robot is silent, disarmed or latched.
         """
         self.check_lease()
         self._check_silence(now_s)
@@ -193,17 +193,17 @@ class ControlProtocol(HeldLease):
         return self._begin()
 
     def _begin(self) -> int:
-        assert self.status is not None  # noqa: S101  Callers have looked.
+        assert self.status is not None  # noqa: S101  Callers have checked.
         self._stops, self._stale_before = self.status.stops, self.status.command.dropped.stale
         self._setpoint = self._rest_seq = None
         self._motion += 1
         return self._motion
 
     def check_ready(self, now_s: float) -> None:
-        """Check that the robot is ready at standstill under this lease.
+        """Check that the robot is ready and at rest under this lease.
 
         Raises:
-            ClientError: the lease is not held, or the robot is silent or not ready.
+            ClientError: If the lease is not held, or the robot is silent or not ready.
         """
         self.check_lease()
         mode = self.mode
@@ -212,20 +212,20 @@ class ControlProtocol(HeldLease):
             raise self._stopped("is not ready", "not_ready")
 
     def is_active(self, motion: int) -> bool:
-        """Return whether a motion has not ended, nor has `rest` begun another one."""
+        """Return whether a motion is active and was not superseded by `rest`."""
         return self.in_motion and motion == self._motion
 
     def end_motion(self, motion: int | None = None) -> None:
-        """End a motion, by default the active one; nothing is sent for it any more."""
+        """End a motion (by default the active one) without sending anything."""
         if motion is None or motion == self._motion:
             self._stops = self._setpoint = self._rest_seq = None
 
     def check_motion(self, now_s: float, motion: int | None = None) -> None:
-        """Check that a motion, by default the active one, may continue.
+        """Check that a motion (by default the active one) may continue.
 
         Raises:
-            ClientError: control was lost, the robot is silent, it stopped by itself, or `rest` was
-                called.
+            ClientError: If control is lost, the robot is silent or stopped automatically, or `rest`
+                was called.
         """
         self.check_lease()
         self._check_silence(now_s)
@@ -239,7 +239,7 @@ class ControlProtocol(HeldLease):
 
     @property
     def stale_commands(self) -> int:
-        """Number of commands that the robot dropped as too old since the motion began."""
+        """Number of commands rejected as too old since the motion began."""
         stale = 0 if self.status is None else self.status.command.dropped.stale
         return max(stale - self._stale_before, 0)
 
@@ -250,13 +250,13 @@ class ControlProtocol(HeldLease):
         now_s: float,
         status_seq: int | None = None,
     ) -> TwistCommand:
-        """Return the next command: three numbers of the twist, in `base_link` or `odom`.
+        """Return the next command for a twist (3,) in `base_link` or `odom`.
 
-        It echoes `status_seq`, by default the number of the newest status received.
+        It echoes `status_seq`, by default the latest status received.
 
         Raises:
-            ControlLost: the lease is not held.
-            ClientError: a number is not finite.
+            ControlLost: If the lease is not held.
+            ClientError: If a number is not finite.
         """
         self.check_lease()
         numbers = checked_twist(twist, frame)
@@ -271,35 +271,36 @@ class ControlProtocol(HeldLease):
         return TwistCommand(self.operator, self._seq, payload, attachment, numbers, frame)
 
     def has_counted(self, seq: int) -> bool:
-        """Return whether the newest status shows that command `seq` or a later one counted."""
+        """Return whether the latest status acknowledges command `seq` or a later one."""
         return self.status is not None and seq <= self.status.command.seq <= self._seq
 
     def at_rest_since(self, seq: int) -> bool:
-        """Return whether the robot has counted command `seq` or a later one, and is at rest."""
+        """Return whether the robot accepted command `seq` or a later one and is at rest."""
         return self.has_counted(seq) and self.mode is Mode.READY
 
     def is_still(self) -> bool:
-        """Return whether the odometry shows next to no speed, once the joints have followed."""
+        """Return whether the odometry speed is near zero."""
         if self._twist is None:
             return False
         twist, twist_scale_m = np.abs(self._twist), self.kinematics.twist_scale_m
         slow = twist_scale_m * float(np.hypot(twist[0], twist[1])) < _STILL_MPS
         return slow and float(twist[2]) < _STILL_RAD_PER_S
 
-    # Velocity set-points.
+    # Velocity setpoints.
 
     def set_velocity(
         self, twist: Sequence[float], frame: str, now_s: float, given_s: float | None = None
     ) -> TwistCommand | None:
-        """Set a velocity for up to `SETPOINT_TIMEOUT_S`; return a command to send at once.
+        """Set the velocity for `SETPOINT_TIMEOUT_S`; return a command to send now.
 
-        None, and the next one comes from `due`, if the last one is less than 10 ms old. `given_s`
-        is when the input was given, by default now: each repetition echoes the status that was
-        current then, so the robot bounds the time from the input to the end of the motion. The
-        set-point expires early enough for a zero to arrive before the robot stops by itself.
+        Returns None within 10 ms of the previous call; `due` sends the setpoint then. `given_s` is
+        the time of the input, by default now. Each repetition echoes the status that was current
+        then, which lets the robot bound the time from the input to the end of the motion. The
+        setpoint expires early enough for a zero to arrive before the robot stops automatically.
 
         Raises:
-            ClientError: as `begin_motion` and `check_motion`; a failure since the last set-point.
+            ClientError: As for `begin_motion` and `check_motion`, or the error that ended the last
+                setpoint.
         """
         checked_twist(twist, frame)
         self.raise_failure()
@@ -311,7 +312,7 @@ class ControlProtocol(HeldLease):
         expires_s = self._setpoint_expires_s(received_s, now_s)
         self._setpoint = _Setpoint(tuple(twist), frame, seq, expires_s)
         self._rest_seq = None
-        # Not counted from the last repetition by `due`, behind which a refresh would have to wait.
+        # Measure from the last refresh, not the last repetition, which would delay this one.
         if now_s - self._refreshed_s < _SHORTEST_PERIOD_S:
             return None
         self._refreshed_s = now_s
@@ -324,9 +325,9 @@ class ControlProtocol(HeldLease):
         return now_s + min(max(counts_s, _SHORTEST_SETPOINT_S), SETPOINT_TIMEOUT_S)
 
     def due(self, now_s: float) -> TwistCommand | None:
-        """Return the command that is due for the set-point in force, zero once it has expired.
+        """Return the due command for the active setpoint, or a zero once it has expired.
 
-        A failure ends the motion without another command, and the next `set_velocity` raises it.
+        A failure ends the motion without another command; the next `set_velocity` raises it.
         """
         if self._setpoint is None:
             return None
@@ -349,10 +350,10 @@ class ControlProtocol(HeldLease):
         return command
 
     def raise_failure(self) -> None:
-        """Raise what has ended the last set-point, once.
+        """Raise the error that ended the last setpoint, once.
 
         Raises:
-            ClientError: the failure.
+            ClientError: If there is such an error.
         """
         if self._failure is not None:
             failure, self._failure = self._failure, None
@@ -360,12 +361,12 @@ class ControlProtocol(HeldLease):
 
     @property
     def next_due_s(self) -> float:
-        """When `due` has to be called next, while there is a set-point."""
+        """Time of the next call to `due`, valid while a setpoint is active."""
         return self._sent_s + COMMAND_PERIOD_S
 
     @property
     def has_setpoint(self) -> bool:
-        """Whether a set-point, or the zero after it, is being sent."""
+        """Whether a setpoint or its final zero is being sent."""
         return self._setpoint is not None
 
     def end_setpoint(self) -> None:
@@ -373,14 +374,14 @@ class ControlProtocol(HeldLease):
         if self._setpoint is not None:
             self._setpoint = replace(self._setpoint, expires_s=-math.inf)
 
-    # The newest state.
+    # Latest state.
 
     def pose(self, now_s: float) -> SE2:
         """Return the estimated pose on the floor.
 
         Raises:
-            RobotSilent: it is older than commands may be.
-            ClientError: the robot turns a sphere in place.
+            RobotSilent: If the estimate is older than the maximum command age.
+            ClientError: If the robot turns a sphere.
         """
         if self.kinematics.pose_type is SO3:
             raise ClientError(
@@ -393,10 +394,10 @@ class ControlProtocol(HeldLease):
         return SE2(self._xy_heading)
 
     def planar(self, vx_mps: float, vy_mps: float, omega_rad_per_s: float) -> Sequence[float]:
-        """Return the twist of a robot on a floor.
+        """Return a planar twist (3,), in m/s and rad/s.
 
         Raises:
-            ClientError: the robot turns a sphere in place, or a number is not finite.
+            ClientError: If the robot turns a sphere or a number is not finite.
         """
         if self.kinematics.pose_type is SO3:
             raise ClientError(
@@ -408,10 +409,10 @@ class ControlProtocol(HeldLease):
     def spherical(
         self, wx_rad_per_s: float, wy_rad_per_s: float, wz_rad_per_s: float
     ) -> Sequence[float]:
-        """Return the twist of a sphere that is turned in place.
+        """Return the angular velocity (3,) of a sphere, in rad/s.
 
         Raises:
-            ClientError: the robot drives on a floor, or a number is not finite.
+            ClientError: If the robot does not turn a sphere or a number is not finite.
         """
         if self.kinematics.pose_type is not SO3:
             raise ClientError(
@@ -423,7 +424,7 @@ class ControlProtocol(HeldLease):
         return (wx_rad_per_s, wy_rad_per_s, wz_rad_per_s)
 
     def latch_reason(self) -> str:
-        """Return why the robot is latched, as a sentence; "" when it is not."""
+        """Return the reason why the robot is latched, or ""."""
         return self._sentence("") if self.mode in LATCHED else ""
 
     @property

@@ -1,8 +1,8 @@
-"""Synchronous client: a robot, and control of it.
+"""Synchronous client for a robot.
 
-Threads: every method may be called from any thread, but the motions of one `RobotControl` run one
-at a time, in the thread that calls them. The library has two threads of its own for each control,
-for set-points and renewals, and one for each callback. None of them keeps a process alive.
+All methods are thread-safe, but motions of a `RobotControl` run one at a time in the calling
+thread. The library starts two threads per control (setpoints, renewals) and one per callback; none
+of them keeps the process alive.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ T = TypeVar("T")
 
 
 class RobotClient(BaseClient[Link, "RobotControl", None]):
-    """One robot: its newest state, streams of states and events, and control of it.
+    """Robot client: latest state, streams of states and events, and control.
 
-    Use it as a context manager, or call `close`. `tsd_twin.connect` returns one for a robot on the
-    bus, `SimulatedRobot` is one in virtual time.
+    Use it as a context manager or call `close`. `tsd_twin.connect` returns one for a robot on the
+    bus; `SimulatedRobot` runs in virtual time.
     """
 
     def __init__(self, link: Link, operator: str) -> None:
@@ -56,7 +56,7 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
         self.close()
 
     def close(self) -> None:
-        """Give back control, if it is held, and leave the robot."""
+        """Release any held control and disconnect from the robot."""
         link = self.link
         try:
             for control in list(self._controls):
@@ -69,23 +69,23 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
                     thread.join(_JOIN_S)
 
     def _close_at_exit(self) -> None:
-        # A session with callbacks keeps a process from ending until it is closed. Not a daemon:
-        # the interpreter waits for this thread, so it does not end in the middle of a call.
+        # An open session with callbacks blocks process exit. Use a non-daemon thread, which the
+        # interpreter joins, so that it is not killed in the middle of a call.
         while not self._closed.wait(_POLL_S):
             if not threading.main_thread().is_alive():
                 self.close()
 
     def sleep(self, seconds: float) -> None:
-        """Wait; of a simulated robot, let virtual time pass."""
+        """Sleep; for simulated robots, advance virtual time."""
         check_numbers(seconds=seconds)
         self.link.sleep_until(self.link.now_s() + seconds)
 
     def states(
         self, duration_s: float | None = None, *, maxlen: int = QUEUE
     ) -> Iterator[RobotState]:
-        """Yield each new state, 50 a second, for a duration or until the robot is closed.
+        """Yield new states at 50 Hz for `duration_s`, or until the robot is closed.
 
-        When the reader is slower, the oldest ones beyond `maxlen` are dropped.
+        If the consumer is slow, all but the latest `maxlen` states are dropped.
         """
         check_optional(duration_s=duration_s)
         end_s = None if duration_s is None else self.time_s + duration_s
@@ -96,21 +96,21 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
     def on_state(
         self, callback: Callable[[RobotState], None], *, maxlen: int = 1
     ) -> Subscription[RobotState]:
-        """Call `callback` with new states on a thread of its own, until the result is closed.
+        """Call `callback` with new states on a separate thread until the result is closed.
 
-        While a callback runs, at most `maxlen` states wait; older ones are dropped. Of a simulated
-        robot, it is called on the thread that lets time pass.
+        If the callback is slow, all but the latest `maxlen` states are dropped. For simulated
+        robots, the callback runs on the thread that advances time.
         """
         return self.link.subscribe_states(self._callback(callback, maxlen))
 
     def events(self, *, maxlen: int = QUEUE) -> Subscription[Event]:
-        """Return a queue of events: modes, lease, refusals; iterate over it, and close it."""
+        """Return an iterable queue of events (modes, lease, refusals); close it after use."""
         return self.link.subscribe_events(Subscription[Event](maxlen))
 
     def on_event(
         self, callback: Callable[[Event], None], *, maxlen: int = QUEUE
     ) -> Subscription[Event]:
-        """Call `callback` with events on a thread of its own, until the result is closed."""
+        """Call `callback` with events on a separate thread until the result is closed."""
         return self.link.subscribe_events(self._callback(callback, maxlen))
 
     def _callback(self, callback: Callable[[T], None], maxlen: int) -> Subscription[T]:
@@ -140,11 +140,10 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
 
 
 class RobotControl(BaseControl[Link, None]):
-    """Control of a robot by one operator: the lease, arming, motions, hand-over.
+    """Control of a robot by one operator: lease, arming, motions, handover.
 
-    Enter it with `with`. If the process dies instead, commands fail to come and the robot stops
-    within its `limits.command_timeout_s`; the lease expires after 2 s, and 10 s later the robot is
-    disarmed.
+    Use it in `with`. If the process dies, commands cease and the robot stops within its
+    `limits.command_timeout_s`; the lease expires after 2 s, and 10 s later the robot is disarmed.
     """
 
     def __init__(
@@ -170,12 +169,12 @@ class RobotControl(BaseControl[Link, None]):
         self.release()
 
     def acquire(self) -> None:
-        """Acquire the lease and arm, as entering with `with` does.
+        """Acquire the lease and arm; called on entering `with`.
 
         Raises:
-            ControlDenied: another operator has control, or keeps it.
-            RequestRefused: the robot does not arm.
-            RobotStopped: the robot is latched, and wants a reset first.
+            ControlDenied: If another operator has control or denies the request.
+            RequestRefused: If the robot does not arm.
+            RobotStopped: If the robot is latched and needs a reset first.
         """
         self._ended.clear()
         self._link.attach(self._protocol)
@@ -194,11 +193,11 @@ class RobotControl(BaseControl[Link, None]):
             raise
 
     def release(self) -> None:
-        """Command zero, disarm and release; without the lease, do nothing.
+        """Command zero, disarm and release; do nothing without the lease.
 
-        An interrupt, such as Ctrl-C, is raised when that is done.
+        An interrupt such as Ctrl-C is raised afterwards.
         """
-        link = self._link  # A forked child must not wait for the threads of its parent.
+        link = self._link  # A forked child must not join its parent's threads.
         try:
             _uninterrupted(
                 lambda: self._perform(lambda: procedures.give_back(self._protocol, self._now_s)),
@@ -207,7 +206,7 @@ class RobotControl(BaseControl[Link, None]):
         finally:
             self._ended.set()
             self._has_setpoint.set()
-            # A thread that is in the bus when the interpreter ends would abort the process.
+            # A thread using the bus at interpreter exit would abort the process.
             for thread in self._threads:
                 thread.join()
             self._threads = []
@@ -215,17 +214,17 @@ class RobotControl(BaseControl[Link, None]):
             self.robot.add_control(self, active=False)
 
     def arming(self) -> Iterator[float]:
-        """Arm as `arm` does, and yield the progress of each stage, 0 to 1, while it goes on."""
+        """Arm like `arm`, yielding the progress (0 to 1) of each stage."""
         for _ in run_stepwise(self._link, procedures.arm(self._protocol, self._now_s)):
             arming = None if self._protocol.status is None else self._protocol.status.arming
             if arming is not None:
                 yield arming.progress
 
     def staying_ready(self, duration_s: float) -> Iterator[float]:
-        """Watch for a time that the robot stays ready, and yield the time since the beginning.
+        """Check for `duration_s` that the robot stays ready; yield the elapsed time.
 
         Raises:
-            ControlLost, RobotStopped, RobotSilent: it does not.
+            ControlLost, RobotStopped, RobotSilent: If it does not.
         """
         check_duration(duration_s=duration_s)
         began_s = self._now_s
@@ -235,14 +234,15 @@ class RobotControl(BaseControl[Link, None]):
             yield self._now_s - began_s
 
     def driving(self, twist_at: TwistSource, *, frame: str = BASE) -> Iterator[float]:
-        """Command the twist that `twist_at` returns for each time, and yield that time after it.
+        """Command the twists from `twist_at`; yield the time after each one.
 
-        `twist_at` is called 50 times a second with the time on the clock of `robot.time_s`; it
-        returns three numbers, m/s and rad/s in `frame`. None, an error of it or of the robot, and
-        the end of the loop command zero.
+        `twist_at` is called at 50 Hz with the time on the clock of `robot.time_s` and returns (3,),
+        m/s and rad/s in `frame`. A zero is commanded when it returns None, after any error, and
+        when the loop ends.
 
         Raises:
-            ControlLost, RobotStopped, RobotSilent: as `drive`; `twist_at` may raise more.
+            ControlLost, RobotStopped, RobotSilent: As for `drive`; `twist_at` may raise other
+                errors.
         """
         check_frame(frame)
         driving = motions.drive_by(self._protocol, self._now_s, twist_at, frame)
@@ -253,7 +253,7 @@ class RobotControl(BaseControl[Link, None]):
                     yield self._now_s
         finally:
             with self._link.lock:
-                if self._protocol.in_motion and self._protocol.has_lease:  # The loop was left.
+                if self._protocol.in_motion and self._protocol.has_lease:  # Loop left early.
                     self._link.send(self._protocol.command(REST, BASE, self._now_s))
             steps.close()
 
@@ -277,7 +277,7 @@ class RobotControl(BaseControl[Link, None]):
 
 
 class _CallbackSubscription(Subscription[T]):
-    """A subscription whose items go to a callback at once, on the thread that puts them."""
+    """Subscription that passes items to a callback immediately, on the thread of `put`."""
 
     def __init__(self, callback: Callable[[T], None]) -> None:
         super().__init__(1)
@@ -292,12 +292,12 @@ def _read(subscription: Subscription[T], callback: Callable[[T], None]) -> None:
     for item in subscription:
         try:
             callback(item)
-        except Exception:  # A mistake in a callback must not end the stream.
+        except Exception:  # An exception in a callback must not end the stream.
             _LOG.exception("a callback failed")
 
 
 def _uninterrupted(work: Callable[[], None], link: Link) -> None:
-    """Complete `work`, also when Ctrl-C is pressed; raise the interrupt afterwards."""
+    """Run `work` to completion, even on Ctrl-C; raise the interrupt afterwards."""
     if link.virtual or threading.current_thread() is not threading.main_thread():
         work()
         return
@@ -329,14 +329,13 @@ def connect(
 ) -> RobotClient:
     """Connect to a robot on the bus.
 
-    Without an endpoint, that of the demo and the mock on this machine, as `tsd-dashboard` does.
-    `robot` is an id, needed when there are several. `certificate` is the `.pem` that `tsd-certs`
-    has made for an operator, beside its `.key` and the `ca.pem`; `zenoh_config` is a JSON5 file
-    instead of both.
+    The default endpoint is the demo and mock on this machine, like for `tsd-dashboard`. `robot` is
+    an id, required if there are several. `certificate` is an operator's `.pem` from `tsd-certs`,
+    with its `.key` and `ca.pem` in the same folder; alternatively, `zenoh_config` is a JSON5 file.
 
     Raises:
-        NoRobotFound: no robot answers there.
-        SeveralRobotsFound: there are several, and none was named.
-        TwinError: a file cannot be used, or the robot cannot be understood.
+        NoRobotFound: If no robot responds.
+        SeveralRobotsFound: If there are several robots and `robot` is not given.
+        TwinError: If a file or the robot's description is invalid.
     """
     return RobotClient(*open_link(endpoint, robot, certificate, zenoh_config))

@@ -1,9 +1,8 @@
-"""Simulated robots in virtual time: no bus, no clock, no threads.
+"""Simulated robots in virtual time, without bus, clock or threads.
 
-`SimulatedRobot` has the interface of a client; time passes only inside calls that wait: `drive`,
-`go_to`, `sleep`, arming, the iterators. `VirtualRobot`, for experiments, is driven one period at a
-time. The controller of both is the one that runs on the machine, with the same lease, gate and
-limits.
+`SimulatedRobot` has the interface of a client; time advances only in calls that wait: `drive`,
+`go_to`, `sleep`, arming, iterators. `VirtualRobot`, for experiments, is stepped explicitly. Both
+run the controller of the real robot, with the same lease, command gate and limits.
 """
 
 from __future__ import annotations
@@ -37,14 +36,14 @@ from tsd_twin.simulation import SimRobot
 PERIOD_S = 0.01
 _STATE_EVERY = 2
 _STATUS_EVERY = 5
-"""Periods between two status messages."""
+"""Status every 5 periods (20 Hz)."""
 _EXACT = np.zeros((3, 3))
 _NOWHERE = np.zeros(3)
-"""Position and heading of a sphere that turns in place."""
+"""Pose of a sphere that turns in place."""
 
 
 class SimulationLink:
-    """`Link` to a robot in virtual time: controller and simulated joints, stepped at 100 Hz."""
+    """`Link` to a robot in virtual time, with its controller and simulated joints at 100 Hz."""
 
     def __init__(self, robot: RobotDescription, simulated: SimRobot, pose: SE2 | None) -> None:
         self.id = robot.name
@@ -52,7 +51,7 @@ class SimulationLink:
         self.robot = robot
         self.simulated = simulated
         self.lock = threading.RLock()
-        numbers = itertools.count(1)  # Lease ids are the same in each run.
+        numbers = itertools.count(1)  # Deterministic lease ids.
         self._controller = RobotController(
             robot, lambda: next(numbers).to_bytes(16, "big"), pose=pose
         )
@@ -73,41 +72,41 @@ class SimulationLink:
         return self._tick * PERIOD_S
 
     def wall_ns(self) -> int:
-        """Return the virtual time in nanoseconds: it is the robot's wall clock too."""
+        """Return the virtual time in nanoseconds, also used as the robot's wall clock."""
         return self._tick * round(PERIOD_S * 1e9)
 
-    def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:  # noqa: ARG002  The shape.
-        """Return the answer of the controller."""
+    def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:  # noqa: ARG002  Interface.
+        """Call a service of the controller and return its response."""
         if service is Service.STOP:
             return msgspec.json.encode(self._controller.stop(payload, self.now_s()))
         return msgspec.json.encode(self._controller.serve(service, payload, self.now_s()))
 
     def send(self, command: TwistCommand) -> None:
-        """Hand a command to the next step."""
+        """Queue a command for the next step."""
         key = topics.twist_key(self.id, command.operator)
         self._inbox.append(Sample(key, command.payload, command.attachment))
 
     def send_stop(self, payload: bytes) -> None:
-        """Stop."""
+        """Stop and latch the robot."""
         self._controller.stop(payload, self.now_s())
 
     def send_pose(self, payload: bytes) -> None:
-        """Hand a pose measurement to the next step."""
+        """Queue a pose measurement for the next step."""
         self._poses.append(Sample(topics.SENSOR_POSE.key(self.id), payload, b""))
 
     def sleep_until(self, until_s: float) -> None:
-        """Let virtual time pass."""
+        """Advance virtual time to `until_s`."""
         while self.now_s() < until_s - 1e-9:
             self._step()
 
     def wait_for_status(self, until_s: float) -> None:
-        """Let virtual time pass until the next status."""
+        """Advance virtual time to the next status, at most to `until_s`."""
         seen = self._status_seq
         while self._status_seq == seen and self.now_s() < until_s - 1e-9:
             self._step()
 
     def state(self) -> RobotState:
-        """Return the state of this moment."""
+        """Return the current state."""
         controller, stamp_ns = self._controller, self.wall_ns()
         odometry, alternative = (
             controller.odometry(stamp_ns).wrapped(),
@@ -127,27 +126,27 @@ class SimulationLink:
         )
 
     def attach(self, protocol: ControlProtocol) -> None:
-        """Hand states to a protocol, and send its due set-points and renewals, from now on."""
+        """Start passing states to a protocol and sending its due setpoints and renewals."""
         protocol.receive_status(self._status, self._status_seq, self.now_s())
         self._protocols.append(protocol)
         self._hand_odometry()
 
     def detach(self, protocol: ControlProtocol) -> None:
-        """End what `attach` began."""
+        """Undo `attach`."""
         self._protocols = [each for each in self._protocols if each is not protocol]
 
     def subscribe_states(self, subscription: Subscription[RobotState]) -> Subscription[RobotState]:
-        """Fill a subscription with a state 50 times a virtual second, until it is closed."""
+        """Add a state to a subscription at 50 Hz virtual time until it is closed."""
         self._states.append(subscription)
         return subscription
 
     def subscribe_events(self, subscription: Subscription[Event]) -> Subscription[Event]:
-        """Fill a subscription with every new event, until it is closed."""
+        """Add every new event to a subscription until it is closed."""
         self._events.append(subscription)
         return subscription
 
     def close(self) -> None:
-        """End the subscriptions."""
+        """End all subscriptions."""
         self._closed = True
         for each in self._states:
             each.close()
@@ -156,11 +155,11 @@ class SimulationLink:
 
     @property
     def closed(self) -> bool:
-        """Whether it was closed."""
+        """Whether the connection is closed."""
         return self._closed
 
     def _step(self) -> None:
-        """Run one period of the control loop, as the node does."""
+        """Run one control period, like the node."""
         self._send_due()
         self._tick += 1
         now_s = self.now_s()
@@ -191,7 +190,7 @@ class SimulationLink:
 
     def _hand_odometry(self) -> None:
         if self._protocols:
-            # Without covariances, which take most of the time of an odometry.
+            # Omit covariances, which dominate the cost of odometry.
             pose, twist = self._controller.pose, self._controller.end_twist
             xy_heading = wrapped_heading(pose.xy_heading) if isinstance(pose, SE2) else _NOWHERE
             for protocol in self._protocols:
@@ -207,9 +206,9 @@ class SimulationLink:
 
 
 class SimulatedRobot(RobotClient):
-    """A robot in virtual time, with everything a `RobotClient` has; repeatable by its seed.
+    """Simulated robot in virtual time with the interface of `RobotClient`; seeded.
 
-    It belongs to one thread. `on_state` and `on_event` call back on that thread, while time passes.
+    Single-threaded: `on_state` and `on_event` call back on the thread that advances time.
     """
 
     def __init__(
@@ -222,14 +221,14 @@ class SimulatedRobot(RobotClient):
         plant: str = "kinematic",
         pose: Sequence[float] | None = None,
     ) -> None:
-        """Simulate a shipped robot, by name, or the robot of a TOML file, by path.
+        """Simulate a shipped robot (by name) or the robot in a TOML file (by path).
 
-        `noise` and `errors` scale those of the description, `plant` is `kinematic` or `mujoco`,
-        `pose` is (x, y, heading) at the start, in metres and radians.
+        `noise` and `errors` scale the values in the description, `plant` is `kinematic` or
+        `mujoco`, and `pose` is the initial (x, y, heading) in metres and radians.
 
         Raises:
-            RobotFileError: the description cannot be used, or not with this plant.
-            ClientError: a robot that turns a sphere has no such pose.
+            RobotFileError: If the description is invalid or incompatible with the plant.
+            ClientError: If `pose` is given for a robot that turns a sphere.
         """
         description = robots.load_robot(robot)
         start = None if pose is None else SE2(np.array(pose, dtype=float))
@@ -250,24 +249,23 @@ _ANY_M = 1000.0
 class VirtualRobot:
     """Robot controller and simulator in virtual time, driven by twists, without a bus.
 
-    The rules of the real robot apply: arming, limits, command gate. Poses are relative to the
-    start: once ready, the robot is at its mark, and its estimate is set to zero. A simulation that
-    has been used before continues from `start_s`.
+    The rules of the real robot apply: arming, limits, command gate. Poses are relative to a mark,
+    set where the robot became ready. A simulation that was used before continues from `start_s`.
 
     Raises:
-        TwinError: the robot does not move over a floor, or does not become ready.
+        TwinError: If the robot turns a sphere or does not become ready.
     """
 
     def __init__(self, robot: RobotDescription, simulated: SimRobot, start_s: float = 0.0) -> None:
         ids = itertools.count(1)
-        # No link can fail in virtual time: the lease need not cap the speed.
+        # The lease need not cap the speed, because virtual links cannot fail.
         limits = msgspec.structs.replace(robot.limits, stop_allowance_m=_ANY_M)
         robot = msgspec.structs.replace(robot, limits=limits)
         self.controller = RobotController(robot, lambda: next(ids).to_bytes(16, "big"))
         self.simulated = simulated
         self.now_s = start_s
         self.spin_share = 1.0
-        """True wheel speed over the one assumed by the controller; commands are corrected by it."""
+        """True wheel speed relative to the controller's; commands are divided by it."""
         self._periods = itertools.count()
         self._status_seq = 0
         self._mark = SE2.identity()
@@ -279,38 +277,38 @@ class VirtualRobot:
         self.mark()
 
     def mark(self) -> None:
-        """Set the mark to the present true pose, and the estimate to zero."""
+        """Set the mark to the current true pose and the estimate to zero."""
         self._mark = self._true_pose()
         self._call_service(Service.SET_POSE, {"lease": self._lease} | _xyh(0.0, 0.0, 0.0))
 
     def choose_drive_speed(self, spin_rpm: float) -> None:
-        """Choose the speed of wheels that always spin.
+        """Set the speed of continuously spinning wheels.
 
         Raises:
-            TwinError: the robot has no such wheels, or they cannot turn so fast.
+            TwinError: If the robot has no such wheels or the speed is out of range.
         """
         self._call_service(Service.SPEED, {"lease": self._lease, "cruise_speed_rpm": spin_rpm})
 
     def drive(self, twist: Array) -> None:
-        """Run one control period with the command `twist` (3,), in the body frame."""
+        """Run one control period with the command `twist` (3,) in the body frame."""
         self._step(twist / self.spin_share)
 
     @property
     def truth(self) -> SE2:
-        """True pose, relative to the mark."""
+        """True pose relative to the mark."""
         return self._mark.inverse() @ self._true_pose()
 
     @property
     def true_twist(self) -> Array:
-        """(3,): true twist, in the body frame."""
+        """(3,): true twist in the body frame."""
         return self.simulated.truth(self.now_s).twist
 
     def odometry(self) -> Odometry:
-        """Robot's own odometry, relative to the mark."""
+        """Return the robot's odometry relative to the mark."""
         return self.controller.odometry(round(self.now_s * 1e9))
 
     def status(self) -> Status:
-        """Status."""
+        """Return the robot status."""
         return self.controller.status(self.now_s, LoopStatus(), {})
 
     def _true_pose(self) -> SE2:
@@ -337,7 +335,8 @@ class VirtualRobot:
         mode = self.controller.supervisor.mode
         setpoint = self.controller.step(self.now_s, self.simulated.read(self.now_s), samples)
         self.simulated.write(setpoint, self.now_s)
-        # As the node does: on a change of mode at once, since no older status may be echoed then.
+        # Like the node, send a status at each mode change, because older ones may no longer be
+        # echoed.
         if next(self._periods) % _STATUS_EVERY == 0 or self.controller.supervisor.mode is not mode:
             self._status_seq += 1
             self.controller.record_status_sent(self._status_seq, self.now_s)
@@ -368,7 +367,7 @@ def _xyh(x_m: float, y_m: float, heading_rad: float) -> dict[str, object]:
 
 
 def voltage_share(robot: VirtualRobot) -> float:
-    """Wheel speed relative to nominal voltage, from the voltage that servos report."""
+    """Return the wheel speed relative to nominal voltage, from the voltage reported by servos."""
     nominal_v = robot.controller.robot.battery.nominal_v
     battery_v = robot.simulated.hardware().get("battery_v")
     if not isinstance(battery_v, float):

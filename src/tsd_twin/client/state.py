@@ -1,4 +1,4 @@
-"""State of a robot as values, and bounded queues of states and events."""
+"""Robot state as values, and bounded queues of states and events."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class PlanarPose(NamedTuple):
-    """A pose on the floor, in `odom`; the heading is in (-pi, pi], counter-clockwise from X."""
+    """Planar pose in `odom`, with the heading in (-pi, pi], counter-clockwise from X."""
 
     x_m: float
     y_m: float
@@ -30,7 +30,7 @@ class PlanarPose(NamedTuple):
 
 
 class PlanarTwist(NamedTuple):
-    """A velocity on the floor, in `base_link`: X forward, Y left, counter-clockwise positive."""
+    """Planar velocity in `base_link`: X forward, Y left, counter-clockwise positive."""
 
     vx_mps: float
     vy_mps: float
@@ -38,7 +38,7 @@ class PlanarTwist(NamedTuple):
 
 
 class Quaternion(NamedTuple):
-    """An orientation in `odom`, of unit length."""
+    """Unit quaternion in `odom`."""
 
     w: float
     x: float
@@ -48,17 +48,17 @@ class Quaternion(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryState:
-    """A pose in `odom` and a velocity in `base_link`."""
+    """Pose in `odom` and velocity in `base_link`."""
 
     message: Odometry
-    """As received, with covariances."""
+    """Received message, including covariances."""
 
     @property
     def pose(self) -> PlanarPose:
-        """The pose on the floor.
+        """Pose on the floor.
 
         Raises:
-            TwinError: the robot turns a sphere in place; see `orientation`.
+            TwinError: If the robot turns a sphere; use `orientation`.
         """
         if self.message.wxyz is not None:
             raise TwinError("this robot turns a sphere in place: read its orientation")
@@ -66,12 +66,12 @@ class OdometryState:
 
     @property
     def se2(self) -> SE2:
-        """The pose on the floor, as an element of SE(2) to compute with."""
+        """Pose on the floor as an element of SE(2)."""
         return SE2(np.array(self.pose))
 
     @property
     def orientation(self) -> Quaternion:
-        """The orientation in space; of a robot on a floor, a turn about Z."""
+        """Orientation in space; a rotation about Z for robots on a floor."""
         if self.message.wxyz is not None:
             return Quaternion(*(float(number) for number in self.message.wxyz))
         half = 0.5 * float(self.message.xy_heading[2])
@@ -79,10 +79,10 @@ class OdometryState:
 
     @property
     def twist(self) -> PlanarTwist:
-        """The velocity on the floor.
+        """Planar velocity.
 
         Raises:
-            TwinError: the robot turns a sphere in place; see `angular_velocity_rad_per_s`.
+            TwinError: If the robot turns a sphere; use `angular_velocity_rad_per_s`.
         """
         if self.message.wxyz is not None:
             raise TwinError("this robot turns a sphere in place: read its angular velocity")
@@ -90,18 +90,18 @@ class OdometryState:
 
     @property
     def angular_velocity_rad_per_s(self) -> tuple[float, float, float]:
-        """The angular velocity about X, Y and Z."""
+        """Angular velocity about X, Y and Z."""
         x, y, z = (float(number) for number in self.message.twist)
         return (x, y, z) if self.message.wxyz is not None else (0.0, 0.0, z)
 
     @property
     def covariance(self) -> Array:
-        """(3, 3): of x, y, heading; of a sphere of small turns about the axes of `odom`."""
+        """(3, 3): of x, y, heading; for spheres, of small rotations about the axes of `odom`."""
         return self.message.pose_covariance
 
     @property
     def stamp_s(self) -> float:
-        """When the robot measured it, by the robot's wall clock."""
+        """Measurement time on the robot's wall clock."""
         return self.message.stamp_ns * 1e-9
 
     def __repr__(self) -> str:
@@ -112,12 +112,12 @@ class OdometryState:
 
 @dataclass(frozen=True, eq=False)
 class RobotState:
-    """One snapshot of a robot; messages are decoded when they are first read."""
+    """Snapshot of a robot; messages are decoded on first access."""
 
     status: Status
-    """All of `state/status`: docs/bus.md explains each field."""
+    """Full `state/status`; see docs/bus.md for the fields."""
     received_s: float
-    """When the newest message of it came in, on the monotonic clock of this process."""
+    """Arrival time of the latest message in it, on this process's monotonic clock."""
     _odom: Callable[[], Odometry]
     _truth: Callable[[], Odometry | None]
     _alternative: Callable[[], Odometry | None]
@@ -126,44 +126,44 @@ class RobotState:
 
     @property
     def mode(self) -> Mode:
-        """Operating mode of the robot."""
+        """Operating mode."""
         return Mode(self.status.mode)
 
     @property
     def stop_reason(self) -> str:
-        """Why it stopped, is stopping, or is not armed any more."""
+        """Reason why the robot stopped, is stopping or was disarmed."""
         return self.status.stop_reason
 
     @property
     def lease(self) -> LeaseStatus:
-        """Which operator has control, and who asks for it."""
+        """Lease holder and pending request."""
         return self.status.lease
 
     @cached_property
     def odom(self) -> OdometryState:
-        """The estimated pose and velocity."""
+        """Estimated pose and velocity."""
         return OdometryState(self._odom())
 
     @cached_property
     def truth(self) -> OdometryState | None:
-        """The true pose and velocity, of a simulated robot."""
+        """Ground-truth pose and velocity (simulated robots only)."""
         message = self._truth()
         return None if message is None else OdometryState(message)
 
     @cached_property
     def odom_alternative(self) -> OdometryState | None:
-        """The second estimate, of robots that have one."""
+        """Second estimate, if the robot has one."""
         message = self._alternative()
         return None if message is None else OdometryState(message)
 
     @cached_property
     def joints(self) -> JointState:
-        """The measured joints; NaN where one is not measured."""
+        """Measured joints; NaN where not measured."""
         return self._joints()
 
     @cached_property
     def setpoint(self) -> JointState:
-        """The commanded joints."""
+        """Joint setpoints."""
         return self._setpoint()
 
     def __repr__(self) -> str:
@@ -172,13 +172,13 @@ class RobotState:
 
 
 class Subscription(Generic[T]):
-    """A bounded queue of states or events: iterate over it, and close it.
+    """Bounded, iterable queue of states or events; close it after use.
 
-    When the reader is slow, the oldest items are dropped and counted. Any thread may read.
+    If the consumer is slow, the oldest items are dropped and counted. Readable from any thread.
     """
 
     def __init__(self, maxlen: int, timeout_s: float | None = None) -> None:
-        """`timeout_s` ends an iteration when no item comes for so long; None waits for ever."""
+        """Iteration ends after `timeout_s` without an item; None never times out."""
         self._items: collections.deque[T] = collections.deque(maxlen=maxlen)
         self._ready = threading.Condition()
         self._closed = False
@@ -187,7 +187,7 @@ class Subscription(Generic[T]):
         """Number of dropped items."""
 
     def put(self, item: T) -> None:
-        """Add an item; the library calls this."""
+        """Add an item (internal)."""
         with self._ready:
             if not self._closed:
                 self.dropped += len(self._items) == self._items.maxlen
@@ -195,27 +195,27 @@ class Subscription(Generic[T]):
                 self._ready.notify()
 
     def get(self, timeout_s: float | None = None) -> T | None:
-        """Return the oldest item; None when none comes in time, or the subscription is closed."""
+        """Return the oldest item, or None on timeout or if closed."""
         with self._ready:
             self._ready.wait_for(lambda: self._items or self._closed, timeout_s)
             return self._items.popleft() if self._items else None
 
     def take(self) -> list[T]:
-        """Return all items that wait, oldest first, without waiting."""
+        """Return all queued items, oldest first, without waiting."""
         with self._ready:
             items = list(self._items)
             self._items.clear()
             return items
 
     def close(self) -> None:
-        """End the subscription; its iterators end."""
+        """Close the subscription and end its iterators."""
         with self._ready:
             self._closed = True
             self._ready.notify_all()
 
     @property
     def closed(self) -> bool:
-        """Whether it was closed."""
+        """Whether the subscription is closed."""
         return self._closed
 
     def __iter__(self) -> Iterator[T]:

@@ -1,8 +1,7 @@
-"""Steps of a procedure, and its execution by a client.
+"""Steps of a procedure and their execution by a client.
 
-A procedure is a generator without I/O: it yields what it needs (`Call`, `Send`, `Sleep` ...) and is
-resumed with an `Outcome`. A client performs the steps: in a thread, on an event loop, or in virtual
-time.
+A procedure is a sans-I/O generator: it yields steps (`Call`, `Send`, `Sleep` ...) and is resumed
+with an `Outcome`. Clients perform the steps in a thread, on an event loop or in virtual time.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ class Sleep:
 
 @dataclass(frozen=True, slots=True)
 class NextStatus:
-    """Step: wait for the next status, or until a time."""
+    """Step: wait for the next status, at most until `until_s`."""
 
     until_s: float
 
@@ -64,13 +63,13 @@ class Compute:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Result of a step, with which a procedure is resumed."""
+    """Result of a step, sent back to the procedure."""
 
     now_s: float
     answer: bytes | None = None
-    """Of a `Call`: None when there was no answer."""
+    """Response of a `Call`, or None on timeout."""
     value: Any = None
-    """Of a `Compute`."""
+    """Return value of a `Compute`."""
 
 
 Step: TypeAlias = Call | Send | SendStop | Sleep | NextStatus | Compute
@@ -78,19 +77,19 @@ Procedure: TypeAlias = Generator[Step, Outcome, T]
 
 
 class Port(Protocol):
-    """Part of a connection that every execution needs."""
+    """Part of a connection required by all executions."""
 
     @property
     def lock(self) -> AbstractContextManager[Any]:
-        """Guards the protocols that are attached."""
+        """Guards the attached protocols."""
         ...
 
     def now_s(self) -> float:
-        """Return the time: of the monotonic clock, or virtual."""
+        """Return the monotonic or virtual time."""
         ...
 
     def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the answer of a service, None when there is none in time."""
+        """Call a service and return its response, or None on timeout."""
         ...
 
     def send(self, command: TwistCommand) -> None:
@@ -98,39 +97,39 @@ class Port(Protocol):
         ...
 
     def send_stop(self, payload: bytes) -> None:
-        """Publish a stop, without an acknowledgement."""
+        """Publish a stop without waiting for an acknowledgement."""
         ...
 
 
 class BlockingPort(Port, Protocol):
-    """Connection that can wait in the calling thread."""
+    """Connection that can block the calling thread."""
 
     def sleep_until(self, until_s: float) -> None:
-        """Wait until a time."""
+        """Sleep until `until_s`."""
         ...
 
     def wait_for_status(self, until_s: float) -> None:
-        """Wait for the next status, or until a time."""
+        """Wait for the next status, at most until `until_s`."""
         ...
 
 
 class _Execution(Generic[T]):
-    """Execution of one procedure, step by step."""
+    """Step-by-step execution of a procedure."""
 
     result: T
-    """Result of the procedure, once `advance` has returned None."""
+    """Result of the procedure, valid once `advance` has returned None."""
 
     def __init__(self, port: Port, procedure: Procedure[T]) -> None:
         self._port, self._procedure = port, procedure
         self.outcome: Outcome | None = None
         """Result of the last step."""
         self.error: BaseException | None = None
-        """Error or interrupt of the last step; it is raised inside the procedure."""
+        """Error or interrupt of the last step, to be raised inside the procedure."""
 
     def advance(self) -> Step | None:
-        """Return the next step, None at the end; its command is sent already."""
+        """Send the next step's command, if any; return the step, or None at the end."""
         error, self.error = self.error, None
-        # Under the lock, so that the numbers of commands go out in order.
+        # Hold the lock, so that commands are sent in the order of their numbers.
         with self._port.lock:
             try:
                 if error is not None:
@@ -159,7 +158,7 @@ def run(port: BlockingPort, procedure: Procedure[T]) -> T:
 
 
 def run_stepwise(port: BlockingPort, procedure: Procedure[T]) -> Generator[Step, None, T]:
-    """Run a procedure in this thread, and yield each step before it is performed."""
+    """Run a procedure in this thread, yielding each step before it is performed."""
     execution = _Execution(port, procedure)
     while (step := execution.advance()) is not None:
         try:
@@ -173,7 +172,7 @@ def run_stepwise(port: BlockingPort, procedure: Procedure[T]) -> Generator[Step,
 async def run_async(
     port: Port, procedure: Procedure[T], perform: Callable[[Step], Awaitable[Outcome]]
 ) -> T:
-    """Run a procedure on an event loop, with steps that `perform` awaits."""
+    """Run a procedure on an event loop; `perform` awaits each step."""
     execution = _Execution(port, procedure)
     while (step := execution.advance()) is not None:
         try:

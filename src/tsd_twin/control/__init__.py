@@ -1,4 +1,4 @@
-"""Control loop of one robot, without I/O."""
+"""Sans-I/O control loop of a robot."""
 
 from __future__ import annotations
 

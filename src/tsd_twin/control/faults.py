@@ -1,6 +1,4 @@
-"""Fault detection: saturation of commands, a low battery, hot servos, missing joint measurements,
-following errors, suspect actuators.
-"""
+"""Monitors of the control loop that limit the speed, report events or raise faults."""
 
 from __future__ import annotations
 
@@ -23,20 +21,20 @@ _SATURATION_REPORT_S = 0.5
 
 
 class SaturationMonitor:
-    """Saturation of commands: applied share of the requested twist, with rate-limited events."""
+    """Applied fraction of the requested twist, with rate-limited events."""
 
     def __init__(self) -> None:
         self.share = 1.0
-        """Applied share of the newest request."""
+        """Applied fraction of the latest request."""
         self._reported_s = -math.inf
 
     def forget(self) -> None:
-        """Reset: there is no request."""
+        """Reset, because there is no request."""
         self.share = 1.0
 
     def compare(self, request: Array, capped: Array, now_s: float) -> Event | None:
-        """Compare a requested twist (3,) with the capped one (3,); return an event, or None."""
-        # By the largest number of each: the twists differ by a factor, and no square overflows.
+        """Compare a requested twist (3,) with the capped one (3,); return an event or None."""
+        # The twists differ only by a factor; maximum norms cannot overflow.
         length = _largest(request)
         self.share = _largest(capped) / length if length > 0.0 else 1.0
         if self.share >= 0.999 or now_s - self._reported_s < _SATURATION_REPORT_S:
@@ -53,16 +51,16 @@ class SaturationMonitor:
 
 
 _LOW_S = 1.0
-"""A motor that starts pulls the voltage down for less; the board waits as long, too."""
+"""Longer than the voltage drop of a starting motor; same as on the board."""
 _CHARGED_V = 0.3
-"""A battery rises by this when its load is gone, and is as low as before."""
+"""Voltage rise of an unchanged battery when its load is removed."""
 
 
 class BatteryMonitor:
-    """Share of the speed limits that the battery allows: less once it was low for a while.
+    """Fraction of the speed limits allowed by the battery, reduced after a sustained low voltage.
 
-    It rises again only while the robot is disarmed: no robot gets faster while it is driven. A
-    voltage that is not measured, None or NaN, changes nothing.
+    It recovers only while disarmed, so that no robot speeds up while driving. Missing voltages
+    (None or NaN) are ignored.
     """
 
     def __init__(self, battery: Battery) -> None:
@@ -74,7 +72,7 @@ class BatteryMonitor:
         self._low_since_s: float | None = None
 
     def step(self, volts: float | None, now_s: float, *, armed: bool) -> Event | None:
-        """Update with a voltage; return an event when the limits change, or None."""
+        """Update with a voltage; return an event if the limits change, or None."""
         warn_v = self._battery.warn_v
         if volts is None or math.isnan(volts):
             return None
@@ -97,15 +95,15 @@ class BatteryMonitor:
 
 
 WARM_C, HOT_C = 65.0, 70.0
-"""Temperatures of a servo at which the robot warns, and at which it slows down. At 75 the board
-stops it, at 80 a servo switches itself off."""
+"""Servo temperatures for a warning and for slowing down. The board stops the robot at 75 °C, and
+servos switch off at 80 °C."""
 
 
 class HeatMonitor:
-    """Share of the speed limits that the temperature of the servos allows.
+    """Fraction of the speed limits allowed by the servo temperature.
 
-    It rises again only while the robot is disarmed and the servos have cooled below `WARM_C`. A
-    temperature that is not measured, None or NaN, changes nothing.
+    It recovers only while disarmed and below `WARM_C`. Missing temperatures (None or NaN) are
+    ignored.
     """
 
     def __init__(self, share_when_hot: float) -> None:
@@ -117,7 +115,7 @@ class HeatMonitor:
         self._warm = False
 
     def step(self, hottest_c: float | None, now_s: float, *, armed: bool) -> Event | None:
-        """Update with the hottest servo; return an event when that changes anything, or None."""
+        """Update with the hottest servo; return an event on a change, or None."""
         if hottest_c is None or math.isnan(hottest_c):
             return None
         if hottest_c < WARM_C:
@@ -154,7 +152,7 @@ class FaultReporter:
         self._reported_s = -math.inf
 
     def step(self, suspect: str | None, now_s: float) -> Event | None:
-        """Event when the suspected actuator changes, or None."""
+        """Return an event if the suspected actuator changes, or None."""
         if suspect in (None, self._last) or now_s - self._reported_s < _REPORT_S:
             return None
         self._last, self._reported_s = suspect, now_s
@@ -163,24 +161,24 @@ class FaultReporter:
 
 
 ASIDE_RAD = NEUTRAL_RAD
-"""Largest following error: the neutral tolerance of arming, above the droop of a loaded servo."""
+"""Maximum following error: the neutral tolerance of arming, above the droop of a loaded servo."""
 REMEMBERED_S = 0.3
-"""Time over which past set-points are compared with the measured angle."""
+"""Time window of past setpoints for comparison with the measured angle."""
 PATIENCE_S = 0.7
-"""Longest time a following error may last; detection takes a second from when a gimbal sticks."""
+"""Maximum duration of a following error; a stuck gimbal is detected within 1 s."""
 
 
 class FollowingErrorMonitor:
-    """Following error of joints against the range of recent set-points, so lag is no fault."""
+    """Following error of joints relative to recent setpoints, so that lag is not a fault."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        """Monitor the joints with these names, in their order."""
+        """Monitor the joints with these names, in this order."""
         self._names = names
         self._commanded: deque[tuple[float, Array]] = deque()
         self._since_s: Array | None = None
 
     def forget(self) -> None:
-        """Reset: no set-point is in force."""
+        """Reset, because no setpoint is active."""
         self._commanded.clear()
         self._since_s = None
 
@@ -209,11 +207,11 @@ class FollowingErrorMonitor:
 
 
 SILENT_S = OUTAGE_S
-"""Joints that are not measured for this long are a fault while armed."""
+"""While armed, joints unmeasured for this long are a fault."""
 
 
 class JointFaultMonitor:
-    """Faults of measured joints: missing measurements and following errors of gimbals."""
+    """Joint faults: missing measurements and following errors of gimbals."""
 
     def __init__(self, estimator: StateEstimator) -> None:
         self._estimator = estimator
@@ -225,7 +223,7 @@ class JointFaultMonitor:
         """Consistency result when a gimbal stuck; kept in the status until the reset."""
 
     def silent(self, now_s: float) -> bool:
-        """Return whether joint measurements have been missing for too long."""
+        """Return whether joint measurements are missing for too long."""
         return now_s - self._estimator.measured_s > SILENT_S
 
     def step(

@@ -1,10 +1,9 @@
-"""Robot controller that logs its inputs, so that its run can be repeated, and its snapshots.
+"""Robot controller that logs its inputs and snapshots, so that its run can be repeated.
 
-The log is published on `log/inputs`: all calls of the controller, in order, with period times,
-measurements, samples as they came from the bus, requests, and drawn lease ids. What the controller
-returned is in it too.
+The log on `log/inputs` contains all controller calls in order: period times, measurements, raw bus
+samples, requests and new lease ids. It also contains the controller's outputs.
 
-Pickle writes a snapshot, since that is fast enough for the control loop. To read it, only classes
+Snapshots are pickled, which is fast enough for the control loop. When reading, only classes
 of the packages below are allowed, which have no I/O, and what numpy needs to make arrays: a file
 from another person cannot run code.
 """
@@ -33,7 +32,7 @@ from tsd_twin.robots import RobotDescription
 
 
 class LeaseDrawn(msgspec.Struct, frozen=True, array_like=True, tag="lease"):
-    """A lease id was drawn, during the call that follows."""
+    """New lease id, drawn during the next call."""
 
     id: bytes
 
@@ -74,21 +73,21 @@ class StepCall(msgspec.Struct, frozen=True, array_like=True, tag="step"):
     fault: str | Reason
     """Fault that the board reports; an empty text without one."""
     setpoint: bytes = b""
-    """(n,): what it returned."""
+    """(n,): returned setpoint."""
     estimate: bytes = b""
-    """Pose, (3,) or of a sphere (4,), and twist (3,), afterwards."""
+    """Resulting pose, (3,) or (4,) for a sphere, and twist (3,)."""
     others: int = 0
-    """CRC-32 of the covariances of pose and twist, and of the second estimate if there is one."""
+    """CRC-32 of the covariances of pose and twist, and of the second estimate if any."""
     battery_v: float | None = None
     servo_c: float | None = None
 
 
 class StatusCall(msgspec.Struct, frozen=True, array_like=True, tag="status"):
-    """`RobotController.status`; the timing of the loop and the hardware only pass through it."""
+    """`RobotController.status`; loop timing and hardware status do not affect the state."""
 
     now_s: float
     mode: str = ""
-    """The mode in it."""
+    """Mode in the status."""
 
 
 class SentCall(msgspec.Struct, frozen=True, array_like=True, tag="sent"):
@@ -102,27 +101,27 @@ Call: TypeAlias = LeaseDrawn | StopCall | ServeCall | PosesCall | StepCall | Sta
 
 
 class Snapshot(msgspec.Struct, frozen=True):
-    """State of a controller between two calls, so that a log can be read from its middle."""
+    """State of a controller between two calls, from which a log can be replayed."""
 
     build: str
-    """Digest of the code that ran; other code may not understand the state."""
+    """Digest of the code; other versions may not understand the state."""
     state: bytes
-    """As `tsd_twin.control.logged_controller` writes it."""
+    """State pickled by `tsd_twin.control.logged_controller`."""
     leases: list[bytes]
-    """Lease ids that the state may contain."""
+    """Lease ids that may occur in the state."""
 
 
 class InputBatch(msgspec.Struct, frozen=True):
-    """One message on `log/inputs`."""
+    """Message on `log/inputs`."""
 
     first: int
-    """Number of the first call: those of the next batch follow without a gap."""
+    """Number of the first call; batches are numbered without gaps."""
     calls: list[Call]
     snapshot: Snapshot | None = None
-    """State before the first call, now and then."""
+    """State before the first call, included periodically."""
     pose: list[float] | None = None
-    """Initial pose of the controller, (x, y, heading) or a quaternion, w first, in the batch whose
-    `first` is 0; None for the default."""
+    """Initial pose in the batch with `first` 0: (x, y, heading) or quaternion (w first), or None
+    for the default."""
 
 
 _ENCODER = msgspec.msgpack.Encoder()
@@ -130,15 +129,15 @@ _DECODER = msgspec.msgpack.Decoder(InputBatch)
 
 
 def encode_batch(batch: InputBatch) -> bytes:
-    """Return the MessagePack of a batch."""
+    """Encode a batch as MessagePack."""
     return _ENCODER.encode(batch)
 
 
 def decode_batch(payload: bytes) -> InputBatch:
-    """Return the batch in a payload.
+    """Decode a batch.
 
     Raises:
-        MessageError: `shape`, when this is none.
+        MessageError: If the payload is invalid (`shape`).
     """
     try:
         return _DECODER.decode(payload)
@@ -168,7 +167,7 @@ _OTHERS = frozenset(
 
 
 class LeaseIds:
-    """Source of lease ids that keeps what it has drawn; it can be put into a snapshot."""
+    """Source of lease ids that records them; can be pickled in a snapshot."""
 
     def __init__(self, draw: Callable[[], bytes]) -> None:
         self.draw = draw
@@ -181,41 +180,41 @@ class LeaseIds:
         return lease_id
 
     def take(self) -> list[bytes]:
-        """Return the ids drawn since the last time."""
+        """Return the ids drawn since the last call."""
         drawn, self.drawn = self.drawn, []
         return drawn
 
     def __getstate__(self) -> dict[str, object]:
-        return {}  # Where ids come from is no state: a snapshot that is read gets a new source.
+        return {}  # The source is not part of the state; loading sets a new one.
 
 
 def dump_state(controller: RobotController, lease_ids: LeaseIds, without: frozenset[str]) -> bytes:
-    """Return the state of a controller whose ids come from `lease_ids`.
+    """Pickle the state of a controller that uses `lease_ids`.
 
-    `without` are the names of its attributes that are left out.
+    `without` names attributes to omit.
     """
     state = {name: value for name, value in vars(controller).items() if name not in without}
     return pickle.dumps((lease_ids, state), protocol=5)
 
 
 def load_state(state: bytes, draw: Callable[[], bytes]) -> RobotController:
-    """Return a controller with a state; its lease ids come from `draw`.
+    """Restore a controller whose new lease ids come from `draw`.
 
     Raises:
-        TwinError: the bytes are damaged, contain something else, or come from other code.
+        TwinError: If the data is damaged, has unexpected content or is from a different version.
     """
     try:
         ids, attributes = _Reader(io.BytesIO(state)).load()
         ids.draw, ids.drawn = draw, []
         controller = RobotController.__new__(RobotController)
         vars(controller).update(attributes)
-    except Exception as error:  # Damaged bytes can raise anything.
+    except Exception as error:  # Damaged data can raise anything.
         raise TwinError(f"the state of the controller cannot be read: {error}") from error
     return controller
 
 
 class _Reader(pickle.Unpickler):
-    """Reader that makes only objects of classes without I/O."""
+    """Unpickler restricted to classes without I/O."""
 
     def find_class(self, module_name: str, global_name: str) -> Any:
         package = module_name.split(".")[:2]
@@ -229,13 +228,13 @@ class _Reader(pickle.Unpickler):
 
 
 _LEASES_KEPT = 8
-"""Lease ids of the past that a snapshot names: the state refers to fewer."""
+"""Past lease ids kept in a snapshot; the state refers to fewer."""
 
 
 class LoggedController(RobotController):
-    """Robot controller that logs every call that changes its state, while `logs` is set.
+    """Robot controller that logs every state-changing call while `logs` is set.
 
-    It does what a `RobotController` does; off, a call costs one test more.
+    Otherwise identical to `RobotController`; without logging, a call costs one extra test.
     """
 
     def __init__(
@@ -246,7 +245,7 @@ class LoggedController(RobotController):
         pose: SE2 | SO3 | None = None,
         build: str = "",
     ) -> None:
-        """`build` is a digest of the code that runs, for snapshots."""
+        """`build` is a digest of the code, for snapshots."""
         self._lease_ids = LeaseIds(new_lease_id)
         self._leases: deque[bytes] = deque(maxlen=_LEASES_KEPT)
         self._build = build
@@ -267,7 +266,7 @@ class LoggedController(RobotController):
         battery_v: float | None = None,
         servo_c: float | None = None,
     ) -> Array:
-        """Run one period, as `RobotController.step`."""
+        """Run one period; see `RobotController.step`."""
         setpoint = super().step(now_s, measured, samples, fault, battery_v, servo_c)
         if self.logs:
             estimate, others = estimate_numbers(self)
@@ -319,7 +318,7 @@ class LoggedController(RobotController):
         return status
 
     def record_status_sent(self, seq: int, now_s: float) -> None:
-        """Record the sending time of a status."""
+        """Record the send time of a status."""
         super().record_status_sent(seq, now_s)
         if self.logs:
             self._calls.append(SentCall(seq, now_s))
@@ -327,12 +326,12 @@ class LoggedController(RobotController):
     # The log.
 
     def begin_log(self) -> None:
-        """Log from now on; the next batch has the state of now."""
+        """Start logging; the next batch contains the current state."""
         self.logs, self._snapshot = True, self._state()
 
     def end_log(self) -> None:
-        """Log no longer, and forget what was not taken."""
-        self._first += len(self._calls) + 1  # A gap, which a reader notices.
+        """Stop logging and discard pending calls."""
+        self._first += len(self._calls) + 1  # A gap that readers detect.
         self.logs, self._calls, self._snapshot = False, [], None
 
     def take_log(self, *, snapshot: bool = False) -> InputBatch:
@@ -349,12 +348,12 @@ class LoggedController(RobotController):
 
 
 def pose_numbers(pose: SE2 | SO3) -> list[float]:
-    """Return a pose as it is logged: (x, y, heading), or a quaternion, w first."""
+    """Return a pose for the log: (x, y, heading), or a quaternion (w first)."""
     return (pose.xy_heading if isinstance(pose, SE2) else pose.wxyz).tolist()
 
 
 def estimate_numbers(controller: RobotController) -> tuple[bytes, int]:
-    """Return the estimate as it is logged: pose and twist, and a CRC-32 of all else."""
+    """Return the estimate for the log: pose and twist, and a CRC-32 of the remaining values."""
     best, second = controller.odometry(0), controller.alternative_odometry(0)
     others = best.pose_covariance.tobytes() + best.twist_covariance.tobytes()
     if second is not None:

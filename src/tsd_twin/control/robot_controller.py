@@ -1,8 +1,7 @@
-"""Control loop of one robot: commands and measured joints in, set-points and the estimated state
-out.
+"""Control loop of a robot: maps commands and measured joints to setpoints and a state estimate.
 
-Pure: time and data are arguments and no I/O happens here. Tests in virtual time and the real robot
-run the same rules.
+Pure: time and data are passed in and there is no I/O. Tests in virtual time and real robots share
+this code.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from tsd_twin.safety.lease import speed_cap_mps
 
 
 class JointStateEncoder:
-    """Encoder of joint-state messages: set-points, measured joints and other sensors."""
+    """Encoder for joint-state messages: setpoints, measured joints and other sensors."""
 
     def __init__(self, robot: RobotDescription) -> None:
         joints, sensors = robot.kinematics().joints, robot.sensors
@@ -60,7 +59,7 @@ class JointStateEncoder:
         )
 
     def commanded(self, setpoint: Array, stamp_ns: int) -> JointState:
-        """Encode a set-point (n,)."""
+        """Encode a setpoint (n,)."""
         return self._state(setpoint, np.full(len(setpoint), np.nan), stamp_ns)
 
     def _state(self, joints: Array, rates: Array, stamp_ns: int) -> JointState:
@@ -69,7 +68,7 @@ class JointStateEncoder:
 
 
 def lease_status(supervisor: SafetySupervisor, lease: Lease | None, now_s: float) -> LeaseStatus:
-    """Lease part of the status: holder, pending request and reservation."""
+    """Return the lease part of the status: holder, pending request and reservation."""
     asked = supervisor.hand_over.pending_request(now_s) if lease else None
     reserved = supervisor.hand_over.reservation(now_s)
     return LeaseStatus(
@@ -83,7 +82,7 @@ def lease_status(supervisor: SafetySupervisor, lease: Lease | None, now_s: float
 
 
 def command_status(supervisor: SafetySupervisor, now_s: float) -> CommandStatus:
-    """Return the command part of the status: the newest counted command, and counts of drops."""
+    """Return the command part of the status: latest accepted command and drop counts."""
     gate, age_s = supervisor.gate, now_s - supervisor.command_s
     return CommandStatus(
         seq=supervisor.command_seq,
@@ -100,7 +99,7 @@ def limit_status(
     applied: float,
     *slowed: BatteryMonitor | HeatMonitor,
 ) -> LimitStatus:
-    """Limits under a `lease`, or under that of a default request; `applied` is a share."""
+    """Return the limits under `lease`, or under a default one; `applied` is a fraction."""
     limits = robot.limits
     max_age_s = lease.max_age_s if lease else limits.max_command_age_s
     cap_mps = lease.speed_cap_mps if lease else speed_cap_mps(robot, max_age_s)
@@ -118,11 +117,11 @@ def limit_status(
 
 
 LONGEST_STEP_S = 0.02
-"""Upper bound of the time step of one change of wheel speed or twist."""
+"""Maximum time step for a change of wheel speed or twist."""
 
 
 class RobotController:
-    """Control loop of one robot: safety, limits, inverse kinematics and state estimation."""
+    """Control loop of a robot: safety, limits, inverse kinematics and state estimation."""
 
     def __init__(
         self,
@@ -131,7 +130,7 @@ class RobotController:
         *,
         pose: SE2 | SO3 | None = None,
     ) -> None:
-        """`pose`, of the kinematics' pose type, is the initial pose; the identity if not given."""
+        """`pose` is the initial pose (`SE2` or `SO3`), by default the identity."""
         self.robot = robot
         self._wheel_speed = WheelSpeedController(robot)
         self.supervisor = SafetySupervisor(robot, new_lease_id)
@@ -146,7 +145,7 @@ class RobotController:
         self._wheels = np.flatnonzero(~self._estimator.is_angle)
         self._limiter = TwistLimiter(self.kinematics, robot.limits)
         self._capped: tuple[tuple[bytes, float], Array] | None = None
-        """Newest request and share, and what `_limiter` makes of them."""
+        """Latest request and factor, and the result of `_limiter`."""
         self._components = np.array(self.kinematics.twist_axes)
         self._now_s = -math.inf
         self._saturation = SaturationMonitor()
@@ -156,13 +155,13 @@ class RobotController:
         self._fault_reporter = FaultReporter()
         self._events: list[Event] = []
         self.twist = np.zeros(3)
-        """(3,): the twist that is commanded to the joints, in the base frame."""
+        """(3,): commanded twist in the base frame."""
         self.setpoint = self._estimator.joints.copy()
-        """(n,): set-point of the joints."""
+        """(n,): joint setpoints."""
 
     @property
     def kinematics(self) -> Kinematics[Any]:
-        """Kinematics at the present speed of wheels that always spin."""
+        """Kinematics at the current speed of continuously spinning wheels."""
         return self._wheel_speed.kinematics
 
     # The control loop.
@@ -176,7 +175,7 @@ class RobotController:
         battery_v: float | None = None,
         servo_c: float | None = None,
     ) -> Array:
-        """Set-point (n,) for the period that begins at `now_s`.
+        """Run one period; return the setpoint (n,) for the period starting at `now_s`.
 
         `measured` (n + s,) are the joints and then the sensors of the robot, NaN where a number is
         not measured; None when there is no measurement. `samples` are all that arrived on the
@@ -249,13 +248,13 @@ class RobotController:
                 share = lease.speed_cap_mps / self.robot.limits.speed_mps
                 goal = self._cap(request, min(share, self._battery.share, self._heat.share))
             if dt_s > 0.0:
-                # After a delayed period the speed must not rise in one step; it may fall in one,
-                # since the robot has kept driving meanwhile.
+                # After a delayed period, the speed may fall but must not rise in one step, because
+                # the robot has kept moving.
                 step_s = min(dt_s, LONGEST_STEP_S) if any(goal.tolist()) else dt_s
                 self.twist = self._limiter.approach(self.twist, goal, step_s)
             self._add_event(self._saturation.compare(request, goal, now_s))
         else:
-            # Not at rest only when latched: the limiter starts from zero again, nothing jumps.
+            # Non-zero only when latched. The limiter then starts from zero, without a jump.
             self.twist = np.zeros(3)
             self._saturation.forget()
         self.setpoint = self._wheel_speed.inverse(self.twist)
@@ -263,56 +262,56 @@ class RobotController:
             self.setpoint[self._wheels] = 0.0
 
     def _cap(self, request: Array, share: float) -> Array:
-        """Return a request (3,) within the limits; mostly it is the one of the last period."""
+        """Cap a request (3,) to the limits, reusing the last result if unchanged."""
         asked = (request.tobytes(), share)
         if self._capped is None or self._capped[0] != asked:
             self._capped = (asked, self._limiter.cap(request, share))
         return self._capped[1]
 
     def _request(self) -> Array:
-        """Commanded twist (3,) in the base frame."""
+        """Return the commanded twist (3,) in the base frame."""
         command = self.supervisor.command
-        assert command is not None  # noqa: S101  The caller has checked it.
+        assert command is not None  # noqa: S101  Checked by the caller.
         twist = command.twist[self._components]
         if command.frame == ODOM:
             twist = self._pose_codec.to_base_frame(self._estimator.pose, clip_to_finite(twist))
         return twist
 
-    # Requests of operators.
+    # Operator requests.
 
     def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
-        """Reply to a request; a malformed request gets a refusal."""
+        """Process a request and return the reply; malformed requests are refused."""
         return self._services.serve(service, payload, now_s)
 
     def stop(self, payload: bytes, now_s: float) -> Reply:
-        """Latch a stop; every payload is accepted, also a malformed one."""
+        """Latch a stop; any payload is accepted, even a malformed one."""
         return self._services.stop(payload, now_s)
 
     # State for the bus.
 
     def record_status_sent(self, seq: int, now_s: float) -> None:
-        """Record the sending time of a status; commands echo its number."""
+        """Record the send time of a status, whose number commands echo."""
         self.supervisor.gate.record_status(seq, now_s)
 
     def take_events(self) -> list[Event]:
-        """Events since the last call."""
+        """Return the events since the last call."""
         events = self.supervisor.take_events() + self._events
         self._events = []
         return events
 
     @property
     def mean_twist(self) -> Array:
-        """(3,): estimated mean twist during the last step; `odometry` has that of its end."""
+        """(3,): estimated mean twist during the last step; `odometry` has the twist at its end."""
         return self._estimator.mean_twist
 
     @property
     def pose(self) -> Any:
-        """Estimated pose in `odom`, of the kinematics' pose type, as `odometry` has it."""
+        """Estimated pose in `odom`: `SE2` or `SO3`, depending on the kinematics."""
         return self._estimator.pose
 
     @property
     def end_twist(self) -> Array:
-        """(3,): estimated twist in `base_link` at the end of the last step, as in `odometry`."""
+        """(3,): estimated twist in `base_link` at the end of the last step."""
         return self._estimator.end_twist
 
     @property
@@ -321,24 +320,24 @@ class RobotController:
         return self._estimator.joints
 
     def joint_state(self, stamp_ns: int) -> JointState:
-        """Measured joints, followed by the other sensors."""
+        """Return the measured joints, followed by the other sensors."""
         estimator = self._estimator
         return self._states.measured(estimator.joints, estimator.rates, estimator.sensors, stamp_ns)
 
     def setpoint_state(self, stamp_ns: int) -> JointState:
-        """Commanded joints."""
+        """Return the joint setpoints."""
         return self._states.commanded(self.setpoint, stamp_ns)
 
     def odometry(self, stamp_ns: int) -> Odometry:
-        """Estimate: pose in `odom`, twist in `base_link`, with covariances."""
+        """Return the estimated pose in `odom` and twist in `base_link`, with covariances."""
         return self._estimator.odometry(stamp_ns)
 
     def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
-        """Return the second estimate of a robot that has two, else None; see docs/bus.md."""
+        """Return the second estimate, or None if there is only one; see docs/bus.md."""
         return self._estimator.alternative_odometry(stamp_ns)
 
     def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> Status:
-        """Message of `state/status`."""
+        """Return the `state/status` message."""
         supervisor = self.supervisor
         consistency = self._faults.evidence or self._estimator.consistency(
             wheels_spin=supervisor.wheels_spin

@@ -1,4 +1,4 @@
-"""Services of a robot: lease, arm, disarm, reset, set_pose, stop, and speed with its controller."""
+"""Robot services (lease, arm, disarm, reset, set_pose, stop, speed) and wheel-speed control."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ from tsd_twin.safety import Mode, SafetySupervisor
 
 _REST = np.zeros(3)
 _SAME = 1e-9
-"""Relative tolerance within which two wheel speeds are equal."""
+"""Relative tolerance for comparing wheel speeds."""
 
 
 class WheelSpeedController:
-    """Ramps the wheel speed to the chosen one, and adapts the kinematics to it.
+    """Ramps the wheel speed to the requested one and adapts the kinematics.
 
-    The ground speed of a wheel is r_w spin sin(tilt). Motors follow a set-point with a lag, so the
-    tilt is computed for the spin that the motor model predicts for the time when the gimbals reach
-    it, not for the set-point: the ground speed then stays constant while the spin changes. A robot
-    without a wheel-speed range keeps its kinematics.
+    The ground speed of a wheel is r_w w sin(tilt) at wheel speed w. Motors lag behind their
+    setpoint, so the tilt uses the wheel speed that the motor model predicts for when the gimbals
+    reach it. This keeps the ground speed constant while the wheel speed changes. Without a
+    wheel-speed range, the kinematics never change.
 
-    A chosen speed is kept until the wheels are shut off, or, while they stand, until its operator
-    has lost the lease; then the speed of the description applies again.
+    A requested speed persists until the wheels are switched off or, at rest, until its operator
+    loses the lease. The default from the description then applies again.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
         self.kinematics: Kinematics[Any] = robot.kinematics()
-        """Kinematics at the present wheel speed."""
+        """Kinematics at the current wheel speed."""
         self._range, self._law = robot.wheel_speed_range, robot.spin_up()
         self._lag_s = robot.lag_s
         self._deceleration_mps2 = robot.limits.deceleration_mps2
@@ -63,8 +63,8 @@ class WheelSpeedController:
         self._chosen_by: bytes | None = None
         self._was_armed = False
         self._solution = (self.kinematics, b"", np.zeros(0))
-        """Newest kinematics, twist and joints (n,) of `inverse`: while a robot stands or drives
-        steadily, the same ones are asked for again."""
+        """Latest kinematics, twist and joints (n,) of `inverse`, cached because they repeat at rest
+        and in steady motion."""
 
     @property
     def refusal(self) -> Reason | None:
@@ -93,11 +93,11 @@ class WheelSpeedController:
         armed: bool,
         ramps: bool,
     ) -> bool:
-        """Advance the ramp by `dt_s`; return whether the kinematics have changed.
+        """Advance the ramp by `dt_s`; return whether the kinematics changed.
 
-        `lease` is the one in force, or None; `armed` is whether the wheels may spin, and `ramps`
-        whether the robot may drive, so that the speed must not jump. `spin_after(speeds, dt_s)`
-        predicts the mean spin for set-points (m,).
+        `lease` is the active one or None. `armed` means that the wheels may spin, and `ramps` that
+        the robot may drive, so the speed must not jump. `spin_after(speeds, dt_s)` predicts the
+        mean wheel speed for setpoints (m,).
         """
         if self._range is None:
             return False
@@ -113,9 +113,9 @@ class WheelSpeedController:
         return self._update_wheel_speed(mean / self._mean_ratio)
 
     def inverse(self, twist: Array) -> Array:
-        """Joints (n,) that move the robot by `twist` (3,)."""
+        """Return the joints (n,) for a twist (3,)."""
         if not any(twist.tolist()):
-            twist = _REST  # A negative zero would be another twist.
+            twist = _REST  # A negative zero would miss the cache.
         kinematics, asked, joints = self._solution
         if kinematics is not self.kinematics or asked != twist.tobytes():
             joints = self.kinematics.inverse(twist)
@@ -126,7 +126,7 @@ class WheelSpeedController:
         return joints
 
     def status(self, spin_rad_per_s: float) -> WheelSpeedStatus | None:
-        """Wheel-speed part of the status, for a mean spin of `spin_rad_per_s`."""
+        """Return the wheel-speed part of the status for a mean speed of `spin_rad_per_s`."""
         if self._range is None:
             return None
         spin = spin_rad_per_s / self._mean_ratio
@@ -138,13 +138,13 @@ class WheelSpeedController:
             self._commanded, law.up_s if error > 0.0 else law.down_s, self._deceleration_mps2
         )
         step = rate * dt_s
-        # Reached exactly: half a turn less than the slowest one would be none.
+        # Reach it exactly, because half a rotation below the minimum speed is out of range.
         self._commanded = (
             self._requested if abs(error) <= step else self._commanded + math.copysign(step, error)
         )
 
     def _update_wheel_speed(self, spin: float) -> bool:
-        assert self._range is not None  # noqa: S101  The callers have checked it.
+        assert self._range is not None  # noqa: S101  Checked by callers.
         spin = min(max(spin, self._range.least_rad_per_s), self._range.most_rad_per_s)
         if abs(spin - self._at) <= _SAME * spin:
             return False
@@ -154,35 +154,35 @@ class WheelSpeedController:
 
 
 class PoseCodec(Protocol, Generic[PoseT]):
-    """Decoder of poses for one pose type, and rotation of twists from `odom` to `base_link`."""
+    """Pose decoder for a pose type, and twist rotation from `odom` to `base_link`."""
 
     def request_type(self) -> type[SetPoseRequest] | type[SetOrientationRequest]:
-        """Request type of `srv/set_pose`."""
+        """Return the request type of `srv/set_pose`."""
         ...
 
     def decode(self, request: Any) -> PoseT | None:
-        """Requested pose; None when it is not finite or not a valid pose."""
+        """Return the requested pose; None for non-finite or invalid values."""
         ...
 
     def to_base_frame(self, pose: PoseT, twist: Array) -> Array:
-        """Return `twist` (3,), given in the axes of `odom`, in those of `base_link`."""
+        """Rotate a twist (3,) from `odom` axes into `base_link` axes."""
         ...
 
 
 class PlanarPoseCodec:
-    """Planar poses: x, y, heading."""
+    """Planar poses (x, y, heading)."""
 
     def request_type(self) -> type[SetPoseRequest]:
-        """Request with x, y and heading."""
+        """Return the request type with x, y and heading."""
         return SetPoseRequest
 
     def decode(self, request: SetPoseRequest) -> SE2 | None:
-        """Planar pose, when it is finite."""
+        """Return the planar pose; None for non-finite values."""
         pose = np.array([request.x_m, request.y_m, request.heading_rad])
         return SE2(pose) if np.isfinite(pose).all() else None
 
     def to_base_frame(self, pose: SE2, twist: Array) -> Array:
-        """Turn by minus the heading: Eq. 1 of Carothers."""
+        """Rotate by minus the heading: Eq. 1 of Carothers."""
         turned = twist.copy()
         turned[:2] = pose.inverse().rotate(twist[:2])
         return turned
@@ -192,30 +192,30 @@ class OrientationCodec:
     """Orientations of a sphere on a fixed base."""
 
     def request_type(self) -> type[SetOrientationRequest]:
-        """Request with a quaternion."""
+        """Return the request type with a quaternion."""
         return SetOrientationRequest
 
     def decode(self, request: SetOrientationRequest) -> SO3 | None:
-        """Orientation, when the four numbers can be made a unit quaternion."""
+        """Return the orientation, or None if it cannot be normalized."""
         x, y, z, w = request.xyzw
         wxyz = np.array([w, x, y, z])
         largest = float(np.max(np.abs(wxyz)))
         if not (np.isfinite(wxyz).all() and largest > 0.0):
             return None
-        wxyz /= largest  # First, so that no square overflows or vanishes.
+        wxyz /= largest  # Scale first, so that no square overflows or underflows.
         return SO3(wxyz / np.linalg.norm(wxyz))
 
-    def to_base_frame(self, pose: SO3, twist: Array) -> Array:  # noqa: ARG002  The shape.
-        """Twist unchanged: the base is fixed in the world."""
+    def to_base_frame(self, pose: SO3, twist: Array) -> Array:  # noqa: ARG002  Interface.
+        """Return the twist unchanged, because the base is fixed in the world."""
         return twist
 
 
 POSE_CODECS: dict[type[Any], PoseCodec[Any]] = {SE2: PlanarPoseCodec(), SO3: OrientationCodec()}
-"""Pose codec for each pose type."""
+"""Pose codec by pose type."""
 
 
 class ServiceHandler:
-    """Decodes service requests and dispatches them; every request gets a reply."""
+    """Decodes and dispatches service requests; every request gets a reply."""
 
     def __init__(
         self,
@@ -230,7 +230,7 @@ class ServiceHandler:
         self._pose_codec = pose_codec
 
     def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
-        """Reply to a request; a malformed request gets a refusal."""
+        """Process a request and return the reply; malformed requests are refused."""
         try:
             match service:
                 case Service.LEASE:
@@ -260,7 +260,7 @@ class ServiceHandler:
             return refusal
 
     def stop(self, payload: bytes, now_s: float) -> Reply:
-        """Latch a stop; every payload is accepted, also a malformed one."""
+        """Latch a stop; any payload is accepted, even a malformed one."""
         try:
             request = decode_request(payload, StopRequest)
         except MessageError:
@@ -268,7 +268,7 @@ class ServiceHandler:
         return self._supervisor.stop(request, now_s)
 
     def refusals(self, now_s: float) -> Refusals:
-        """Part of the status that shows which requests would be refused now."""
+        """Return the status part with the requests that would be refused now."""
         supervisor, lease = self._supervisor, self._supervisor.lease_in_force(now_s)
         lease_hex = lease.id.hex() if lease else ""
         return Refusals.of(

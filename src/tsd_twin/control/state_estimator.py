@@ -1,6 +1,4 @@
-"""State estimator of the control loop: joints, pose, twist, consistency, and measurements of a pose
-sensor.
-"""
+"""State estimation for the control loop: joints, odometry, pose fusion and consistency."""
 
 from __future__ import annotations
 
@@ -42,20 +40,20 @@ from tsd_twin.messages.status import (
 from tsd_twin.robots import RobotDescription
 
 AHEAD_S = 0.01
-"""A stamp later than now by up to this is attributed to clock offset, and replaced by now."""
+"""Stamps up to this far in the future are treated as clock skew and clamped to now."""
 WAITING = 16
-"""Capacity of the queue of measurements; when it is full, the oldest are dropped."""
+"""Queue size for measurements; the oldest are dropped."""
 _REMEMBERED = 64
 """Number of recent messages kept to detect duplicates."""
 _A_PERIOD = 2
-"""Measurements fused in one period: enough for 120 Hz, within the time of a period."""
+"""Fusing two per 10 ms step keeps up with a 120 Hz sensor and bounds the step time."""
 
 
 class PoseMeasurements:
-    """Queue of the measurements on `sensor/pose`: decodes, checks and fuses them, with counts."""
+    """Queue of measurements on `sensor/pose`: decodes, checks and fuses them, with counts."""
 
     def __init__(self, estimate: FusedEstimate | None) -> None:
-        """`estimate` is corrected by the measurements; None for a robot without planar poses."""
+        """Correct `estimate` with the measurements; drop them if it is None (no SE(2) pose)."""
         self._estimate = estimate
         self._waiting: deque[tuple[SE2, float]] = deque()
         self._heard: deque[bytes] = deque(maxlen=_REMEMBERED)
@@ -67,9 +65,10 @@ class PoseMeasurements:
         self._any = False
 
     def receive(self, samples: Sequence[Sample], now_s: float, wall_ns: int) -> None:
-        """Decode and queue samples; `wall_ns` is the robot's wall clock, which stamps refer to.
+        """Decode and queue samples; `wall_ns` is the robot's wall-clock time, to which stamps
+        refer.
 
-        Samples that are no valid pose are counted and dropped.
+        Invalid samples are counted and dropped.
         """
         for sample in samples:
             self._any = True
@@ -84,7 +83,7 @@ class PoseMeasurements:
             elif age_s < -AHEAD_S:
                 self._drop("future")
             elif sample.payload in self._heard:
-                self._drop(FusionResult.OLD)  # A duplicate carries no new information.
+                self._drop(FusionResult.OLD)  # Duplicates carry no new information.
             else:
                 self._heard.append(sample.payload)
                 self._waiting.append((pose, now_s - max(age_s, 0.0)))
@@ -93,7 +92,7 @@ class PoseMeasurements:
                     self._drop(FusionResult.FLOOD)
 
     def step(self, now_s: float, *, at_rest: bool) -> Event | None:
-        """Fuse the queued measurements of this period; return an event, or None."""
+        """Fuse the queued measurements of this period; return an event or None."""
         if self._estimate is None:
             return None
         event = None
@@ -113,7 +112,7 @@ class PoseMeasurements:
         return event
 
     def status(self, now_s: float) -> PoseSensorStatus | None:
-        """Counts for the status; None until a first measurement has arrived."""
+        """Return counts for the status, or None before the first measurement."""
         if not self._any:
             return None
         while self._used_s and now_s - self._used_s[0] > 0.999:
@@ -146,22 +145,22 @@ def _found(before: SE2, after: SE2, now_s: float) -> Event:
 
 
 _LAST_STEP_S = 0.01
-"""End of a long step, of which the joints are measured again."""
+"""Length of the final step after an outage, which uses the new joint measurement."""
 NEUTRAL_RAD = math.radians(1.0)
-"""Gimbals within this of upright count as neutral."""
+"""Neutral tolerance for gimbals."""
 AT_SPEED = 0.02
-"""Wheels within this share of their set-point count as at speed."""
+"""Relative speed tolerance for wheels with a non-zero setpoint."""
 AT_REST_RAD_PER_S = 0.1
-"""Wheels with a set-point of zero count as at speed below this."""
+"""Absolute speed tolerance for wheels with a zero setpoint."""
 
 
 class StateEstimator:
-    """State estimator of one robot: joints, pose, twist and consistency."""
+    """State estimator of a robot: joints, pose, twist and consistency."""
 
     def __init__(self, robot: RobotDescription) -> None:
         self.kinematics = robot.kinematics()
         self.is_angle = np.array([j.kind is JointKind.POSITION for j in self.kinematics.joints])
-        """(n,): whether a joint is an angle; the others are speeds."""
+        """(n,): True for position joints, False for velocity joints."""
         self._angles = np.flatnonzero(self.is_angle)
         self._wheels = np.flatnonzero(~self.is_angle)
         self._needed = np.flatnonzero(self.is_angle | robot.measures_spin)
@@ -175,7 +174,7 @@ class StateEstimator:
         self._constant_rows = self._inner.constant_rows()
         self._best: Estimate = self._corrected or self._inner
         self.pose_sensor = PoseMeasurements(self._corrected)
-        """Measurements of an external pose sensor."""
+        """Measurements from an external pose sensor."""
         self._consistency = ConsistencyMonitor(
             self.kinematics, robot.joint_errors(), robot.joint_compliance()
         )
@@ -190,13 +189,16 @@ class StateEstimator:
         self._unmeasured = np.full(len(robot.sensors), np.nan)
         self._unmeasured.setflags(write=False)
         self.sensors = self._unmeasured
-        """(s,): last readings of the other sensors, NaN where there is none."""
+        """(s,): last readings of the other sensors, NaN where missing."""
 
     def advance(self, now_s: float, measured: Array | None, setpoint: Array, dt_s: float) -> None:
-        """Update with the measurement of now, `dt_s` after the last step; None: there is none.
+        """Advance the estimate by `dt_s` to `now_s`.
 
-        `measured` (n + s,) are the joints and the other sensors, `setpoint` (n,) is the set-point
-        of the joints during the step.
+        Args:
+            now_s: End of the step.
+            measured: (n + s,) joints and other sensors, or None if no measurement arrived.
+            setpoint: (n,) joint setpoints during the step.
+            dt_s: Time since the previous step.
         """
         spin = self._spin.advance(setpoint[self._wheels], dt_s)
         if measured is not None and all(map(math.isfinite, measured[self._needed].tolist())):
@@ -212,7 +214,7 @@ class StateEstimator:
             unmeasured = modelled[self._wheels]
             joints[self._wheels[unmeasured]] = spin[unmeasured]
         elif math.isfinite(self.measured_s):
-            # Without a measurement gimbals keep their angles; wheels that are shut off run down.
+            # Hold gimbal angles; let the motor model spin the wheels down.
             joints, modelled = self.joints.copy(), ~self.is_angle
             joints[self._wheels] = spin
             self.sensors = self._unmeasured
@@ -234,7 +236,7 @@ class StateEstimator:
         self._consistency.advance(joints, dt_s, modelled=modelled)
 
     def _coast(self, now_s: float, dt_s: float) -> None:
-        """Follow the next `dt_s` of an outage, without measurements, to `now_s`."""
+        """Propagate an outage by `dt_s` to `now_s`, without measurements."""
         step = self._step_of_outage(dt_s)
         self._plain.coast(step, dt_s)
         if self._second is not None:
@@ -249,13 +251,13 @@ class StateEstimator:
 
     @property
     def rates(self) -> Array:
-        """(n,): rates of change of the joints; for wheels, accelerations."""
+        """(n,): joint rates; accelerations for wheels."""
         return (self.joints - self._before) / self._step_s
 
     def neutral_and_at_speed(self, at_rest: Array) -> tuple[bool, bool]:
-        """Return whether all gimbals are upright, and whether all wheels are at their set-point.
+        """Return whether all gimbals are neutral, and whether all wheels reached their setpoint.
 
-        `at_rest` (n,) is the joint vector of a ready robot at standstill.
+        `at_rest` (n,) are the joints of a ready robot at rest.
         """
         at_speed = np.maximum(AT_SPEED * np.abs(at_rest), AT_REST_RAD_PER_S)
         tolerance = np.where(self.is_angle, NEUTRAL_RAD, at_speed)
@@ -263,20 +265,21 @@ class StateEstimator:
         return bool(near[self._angles].all()), bool(near[self._wheels].all())
 
     def spin_after(self, speeds: Array, dt_s: float) -> float:
-        """Mean speed that the motor model predicts after `dt_s` at `speeds` (m,).
+        """Return the mean wheel speed predicted by the motor model after `dt_s` at `speeds` (m,).
 
-        The model is used also where speeds are measured: a failed sensor must not change the tilt.
+        The model is used even if speeds are measured, so that a failed sensor cannot change the
+        tilt.
         """
         return fmean(self._spin.after(speeds, dt_s).tolist())
 
     @property
     def pose(self) -> Any:
-        """The pose in `odom`, of the kinematics' pose type."""
+        """Estimated pose in `odom`: `SE2` or `SO3`, depending on the kinematics."""
         return self._best.pose
 
     @property
     def mean_twist(self) -> Array:
-        """(3,): mean twist during the last step, which moved the pose."""
+        """(3,): mean twist during the last step, used to integrate the pose."""
         return self._inner.motion.twist
 
     @property
@@ -292,13 +295,13 @@ class StateEstimator:
         self._best.set_pose(pose)
 
     def odometry(self, stamp_ns: int) -> Odometry:
-        """Return pose in `odom` and twist in `base_link` at this time, with covariances."""
+        """Return pose in `odom` and twist in `base_link`, with covariances."""
         return _message(self._best, stamp_ns)
 
     def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
-        """Second estimate where there are two, else None.
+        """Return the second estimate, or None if there is only one.
 
-        It is the one that pose measurements do not correct.
+        It is not corrected by pose measurements.
         """
         second = self._second
         corrected = self._corrected is not None and self._corrected.is_corrected
@@ -307,14 +310,14 @@ class StateEstimator:
         return _message(self._inner, stamp_ns) if corrected else None
 
     def learned(self) -> Mapping[str, LearnedError] | None:
-        """Constant errors that a pose sensor or a gyro has shown; None before any has."""
+        """Return estimated biases by name, or None before a pose sensor or gyro observed any."""
         if self._corrected is None or not self._corrected.learning.has_measured:
             return None
         found = self._corrected.learning.learned(self._constant_rows)
         return {name: LearnedError(each.value, each.sigma) for name, each in found.items()}
 
     def consistency(self, *, wheels_spin: bool) -> ConsistencyStatus:
-        """Consistency of the joints; wheels at rest carry no information on gimbals."""
+        """Return the joint consistency; wheels at rest carry no information on gimbals."""
         verdict, names = self._consistency.judge(self.joints), self.kinematics.actuators
         level = verdict.level if wheels_spin else 0.0
         suspect = verdict.suspect if wheels_spin else None

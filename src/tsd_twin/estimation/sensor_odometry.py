@@ -15,14 +15,13 @@ from tsd_twin.estimation.pose_spread import PoseErrors, PoseSpread, TwistErrors
 from tsd_twin.estimation.wheel_odometry import OrientationOdometry, PlanarOdometry
 from tsd_twin.kinematics import SphereKinematics, TwistSolution
 from tsd_twin.lie import SE2, Array
+from tsd_twin.registry import KindTable
 from tsd_twin.robots import (
     ImportedDescription,
     OmniDescription,
     RobotDescription,
     SingularityDescription,
     SphereDescription,
-    implementation,
-    kind_of,
 )
 
 
@@ -408,8 +407,23 @@ def odometry_of_another(robot: ImportedDescription) -> tuple[SensorOdometry, boo
     return ReportedOdometry(robot), True
 
 
+def no_odometry(_robot: RobotDescription) -> None:
+    """Return None: the robot has only the odometry of its joints."""
+
+
+_ODOMETRIES = KindTable[_Factory](
+    {
+        SingularityDescription: odometry_by_gyro,
+        OmniDescription: odometry_of_platform,
+        SphereDescription: odometry_by_rows,
+        ImportedDescription: odometry_of_another,
+    },
+    lambda kind: kind.odometry,
+    no_odometry,
+)
+
+
 def sensor_odometry_of(robot: RobotDescription) -> tuple[SensorOdometry | None, bool]:
     """Return the robot's alternative odometry or None, and whether it is preferred."""
-    make: _Factory = implementation(kind_of(robot).sensor_odometry)
-    made = make(robot)
+    made = _ODOMETRIES.of(robot)(robot)
     return (None, False) if made is None else made

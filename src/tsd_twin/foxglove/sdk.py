@@ -22,7 +22,7 @@ from cryptography.hazmat.primitives import serialization
 
 from tsd_twin.errors import MissingExtraError, TwinError
 from tsd_twin.interop.mapping import JSON_TEXT, LATCHED_TOPICS, RosMessage, RosTopic
-from tsd_twin.messages.ros import decode_cdr, definition
+from tsd_twin.messages.ros_types import decode_cdr, definition
 from tsd_twin.security.certificates import CertificateAuthority, new_key
 
 LOOPBACK = "127.0.0.1"

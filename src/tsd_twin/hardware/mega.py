@@ -37,6 +37,7 @@ from tsd_twin.hardware.joints import (
     Receiver,
     ServoCalibration,
     ThrottleLaw,
+    check_radio_geometry,
     padded,
     padded_ids,
 )
@@ -296,12 +297,14 @@ class MegaHardware:
         """Connect; without `servos`, the board drives the speed controllers only.
 
         Raises:
-            HardwareError: If the board is missing, another device, does not respond, or has too few
-                channels.
+            HardwareError: If the board is missing, another device, does not respond, has too few
+                channels, or radio control would use another geometry.
         """
         self._joints = JointConverter(robot, throttle)
         calibration = calibration or ServoCalibration()
         calibration.check_joints(self._joints.names)
+        if servos and calibration.receiver is not None:
+            check_radio_geometry(robot)
         self._board = ControllerBoard(
             self._joints, calibration, robot.battery, servos=servos, baud=baud
         )

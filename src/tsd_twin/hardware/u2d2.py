@@ -148,7 +148,7 @@ class ServoBus:
 
     @property
     def far(self) -> int:
-        """Mask of servos without torque, which were not near their neutral position yet."""
+        """Mask of servos without torque, which have not been near their neutral position yet."""
         return self._approach.far
 
     def connect(self, transport: SerialTransport) -> None:
@@ -260,7 +260,7 @@ class ServoBus:
         return GOAL.pack(self._neutral[i] + self._signs[i] * steps)
 
     def _steps(self, i: int, position: int) -> int:
-        """Steps from neutral, as the joints are drawn."""
+        """Return steps from neutral, with the sign of the joint."""
         return self._signs[i] * (position - self._neutral[i])
 
     def _all(self, address: int, data: list[bytes]) -> bytes:
@@ -321,7 +321,7 @@ class ServoBus:
         self._hold(transport, device)
 
     def _hold(self, transport: SerialTransport, device: int) -> None:
-        """Let a servo near its neutral position hold where it is; others get no torque."""
+        """Hold a servo at its position if it is near neutral; otherwise disable its torque."""
         (position,) = GOAL.unpack(self._read(transport, device, POSITION, GOAL.size))
         i = self._ids.index(device)
         steps = self._steps(i, position)

@@ -1,8 +1,8 @@
-"""Robots of the bus as ROS 2 robots: table of topics, conversions, and `cmd_vel` as an operator.
+"""Bridge between the bus and ROS 2: topic table, message conversion, and `cmd_vel` as an operator.
 
-Every adapter (Foxglove, ROS 2) uses the same table and the same operator. `mapping`, `frames` and
-`cmd_vel` are pure: messages and time go in, messages and actions come out. `driver` carries the
-actions out with the client library.
+All adapters (Foxglove, ROS 2) share this code. `mapping`, `frames` and `cmd_vel` are pure: the
+caller passes in messages and time, and performs the returned actions. `driver` performs them with
+the client library.
 """
 
 from tsd_twin.interop.cmd_vel import CmdVel, CmdVelOperator, decode_cmd_vel

@@ -1,8 +1,9 @@
-"""`cmd_vel` as an operator: decoding of twists, and when they move the robot. Pure.
+"""`cmd_vel` operator: decodes twists and decides when they move the robot (pure).
 
-`cmd_vel` has no lease, no number and no echo, so the adapter is the operator: it takes the lease
-when a twist comes and the robot is free, lets the newest twist stand for 0.2 s, and never takes
-back a lease that it has lost. Time is an argument; messages go in, actions come out.
+`cmd_vel` carries no lease, sequence number or echo, so the adapter acts as the operator: it
+acquires the lease when a twist arrives and the robot is free, holds the latest twist for 0.2 s, and
+does not reacquire a lost lease. The caller passes in messages and time, and performs the returned
+actions.
 """
 
 from __future__ import annotations
@@ -15,26 +16,27 @@ from typing import TypeAlias
 import msgspec
 
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.ros import BASE, ODOM, decode_cdr, decode_twist
+from tsd_twin.messages.ros import BASE, ODOM, decode_twist
+from tsd_twin.messages.ros_types import decode_cdr
 from tsd_twin.safety import Mode
 
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 LARGEST = 100.0
-"""Of each number, m/s or rad/s; a larger one is a mistake in the units, not a fast robot."""
+"""Maximum component in m/s or rad/s; larger values suggest wrong units."""
 MAX_AGE_S = 0.25
-"""A twist that may be older than this when it comes in does not count."""
+"""Twists that may be older than this on arrival are rejected."""
 PAUSE_S = 0.5
-"""Twists that were held while they did not count must pause for this long, or be zero once."""
+"""Required pause (or a single zero) before twists held during a refusal are accepted."""
 IDLE_S = 30.0
-"""Without a twist or a request for this long, the lease is given back, and the robot disarmed."""
+"""After this time without a twist or request, the robot is disarmed and the lease released."""
 HELD_UP_S = 0.3
-"""A program that does nothing for longer was held up: the robot has stopped meanwhile."""
+"""A longer gap between polls means that this process stalled and the robot has stopped."""
 AT_REST_S = 0.3
-"""A request for control is granted when no twist moved the robot for this long."""
+"""Time without motion after which a request for control is granted."""
 DISCOVERY_S = 2.0
-"""In this time the publishers of a robot that comes into reach have been found."""
+"""Time to discover the publishers of a newly connected robot."""
 SAY_AGAIN_S = 2.0
-"""The same sentence is repeated no more often."""
+"""Minimum interval between repeats of the same message."""
 MUST_PAUSE = "cmd_vel moves the robot again after a pause, or a zero, or the service resume"
 Objection: TypeAlias = tuple[str, str]
 """What a twist is dropped for, as a word under which it is said once, and as a sentence."""
@@ -64,26 +66,26 @@ class _TwistStamped(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class CmdVel:
-    """A twist as it came in; the numbers may be anything, also NaN."""
+    """Received twist, not validated; components may be NaN."""
 
     twist: tuple[float, float, float, float, float, float]
     """(vx, vy, vz, wx, wy, wz), m/s and rad/s in `frame`."""
     frame: str = ""
-    """`base_link`, `odom`, or empty for `base_link`."""
+    """`base_link`, `odom`, or "" for `base_link`."""
 
     @property
     def is_zero(self) -> bool:
-        """Whether it commands standstill."""
+        """Whether all components are zero."""
         return not any(self.twist)
 
 
 def decode_cmd_vel(encoding: str, type_name: str, payload: bytes) -> CmdVel:
-    """Decode a `geometry_msgs` Twist or TwistStamped, in `cdr` or `json`.
+    """Decode a `geometry_msgs` Twist or TwistStamped in `cdr` or `json`.
 
-    The stamp is not used: clocks differ, and a command must not depend on them.
+    The stamp is ignored because clocks differ.
 
     Raises:
-        MessageError: `shape`, when it is none.
+        MessageError: If the message is invalid (`shape`).
     """
     package, _, name = type_name.replace("/msg/", "/").partition("/")
     if package != "geometry_msgs" or name not in ("Twist", "TwistStamped"):
@@ -109,21 +111,21 @@ def decode_cmd_vel(encoding: str, type_name: str, payload: bytes) -> CmdVel:
 
 
 def _cmd_vel(linear: _Vector, angular: _Vector, frame: str = "") -> CmdVel:
-    # Of CDR these are messages of rosbags, with the same fields.
+    # CDR is decoded to rosbags messages, with the same fields.
     return CmdVel((linear.x, linear.y, linear.z, angular.x, angular.y, angular.z), frame)
 
 
 @dataclass(frozen=True, slots=True)
 class RobotView:
-    """Part of the newest status that decides about a twist."""
+    """Fields of the latest status that affect twists."""
 
     mode: str
     holder: str | None = None
-    """Operator who has the lease."""
+    """Lease holder."""
     asked_by: str | None = None
-    """Operator who asks the holder for it."""
+    """Operator requesting control."""
     reason: str = ""
-    """Why the robot does not move now, as it says itself."""
+    """The robot's reason for not moving."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,29 +135,29 @@ class Acquire:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Action: set a velocity for up to 0.2 s; call `motion_failed` or `lost` when it fails."""
+    """Action: set a velocity for up to 0.2 s; on failure call `motion_failed` or `lost`."""
 
     twist: tuple[float, float, float, float, float, float]
     frame: str
     given_s: float | None
-    """When the publisher gave the twist, at the earliest; None for now."""
+    """Earliest time of the publisher's input; None means now."""
 
 
 @dataclass(frozen=True, slots=True)
 class HandOver:
-    """Action: hand the lease to the operator who asks for it."""
+    """Action: transfer the lease to the requesting operator."""
 
     asker: str
 
 
 @dataclass(frozen=True, slots=True)
 class GiveBack:
-    """Action: command zero, disarm, and release the lease."""
+    """Action: command zero, disarm and release the lease."""
 
 
 @dataclass(frozen=True, slots=True)
 class Say:
-    """Action: tell the publisher."""
+    """Action: notify the publisher."""
 
     text: str
 
@@ -164,31 +166,31 @@ Action = Acquire | Drive | HandOver | GiveBack | Say
 
 
 class State(StrEnum):
-    """Relation of the adapter to the lease."""
+    """Lease state of the adapter."""
 
     FREE = "free"
     TAKING = "taking"
     """The lease is being acquired."""
     HELD = "held"
     LOST = "lost"
-    """It was taken away or handed over: only the service `arm` takes it again."""
+    """Taken by another operator or handed over; only the `arm` service reacquires it."""
 
 
 class CmdVelOperator:
-    """State machine of one publisher of `cmd_vel` for one robot.
+    """State machine for one `cmd_vel` publisher and one robot.
 
-    Twists that come while they cannot count, such as during arming, do not begin to count when the
-    reason ends: the publisher has to pause, or to send zero, first. It outlives connections to the
-    robot: control that was lost stays lost when the robot comes back.
+    Twists refused for a temporary reason, such as arming, stay refused afterwards until the
+    publisher pauses or sends zero. The state survives reconnection: lost control stays lost when
+    the robot returns.
     """
 
     def __init__(self, operator: str) -> None:
-        """`operator` is the name on the bus."""
+        """`operator` is the name used on the bus."""
         self.operator = operator
         self.max_age_s = MAX_AGE_S
         self.state = State.FREE
         self.dropped = 0
-        """Twists that did not count."""
+        """Number of rejected twists."""
         self._must_pause = False
         self._heard_s = self._driven_s = self._used_s = self._not_before_s = -math.inf
         self._held_s = -math.inf
@@ -197,7 +199,7 @@ class CmdVelOperator:
         self._said: dict[str, float] = {}
 
     def connected(self, now_s: float) -> list[Action]:
-        """Note that the robot has come into reach, for the first time or again."""
+        """Handle a new or restored connection to the robot."""
         said = self.lost("the robot was out of reach", now_s)
         if self.state is State.TAKING:
             said = self.denied("the robot was out of reach", now_s)
@@ -205,9 +207,9 @@ class CmdVelOperator:
         return said
 
     def topic_opened(self, now_s: float) -> None:
-        """Note that the topic is read from now on, maybe after a time under another name.
+        """Handle (re)subscription to the topic, possibly under a new name.
 
-        A twist that is held on since before must not move the robot, though it was not heard.
+        Twists held since before must not move the robot, even though they were not received.
         """
         self._must_pause, self._heard_s = True, now_s + DISCOVERY_S - PAUSE_S
 
@@ -221,11 +223,11 @@ class CmdVelOperator:
         sent_after_s: float | None = None,
         unproven: str = "",
     ) -> list[Action]:
-        """Decide about a twist that has come in at `now_s`.
+        """Handle a twist received at `now_s`.
 
-        `sent_after_s` is a time, on the same clock, before which it cannot have been sent; None
-        where the transport gives no such bound. `unproven` is why the transport cannot vouch for
-        that time yet: the twist may end a pause, but does not move the robot.
+        `sent_after_s` is a lower bound on its send time on the same clock, or None if the transport
+        has none. `unproven` is the reason why this bound is not yet reliable: the twist may then
+        end a pause but not move the robot.
         """
         self._note_hold_up(now_s)
         paused = now_s - self._heard_s >= PAUSE_S
@@ -233,7 +235,7 @@ class CmdVelOperator:
         if refusal:
             return self._drop(now_s, *refusal)
         if message.is_zero:
-            return self._rest(now_s)  # However late: it can only stop the robot.
+            return self._rest(now_s)  # Accept it at any age, because it can only stop the robot.
         if sent_after_s is not None and now_s - sent_after_s > self.max_age_s:
             # What a stalled link delivers late: the publisher may have let go since.
             late = "cmd_vel comes too late: the link has stalled, or is slow"
@@ -252,7 +254,7 @@ class CmdVelOperator:
             return self._say(now_s, "unproven", unproven)
         if sent_after_s is not None and sent_after_s < self._not_before_s:
             self.dropped += 1
-            return []  # It was sent before the lease was granted, or a request was done.
+            return []  # Sent before the lease was granted or a request completed.
         if self.state is State.FREE:
             self.state = State.TAKING
             return [Acquire()]
@@ -262,19 +264,19 @@ class CmdVelOperator:
         return [Drive(message.twist, message.frame or BASE, sent_after_s)]
 
     def _note_hold_up(self, now_s: float) -> None:
-        """Take no time in which this program stood still for a pause of the publisher.
+        """Do not count a stall of this process as a pause of the publisher.
 
-        Twists of that time may be lost on the way, so none of them need come late.
+        Twists sent during the stall may be lost, so none of them need arrive late.
         """
         if now_s - self._polled_s > HELD_UP_S:
             self._must_pause, self._heard_s = True, now_s
 
     def on_unread(self, now_s: float) -> None:
-        """Note a twist on a topic that no robot reads now; held on, it must not move one later."""
+        """Handle a twist on an unassigned topic: if held, it must not move a robot later."""
         self._must_pause, self._heard_s = True, now_s
 
     def waits_for_pause(self, now_s: float) -> bool:
-        """Return whether twists are refused now since their publisher did not pause."""
+        """Return whether twists are currently refused because their publisher did not pause."""
         return now_s - self._held_s < PAUSE_S
 
     def resume(self, now_s: float, view: RobotView) -> str:
@@ -316,7 +318,7 @@ class CmdVelOperator:
         return None
 
     def _rest(self, now_s: float) -> list[Action]:
-        """Act on a zero: it ends a motion, and neither takes nor keeps the lease."""
+        """Handle a zero: end any motion without acquiring or keeping the lease."""
         self._must_pause = False
         in_motion = self.state is State.HELD and now_s - self._driven_s < AT_REST_S
         return [Drive(_REST, BASE, None)] if in_motion else []
@@ -338,41 +340,41 @@ class CmdVelOperator:
     # The lease.
 
     def on_request(self, now_s: float) -> bool:
-        """Note a request that needs the lease, and return whether it has to be acquired first.
+        """Handle a request that needs the lease; return whether to acquire it first.
 
-        A twist that is held meanwhile must not move the robot when the request is done. A request
-        is a decision of a person, so that it also ends `LOST`.
+        Twists held during the request must not move the robot afterwards. Requests are deliberate,
+        so they also clear `LOST`.
         """
         self._must_pause, self._used_s = True, now_s
-        self._heard_s = min(self._heard_s, now_s)  # Who requests has been found, as has the stick.
+        self._heard_s = min(self._heard_s, now_s)  # Its publisher is known by now.
         if self.state is State.HELD:
             return False
         self._was_lost, self.state = self.state is State.LOST, State.TAKING
         return True
 
     def request_done(self, now_s: float) -> None:
-        """Note the end of a request: what was sent before, and comes in later, does not count."""
+        """Complete a request; reject twists that were sent before."""
         self._must_pause, self._used_s, self._not_before_s = True, now_s, now_s
 
     def acquired(self, now_s: float) -> None:
-        """Note that the lease was granted."""
+        """Handle a granted lease."""
         self.state, self._was_lost = State.HELD, False
         self._not_before_s = self._used_s = now_s
 
     def denied(self, reason: str, now_s: float) -> list[Action]:
-        """Note that the lease was not granted."""
+        """Handle a denied lease."""
         self.state, self._must_pause = State.LOST if self._was_lost else State.FREE, True
         return self._say(now_s, "denied", reason)
 
     def lost(self, reason: str, now_s: float) -> list[Action]:
-        """Note that the lease was taken away, or has ended."""
+        """Handle the loss of the lease."""
         if self.state is not State.HELD:
             return []
         self.state, self._must_pause, self._lost = State.LOST, True, f"control is lost: {reason}"
         return self._say(now_s, "lost", f"{self._lost}; the service arm takes control again")
 
     def released(self) -> None:
-        """Note that the lease was given back."""
+        """Handle the release of the lease."""
         self.state, self._must_pause = State.FREE, True
 
     def motion_failed(self, reason: str, now_s: float) -> list[Action]:
@@ -380,18 +382,16 @@ class CmdVelOperator:
         return self._drop(now_s, "motion_failed", reason)
 
     def poll(self, now_s: float, view: RobotView, conflict: str = "") -> list[Action]:
-        """Return the actions due without a message: handover, and the end of a lease.
+        """Return pending actions: handover or release of the lease.
 
-        `conflict` is the reason why this adapter must not operate the robot, if there is one. The
-        lease ends then, and when it has not been used for `IDLE_S`. Called several times within
-        `HELD_UP_S`.
+        `conflict` is the reason why this adapter must not operate the robot, or "". The lease is
+        released on a conflict, or if unused for `IDLE_S`. Call this several times per `HELD_UP_S`.
         """
         self._note_hold_up(now_s)
         self._polled_s = now_s
         if self.state is State.HELD and conflict:
             self.released()
-            text = f"the robot is disarmed: {conflict}"
-            return [GiveBack(), *self._say(now_s, "conflict", text)]
+            return [GiveBack(), *self._say(now_s, "conflict", f"the robot is disarmed: {conflict}")]
         if self.state is not State.HELD or now_s - self._driven_s < AT_REST_S:
             return []
         if view.asked_by is not None and view.holder == self.operator:

@@ -1,7 +1,7 @@
-"""Driver of one robot by `cmd_vel`: carries out the actions of `CmdVelOperator` over the bus.
+"""`cmd_vel` driver for one robot: performs the actions of `CmdVelOperator` over the bus.
 
-It belongs to one event loop, and so to the adapter; the lease, numbers, echoes and the time-out of
-set-points are those of the client library.
+Runs in the adapter's event loop. The client library handles the lease, sequence numbers, echoes and
+the setpoint timeout.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ from tsd_twin.robots.description import Limits
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.1
 FAR_S = 0.015
-"""Round trip to the publisher from which on a lease lets older commands count."""
+"""Publisher round trip above which the lease allows older commands."""
 REFRESH_S = 0.22
-"""Age beyond that round trip that twists at 10 Hz reach: periods of twist, status and ping."""
+"""Age of 10 Hz twists in addition to that round trip: periods of twist, status and ping."""
 
 
 def command_age_for(limits: Limits, trip_s: float) -> float:
-    """Return the age up to which commands have to count, from the round trip to the publisher.
+    """Return the maximum command age for a round trip to the publisher.
 
-    The robot is slower under a lease for old commands, so that it stops within its allowance.
+    A larger age lowers the speed limit, so that the robot stops within its allowance.
     """
     wanted_s = trip_s + REFRESH_S if trip_s > FAR_S else 0.0
     return min(max(wanted_s, limits.max_command_age_s), limits.max_command_age_ceiling_s)
 
 
 class RobotDriver:
-    """One publisher of `cmd_vel`, as an operator of one robot."""
+    """Bridge from one `cmd_vel` publisher to one robot."""
 
     def __init__(
         self,
@@ -68,9 +68,9 @@ class RobotDriver:
     ) -> None:
         """Drive one robot for one publisher.
 
-        `machine` may have served an earlier driver; `say` shows the publisher a sentence; `trip_s`
-        returns the round-trip time to the publisher, 0 if unknown; `conflict` returns the reason
-        why this adapter must not operate the robot at a time, or "".
+        `machine` may be reused from an earlier driver. `say` shows a message to the publisher.
+        `trip_s` returns the round-trip time to the publisher, 0 if unknown. `conflict` returns the
+        reason why this adapter must not operate the robot at the given time, or "".
         """
         self.machine = machine
         self._conflict = conflict
@@ -79,26 +79,26 @@ class RobotDriver:
         self._turning = robot.description.kinematics().pose_type is SO3
         self._control: AsyncRobotControl | None = None
         self._driven_s = -math.inf
-        self._using = asyncio.Lock()  # One request at a time changes the lease.
+        self._using = asyncio.Lock()  # Requests that change the lease run one at a time.
         self._tasks: set[asyncio.Task[None]] = set()
         self._start(self._poll())
 
     def connected(self) -> None:
-        """Note that the robot has come into reach, for the first time or again."""
+        """Handle a new or restored connection to the robot."""
         self._perform(self.machine.connected(self._robot.time_s))
 
     def on_cmd_vel(
         self, message: CmdVel, now_s: float, sent_after_s: float | None, unproven: str = ""
     ) -> None:
-        """Act on a twist that has come in; arguments as for `CmdVelOperator.on_twist`."""
+        """Handle a received twist; see `CmdVelOperator.on_twist` for the arguments."""
         if self._control is None or not self._control.is_held:
             self.machine.max_age_s = self._max_age_s()
         self._perform(self.machine.on_twist(message, now_s, self._view(), sent_after_s, unproven))
 
     async def call(self, service: str) -> tuple[bool, str]:
-        """Carry out one of `SERVICES`; return whether it worked, and a text."""
+        """Call one of `SERVICES`; return success and a message."""
         match service:
-            case "stop":  # It needs no lease, and waits for nothing.
+            case "stop":  # Needs no lease and must not wait.
                 return await self._answer(self._stop())
             case "arm":
                 return await self._answer(self._request(lambda control: control.arm()))
@@ -111,7 +111,7 @@ class RobotDriver:
                 return await self._answer(self._request(lambda control: control.reset()))
 
     async def set_pose(self, pose: PoseStamped) -> tuple[bool, str]:
-        """Set the estimate, at rest only; a lease that is acquired for it is given back."""
+        """Set the pose estimate at rest; release the lease if it was acquired for this."""
         x, y, z, w = (float(pose.wxyz[i]) for i in (1, 2, 3, 0))
 
         async def act(control: AsyncRobotControl) -> None:
@@ -125,7 +125,7 @@ class RobotDriver:
         return await self._answer(self._request(act, keep=False))
 
     async def close(self) -> None:
-        """Command zero, disarm and release, if the lease is held; this driver's last act."""
+        """Command zero, disarm and release any held lease; call last."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
@@ -146,7 +146,7 @@ class RobotDriver:
     async def _request(
         self, act: Callable[[AsyncRobotControl], Awaitable[None]], *, keep: bool = True
     ) -> None:
-        """Act with the lease; one that was acquired for this is given back unless `keep`."""
+        """Run `act` with the lease; unless `keep`, release a lease acquired for this."""
         async with self._using:
             if self._control is not None and not self._control.is_held:
                 self._note_loss(self._control)
@@ -154,7 +154,7 @@ class RobotDriver:
             if acquired:
                 await self._acquire()
             control = self._control
-            assert control is not None  # noqa: S101  `_acquire` has made it, or raised.
+            assert control is not None  # noqa: S101  `_acquire` sets it or raises.
             try:
                 await act(control)
             finally:
@@ -173,9 +173,9 @@ class RobotDriver:
         """Acquire the lease.
 
         Raises:
-            ClientError: it is not granted.
+            ClientError: If the lease is not granted.
         """
-        await self._end_control()  # Of a lease that was lost, so that its tasks end.
+        await self._end_control()  # End the tasks of a lost lease.
         max_age_s = self.machine.max_age_s = self._max_age_s()
         control = self._robot.control(self.machine.operator, arm=False, max_age_s=max_age_s)
         try:
@@ -197,11 +197,11 @@ class RobotDriver:
     async def _end_control(self) -> None:
         control, self._control = self._control, None
         if control is not None:
-            with contextlib.suppress(TwinError):  # The robot is silent: it stops by itself.
+            with contextlib.suppress(TwinError):  # A silent robot stops automatically.
                 await control.release()
 
     async def _take(self) -> None:
-        with contextlib.suppress(TwinError):  # `_acquire` has said why.
+        with contextlib.suppress(TwinError):  # Reported by `_acquire`.
             async with self._using:
                 await self._acquire()
 
@@ -238,7 +238,7 @@ class RobotDriver:
         if control is None:
             return
         now_s = self._robot.time_s
-        # How the motion before has ended, once the stick was let go, is no reason against this one.
+        # The failure of a finished motion, before the stick was released, must not block this one.
         tries = 2 if now_s - self._driven_s >= PAUSE_S else 1
         self._driven_s = now_s
         for left in reversed(range(tries)):

@@ -1,4 +1,4 @@
-"""Robots on the bus for an adapter: each is shown as long as its node lives, under ROS names."""
+"""Robots on the bus for an adapter, each shown under ROS names while its node is alive."""
 
 from __future__ import annotations
 
@@ -34,29 +34,29 @@ from tsd_twin.robots import RobotDescription
 
 _LOG = logging.getLogger(__name__)
 MOST_ROBOTS = 16
-"""Robots that are shown; each has a session of its own on the bus."""
+"""Maximum number of robots; each needs a separate bus session."""
 LONGEST_OPERATOR = 32 - 9
-"""Length of the name before `-<8 digits>`, which each operator adds."""
+"""Maximum length of the operator name without its suffix `-<8 digits>`."""
 _RETRY_S = 5.0
 _STREAMS = tuple(topic for topic in SOURCES if topic is not topics.EVENT)
 
 
 class MeshFiles:
-    """Mesh files of one robot, drawn from its description when they are first asked for."""
+    """Mesh files of a robot, generated from its description on first use."""
 
     def __init__(self, robot: RobotDescription) -> None:
-        # A folder on the robot's computer; on this one the path names other files.
+        # The path is only valid on the robot's computer.
         body = msgspec.structs.replace(robot.body, meshes=None)
         self.robot = msgspec.structs.replace(robot, body=body)
         self._parts: dict[str, Part] | None = None
         self._lock = threading.Lock()
 
     def urdf(self, text: str, *, drawn: bool) -> str:
-        """Return the URDF that fits the files: `text`, unless its meshes are `drawn` elsewhere."""
+        """Return the URDF for these files: `text`, or a generated one if `drawn`."""
         return urdf(self.robot, load_parts(self.robot)) if drawn else text
 
     def get(self, name: str) -> bytes | None:
-        """Return a file by its name, None when the robot has no such part."""
+        """Return a file by name, or None for unknown parts."""
         with self._lock:
             if self._parts is None:
                 several = load_parts(self.robot).values()
@@ -69,10 +69,10 @@ class MeshFiles:
 
 
 class RobotSource(ABC):
-    """One robot on the bus, shown under the names that it has now."""
+    """Robot on the bus, shown under its current names."""
 
     def __init__(self, link: BusLink, operator: str) -> None:
-        """Made on the event loop; `operator` is the name before the digits of an operator."""
+        """Create on the event loop; `operator` is the operator name without the digits."""
         self.client = AsyncRobotClient(link, operator)
         self.id = link.id
         self.names: RosNames | None = None
@@ -86,10 +86,10 @@ class RobotSource(ABC):
         link.subscribe_events(_EventTap(self._feed_event))
 
     async def rename(self, names: RosNames | None) -> None:
-        """Show the robot under other names; None withdraws it.
+        """Show the robot under new names; None withdraws it.
 
         Raises:
-            TwinError: its URDF is none, or it cannot be shown.
+            TwinError: If its URDF is invalid or it cannot be shown.
         """
         if self.names == names:
             return
@@ -111,18 +111,18 @@ class RobotSource(ABC):
             self._mapping = mapping
 
     def say(self, text: str) -> None:
-        """Publish a sentence of the adapter among the events of the robot."""
+        """Publish a message of the adapter on the robot's events topic."""
         with self._lock:
             if self._mapping is not None:
                 self.publish(self._mapping.sentence(text))
 
     def input_problem(self) -> str:
-        """Return why the robot does not follow `cmd_vel` now; "" if it does."""
+        """Return the reason why the robot ignores `cmd_vel`, or ""."""
         return ""
 
     async def close(self) -> None:
-        """Leave the robot."""
-        with contextlib.suppress(TwinError):  # It has gone, and stops by itself.
+        """Disconnect from the robot."""
+        with contextlib.suppress(TwinError):  # A lost robot stops automatically.
             await self.client.close()
 
     @abstractmethod
@@ -131,13 +131,13 @@ class RobotSource(ABC):
 
     @abstractmethod
     async def withdraw(self, names: RosNames) -> None:
-        """Withdraw what `show` has declared."""
+        """Withdraw the topics declared by `show`."""
 
     @abstractmethod
     def mesh_uri(self, names: RosNames) -> str:
-        """Return what goes before the name of each mesh file."""
+        """Return the URI prefix of mesh files."""
 
-    # On threads of the bus.
+    # On bus threads.
 
     @abstractmethod
     def wants(self, topic: str) -> bool:
@@ -150,7 +150,7 @@ class RobotSource(ABC):
     def _feed(self, topic: Topic, sample: Sample) -> None:
         if not sample.is_put:
             return
-        with self._lock, contextlib.suppress(MessageError):  # Its age shows it.
+        with self._lock, contextlib.suppress(MessageError):  # The age of the state reveals it.
             if self._mapping is not None:
                 for message in self._mapping.convert(topic, sample.payload, self.wants):
                     self.publish(message)
@@ -161,17 +161,17 @@ class RobotSource(ABC):
 
 
 def package_of(names: RosNames) -> str:
-    """Return what goes before the name of each mesh file, where it is one of a ROS package."""
+    """Return the URI prefix of mesh files in a ROS package."""
     return f"package://{names.namespace}_description/meshes/"
 
 
 def frames_of(names: RosNames) -> dict[str, str]:
-    """Return the frames of the bus by their names in ROS."""
+    """Return bus frames by ROS name."""
     return {names.frame(BASE): BASE, names.frame(FOOTPRINT): BASE, names.frame(ODOM): ODOM}
 
 
 class _EventTap(Subscription[Event]):
-    """Subscription whose events go to a function at once."""
+    """Subscription that passes events to a function immediately."""
 
     def __init__(self, take: Callable[[Event], None]) -> None:
         super().__init__(1)
@@ -186,7 +186,7 @@ SourceT = TypeVar("SourceT", bound=RobotSource)
 
 
 class Fleet(Generic[SourceT]):
-    """All robots on the bus, or some of them; belongs to the event loop."""
+    """All or selected robots on the bus; used from the event loop."""
 
     def __init__(
         self,
@@ -195,9 +195,9 @@ class Fleet(Generic[SourceT]):
         only: Collection[str] = (),
         shows: Callable[[RobotDescription], bool] = lambda _robot: True,
     ) -> None:
-        """`open_bus` opens one more session; `only` names the robots that are shown.
+        """`open_bus` opens another session; `only` restricts the robots shown.
 
-        Of those, robots are left out that `shows` refuses.
+        Robots for which `shows` returns False are skipped.
         """
         self.sources: dict[str, SourceT] = {}
         self._make_source, self._open_bus, self._only = make_source, open_bus, frozenset(only)
@@ -211,18 +211,18 @@ class Fleet(Generic[SourceT]):
         self._loop = asyncio.get_running_loop()
 
     def watch(self, bus: Bus) -> None:
-        """Show each robot as long as its node is on the bus."""
+        """Show each robot while its node is on the bus."""
         bus.subscribe_liveliness(topics.alive_key("*"), self._on_liveliness)
 
     async def close(self) -> None:
-        """Leave all robots."""
+        """Disconnect from all robots."""
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await asyncio.gather(*(source.close() for source in self.sources.values()))
 
     def _on_liveliness(self, key: str, lives: bool) -> None:
-        with contextlib.suppress(BusError, RuntimeError):  # No id; or the loop is closed.
+        with contextlib.suppress(BusError, RuntimeError):  # Invalid id, or the loop is closed.
             self._loop.call_soon_threadsafe(self._note, topics.robot_of(key), lives)
 
     def _note(self, robot: str, lives: bool) -> None:
@@ -239,7 +239,7 @@ class Fleet(Generic[SourceT]):
         self._start(self._settle(robot))
 
     async def _settle(self, robot: str) -> None:
-        """Bring what is shown of a robot to what is on the bus."""
+        """Show or withdraw a robot to match the bus."""
         async with self._locks.setdefault(robot, asyncio.Lock()):
             if self._known.get(robot) == self._alive.get(robot):
                 return
@@ -279,7 +279,7 @@ class Fleet(Generic[SourceT]):
         async with self._naming:
             names = namespaces(self.sources)
             changed = [each for each in self.sources.values() if each.names != names[each.id]]
-            for source in changed:  # All old names are gone before the first new one.
+            for source in changed:  # Withdraw all old names before showing the first new one.
                 await source.rename(None)
             for source in changed:
                 try:

@@ -1,8 +1,4 @@
-"""Coordinate frames of a robot for `/tf` and `/tf_static`, from its URDF and its joints. Pure.
-
-REP 105: `odom` is the parent of `base_footprint`, the root of the URDF, on the floor below
-`base_link`. REP 103: metres, radians, X forward, Y left, Z up.
-"""
+"""Coordinate frames for `/tf` and `/tf_static` from a robot's URDF and joints (pure)."""
 
 from __future__ import annotations
 
@@ -15,20 +11,20 @@ from tsd_twin.errors import MessageError
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-"""(w, x, y, z), of unit length."""
+"""(w, x, y, z), unit length."""
 IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
 FOOTPRINT = "base_footprint"
-"""Root of the URDF of each robot."""
+"""Root frame of every URDF."""
 _MOVING = frozenset({"revolute", "continuous"})
 _RINGS = ("_yaw", "_pitch", "_roll")
-"""Endings of the joints that represent a ball joint."""
+"""Suffixes of the joints that represent a ball joint."""
 _LONGEST_STEP_S = 0.1
-"""Gap over which the speed of a wheel is integrated at most."""
+"""Maximum time step for integrating wheel speeds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """Pose of the frame `child` in the frame `parent`."""
+    """Pose of frame `child` in frame `parent`."""
 
     parent: str
     child: str
@@ -38,12 +34,12 @@ class Transform:
 
 @dataclass(frozen=True, slots=True)
 class UrdfJoint:
-    """Joint of a URDF: its frame in that of its parent, and its axis."""
+    """URDF joint: its frame in the parent frame, and its axis."""
 
     name: str
     origin: Transform
     axis: Vector | None
-    """None when it is fixed."""
+    """None for fixed joints."""
 
     def at(self, angle_rad: float) -> Transform:
         """Return the transform at an angle."""
@@ -61,20 +57,20 @@ class UrdfTree:
 
     joints: Mapping[str, UrdfJoint]
     ball: str | None
-    """Name of the ball joint, of a robot that turns a sphere; its rings are `<name>_yaw` ..."""
+    """Name of the ball joint if the robot turns a sphere, with ring joints `<name>_yaw` etc."""
 
     @property
     def fixed(self) -> list[Transform]:
-        """Transforms that never change."""
+        """Constant transforms."""
         return [joint.origin for joint in self.joints.values() if joint.axis is None]
 
     @property
     def ball_frame(self) -> str | None:
-        """Frame of the sphere."""
+        """Frame of the sphere, or None."""
         return None if self.ball is None else self.joints[self.ball].origin.child
 
     def moving(self, angles_rad: Mapping[str, float]) -> list[Transform]:
-        """Return the transforms of the joints that move, those with a finite angle."""
+        """Return the transforms of moving joints with finite angles."""
         return [
             self.joints[name].at(angle)
             for name, angle in angles_rad.items()
@@ -82,7 +78,7 @@ class UrdfTree:
         ]
 
     def ring_angles(self, turn: Quaternion) -> dict[str, float]:
-        """Return the angles of the rings of the ball joint for an orientation of the sphere."""
+        """Return the ring angles of the ball joint for an orientation of the sphere."""
         if self.ball is None:
             return {}
         return {
@@ -92,13 +88,13 @@ class UrdfTree:
 
 
 def parse_urdf(text: str) -> UrdfTree:
-    """Read the joints of a URDF.
+    """Parse the joints of a URDF.
 
     Raises:
-        MessageError: `shape`, when it is none.
+        MessageError: If the URDF is invalid (`shape`).
     """
     try:
-        root = ET.fromstring(text)  # noqa: S314  Python's expat limits the expansion of entities.
+        root = ET.fromstring(text)  # noqa: S314  Python's expat limits entity expansion.
         joints = [_joint(element) for element in root.iter("joint")]
     except (ET.ParseError, ValueError, KeyError, TypeError) as error:
         raise MessageError("shape", f"not a URDF: {error}") from error
@@ -133,9 +129,9 @@ def _three(text: str | None) -> Vector:
 
 
 class WheelAngles:
-    """Angles of joints, with those that are not measured integrated from their speed.
+    """Joint angles; unmeasured ones are integrated from speed.
 
-    A wheel has a speed only. Its angle serves the picture: only its changes mean something.
+    Wheels report only speed. Their angles are for display, with an arbitrary offset.
     """
 
     def __init__(self) -> None:
@@ -149,7 +145,7 @@ class WheelAngles:
         velocity_rad_per_s: Sequence[float],
         stamp_ns: int,
     ) -> dict[str, float]:
-        """Return the angle of each joint; NaN where neither angle nor speed is known."""
+        """Return the angle of each joint, NaN if neither angle nor speed is known."""
         step_s = 0.0 if self._stamp_ns is None else 1e-9 * (stamp_ns - self._stamp_ns)
         step_s = min(max(step_s, 0.0), _LONGEST_STEP_S)
         self._stamp_ns = stamp_ns
@@ -167,7 +163,7 @@ class WheelAngles:
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the quaternion of the rotation `b`, then `a`."""
+    """Return the product `a b` (rotation `b`, then `a`)."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (
@@ -179,14 +175,14 @@ def product(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def rotated_back(turn: Quaternion, vector: Vector) -> Vector:
-    """Return a vector in the axes of a frame with the orientation `turn`."""
+    """Rotate a vector into the axes of a frame with orientation `turn`."""
     w, x, y, z = turn
     _, *rotated = product(product((w, -x, -y, -z), (0.0, *vector)), turn)
     return rotated[0], rotated[1], rotated[2]
 
 
 def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return the orientation of a URDF's `rpy`: turns about the fixed X, then Y, then Z."""
+    """Return the orientation for a URDF `rpy` (rotations about fixed X, then Y, then Z)."""
     about_x = (math.cos(0.5 * roll), math.sin(0.5 * roll), 0.0, 0.0)
     about_y = (math.cos(0.5 * pitch), 0.0, math.sin(0.5 * pitch), 0.0)
     about_z = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
@@ -194,7 +190,7 @@ def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def yaw_pitch_roll(turn: Quaternion) -> Vector:
-    """Return the angles about Z, the new Y and the new X that make up an orientation."""
+    """Return the intrinsic Z-Y-X angles (yaw, pitch, roll) of an orientation."""
     w, x, y, z = turn
     pitch = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - x * z))))
     yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

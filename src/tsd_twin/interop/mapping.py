@@ -1,7 +1,7 @@
-"""Table of ROS topics and the conversion of our streams into their messages. Pure.
+"""ROS topic table and conversion of bus streams to ROS messages (pure).
 
-The table is the one place that says which stream is which topic, type, quality of service and
-frame; the adapters, docs/foxglove.md and docs/ros2.md use it.
+The table is the only definition of type, QoS and frame of each topic; the adapters,
+docs/foxglove.md and docs/ros2.md use it.
 """
 
 from __future__ import annotations
@@ -28,16 +28,8 @@ from tsd_twin.interop.frames import (
 from tsd_twin.messages import topics
 from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.requests import Event, decode_json
-from tsd_twin.messages.ros import (
-    BASE,
-    ODOM,
-    decode_cdr,
-    decode_joints,
-    encode_cdr,
-    make_header,
-    make_message,
-    stamp_ns,
-)
+from tsd_twin.messages.ros import BASE, ODOM, decode_joints
+from tsd_twin.messages.ros_types import decode_cdr, encode_cdr, make_header, make_message, stamp_ns
 from tsd_twin.messages.status import Status, decode_status
 from tsd_twin.messages.topics import Topic
 from tsd_twin.safety import LATCHED, Mode
@@ -51,23 +43,23 @@ class RosQoS(StrEnum):
     STATE = "reliable, volatile, depth 10"
     LATCHED = "reliable, transient local, depth 1"
     COMMAND = "best effort, volatile, depth 1"
-    """Takes reliable publishers as well, and repeats nothing that is old."""
+    """Accepts reliable publishers too, and never delivers old messages."""
     DRIVE = "reliable, volatile, depth 1"
-    """Reaches reliable subscribers as well, and repeats no more than the newest."""
+    """Reaches reliable subscribers too, and resends only the latest message."""
 
 
 @dataclass(frozen=True, slots=True)
 class RosTopic:
-    """One row of the table."""
+    """Row of the topic table."""
 
     name: str
-    """Relative names get the namespace of the robot; `/tf` and the like are shared by all."""
+    """Relative to the robot's namespace, or absolute if shared by all robots, like `/tf`."""
     type: str
     qos: RosQoS
     source: str
-    """Keys of the bus below `twin/<robot>/`."""
+    """Bus keys below `twin/<robot>/`."""
     frame: str = ""
-    """`frame_id` and what is in it."""
+    """`frame_id` and its contents."""
 
 
 JSON_TEXT = "std_msgs/msg/String"
@@ -111,29 +103,29 @@ PUBLISHED = (
     TF, TF_STATIC, ODOMETRY, ALTERNATIVE, TRUTH, JOINT_STATES, JOINT_SETPOINTS, DESCRIPTION,
     DIAGNOSTICS, BATTERY, EVENTS, STATUS, SENSOR_POSE,
 )  # fmt: skip
-"""Topics that the adapters publish."""
+"""Topics published by adapters."""
 LATCHED_TOPICS = frozenset(row for row in PUBLISHED if row.qos is RosQoS.LATCHED)
-"""Topics whose newest message later subscribers get as well."""
+"""Topics with a latest message for late subscribers."""
 CMD_VEL = RosTopic(
     "cmd_vel", "geometry_msgs/msg/Twist", RosQoS.COMMAND, "cmd/*/twist", f"{BASE} or {ODOM}"
 )
-"""Topic that they subscribe to; also `geometry_msgs/msg/TwistStamped`."""
+"""Subscribed topic; also accepts `geometry_msgs/msg/TwistStamped`."""
 _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 INITIAL_POSE = RosTopic("initialpose", _POSE, RosQoS.STATE, "srv/set_pose", ODOM)
 MEASURED_POSE = RosTopic("measured_pose", _POSE, RosQoS.SENSOR, "sensor/pose", ODOM)
-"""Pose from a sensor; `sensor_pose` shows what came in."""
+"""Measured pose from a sensor; republished as `sensor_pose`."""
 READ = (CMD_VEL, INITIAL_POSE, MEASURED_POSE)
-"""Topics that a ROS adapter subscribes to."""
+"""Topics subscribed to by a ROS adapter."""
 DRIVEN = replace(CMD_VEL, qos=RosQoS.DRIVE, source="cmd/*/twist", frame=BASE)
-"""Topic by which a robot of others is driven; `geometry_msgs/msg/TwistStamped` if asked for."""
+"""Command topic of a third-party robot; optionally `geometry_msgs/msg/TwistStamped`."""
 IMPORTED = (
     replace(ODOMETRY, qos=RosQoS.SENSOR),
     replace(JOINT_STATES, qos=RosQoS.SENSOR),
     DESCRIPTION,
 )
-"""Topics of a robot of others that are read; best effort takes reliable publishers as well."""
+"""Topics read from a third-party robot; best effort accepts reliable publishers too."""
 SERVICES = ("arm", "disarm", "stop", "reset", "resume")
-"""Services of the type `std_srvs/srv/Trigger`, relative to the namespace of the robot."""
+"""Services of type `std_srvs/srv/Trigger`, relative to the robot's namespace."""
 
 SOURCES: Mapping[Topic, tuple[RosTopic, ...]] = {
     topics.ODOM: (ODOMETRY, TF),
@@ -145,7 +137,7 @@ SOURCES: Mapping[Topic, tuple[RosTopic, ...]] = {
     topics.EVENT: (EVENTS,),
     topics.SENSOR_POSE: (SENSOR_POSE,),
 }
-"""Topics that are made of each stream of the bus."""
+"""Topics derived from each bus stream."""
 _ODOMETRY = {topics.ODOM: ODOMETRY, topics.ODOM_ALTERNATIVE: ALTERNATIVE, topics.TRUTH: TRUTH}
 _DIAGNOSTICS_EVERY_S = 1.0
 _MESH = re.compile(r'(<mesh\s[^>]*?filename=")([^":]*)(")')
@@ -153,26 +145,26 @@ _MESH = re.compile(r'(<mesh\s[^>]*?filename=")([^":]*)(")')
 
 @dataclass(frozen=True, slots=True)
 class RosNames:
-    """Names of one robot: relative topics and frames, with a namespace when there are several."""
+    """ROS names of a robot; namespaced if there are several robots."""
 
     namespace: str
-    """Part of a ROS name that stands for the robot."""
+    """Robot id as a valid ROS name."""
     shared: bool
     """Whether there are several robots, so that the namespace is used."""
 
     def topic(self, name: str) -> str:
-        """Return the absolute name of a topic or a service."""
+        """Return the absolute name of a topic or service."""
         if name.startswith("/"):
             return name
         return f"/{self.namespace}/{name}" if self.shared else f"/{name}"
 
     def frame(self, name: str) -> str:
-        """Return the id of a frame."""
+        """Return a frame id."""
         return f"{self.namespace}/{name}" if self.shared else name
 
 
 def namespaces(robots: Iterable[str]) -> dict[str, RosNames]:
-    """Return the names of all robots: a ROS name has no dash, and begins with a letter."""
+    """Return the names of all robots; ROS names start with a letter and contain no dash."""
     names: dict[str, RosNames] = {}
     used: set[str] = set()
     ids = sorted(robots)
@@ -192,13 +184,13 @@ class RosMessage:
 
     topic: RosTopic
     name: str
-    """Absolute name of the topic."""
+    """Absolute topic name."""
     payload: bytes
-    """CDR of its type."""
+    """CDR payload."""
 
 
 class RobotMapping:
-    """Conversion of the messages of one robot; it keeps wheel angles and the newest stamp."""
+    """Message conversion for one robot; keeps wheel angles and the latest stamp."""
 
     def __init__(
         self,
@@ -208,12 +200,12 @@ class RobotMapping:
         mesh_uri: str,
         input_problem: Callable[[], str] = str,
     ) -> None:
-        """`mesh_uri` goes before the name of each mesh file of the URDF.
+        """`mesh_uri` is the prefix of mesh file names in the URDF.
 
-        `input_problem` returns why the robot does not follow `cmd_vel` now, "" if it does.
+        `input_problem` returns the reason why the robot ignores `cmd_vel`, or "".
 
         Raises:
-            MessageError: the URDF is none.
+            MessageError: If the URDF is invalid.
         """
         self.names = names
         self._robot = robot
@@ -226,10 +218,10 @@ class RobotMapping:
         self._diagnosed: tuple[str, str, int] = ("", "", 0)
 
     def static(self) -> list[RosMessage]:
-        """Return the messages that never change: the URDF, and the fixed frames."""
+        """Return the constant messages: URDF and fixed frames."""
         text = make_message("std_msgs/msg/String", data=self._urdf)
         fixed = self._tree.fixed
-        if self._tree.ball is not None:  # The robot stands; its sphere turns.
+        if self._tree.ball is not None:  # The robot is stationary; only its sphere turns.
             fixed = [Transform(ODOM, FOOTPRINT, (0.0, 0.0, 0.0), IDENTITY), *fixed]
         return [
             self._message(DESCRIPTION, text),
@@ -239,10 +231,10 @@ class RobotMapping:
     def convert(
         self, topic: Topic, payload: bytes, wanted: Callable[[str], bool] = lambda _name: True
     ) -> Iterator[RosMessage]:
-        """Yield the messages for one message of the bus, those of topics that are `wanted`.
+        """Convert a bus message to ROS messages for the `wanted` topics.
 
         Raises:
-            MessageError: the payload cannot be read.
+            MessageError: If the payload is invalid.
         """
         rows = [row for row in SOURCES.get(topic, ()) if wanted(self.names.topic(row.name))]
         if topic in _ODOMETRY:
@@ -284,7 +276,7 @@ class RobotMapping:
         if row not in rows:
             return
         if ball is not None:
-            # On the bus about the axes of the base, in ROS about those of the child frame.
+            # The bus uses base axes, ROS the axes of the child frame.
             spin = raw.twist.twist.angular
             spin.x, spin.y, spin.z = rotated_back(quaternion, (spin.x, spin.y, spin.z))
         raw.header.frame_id = self.names.frame(ODOM)
@@ -302,12 +294,12 @@ class RobotMapping:
         if measured:
             angles = self._wheels.update(joints.names, position, velocity, joints.stamp_ns)
         if TF in rows:
-            # A robot sends its pose right after its joints: one message has both.
+            # Send both in one message, because robots send their pose right after their joints.
             self._moved = [(each, joints.stamp_ns) for each in self._tree.moving(angles)]
         row = JOINT_STATES if measured else JOINT_SETPOINTS
         if row not in rows:
             return
-        # Sensors such as a gyro stand among the joints on the bus, and are none in the URDF.
+        # Bus joints include sensors such as a gyro, which are not in the URDF.
         kept = [i for i, name in enumerate(joints.names) if name in self._tree.joints]
         names = [joints.names[i] for i in kept]
         yield self._message(
@@ -375,7 +367,7 @@ class RobotMapping:
         return self._message(DIAGNOSTICS, array)
 
     def _battery(self, volts: float) -> RosMessage:
-        unknown = math.nan  # What BatteryState asks for where nothing is measured.
+        unknown = math.nan  # BatteryState requires NaN for unmeasured values.
         message = make_message(
             BATTERY.type,
             header=make_header(self._stamp_ns, self.names.frame(BASE)),
@@ -398,7 +390,7 @@ class RobotMapping:
         return self._message(BATTERY, message)
 
     def sentence(self, text: str) -> RosMessage:
-        """Return a warning of the adapter for `events`."""
+        """Return an adapter warning for `events`."""
         return self._event(Event("adapter", text))
 
     def _event(self, event: Event) -> RosMessage:
@@ -458,7 +450,7 @@ OK, WARN, ERROR = 0, 1, 2
 def diagnose(
     status: Status, input_problem: str = ""
 ) -> list[tuple[str, int, str, dict[str, object]]]:
-    """Return name, level, sentence and values of each diagnostic of a robot."""
+    """Return name, level, message and values of each diagnostic of a robot."""
     level = ERROR if status.mode == Mode.FAULT else WARN if status.mode in LATCHED else OK
     command, consistency, loop = status.command, status.consistency, status.loop
     suspect = consistency.suspect

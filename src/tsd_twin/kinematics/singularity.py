@@ -59,8 +59,8 @@ class SingularityKinematics(PlanarMotion):
 
     azimuths_rad: Array
     """(k,): direction of each pivot from the robot's centre, from X forward towards Y left."""
-    pivot_radius_m: float
-    """Distance of the pivots from the robot's centre."""
+    pivot_radius_m: float | Array
+    """Distance of the pivots from the robot's centre: one for all, or (k,)."""
     wheel_radius_m: float
     """Sphere radius of the hemispherical wheels."""
     spin_rad_per_s: float
@@ -128,7 +128,7 @@ class SingularityKinematics(PlanarMotion):
     @property
     def pivots_m(self) -> Array:
         """(k, 2): positions of the pivots in the robot frame."""
-        return self.pivot_radius_m * np.stack(
+        return np.asarray(self.pivot_radius_m)[..., None] * np.stack(
             [np.cos(self.azimuths_rad), np.sin(self.azimuths_rad)], axis=-1
         )
 

@@ -381,7 +381,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         choices=list(PLANTS),
         default="kinematic",
         help="plant: rolling by the equations (default), or rigid bodies that slide in MuJoCo, "
-        "which is an optional package: docs/install.md",
+        "with the extra `mujoco`: docs/install.md",
     )
     parser.add_argument(
         "--believed-friction",

@@ -1,1 +1,1 @@
-"""Messages and topics of the bus: values, encoding and decoding, no I/O."""
+"""Bus messages and topics: values, encoding and decoding, without I/O."""

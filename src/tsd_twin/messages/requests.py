@@ -1,4 +1,4 @@
-"""What clients send to a robot, and its replies: velocity commands, poses, requests to services.
+"""Client messages to a robot (velocity commands, poses, service requests) and its replies.
 
 Commands carry lease and sequence numbers as an attachment; requests, replies and events are JSON.
 """
@@ -18,10 +18,10 @@ from msgspec import Meta
 
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages import ros
+from tsd_twin.messages.cdr_codec import CdrReader, CdrWriter
 from tsd_twin.messages.codes import Code, Reason, because, text_reason
 from tsd_twin.messages.errors import RejectedMessage
-from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, decode_twist
+from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, decode_twist, wrapped_heading
 from tsd_twin.messages.sentences import full_sentence, sentence
 from tsd_twin.messages.topics import Service
 
@@ -31,7 +31,7 @@ _PAYLOADS_KEPT = 16
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Unchecked sample from the bus: key, payload and attachment."""
+    """Unvalidated bus sample: key, payload and attachment."""
 
     key: str
     payload: bytes
@@ -41,29 +41,29 @@ class Sample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command:
-    """A decoded velocity command; the command gate decides whether it counts."""
+    """Decoded velocity command, before validation by the command gate."""
 
     operator: str
     seq: int
     lease: bytes
     status_seq: int
-    """Sequence number of the newest received status: bounds the age without a common clock."""
+    """Latest received status number; bounds the age without synchronized clocks."""
     frame: str
     """`base_link` or `odom`."""
     twist: Array
-    """(6,): spatial, finite."""
+    """(6,): spatial twist, finite."""
 
 
 def encode_attachment(seq: int, lease: bytes, status_seq: int) -> bytes:
-    """Attachment of a command: its number, its lease, the newest received status."""
+    """Encode a command attachment: sequence number, lease and latest received status."""
     return _ATTACHMENT.pack(seq, lease, status_seq)
 
 
 def decode_command(sample: Sample) -> Command:
-    """Command in a sample of `twin/<robot>/cmd/<operator>/twist`.
+    """Decode a sample of `twin/<robot>/cmd/<operator>/twist`.
 
     Raises:
-        MessageError: the reason is one of `key`, `shape` and `nonfinite`.
+        MessageError: With reason `key`, `shape` or `nonfinite`.
     """
     parts = sample.key.split("/")
     if not sample.is_put or len(parts) != 5 or "*" in sample.key:
@@ -78,7 +78,7 @@ def decode_command(sample: Sample) -> Command:
 
 @functools.lru_cache(maxsize=_PAYLOADS_KEPT)
 def _checked_twist(payload: bytes) -> TwistStamped:
-    """Return the twist in a payload, which nothing can change: a motion repeats it at 50 Hz."""
+    """Decode an immutable twist; cached because motions repeat it at 50 Hz."""
     message = decode_twist(payload)
     if message.frame not in (BASE, ODOM):
         raise MessageError("shape", f"frame_id must be {BASE} or {ODOM}")
@@ -88,16 +88,15 @@ def _checked_twist(payload: bytes) -> TwistStamped:
     return message
 
 
-_TYPE = "geometry_msgs/msg/PoseStamped"
 _LENGTH_OFF = 1e-3
-"""Tolerance of the length of a quaternion; a larger deviation is not rounding."""
+"""Tolerance on quaternion length, above rounding errors."""
 _UPRIGHT = math.cos(math.radians(30.0))
-"""Largest tilt of a robot that stands on a floor."""
+"""Maximum tilt of a robot on a floor."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseStamped:
-    """Spatial pose in `frame`, at the time `stamp_ns` of the robot's wall clock."""
+    """Spatial pose in `frame`, at `stamp_ns` of the robot's wall clock."""
 
     frame: str
     position_m: Array
@@ -108,42 +107,41 @@ class PoseStamped:
 
     @staticmethod
     def planar(pose: SE2, stamp_ns: int) -> PoseStamped:
-        """Message of a planar pose in `odom`."""
+        """Return the message for a planar pose in `odom`."""
         x, y, heading = pose.xy_heading.tolist()
         turn = [math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)]
         return PoseStamped(ODOM, np.array([x, y, 0.0]), np.array(turn), stamp_ns)
 
 
 def encode_pose(message: PoseStamped) -> bytes:
-    """CDR of a pose."""
-    pose = ros.make_pose(message.position_m, message.wxyz)
-    header = ros.make_header(message.stamp_ns, message.frame)
-    return ros.encode_cdr(ros.make_message(_TYPE, header=header, pose=pose))
+    """Encode a pose as CDR."""
+    w, x, y, z = message.wxyz
+    cdr = CdrWriter()
+    cdr.header(message.stamp_ns, message.frame)
+    cdr.doubles([*message.position_m, x, y, z, w])
+    return cdr.payload()
 
 
 def decode_pose(payload: bytes) -> PoseStamped:
-    """Pose in a CDR payload; numbers may be anything, also NaN.
+    """Decode a pose from CDR; values may be NaN.
 
     Raises:
-        MessageError: `shape`, when this is no `geometry_msgs/msg/PoseStamped`.
+        MessageError: If it is not a `geometry_msgs/msg/PoseStamped` (`shape`).
     """
-    raw = ros.decode_cdr(payload, _TYPE)
-    at, turn = raw.pose.position, raw.pose.orientation
-    return PoseStamped(
-        frame=raw.header.frame_id,
-        position_m=np.array([at.x, at.y, at.z]),
-        wxyz=np.array([turn.w, turn.x, turn.y, turn.z]),
-        stamp_ns=ros.stamp_ns(raw),
-    )
+    cdr = CdrReader(payload, "geometry_msgs/msg/PoseStamped")
+    stamp_ns, frame = cdr.header()
+    pose = cdr.doubles(7)
+    cdr.end()
+    return PoseStamped(frame, position_m=pose[:3], wxyz=pose[[6, 3, 4, 5]], stamp_ns=stamp_ns)
 
 
 def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
-    """Pose on the floor, and its stamp, in a sample of `twin/<robot>/sensor/pose`.
+    """Decode a sample of `twin/<robot>/sensor/pose`; return the planar pose and its stamp.
 
-    Heading in (-pi, pi]; height and a small lean are left out.
+    The heading is in (-pi, pi]; height and small tilt are ignored.
 
     Raises:
-        MessageError: the reason is one of `key`, `shape`, `frame`, `nonfinite` and `quaternion`.
+        MessageError: With reason `key`, `shape`, `frame`, `nonfinite` or `quaternion`.
     """
     if not sample.is_put or "*" in sample.key:
         raise MessageError("key", f"{sample.key} is not the key of one robot")
@@ -153,56 +151,56 @@ def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
     if not (np.isfinite(message.position_m).all() and np.isfinite(message.wxyz).all()):
         raise MessageError("nonfinite", "a pose must be finite numbers")
     w, x, y, z = message.wxyz.tolist()
-    # hypot does not overflow; squares would.
+    # Squares would overflow, but hypot does not.
     if abs(math.hypot(w, x, y, z) - 1.0) > _LENGTH_OFF:
         raise MessageError("quaternion", "the length of a quaternion must be one")
     if 1.0 - 2.0 * (x * x + y * y) < _UPRIGHT:
         raise MessageError("quaternion", "a robot on a floor stands upright")
     heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
     x_m, y_m, _ = message.position_m
-    return SE2(ros.wrapped_heading(np.array([x_m, y_m, heading]))), message.stamp_ns
+    return SE2(wrapped_heading(np.array([x_m, y_m, heading]))), message.stamp_ns
 
 
 LeaseId: TypeAlias = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
 Operator: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
 ShortText: TypeAlias = Annotated[str, Meta(max_length=200)]
-"""Text of bounded length, since it may be part of every status for a long time."""
+"""Bounded length, because it may be repeated in every status."""
 StructT = TypeVar("StructT", bound=msgspec.Struct)
 RequestT = TypeVar("RequestT", bound="Request")
 
 
 class Request(msgspec.Struct, frozen=True):
-    """Base class of requests, which are JSON objects."""
+    """Base class of JSON requests."""
 
 
 class LeaseRequest(Request, frozen=True, kw_only=True):
-    """`srv/lease`: `acquire`, `renew` and `release` the lease, or `peek` at its holder.
+    """`srv/lease`: `acquire`, `renew` or `release` the lease, or `peek` at its holder.
 
-    `request` asks the holder for it, until `withdraw`; the holder answers with `grant` or `deny`.
+    `request` asks the holder for it, until `withdraw`; the holder responds with `grant` or `deny`.
     """
 
     op: Literal["acquire", "renew", "release", "peek", "request", "withdraw", "grant", "deny"]
     operator: Operator
     lease: LeaseId | None = None
-    """Id of the lease, for the holder's operations: renew, release, grant and deny."""
+    """Lease id, required for renew, release, grant and deny."""
     asker: Operator | None = None
-    """Operator whose request is answered, for grant and deny."""
+    """Requester addressed by grant or deny."""
     take_over: bool = False
-    """Acquire the lease although another operator holds it; the holder is notified."""
+    """Acquire the lease even if another operator holds it; the holder is notified."""
     reason: ShortText = ""
-    """Reason of a take-over, published as an event."""
+    """Reason for a take-over, published as an event."""
     max_age_s: Annotated[float, Meta(gt=0.0)] | None = None
-    """Requested maximum age of commands, for slow links; the speed limit shrinks with it."""
+    """Requested maximum command age for slow links; lowers the speed limit."""
 
 
 class HolderRequest(Request, frozen=True):
-    """`srv/arm`, `srv/disarm`, `srv/reset`: requests reserved for the holder of the lease."""
+    """`srv/arm`, `srv/disarm`, `srv/reset`: requests that require the lease."""
 
     lease: LeaseId
 
 
 class SetPoseRequest(Request, frozen=True):
-    """`srv/set_pose`: new pose of the estimate, in `odom`."""
+    """`srv/set_pose`: new pose estimate in `odom`."""
 
     lease: LeaseId
     x_m: float
@@ -211,29 +209,29 @@ class SetPoseRequest(Request, frozen=True):
 
 
 class SetOrientationRequest(Request, frozen=True):
-    """`srv/set_pose` of a sphere: new orientation; the identity unless given."""
+    """`srv/set_pose` for a sphere: new orientation, by default the identity."""
 
     lease: LeaseId
     xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-    """Quaternion of any length, as in `geometry_msgs/msg/Quaternion`."""
+    """Quaternion, not necessarily normalized, as in `geometry_msgs/msg/Quaternion`."""
 
 
 class SpeedRequest(Request, frozen=True):
-    """`srv/speed`: speed of wheels that always spin."""
+    """`srv/speed`: speed of continuously spinning wheels."""
 
     lease: LeaseId
     cruise_speed_rpm: float
 
 
 class StopRequest(Request, frozen=True):
-    """`stop`: allowed to every client; all fields are optional."""
+    """`stop`: open to all clients; all fields are optional."""
 
     operator: ShortText = ""
     reason: ShortText = ""
 
 
 class LeaseReply(msgspec.Struct, frozen=True):
-    """Answer of `srv/lease`."""
+    """Reply of `srv/lease`."""
 
     granted: bool
     lease: str | None = None
@@ -241,9 +239,9 @@ class LeaseReply(msgspec.Struct, frozen=True):
     ttl_s: float = 0.0
     reason: str = ""
     max_age_s: float = 0.0
-    """Age up to which commands count under this lease."""
+    """Maximum age of accepted commands under this lease."""
     ok: bool = True
-    """False when the request could not be read."""
+    """False if the request was malformed."""
     done: bool = False
     """Whether the request was carried out, also for operations that grant no lease."""
     why: Reason | None = None
@@ -251,7 +249,7 @@ class LeaseReply(msgspec.Struct, frozen=True):
 
 
 class Reply(msgspec.Struct, frozen=True):
-    """Answer of all other services."""
+    """Reply of all other services."""
 
     ok: bool
     reason: str = ""
@@ -265,15 +263,15 @@ class Reply(msgspec.Struct, frozen=True):
 
 
 class Event(msgspec.Struct, frozen=True):
-    """`event/<kind>`: an event for operators and logs."""
+    """`event/<kind>`: event for operators and logs."""
 
     kind: str
     text: str
-    """One sentence."""
+    """Single sentence."""
     requested: Any = None
     applied: Any = None
     rule: str = ""
-    """The rule that was applied."""
+    """Rule that was applied."""
     robot_s: float = 0.0
     """The robot's monotonic clock."""
     why: Reason | None = None
@@ -293,31 +291,31 @@ class Event(msgspec.Struct, frozen=True):
 
 
 class Description(msgspec.Struct, frozen=True):
-    """Answer of `desc`."""
+    """Reply of `desc`."""
 
     robot: str
-    """TOML text."""
+    """Description as TOML."""
     urdf: str
 
 
 def decode_request(payload: bytes, kind: type[RequestT]) -> RequestT:
-    """Request in a payload.
+    """Decode a request.
 
     Raises:
-        MessageError: `shape`, with what is missing or wrong.
+        MessageError: If a field is missing or invalid (`shape`).
     """
     return decode_json(payload or b"{}", kind, "a request")
 
 
 def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
-    """Decode a JSON payload to a `kind`; `what` names the expected message in the error.
+    """Decode a JSON payload as `kind`; `what` names it in errors.
 
     Raises:
-        MessageError: `shape`, with what is missing or wrong.
+        MessageError: If a field is missing or invalid (`shape`).
     """
     try:
         return msgspec.json.decode(payload, type=kind)
-    # Text that is not UTF-8 and thousands of brackets are not among the errors of msgspec.
+    # msgspec raises other errors for invalid UTF-8 and deep nesting.
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MessageError("shape", f"not {what}: {error}") from error
 
@@ -342,5 +340,5 @@ def duplicate_id_text(robot_id: str) -> str:
 
 
 def to_builtins(message: msgspec.Struct) -> Mapping[str, Any]:
-    """Message as plain dicts and lists."""
+    """Convert a message to plain dicts and lists."""
     return msgspec.to_builtins(message)

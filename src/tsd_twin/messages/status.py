@@ -1,6 +1,4 @@
-"""Status of a robot as JSON, published 20 times a second, and the stamp on every published
-message.
-"""
+"""Robot status as JSON, published at 20 Hz, and the stamp attached to each message."""
 
 from __future__ import annotations
 
@@ -19,40 +17,40 @@ RECORDING = "recording"
 """`hardware.kind` in the status of a replayed recording."""
 _STAMP = struct.Struct("<Qq")
 _LEVELS = 8
-"""Largest nesting depth of `hardware`; the shipped robots use three levels."""
+"""Maximum nesting depth of `hardware`; shipped robots use three levels."""
 
 
 class LeaseStatus(msgspec.Struct, frozen=True):
-    """Lease in force, with the pending request and the reservation."""
+    """Active lease, pending request and reservation."""
 
     holder: str | None = None
     remaining_s: float = 0.0
     asked_by: str | None = None
-    """Operator who requests control from the holder."""
+    """Operator requesting control."""
     asks_for_s: float = 0.0
     """Remaining time of the request."""
     reserved_for: str | None = None
-    """Operator for whom the next lease is reserved, after a grant."""
+    """Operator with a reservation for the next lease, after a grant."""
     reserved_s: float = 0.0
     """Remaining time of the reservation."""
 
 
 class Refusals(msgspec.Struct, frozen=True):
-    """Which requests the robot would refuse now, each with the reason that it answers with.
+    """Requests that the robot would refuse now, with the reason it would reply.
 
-    Null is accepted. The reasons are those for the holder of the lease; without a lease, for all
-    operators.
+    Null means accepted. The reasons apply to the lease holder, or to all operators if there is no
+    lease.
     """
 
     lease: str | None = None
-    """Of acquiring the lease without a take-over, for operators without a reservation."""
+    """Acquiring the lease without a take-over, for operators without a reservation."""
     without_lease: str = ""
-    """Of each request below, for an operator who does not hold the lease; never accepted."""
+    """All requests below, for operators without the lease."""
     arm: str | None = None
     disarm: str | None = None
     reset: str | None = None
     drive: str | None = None
-    """Why a fresh non-zero command would not move the robot; a command gets no answer."""
+    """Reason why a fresh non-zero command would not move the robot; commands get no reply."""
     set_pose: str | None = None
     speed: str | None = None
     """Of choosing the speed of wheels that always spin."""
@@ -69,7 +67,7 @@ class Refusals(msgspec.Struct, frozen=True):
 
 
 class DropCounts(msgspec.Struct):
-    """Counts of dropped commands, each under exactly one reason."""
+    """Counts of dropped commands, each under one reason."""
 
     stale: int = 0
     lease: int = 0
@@ -80,28 +78,28 @@ class DropCounts(msgspec.Struct):
 
 
 class CommandStatus(msgspec.Struct, frozen=True):
-    """Newest counted command, and counts of dropped ones."""
+    """Latest accepted command and drop counts."""
 
     seq: int = 0
-    """Sequence number of the newest counted command."""
+    """Sequence number of the latest accepted command."""
     age_s: float | None = None
-    """Time since the newest counted command; null without one."""
+    """Time since the latest accepted command, or null."""
     echo_s: float | None = None
-    """Age of the status that the newest counted command echoes: the round trip."""
+    """Age of the status echoed by the latest accepted command (round trip)."""
     accepted: int = 0
     dropped: DropCounts = msgspec.field(default_factory=DropCounts)
 
 
 class LimitStatus(msgspec.Struct, frozen=True):
-    """Limits in force, and the applied share of the request."""
+    """Active limits and the applied fraction of the request."""
 
     speed_mps: float = 0.0
     turn_rate_rad_per_s: float = 0.0
     max_command_age_s: float = 0.0
     stop_allowance_m: float = 0.0
-    """Travel within which the robot stops from this speed after any link failure."""
+    """Stopping distance from this speed after any link failure."""
     applied: float = 1.0
-    """Share of the requested twist that is applied within the limits."""
+    """Fraction of the requested twist applied within the limits."""
     reason: str = ""
     """Reason why the limits are lower than usual; else empty."""
     why: tuple[Reason, ...] = ()
@@ -109,27 +107,27 @@ class LimitStatus(msgspec.Struct, frozen=True):
 
 
 class ConsistencyStatus(msgspec.Struct, frozen=True):
-    """Consistency of the measured joints: residual of the forward kinematics, and suspect."""
+    """Consistency of the measured joints: forward-kinematics residual and suspect."""
 
     residual_mps: float = 0.0
     suspect: str | None = None
-    """The suspected module, null while the residual is below the threshold."""
+    """Suspected module, or null below the threshold."""
     level: float = 0.0
-    """Chi-square of the residual over its threshold; at 1 and above it is significant."""
+    """Chi-square of the residual relative to its threshold; significant from 1."""
     explained: Mapping[str, float] = {}
-    """Share of `level` due to each module alone."""
+    """Fraction of `level` explained by each module alone."""
 
 
 class WheelSpeedStatus(msgspec.Struct, frozen=True):
-    """Speed of wheels that always spin: requested and actual."""
+    """Requested and actual speed of continuously spinning wheels."""
 
     wanted_rpm: float
     spin_rpm: float
-    """Mean speed of all wheels, as measured or from the motor model."""
+    """Mean wheel speed, measured or from the motor model."""
 
 
 class PoseSensorDrops(msgspec.Struct):
-    """Counts of dropped pose measurements, each under exactly one reason."""
+    """Counts of dropped pose measurements, each under one reason."""
 
     key: int = 0
     shape: int = 0
@@ -143,12 +141,12 @@ class PoseSensorDrops(msgspec.Struct):
 
 
 class PoseSensorStatus(msgspec.Struct, frozen=True):
-    """Statistics of the pose measurements: used, dropped, delay and relocalizations."""
+    """Statistics of pose measurements: used, dropped, delay and relocalizations."""
 
     hz: float = 0.0
     """Number of measurements used in the last second."""
     late_s: float | None = None
-    """Delay of the newest used measurement; null without one in the last second."""
+    """Delay of the latest used measurement, or null if none in the last second."""
     used: int = 0
     found: int = 0
     """Number of relocalizations."""
@@ -156,14 +154,14 @@ class PoseSensorStatus(msgspec.Struct, frozen=True):
 
 
 class LearnedError(msgspec.Struct, frozen=True):
-    """Constant error of the robot that it has learned, in the unit of its name."""
+    """Estimated bias, in the unit of its name."""
 
     value: float
     sigma: float
 
 
 class LoopStatus(msgspec.Struct, frozen=True):
-    """Timing of the control loop: rate, overruns, jitter and the longest period."""
+    """Control-loop timing: rate, overruns, jitter and longest period."""
 
     hz: float = 0.0
     overruns: int = 0
@@ -172,7 +170,7 @@ class LoopStatus(msgspec.Struct, frozen=True):
 
 
 class ArmingStatus(msgspec.Struct, frozen=True):
-    """Progress of arming, 0 to 1, in `hold` (neutral tilt, zero throttle) or `spin_up`."""
+    """Arming progress (0 to 1) in `hold` (neutral tilt, zero throttle) or `spin_up`."""
 
     phase: str
     progress: float
@@ -190,22 +188,22 @@ class Status(msgspec.Struct, frozen=True):
     arming: ArmingStatus | None = None
     lease: LeaseStatus = LeaseStatus()
     refusals: Refusals | None = None
-    """Null from robots that do not send it."""
+    """Null if the robot does not send it."""
     command: CommandStatus = CommandStatus()
     limits: LimitStatus = LimitStatus()
     consistency: ConsistencyStatus = ConsistencyStatus()
     wheel_speed: WheelSpeedStatus | None = None
-    """Present for robots whose wheels spin also at standstill."""
+    """Only for robots with wheels that spin at rest."""
     pose_sensor: PoseSensorStatus | None = None
-    """Null until a first pose measurement has arrived."""
+    """Null until the first pose measurement arrives."""
     learned: Mapping[str, LearnedError] | None = None
-    """Constant errors by name; null without a measurement that shows any."""
+    """Estimated biases by name, or null before a measurement reveals any."""
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}
 
     @property
     def is_recording(self) -> bool:
-        """Whether a replay sends this status; a recording cannot be driven or stopped."""
+        """Whether a replay sends this status; recordings cannot be driven or stopped."""
         return self.hardware.get("kind") == RECORDING
 
     @property
@@ -222,15 +220,15 @@ class Status(msgspec.Struct, frozen=True):
 
 
 def encode_status(status: Status) -> bytes:
-    """JSON of a status."""
+    """Encode a status as JSON."""
     return msgspec.json.encode(status)
 
 
 def decode_status(payload: bytes) -> Status:
-    """Status in a JSON payload; unknown fields are ignored.
+    """Decode a status from JSON; unknown fields are ignored.
 
     Raises:
-        MessageError: `shape`, when this is no status.
+        MessageError: If it is not a status (`shape`).
     """
     status = decode_json(payload, Status, "a status")
     if _is_deeper(status.hardware, _LEVELS):  # Deep nesting decodes, but may not encode.
@@ -257,15 +255,15 @@ _REFUSED = tuple(field for field in Refusals.__struct_fields__ if field != "why"
 
 
 def encode_stamp(seq: int, robot_ns: int) -> bytes:
-    """Attachment of a `state/*` message: its number and the robot's monotonic time."""
+    """Encode the attachment of a `state/*` message: its number and the robot's monotonic time."""
     return _STAMP.pack(seq, robot_ns)
 
 
 def decode_stamp(attachment: bytes) -> tuple[int, int]:
-    """Return (seq, robot_ns) of an attachment.
+    """Decode an attachment into (seq, robot_ns).
 
     Raises:
-        MessageError: `shape`, when it is none.
+        MessageError: If the attachment is invalid (`shape`).
     """
     try:
         return _STAMP.unpack(attachment)
@@ -274,7 +272,7 @@ def decode_stamp(attachment: bytes) -> tuple[int, int]:
 
 
 def _is_deeper(value: Any, levels: int) -> bool:
-    """Return whether a value of JSON is nested in more than so many levels."""
+    """Return whether a JSON value is nested deeper than `levels`."""
     if not isinstance(value, dict | list):
         return False
     inside = cast("Any", value)

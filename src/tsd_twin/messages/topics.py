@@ -1,4 +1,4 @@
-"""Topics and services of the bus: one table of keys, rates and quality of service."""
+"""Bus topics and services: keys, rates and quality of service."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tsd_twin.errors import BusError
 
 _NAME = re.compile(r"[a-z0-9_-]{1,32}")
 _RECORDING = "recording-"
-"""Start of the instance name of a replay."""
+"""Instance name prefix of replays."""
 
 
 class QoS(StrEnum):
@@ -24,12 +24,12 @@ class QoS(StrEnum):
     EVENT = "event"
     """Kept in a history for late joiners."""
     LOG = "log"
-    """Lowest priority: what only recorders read must not delay the rest."""
+    """Lowest priority, for recorders only, so that it does not delay other topics."""
 
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One row of the table: a stream from or to a robot."""
+    """Topic table row: a stream from or to a robot."""
 
     path: str
     """Key below `twin/<robot>/`."""
@@ -37,10 +37,10 @@ class Topic:
     """ROS 2 type of the CDR payload, `json`, or `msgpack`."""
     qos: QoS
     rate_hz: float
-    """Rate while it is published, Hz."""
+    """Rate in Hz while publishing."""
 
     def key(self, robot: str) -> str:
-        """Key of this topic for a robot id; `*` stands for all robots."""
+        """Return the key of this topic for a robot id, or `*` for all robots."""
         return f"twin/{robot if robot == '*' else checked(robot)}/{self.path}"
 
 
@@ -72,7 +72,7 @@ TOPICS = (
 
 
 class Service(StrEnum):
-    """Requests that a robot answers with JSON, below `twin/<robot>/`."""
+    """Services of a robot with JSON replies, below `twin/<robot>/`."""
 
     LEASE = "srv/lease"
     ARM = "srv/arm"
@@ -84,15 +84,15 @@ class Service(StrEnum):
     DESC = "desc"
 
     def key(self, robot: str) -> str:
-        """Key of this service for a robot id."""
+        """Return the key of this service for a robot id."""
         return f"twin/{checked(robot)}/{self.value}"
 
 
 def checked(name: str) -> str:
-    """Robot or operator id that may be part of a key.
+    """Validate a robot or operator id for use in a key, and return it.
 
     Raises:
-        BusError: it does not match `[a-z0-9_-]{1,32}`.
+        BusError: If it does not match `[a-z0-9_-]{1,32}`.
     """
     if not _NAME.fullmatch(name):
         raise BusError(f"'{name}' cannot be an id: 1 to 32 of a-z, 0-9, _ and - are allowed")
@@ -101,41 +101,41 @@ def checked(name: str) -> str:
 
 @functools.lru_cache(maxsize=64)
 def twist_key(robot: str, operator: str) -> str:
-    """Key of the velocity commands of `operator` to `robot`."""
+    """Return the key of velocity commands from `operator` to `robot`."""
     return TWIST.key(robot).replace("*", checked(operator))
 
 
 def event_key(robot: str, kind: str) -> str:
-    """Key of one kind of event."""
+    """Return the key of an event kind."""
     return EVENT.key(robot).replace("*", checked(kind))
 
 
 def alive_key(robot: str) -> str:
-    """Key of the liveliness token of a robot; `*` stands for all robots."""
+    """Return the key of a robot's liveliness token, or `*` for all robots."""
     return f"twin/{robot if robot == '*' else checked(robot)}/alive"
 
 
 def instance_key(robot: str, instance: str) -> str:
-    """Key of the liveliness token of one running node; `*` stands for all."""
+    """Return the key of a running node's liveliness token, or `*` for all."""
     name = robot if robot == "*" else checked(robot)
     return f"twin/{name}/instance/{instance if instance == '*' else checked(instance)}"
 
 
 def recording_key(robot: str, instance: str) -> str:
-    """Key of the liveliness token of one running replay, which is not a robot."""
+    """Return the key of a replay's liveliness token."""
     return instance_key(robot, f"{_RECORDING}{instance}")
 
 
 def is_recording_key(key: str) -> bool:
-    """Return whether the key of an instance belongs to a replay."""
+    """Return whether an instance key belongs to a replay."""
     return key.rsplit("/", 1)[-1].startswith(_RECORDING)
 
 
 def robot_of(key: str) -> str:
-    """Robot id in a key of this table.
+    """Return the robot id in a key.
 
     Raises:
-        BusError: the key is not below `twin/<robot>/`.
+        BusError: If the key is not below `twin/<robot>/`.
     """
     parts = key.split("/")
     if len(parts) < 3 or parts[0] != "twin":

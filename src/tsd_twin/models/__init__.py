@@ -1,6 +1,12 @@
-"""Models of robots, generated from their descriptions: meshes, kinematic tree, URDF."""
+"""Models of robots, generated from their descriptions: meshes, kinematic tree, URDF.
+
+URDF of shipped robots are files; everything that draws needs the packages of the extra `models`.
+"""
 
 from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from tsd_twin.models.files import (
     glb,
@@ -11,16 +17,22 @@ from tsd_twin.models.files import (
     urdf,
     write_model,
 )
+from tsd_twin.models.kinds import (
+    RobotModel,
+    check_room,
+    draw_parts,
+    kinematic_tree,
+    masses_kg,
+)
 from tsd_twin.models.links import (
     BASE,
     JointType,
     KinematicTree,
     LinkGroup,
-    check_room,
-    draw_parts,
-    kinematic_tree,
 )
-from tsd_twin.models.solids import Link, Material, Part, Parts
+
+if TYPE_CHECKING:
+    from tsd_twin.models.solids import Link, Material, Part, Parts
 
 __all__ = [
     "BASE",
@@ -31,14 +43,22 @@ __all__ = [
     "Material",
     "Part",
     "Parts",
+    "RobotModel",
     "check_room",
     "draw_parts",
     "glb",
     "kinematic_tree",
     "load_parts",
+    "masses_kg",
     "read_model",
     "robot_urdf",
     "shipped_model",
     "urdf",
     "write_model",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in ("Link", "Material", "Part", "Parts"):
+        raise AttributeError(f"module 'tsd_twin.models' has no attribute '{name}'")
+    return getattr(importlib.import_module("tsd_twin.models.solids"), name)

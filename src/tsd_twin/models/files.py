@@ -11,10 +11,10 @@ from xml.etree import ElementTree as ET
 
 import msgspec
 import numpy as np
-from manifold3d import Manifold, Mesh
 
 from tsd_twin.errors import MeshError
 from tsd_twin.lie import Array
+from tsd_twin.models.kinds import draw_parts, kinematic_tree, masses_kg
 from tsd_twin.models.links import (
     BASE,
     CollisionShape,
@@ -22,17 +22,15 @@ from tsd_twin.models.links import (
     JointLimits,
     JointType,
     LinkGroup,
-    draw_parts,
-    kinematic_tree,
-    masses_kg,
     roll_pitch_yaw,
 )
-from tsd_twin.models.solids import Link, Material, Part, Parts
-from tsd_twin.robots import RobotDescription, SphereDescription, load_robot, robot_names
+from tsd_twin.robots import RobotDescription, load_robot, robot_names
 from tsd_twin.robots.description import Colour, Positive, Share
 
 if TYPE_CHECKING:
     import trimesh  # Imported at use, as in `solids`.
+
+    from tsd_twin.models.solids import Link, Part, Parts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,6 +242,7 @@ def glb(parts: Iterable[Part]) -> bytes:
 def _shaded(part: Part) -> trimesh.Trimesh:
     """Return a mesh with a normal per corner, with vertices split at sharp edges."""
     import trimesh
+    from manifold3d import Manifold, Mesh
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
@@ -303,14 +302,6 @@ def load_parts(robot: RobotDescription) -> Parts:
     return read_model(Path(robot.body.meshes), kinematic_tree(robot).kinds)
 
 
-_NOT_DRAWN = {
-    "title", "sources", "assumptions", "limits", "battery", "pose_sensor",
-    "calibration", "noise", "errors", "floor", "gyro",
-}  # fmt: skip
-"""Description fields that no model depends on. Only sphere models depend on `motor`, which limits
-their wheel speed."""
-
-
 def robot_urdf(robot: RobotDescription) -> str:
     """Return the URDF text of a robot with meshes next to it; shipped robots have a file.
 
@@ -329,12 +320,8 @@ def robot_urdf(robot: RobotDescription) -> str:
 
 def _same_drawing(a: RobotDescription, b: RobotDescription) -> bool:
     """Return whether two robots have equal kinds and equal fields that models depend on."""
-    names = set(a.__struct_fields__) - _not_drawn(a)
+    names = set(a.__struct_fields__) - a.not_drawn
     return type(a) is type(b) and all(getattr(a, name) == getattr(b, name) for name in names)
-
-
-def _not_drawn(robot: RobotDescription) -> set[str]:
-    return _NOT_DRAWN if isinstance(robot, SphereDescription) else {*_NOT_DRAWN, "motor"}
 
 
 def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
@@ -344,6 +331,8 @@ def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
         MeshError: If a file is missing or unreadable, a mesh is not a closed solid, or a link has
             no parts or an unknown kind.
     """
+    from tsd_twin.models.solids import Material, Part  # Late, because it needs the extra `models`.
+
     try:
         entries = msgspec.json.decode((folder / _LIST).read_bytes(), type=list[_PartMetadata])
     except (OSError, msgspec.MsgspecError) as error:

@@ -5,14 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
-from tsd_twin.models.solids import Link, Parts
-from tsd_twin.robots import RobotDescription, implementation, kind_of
+from tsd_twin.robots import RobotDescription
+
+if TYPE_CHECKING:
+    from tsd_twin.models.solids import Link
+
+if TYPE_CHECKING:
+    from tsd_twin.models.solids import Link
 
 BASE = "base_link"
 """Root link, which has the parts of kind `chassis`."""
@@ -158,43 +163,3 @@ def chassis_mass_kg(
             f"more than {needed}",
         )
     return total_kg - others_kg
-
-
-def _model(robot: RobotDescription) -> Any:
-    """Return the module with the model of this kind of robot."""
-    return implementation(kind_of(robot).model)
-
-
-def draw_parts(robot: RobotDescription) -> Parts:
-    """Draw the parts of each kind of link, in the frame of the link.
-
-    Raises:
-        RobotFileError: If there is no room for the drive.
-        MeshError: If a drawing is not a closed solid, which is a bug.
-    """
-    return _model(robot).draw(robot)
-
-
-def check_room(robot: RobotDescription) -> None:
-    """Check that a body can be drawn, a thousand times as fast as drawing it.
-
-    Raises:
-        RobotFileError: If there is no room for the drive.
-    """
-    check = getattr(_model(robot), "check_room", None)  # Other drives always have room.
-    if check is not None:
-        check(robot)
-
-
-def kinematic_tree(robot: RobotDescription) -> KinematicTree:
-    """Return the kinematic tree of a robot."""
-    return _model(robot).tree(robot)
-
-
-def masses_kg(robot: RobotDescription) -> dict[Link, float]:
-    """Return the mass of each kind of link; the chassis has the remainder.
-
-    Raises:
-        RobotFileError: If nothing remains for the chassis.
-    """
-    return _model(robot).masses_kg(robot)

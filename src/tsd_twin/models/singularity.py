@@ -9,7 +9,13 @@ import numpy as np
 from manifold3d import CrossSection, Manifold
 
 from tsd_twin.lie import SO3
-from tsd_twin.models import equipment, singularity_gimbals, singularity_layout, solids
+from tsd_twin.models import (
+    equipment,
+    singularity_deck,
+    singularity_gimbals,
+    singularity_layout,
+    solids,
+)
 from tsd_twin.models.links import (
     JointLimits,
     JointType,
@@ -203,7 +209,8 @@ def check_room(robot: SingularityDescription) -> None:
     Raises:
         RobotFileError: If there is no room for the modules.
     """
-    Layout.of(robot)
+    if not robot.drive.positions:
+        Layout.of(robot)
 
 
 def draw(robot: SingularityDescription) -> Parts:
@@ -212,13 +219,19 @@ def draw(robot: SingularityDescription) -> Parts:
     Raises:
         RobotFileError: If there is no room for the modules.
     """
-    layout, body = Layout.of(robot), robot.body
+    body = robot.body
+    if robot.drive.positions:
+        layout = singularity_deck.layout_of(robot)
+        chassis = singularity_deck.deck_chassis_drawings(robot, layout)
+    else:
+        layout = Layout.of(robot)
+        chassis = chassis_drawings(layout, body)
     modules: dict[Link, list[Drawing]] = {
         "outer": singularity_gimbals.outer_gimbal_drawings(layout, body),
         "inner": singularity_gimbals.inner_gimbal_drawings(body),
         "wheel": singularity_gimbals.wheel_drawings(body),
     }
-    parts: Parts = {"chassis": drawn("chassis", chassis_drawings(layout, body))}
+    parts: Parts = {"chassis": drawn("chassis", chassis)}
     m = layout.scale
     for link, drawings in modules.items():
         scaled = [drawing._replace(solid=drawing.solid.scale([m, m, m])) for drawing in drawings]
@@ -233,9 +246,9 @@ def tree(robot: SingularityDescription) -> KinematicTree:
     shape at the contact; frames do not collide.
     """
     g = robot.drive
-    azimuths = np.radians(g.azimuths_deg)
+    azimuths = np.radians(g.directions_deg)
     k = len(azimuths)
-    pivots = g.pivot_radius_m * np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(k)], axis=-1)
+    pivots = np.column_stack([g.pivots_m, np.zeros(k)])
     tilt = JointLimits(
         float(np.radians(g.max_tilt_deg)),
         robot.servo.no_load_speed_rpm * RPM,
@@ -257,7 +270,7 @@ def tree(robot: SingularityDescription) -> KinematicTree:
             Sphere(g.wheel_radius_m) if kind == "wheel" else None,
         )
 
-    inside = g.pivot_radius_m - _REACH * g.wheel_radius_m
+    inside = float(np.min(g.pivot_radii_m)) - _REACH * g.wheel_radius_m
     return KinematicTree(
         g.wheel_radius_m,
         (

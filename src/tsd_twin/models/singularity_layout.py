@@ -56,14 +56,15 @@ class Layout:
 
     @classmethod
     def of(cls, robot: SingularityDescription) -> Layout:
-        """Lay out a robot.
+        """Lay out a robot with pivots on a circle.
 
         Raises:
             RobotFileError: If the modules do not fit the body, or the plate does not fit the
                 wheels.
         """
         drive, body = robot.drive, robot.body
-        pivot, wheel = 1e3 * drive.pivot_radius_m, 1e3 * drive.wheel_radius_m
+        pivot_m = drive.rms_radius_m
+        pivot, wheel = 1e3 * pivot_m, 1e3 * drive.wheel_radius_m
         plate = 1e3 * body.plate_thickness_m
         scale = wheel / NOMINAL_WHEEL
         room = pivot - RIB_IN * scale - plate
@@ -71,13 +72,13 @@ class Layout:
             least = 1e-3 * (RIB_IN * scale + plate + 0.2 * wheel)
             raise RobotFileError(
                 robot.name,
-                f"drive.pivot_radius_m is {drive.pivot_radius_m:g}, too little for a body "
+                f"drive.pivot_radius_m is {pivot_m:g}, too little for a body "
                 f"with wheels of {drive.wheel_radius_m:g} m",
                 f"at least {least:.3f}",
             )
         size = [1e3 * side for side in robot.servo.size_m]
         # Neighbouring servos are boxes on the sides of a polygon whose far corners must not meet.
-        slope = math.tan(math.radians(_half_gap_deg(drive.azimuths_deg)))
+        slope = math.tan(math.radians(_half_gap_deg(drive.directions_deg)))
         fit = room * slope / ((1.0 - HORN) * size[1] + slope * size[2])
         fits = [scale * most / side for most, side in zip(NOMINAL_SERVO, size, strict=True)]
         width, length, depth = (min(1.0, fit, *fits) * side for side in size)
@@ -89,7 +90,7 @@ class Layout:
                 f"{drive.wheel_radius_m:g} m",
             )
         return cls(
-            azimuths_deg=tuple(drive.azimuths_deg),
+            azimuths_deg=tuple(drive.directions_deg),
             pivot=pivot,
             wheel=wheel,
             servo=(width, length, depth),

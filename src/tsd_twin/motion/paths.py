@@ -194,12 +194,11 @@ def spline(points_m: Array | Sequence[Sequence[float]]) -> Curve:
     closed = bool(np.allclose(points[0], points[-1], rtol=0.0, atol=1e-9))
     if closed:
         points = np.concatenate([points[:-1], points[:1]])
-    # Import here, because it takes 0.25 s and driving does not need it.
-    from scipy.interpolate import CubicSpline  # pyright: ignore
+    from tsd_twin.motion import splines  # Late, because it imports scipy.
 
     ends = "periodic" if closed else "natural"
     knots = np.concatenate([[0.0], np.cumsum(chords)])
-    return Curve(CubicSpline(knots, points, bc_type=ends), knots, smooth=False)
+    return Curve(splines.cubic(knots, points, ends), knots, smooth=False)
 
 
 def function(
@@ -214,11 +213,9 @@ def function(
     y = np.broadcast_to(np.asarray(f(x), dtype=float), x.shape)
     if not np.isfinite(y).all() or start_x_m == end_x_m:
         raise PathError(f"f(x) must be finite from {start_x_m} to {end_x_m}, two different places")
-    from scipy.interpolate import make_interp_spline  # pyright: ignore  As in `spline`.
+    from tsd_twin.motion import splines  # As in `spline`.
 
-    # scipy is untyped.
-    smooth: Any = make_interp_spline(t, np.stack([x, y], axis=-1), k=5)  # pyright: ignore
-    return Curve(smooth, t)
+    return Curve(splines.quintic(t, np.stack([x, y], axis=-1)), t)
 
 
 def parabola(a_per_m: float, b: float, c_m: float, start_x_m: float, end_x_m: float) -> Curve:
@@ -242,9 +239,9 @@ def blend(start_m: Array, corner_m: Array, end_m: Array) -> Curve:
 
 
 def _bezier(points: Array) -> Any:
-    from scipy.interpolate import BPoly  # pyright: ignore  As in `spline`.
+    from tsd_twin.motion import splines  # As in `spline`.
 
-    return BPoly(points[:, None, :], _UNIT)
+    return splines.bezier(points)
 
 
 _GAP_M = 1e-6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -93,11 +93,22 @@ class SampledHeading:
     def __init__(self, s_m: Sequence[float], heading_rad: Sequence[float]) -> None:
         if len(s_m) != len(heading_rad) or len(s_m) < 2 or np.min(np.diff(s_m)) <= 0.0:
             raise PathError("a heading profile needs two rising arc lengths or more, with headings")
-        from scipy.interpolate import CubicSpline  # pyright: ignore  Import late, as in `paths`.
-
-        spline: Any = CubicSpline(s_m, heading_rad, bc_type="clamped")
-        self._by_order = [spline, spline.derivative(1), spline.derivative(2)]
-        self._ends = float(s_m[0]), float(s_m[-1])
+        self._s, self._heading = np.array(s_m, float), np.array(heading_rad, float)
+        steps, slopes = np.diff(self._s), np.zeros(len(s_m))
+        chords = np.diff(self._heading) / steps
+        # Continuous second derivative at the inner points; the slopes of the outer ones are zero.
+        before, after = steps[:-1], steps[1:]
+        rows = np.diag(2.0 * (before + after)) + np.diag(after[1:], -1) + np.diag(before[:-1], 1)
+        slopes[1:-1] = np.linalg.solve(rows, 3.0 * (after * chords[:-1] + before * chords[1:]))
+        start, end = slopes[:-1], slopes[1:]
+        self._cubics = np.stack(
+            [
+                start,
+                (3.0 * chords - 2.0 * start - end) / steps,
+                (start + end - 2.0 * chords) / steps**2,
+            ]
+        )
+        """(3, n - 1): coefficients of the powers 1 to 3 between two points."""
 
     def stops_m(self, path: Path) -> tuple[float, ...]:  # noqa: ARG002  Common signature.
         """Return no stops."""
@@ -105,10 +116,15 @@ class SampledHeading:
 
     def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  Common signature.
         """Return the headings at `s_m`, clamped to the ends."""
-        s = np.clip(s_m, *self._ends)
-        inside = (s_m >= self._ends[0]) & (s_m <= self._ends[1])
-        heading, per_m, per_m2 = (np.asarray(order(s), dtype=float) for order in self._by_order)
-        return Headings(heading, per_m * inside, per_m2 * inside)
+        s = np.clip(s_m, self._s[0], self._s[-1])
+        row = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._s) - 2)
+        x, (a, b, c) = s - self._s[row], self._cubics[:, row]
+        inside = (s_m >= self._s[0]) & (s_m <= self._s[-1])
+        return Headings(
+            self._heading[row] + x * (a + x * (b + x * c)),
+            (a + x * (2.0 * b + 3.0 * x * c)) * inside,
+            (2.0 * b + 6.0 * x * c) * inside,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,6 +264,8 @@ class NavigationGoal:
 
 def _smooth(points: Array) -> Path:
     """Return a smooth curve from the first to the last of `points` (n, 2), close to the others."""
+    from tsd_twin.motion import splines  # Late, because it imports scipy.
+
     steps = np.hypot(*np.diff(points, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     count = int(np.clip(np.ceil(along[-1] / _STEP_M), 8, _MAX_STEPS))
@@ -255,20 +273,10 @@ def _smooth(points: Array) -> Path:
     drawn = np.stack([np.interp(even, along, points[:, axis]) for axis in (0, 1)], axis=-1)
     weights = np.ones(count)
     weights[[0, -1]] = 1e3  # Interpolate the ends.
-    spline = _fit(drawn, weights, even, _SMOOTHING_M)
+    spline = splines.smoothing(drawn, weights, even, _SMOOTHING_M)
     for halved in range(1, _MAX_HALVINGS + 1):
         if np.hypot(*(spline(even) - drawn).T).max() <= _MAX_DEVIATION_M:
             break
-        spline = _fit(drawn, weights, even, _SMOOTHING_M * 0.5**halved)
+        spline = splines.smoothing(drawn, weights, even, _SMOOTHING_M * 0.5**halved)
     # The third derivative is continuous, so knots need neither stops nor a finer time grid.
     return Curve(spline, np.unique(spline.t))
-
-
-def _fit(points: Array, weights: Array, at: Array, rms_m: float) -> Any:
-    from scipy import interpolate  # pyright: ignore  Import late, as in `paths`.
-
-    # scipy is untyped. `full_output` suppresses its warning about near-convergence.
-    scipy: Any = interpolate
-    fit = scipy.splprep(points.T, w=weights, u=at, s=len(at) * rms_m**2, k=5, full_output=1)
-    knots, coefficients, degree = fit[0][0]
-    return scipy.BSpline(knots, np.array(coefficients).T, degree)

@@ -1,7 +1,7 @@
-"""Robot node: the 100 Hz loop between bus, control loop and hardware interface of a robot.
+"""Robot node: 100 Hz loop connecting bus, controller and hardware interface.
 
-Simulator and real robots implement that interface. While a recorder listens, all inputs of the
-controller are published, too.
+The hardware interface is implemented by the simulator and by real robots. While a recorder
+subscribes, all controller inputs are also published.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.codes import Code, Reason, because, hardware_reason
 from tsd_twin.messages.requests import Description, Event
-from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry, warm_up
+from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry
 from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.robots import RobotDescription
@@ -39,25 +39,25 @@ from tsd_twin.safety import Heartbeat
 
 
 class RobotIO(Protocol):
-    """Hardware interface to the joints of a robot; all calls come from one thread."""
+    """Hardware interface to a robot's joints; called from a single thread."""
 
     def read(self, now_s: float) -> Array | None:
-        """New measurement, NaN where a value is missing; None when there is none.
+        """Return a new measurement, or None if nothing was measured; missing values are NaN.
 
-        (n + s,): the joints of the drive, then `robot.sensors`, which may be omitted.
+        (n + s,): drive joints, then `robot.sensors`, which may be omitted.
         """
         ...
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Send the set-point (n,); a wheel speed of zero means zero throttle."""
+        """Send the setpoint (n,); a wheel speed of zero means zero throttle."""
         ...
 
     def hardware(self) -> Mapping[str, Any]:
-        """Hardware part of the status: `kind`, and diagnostics of the hardware."""
+        """Return the hardware part of the status: `kind` and diagnostics."""
         ...
 
     def close(self) -> None:
-        """Bring the robot to rest and close the connection."""
+        """Stop the robot and close the connection."""
         ...
 
 
@@ -70,30 +70,30 @@ class HasWatchdog(Protocol):
         ...
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Set the heartbeat that is sent with the next set-point."""
+        """Set the heartbeat sent with the next setpoint."""
         ...
 
 
 @runtime_checkable
 class HasBattery(Protocol):
-    """Hardware that measures its battery."""
+    """Hardware that measures the battery voltage."""
 
     def battery_v(self, now_s: float) -> float | None:
-        """Return the newest voltage of the battery; None while there is none."""
+        """Return the latest battery voltage, or None if unknown."""
         ...
 
 
 @runtime_checkable
 class HasServoTemperature(Protocol):
-    """Hardware that measures the temperature of its servos."""
+    """Hardware that measures servo temperatures."""
 
     def servo_c(self, now_s: float) -> float | None:
-        """Return the newest temperature of the hottest servo; None while there is none."""
+        """Return the latest temperature of the hottest servo, or None if unknown."""
         ...
 
 
 class Truth(Protocol):
-    """True state of a simulated robot."""
+    """Ground-truth state of a simulated robot."""
 
     @property
     def pose(self) -> SE2 | SO3:
@@ -108,27 +108,27 @@ class Truth(Protocol):
 
 @runtime_checkable
 class HasTruth(Protocol):
-    """Simulated hardware, whose true motion is known."""
+    """Simulated hardware with known ground truth."""
 
     def truth(self, now_s: float) -> Truth:
-        """True pose and twist at `now_s`."""
+        """Return the true pose and twist at `now_s`."""
         ...
 
 
 _BATCH = 20
-"""Periods in a message: five messages a second."""
+"""Periods per message (5 messages per second)."""
 _SNAPSHOT_EVERY = 150
-"""Batches between two snapshots: 30 s, which a file loses at most at its beginning."""
+"""Batches between snapshots (30 s, the maximum missing at the start of a file)."""
 _EARLY = 50
-"""Batches that wait for a first subscriber: a recorder that is started with the node has all."""
+"""Batches buffered for a first subscriber, so that a recorder started with the node misses none."""
 _PURE = ("control", "safety", "estimation", "motion", "messages", "robots", "kinematics")
 
 
 class InputLogPublisher:
-    """Publisher of the input log of a controller; without a subscriber nothing is logged.
+    """Publishes the input log of a controller; without subscribers, nothing is logged.
 
-    The log of the first 10 s waits for one, so that it begins with the node. Later it begins with
-    a snapshot.
+    The first 10 s are buffered until a subscriber appears, so that its log begins with the node.
+    Later logs begin with a snapshot.
     """
 
     def __init__(self, bus: Bus, robot_id: str, controller: LoggedController) -> None:
@@ -141,16 +141,16 @@ class InputLogPublisher:
         self._failed = False
 
     def step(self) -> None:
-        """Send what was logged, once in a while; called at the end of each period."""
+        """Flush the log periodically; call at the end of each period."""
         self._periods += 1
         if self._periods % _BATCH == 0 and not self._failed:
             self.flush()
 
     def flush(self) -> None:
-        """Send what was logged since the last message; an error ends the log, not the robot."""
+        """Send the log since the last message; an error ends the log but not the robot."""
         try:
             self._flush()
-        except Exception:  # Whatever fails here must not stop a robot that drives.
+        except Exception:  # A failure here must not stop a moving robot.
             _LOG.exception("the inputs of the controller are logged no longer")
             self._failed = True
             self._controller.end_log()
@@ -175,7 +175,7 @@ class InputLogPublisher:
 
 @functools.cache
 def build() -> str:
-    """Return a digest of the code that a controller runs, numpy and the processor included."""
+    """Return a digest of the controller code, the numpy version and the processor."""
     folder = Path(__file__).parents[1]
     digest = hashlib.sha256(f"{np.__version__} {platform.machine()}".encode())
     files = [folder / "lie.py", *(file for name in _PURE for file in (folder / name).glob("*.py"))]
@@ -189,7 +189,7 @@ _SLEEP_S = 0.02
 
 
 class RateKeeper:
-    """Fixed-rate timer; a missed period counts as an overrun and is not made up for."""
+    """Fixed-rate timer; missed periods count as overruns and are skipped."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -199,13 +199,13 @@ class RateKeeper:
         self._overruns = 0
 
     def wait(self, stop: threading.Event) -> float:
-        """Wait for the next period, or for `stop`, and return the monotonic time."""
+        """Wait for the next period or for `stop`; return the monotonic time."""
         self._next_s += self._period_s
         ahead_s = self._next_s - time.monotonic()
         if ahead_s > _SLEEP_S:
             stop.wait(ahead_s)
         elif ahead_s > 0.0:
-            # Half the work of waiting for an event; `stop` is seen this much later at most.
+            # Costs half as much as waiting for an event, and delays `stop` only by this time.
             time.sleep(ahead_s)
         elif ahead_s < -self._period_s:
             self._overruns += 1
@@ -228,10 +228,10 @@ class RateKeeper:
 
 
 class DuplicateIdMonitor:
-    """Detects other nodes with the same robot id, by a liveliness token with an instance number.
+    """Detects other nodes with the same robot id by numbered liveliness tokens.
 
-    The check at the start finds only nodes on the bus by then. Two networks that are joined later
-    would have two robots follow the same commands.
+    The check at startup only finds nodes already on the bus. If two networks were joined later, two
+    robots would follow the same commands.
     """
 
     def __init__(self, bus: Bus, robot_id: str) -> None:
@@ -255,7 +255,7 @@ class DuplicateIdMonitor:
         return fault
 
     def take_event(self) -> Event | None:
-        """Event when another robot with this id appears, or the last one has gone."""
+        """Return the event of a duplicate id appearing or disappearing, once."""
         event, self._event = self._event, None
         return event
 
@@ -264,7 +264,7 @@ class DuplicateIdMonitor:
         self._token.close()
 
     def _on_token(self, key: str, is_alive: bool) -> None:
-        # On the thread of the bus; the loop only checks whether the set is empty.
+        # On a bus thread; the loop only checks whether the set is empty.
         if key == self._own:
             return
         if is_alive:
@@ -281,16 +281,16 @@ _STATE_EVERY = 2  # 50 Hz
 _STATUS_EVERY = 5  # 20 Hz
 _LOOP_STATUS_EVERY = 20  # 5 Hz
 _COMMANDS_KEPT = 64
-"""Queue depth for commands: above the number of operators; in a flood the oldest are dropped."""
+"""Command queue size, above the number of operators; in a flood the oldest are dropped."""
 
 _POSES_KEPT = 32
-"""Queue depth for poses: above the number sent in a period, also after a stalled link."""
+"""Pose queue size, above the number sent per period even after a stalled link."""
 
 
 class RobotNode:
-    """Robot node: runs the controller of one robot at 100 Hz, and leaves it at rest at the end.
+    """Runs the controller of a robot at 100 Hz and leaves the robot at rest.
 
-    One thread runs the whole loop, so no rule depends on thread scheduling.
+    The whole loop runs in one thread, so no rule depends on thread scheduling.
     """
 
     def __init__(
@@ -306,18 +306,17 @@ class RobotNode:
         """Claim the robot id on the bus; `pose` is the initial pose.
 
         Raises:
-            BusError: the id is taken or invalid.
+            BusError: If the id is taken or invalid.
         """
         alive = topics.alive_key(topics.checked(robot_id))
         if bus.living_tokens(alive):
             raise BusError(
                 f"a robot with the id '{robot_id}' is on the bus already: choose another"
             )
-        warm_up()  # The control loop must not wait for it when the first subscriber comes.
         self._bus = bus
         self._id = robot_id
         self._io = io
-        # Looked at once: a look at a protocol takes as long as a message.
+        # Resolve once; runtime Protocol checks are slow.
         self._watchdog = io if isinstance(io, HasWatchdog) else None
         self._battery = io if isinstance(io, HasBattery) else None
         self._servos = io if isinstance(io, HasServoTemperature) else None
@@ -329,7 +328,7 @@ class RobotNode:
         self._commands = bus.subscriber(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
         self._poses = bus.subscriber(topics.SENSOR_POSE.key(robot_id), _POSES_KEPT)
         self._stops = bus.subscriber(topics.STOP.key(robot_id), 8)
-        # A description has no side effect, but a query to a pattern must not stop the robot.
+        # Wildcard queries may read the description but must not stop the robot.
         self._servers = {
             service: bus.queryable(service.key(robot_id), patterns=service is Service.DESC)
             for service in Service
@@ -344,11 +343,11 @@ class RobotNode:
         self._mode = self._controller.supervisor.mode
         self._loop_status = LoopStatus()
         self._duplicate_ids = DuplicateIdMonitor(bus, robot_id)
-        # Last: clients that discover the robot may send requests at once.
+        # Declare last, because clients may send requests once they discover the robot.
         self._token = bus.declare_token(alive)
 
     def run(self, stop: threading.Event) -> None:
-        """Run until `stop` is set; the last set-point is standstill."""
+        """Run until `stop` is set; the last setpoint is standstill."""
         rate = RateKeeper(PERIOD_S)
         tick = 0
         try:
@@ -395,7 +394,7 @@ class RobotNode:
     def _write(self, setpoint: Array, now_s: float, *, ends: bool = False) -> None:
         if self._watchdog:
             heartbeat = self._controller.supervisor.heartbeat
-            # The end of a program takes the robot from no radio control.
+            # Program exit must not disable radio control.
             stopped = heartbeat.stopped and not ends
             self._watchdog.set_heartbeat(replace(heartbeat, stopped=stopped))
         self._io.write(setpoint, now_s)
@@ -412,7 +411,7 @@ class RobotNode:
     def _publish(self, now_s: float, tick: int, commanded: bool, rate: RateKeeper) -> None:
         controller, stamp_ns = self._controller, time.time_ns()
         state_due = tick % _STATE_EVERY == 0
-        # A new command is published in the set-point at once: half a period sooner on average.
+        # Publish the effect of a new command immediately, which saves half a period on average.
         if state_due or commanded:
             self._put_if_matched(
                 topics.SETPOINT, lambda: encode_joints(controller.setpoint_state(stamp_ns)), now_s
@@ -451,9 +450,9 @@ class RobotNode:
     def _put_if_matched(
         self, topic: topics.Topic, encode: Callable[[], bytes], now_s: float
     ) -> None:
-        """Publish the result of `encode`; without subscribers it is not computed.
+        """Publish the result of `encode`, which is only called if there are subscribers.
 
-        It is counted all the same: a gap in the numbers shows what a subscriber has missed.
+        Always increments the sequence number, so that gaps show missed messages.
         """
         self._numbers[topic] += 1
         if self._publishers[topic].has_subscribers:

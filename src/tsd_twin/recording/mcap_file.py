@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from tsd_twin.errors import RecordingError
-from tsd_twin.messages.ros import definition
+from tsd_twin.messages.ros_types import definition
 from tsd_twin.recording.channels import Entry
 from tsd_twin.recording.index import RecordingIndex
 from tsd_twin.recording.records import (

@@ -90,7 +90,7 @@ def _limit_memory() -> None:
     pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
     most = pages * resource.getpagesize() + MEMORY_BYTES
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
-    # Where memory is short, the kernel ends a reader, and not the dashboard.
+    # If memory runs out, the kernel should kill a reader, not the dashboard.
     Path("/proc/self/oom_score_adj").write_text("1000", "ascii")
 
 

@@ -14,7 +14,7 @@ from tsd_twin.robots.description import (
     WheelSpeedRange,
 )
 from tsd_twin.robots.imported import ImportedDescription
-from tsd_twin.robots.kinds import DESCRIPTIONS, KINDS, RobotKind, implementation, kind_of
+from tsd_twin.robots.kinds import DESCRIPTIONS, kind_names, kind_of
 from tsd_twin.robots.loader import (
     description_of_kind,
     load_robot,
@@ -27,7 +27,6 @@ from tsd_twin.robots.singularity import SingularityDescription
 
 __all__ = [
     "DESCRIPTIONS",
-    "KINDS",
     "RPM",
     "FloorErrors",
     "Gyro",
@@ -37,13 +36,12 @@ __all__ = [
     "OmniDescription",
     "PoseSensor",
     "RobotDescription",
-    "RobotKind",
     "SingularityDescription",
     "SphereDescription",
     "SpinUp",
     "WheelSpeedRange",
     "description_of_kind",
-    "implementation",
+    "kind_names",
     "kind_of",
     "load_robot",
     "parse_description",

@@ -7,6 +7,7 @@ meshes) are generated from the description and never stored.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Self, TypeAlias
@@ -74,6 +75,8 @@ Colour: TypeAlias = tuple[Share, Share, Share, Share]
 Name: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
 """Names used in bus keys; the pattern ends in a strict anchor, as `$` accepts a trailing
 newline."""
+PACKAGE_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,62}[A-Za-z0-9])?")
+"""Name of a Python package."""
 Problem: TypeAlias = tuple[str, str]
 """Problem of a description, and its remedy or ""."""
 
@@ -260,14 +263,24 @@ class JointCompliance:
         return self.friction_n / slip_mps * self.by_force
 
 
+NOT_DRAWN = frozenset((
+    "title", "package", "sources", "assumptions", "limits", "battery", "pose_sensor",
+    "calibration", "noise", "errors", "floor", "gyro", "motor",
+))  # fmt: skip
+"""Description fields that models of most kinds do not depend on."""
+
+
 class RobotDescription(Table, frozen=True, kw_only=True):
     """Description of a robot: tables and derived values common to all kinds.
 
-    Each kind adds its own tables, including `drive`, and is registered in `KINDS`.
+    Each kind adds its own tables, including `drive`. Shipped kinds are listed in `robots/kinds.py`;
+    other packages provide theirs through an entry point, see `registry`.
     """
 
     name: Name
     title: str
+    package: Annotated[str, Meta(pattern=rf"^({PACKAGE_NAME.pattern})?\Z")] = ""
+    """Python package that provides the kind; the error names it if it is not installed."""
     sources: Sequence[str] = ()
     """Sources of the values."""
     assumptions: Sequence[str] = ()
@@ -296,6 +309,16 @@ class RobotDescription(Table, frozen=True, kw_only=True):
     def not_promised(self) -> tuple[str, ...]:
         """Rules of safety.md that do not hold for this robot, a sentence each."""
         return ()
+
+    @property
+    def driven_by_ros(self) -> bool:
+        """Whether another controller drives it through ROS, without a node on the robot."""
+        return False
+
+    @property
+    def not_drawn(self) -> frozenset[str]:
+        """Names of the fields that no model depends on."""
+        return NOT_DRAWN
 
     @property
     def drives_sideways(self) -> bool:

@@ -101,6 +101,11 @@ class ImportedDescription(RobotDescription, frozen=True, kw_only=True):
         return (*NOT_PROMISED, *self.assumptions)
 
     @property
+    def driven_by_ros(self) -> bool:
+        """Return True."""
+        return True
+
+    @property
     def drives_sideways(self) -> bool:
         """Whether the robot follows `vy`."""
         return self.drive.sideways

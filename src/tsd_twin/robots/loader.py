@@ -1,4 +1,4 @@
-"""Loads robot descriptions by name (shipped) or path, and creates variants.
+"""Loads robot descriptions by name (shipped) or path.
 
 Errors name the key and the remedy.
 """
@@ -9,19 +9,16 @@ import difflib
 import math
 import re
 import typing
-from collections.abc import Iterator, Mapping, Sequence
-from copy import deepcopy
-from functools import cache
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-import tomlkit
 
 from tsd_twin.errors import RobotFileError
-from tsd_twin.robots.description import Problem, RobotDescription, Table
-from tsd_twin.robots.kinds import DESCRIPTIONS, Knob, kind_of
+from tsd_twin.robots.description import PACKAGE_NAME, Problem, RobotDescription, Table
+from tsd_twin.robots.kinds import description_class, kind_names, kind_of
 from tsd_twin.robots.plausibility import range_problems
 from tsd_twin.robots.singularity import SingularityDescription
 
@@ -80,11 +77,9 @@ def description_of_kind(robot: RobotDescription, kind: type[RobotT]) -> RobotT:
         RobotFileError: If the robot is of another kind; the message names the required one.
     """
     if not isinstance(robot, kind):
-        needed, given = (
-            next(tag for tag, table in DESCRIPTIONS.items() if table is each)
-            for each in (kind, type(robot))
+        raise RobotFileError(
+            robot.name, f"drive.kind is {kind_of(robot)}", f"{kind_of(kind)} is needed here"
         )
-        raise RobotFileError(robot.name, f"drive.kind is {given}", f"{needed} is needed here")
     return robot
 
 
@@ -137,12 +132,10 @@ def _kind(tables: Any, file: str) -> type[RobotDescription]:
             if near
             else "key 'kind' is missing in [drive]"
         )
-        raise RobotFileError(file, problem, _valid_kinds())
-    kind = drive["kind"]
-    if not isinstance(kind, str) or kind not in DESCRIPTIONS:
-        problem = f"drive.kind: invalid value {kind!r}" + _closest(str(kind), list(DESCRIPTIONS))
-        raise RobotFileError(file, problem, _valid_kinds())
-    return DESCRIPTIONS[kind]
+        raise RobotFileError(file, problem, f"kinds are {', '.join(kind_names())}")
+    package = tables.get("package", "")
+    named = package if isinstance(package, str) and PACKAGE_NAME.fullmatch(package) else ""
+    return description_class(str(drive["kind"]), file, named)
 
 
 def _check(robot: RobotDescription, file: str) -> None:
@@ -198,7 +191,9 @@ def _keys(path: str, kind: type[RobotDescription]) -> list[str]:
     """Return the valid keys of the table at `path` for this kind."""
     table: Any = kind
     for part in filter(None, path.split(".")):
-        table = _table(typing.get_type_hints(table).get(re.sub(r"\[.*", "", part)))
+        key = re.sub(r"\[.*", "", part)
+        names = {each.encode_name: each.name for each in msgspec.structs.fields(table)}
+        table = _table(typing.get_type_hints(table).get(names.get(key, key)))
     tag = table.__struct_config__.tag_field
     return [*filter(None, [tag]), *(f.encode_name for f in msgspec.structs.fields(table))]
 
@@ -211,109 +206,6 @@ def _table(hint: Any) -> Any:
     return next((table for table in inside if table is not None), None)
 
 
-def _valid_kinds() -> str:
-    return "kinds are " + ", ".join(DESCRIPTIONS)
-
-
 def _closest(word: str, valid: list[str]) -> str:
     near = difflib.get_close_matches(word, valid, n=1)
     return f", did you mean '{near[0]}'?" if near else ""
-
-
-@cache
-def _base(name: str) -> RobotDescription:
-    return load_robot(name)
-
-
-def base_robot(name: str) -> RobotDescription:
-    """Return a shipped robot as the base for variants.
-
-    Raises:
-        RobotFileError: If no robot of this name is shipped. Paths are rejected, because names come
-            from pages.
-    """
-    if name not in robot_names():
-        raise RobotFileError(name, "no such robot", f"shipped are {', '.join(robot_names())}")
-    return _base(name)
-
-
-def knobs_of(robot: RobotDescription) -> dict[str, tuple[Knob, str, float]]:
-    """Return a robot's tunable parameters by key, each with label and value."""
-    tables = msgspec.to_builtins(robot)
-    return {
-        key: (knob, label, float(value_at(tables, key)))
-        for knob in kind_of(robot).knobs
-        for key, label in _places(knob, tables)
-    }
-
-
-def variant(base: str, changes: Mapping[str, float]) -> RobotDescription:
-    """Return the robot `base` with changed parameters.
-
-    Raises:
-        RobotFileError: If there is no such robot or parameter, or the robot would be impossible.
-    """
-    robot = base_robot(base)
-    tables = deepcopy(msgspec.to_builtins(robot))
-    for key, value in _check_changes(robot, changes).items():
-        set_value(tables, key, value)
-    return description_of_tables(tables, base)
-
-
-def variant_toml(base: str, changes: Mapping[str, float]) -> str:
-    """Return a variant as TOML accepted by `--robot`, with the comments of the shipped file.
-
-    Raises:
-        RobotFileError: As in `variant`.
-    """
-    robot = variant(base, changes)
-    before = knobs_of(base_robot(base))
-    document: Any = tomlkit.parse(read_description(base))
-    document["name"] = f"my-{robot.name}"
-    document["title"] = f"{robot.title}, changed"
-    for key, value in changes.items():
-        set_value(document, key, float(value))
-    notes = [f"{key} is {value:g}, was {before[key][2]:g}" for key, value in changes.items()]
-    document["assumptions"] = [*robot.assumptions, *(f"changed: {note}" for note in notes)]
-    if "assumptions" in document and len(document["assumptions"]) > 1:
-        document["assumptions"].multiline(multiline=True)
-    return tomlkit.dumps(document)
-
-
-def _check_changes(robot: RobotDescription, changes: Mapping[str, float]) -> Mapping[str, float]:
-    """Return `changes` after checking that all are known parameters within their ranges."""
-    knobs = knobs_of(robot)
-    for key, value in changes.items():
-        if key not in knobs:
-            raise RobotFileError(robot.name, f"{key} is no knob", f"knobs are {', '.join(knobs)}")
-        knob, _, _ = knobs[key]
-        # False for NaN.
-        if not knob.least <= value <= knob.most:
-            raise RobotFileError(
-                robot.name, f"{key} is {value:g}", f"from {knob.least:g} to {knob.most:g}"
-            )
-    return changes
-
-
-def _places(knob: Knob, tables: Any) -> Iterator[tuple[str, str]]:
-    """Yield the key of each number in `tables`, and its label."""
-    before, star, after = knob.key.partition("*")
-    if not star:
-        yield knob.key, knob.label
-        return
-    for i in range(len(value_at(tables, before.rstrip(".")))):
-        yield f"{before}{i}{after}", knob.label.format(i + 1)
-
-
-def value_at(tables: Any, key: str) -> Any:
-    """Return the value at a key; list entries are counted from 0."""
-    for part in key.split("."):
-        tables = tables[int(part) if isinstance(tables, list) else part]
-    return tables
-
-
-def set_value(tables: Any, key: str, value: float) -> None:
-    """Set the number at a key."""
-    above, _, last = key.rpartition(".")
-    table = value_at(tables, above)
-    table[int(last) if isinstance(table, list) else last] = value

@@ -15,6 +15,7 @@ from tsd_twin.kinematics.omni import contacts_and_directions, layout_problem, sp
 from tsd_twin.lie import Array
 from tsd_twin.robots.description import (
     GYRO_SENSORS,
+    NOT_DRAWN,
     Gyro,
     JointErrors,
     NotNegative,
@@ -247,6 +248,11 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
     drive: SphereGeometry
     mass: SphereMass
     estimate: Estimate = Estimate()
+
+    @property
+    def not_drawn(self) -> frozenset[str]:
+        """Fields that no model depends on. The model has the wheel speed limit of the motors."""
+        return NOT_DRAWN - {"motor"}
 
     @property
     def wheel_radius_m(self) -> float:

@@ -36,6 +36,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "pose_sensor.mounting_deg": (0.0, 90.0),
     "drive.azimuths_deg": (-720.0, 720.0),
     "drive.pivot_radius_m": (0.002, 20.0),
+    "drive.modules.x_m": (-20.0, 20.0),
+    "drive.modules.y_m": (-20.0, 20.0),
     "drive.wheel_radius_m": (0.0005, 5.0),
     "drive.max_tilt_deg": (1.0, 80.0),
     "drive.cruise_speed_rpm": (1.0, 300_000.0),

@@ -9,9 +9,10 @@ from typing import Annotated, Self, TypeAlias
 
 import msgspec
 import numpy as np
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from tsd_twin.kinematics import Joint, SingularityKinematics
+from tsd_twin.lie import Array
 from tsd_twin.robots.description import (
     GYRO_SENSORS,
     RPM,
@@ -42,12 +43,28 @@ _SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)
 """Weight of the rim speed of a contact patch relative to its slip (Zhuravlev 1998)."""
 
 
-class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
-    """`[drive]` of a singularity drive."""
+class ModulePosition(Table, frozen=True):
+    """One of `[[drive.modules]]`: the pivot of a module in the robot frame."""
 
-    azimuths_deg: Annotated[list[float], Meta(min_length=2, max_length=12)]
+    x_m: float
+    y_m: float
+
+
+class SingularityGeometry(Table, frozen=True, kw_only=True, tag="singularity", tag_field="kind"):
+    """`[drive]` of a singularity drive.
+
+    Pivots lie on a circle (`azimuths_deg` with `pivot_radius_m`) or at any positions (`modules`).
+    The outer axis of a module points from the centre of the robot to its pivot, or along X for a
+    module in the centre.
+    """
+
+    azimuths_deg: Annotated[list[float], Meta(min_length=2, max_length=12)] | UnsetType = UNSET
     """Direction of each pivot, from X forward towards Y left."""
-    pivot_radius_m: Positive
+    pivot_radius_m: Positive | UnsetType = UNSET
+    module_positions: (
+        Annotated[list[ModulePosition], Meta(min_length=2, max_length=12)] | UnsetType
+    ) = msgspec.field(default=UNSET, name="modules")
+    """Position of each pivot, instead of the two keys above."""
     wheel_radius_m: Positive
     max_tilt_deg: Annotated[float, Meta(gt=0.0, lt=80.0)]
     cruise_speed_rpm: Positive
@@ -57,10 +74,77 @@ class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind
     spin_ratio: list[Positive] = msgspec.field(default_factory=list[Positive])
     """Speed of each wheel relative to the selected speed; default 1."""
 
+    def __post_init__(self) -> None:
+        """Check that the pivots are given in one of the two forms.
+
+        Raises:
+            ValueError: If they are not.
+        """
+        circle = (self.azimuths_deg, self.pivot_radius_m)
+        given = [not isinstance(value, UnsetType) for value in (*circle, self.module_positions)]
+        if given not in ([True, True, False], [False, False, True]):
+            raise ValueError(
+                "the pivots need azimuths_deg and pivot_radius_m, or modules with x_m and y_m"
+            )
+
+    @property
+    def positions(self) -> list[ModulePosition]:
+        """Entries of `[[drive.modules]]`; empty if the pivots are given on a circle."""
+        return [] if isinstance(self.module_positions, UnsetType) else self.module_positions
+
     @property
     def modules(self) -> int:
         """Number of wheels."""
-        return len(self.azimuths_deg)
+        return len(self.directions_deg)
+
+    @property
+    def modules_key(self) -> str:
+        """Key of the list with one entry per module, for error messages."""
+        return "drive.modules" if self.positions else "drive.azimuths_deg"
+
+    @property
+    def radius_key(self) -> str:
+        """Key that sets the distance of the pivots, for error messages."""
+        return "drive.modules" if self.positions else "drive.pivot_radius_m"
+
+    @property
+    def directions_deg(self) -> list[float]:
+        """Azimuth of each module, from X forward towards Y left."""
+        if self.positions:
+            # Adding 0.0 removes the sign of -0.0, which would turn the module.
+            return [math.degrees(math.atan2(p.y_m + 0.0, p.x_m + 0.0)) for p in self.positions]
+        return [] if isinstance(self.azimuths_deg, UnsetType) else self.azimuths_deg
+
+    @property
+    def pivot_radii_m(self) -> float | Array:
+        """Distance of the pivots from the centre: one for all, or (k,)."""
+        if self.positions:
+            return np.array([math.hypot(p.x_m, p.y_m) for p in self.positions])
+        return 0.0 if isinstance(self.pivot_radius_m, UnsetType) else self.pivot_radius_m
+
+    @property
+    def pivots_m(self) -> Array:
+        """(k, 2): positions of the pivots in the robot frame."""
+        if self.positions:
+            return np.array([[p.x_m, p.y_m] for p in self.positions])
+        azimuths = np.radians(self.directions_deg)
+        return self.pivot_radii_m * np.stack([np.cos(azimuths), np.sin(azimuths)], axis=-1)
+
+    @property
+    def rms_radius_m(self) -> float:
+        """Root mean square of the pivot distances: the radius of a circle that turns equally."""
+        radii_m = self.pivot_radii_m
+        if isinstance(radii_m, float):
+            return radii_m
+        return math.sqrt(float(np.mean(np.square(radii_m))))
+
+    def with_rms_radius(self, radius_m: float) -> Self:
+        """Return the geometry with all pivots moved outward or inward by one factor."""
+        if self.positions:
+            factor = radius_m / self.rms_radius_m
+            moved = [ModulePosition(factor * p.x_m, factor * p.y_m) for p in self.positions]
+            return msgspec.structs.replace(self, module_positions=moved)
+        return msgspec.structs.replace(self, pivot_radius_m=float(radius_m))
 
 
 class Servo(Table, frozen=True):
@@ -162,8 +246,8 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         """Return the kinematics at cruise speed."""
         g = self.drive
         return SingularityKinematics(
-            azimuths_rad=np.radians(g.azimuths_deg),
-            pivot_radius_m=g.pivot_radius_m,
+            azimuths_rad=np.radians(g.directions_deg),
+            pivot_radius_m=g.pivot_radii_m,
             wheel_radius_m=g.wheel_radius_m,
             spin_rad_per_s=g.cruise_speed_rpm * RPM,
             max_tilt_rad=float(np.radians(g.max_tilt_deg)),
@@ -221,7 +305,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             droop_s2_per_m2=self.spin_droop_s2_per_m2 * _FRICTION_SIGMA,
             restore_up_s=self.motor.time_constant_up_s,
             restore_down_s=self.motor.time_constant_down_s,
-            turn_per_spin=self._spin_inertia_kg_m2 / (self.mass.total_kg * drive.pivot_radius_m**2),
+            turn_per_spin=self._spin_inertia_kg_m2 / (self.mass.total_kg * drive.rms_radius_m**2),
         )
 
     @property
@@ -251,11 +335,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         drive, floor = self.drive, self.floor
         if floor.friction == 0.0:
             return 0.0
-        force_n = self._spin_torque_nm / drive.pivot_radius_m
+        force_n = self._spin_torque_nm / drive.rms_radius_m
         spin_rad_per_s = drive.cruise_speed_rpm * RPM
         slip_mps = force_n / self._load_n * _GRAVITY_MPS2 * self.slip_lag_s
         lean_rad = force_n * drive.wheel_radius_m / self._gimbal_stiffness_nm
-        return (slip_mps + drive.wheel_radius_m * spin_rad_per_s * lean_rad) / drive.pivot_radius_m
+        return (slip_mps + drive.wheel_radius_m * spin_rad_per_s * lean_rad) / drive.rms_radius_m
 
     @property
     def slip_lag_s(self) -> float:
@@ -270,11 +354,12 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
     def turning_inertia_kg_m2(self) -> float:
         """Moment of inertia about the vertical axis.
 
-        Modelled as a disc with the diameter of the pivot circle, with the modules on its rim.
+        Modelled as a disc with the diameter of the pivot circle, with the modules on its rim. Its
+        radius is the root mean square if pivot distances differ.
         """
         module_kg = self.mass.wheel_kg + 2.0 * self.mass.gimbal_kg
         mass_kg = self.mass.total_kg + self.drive.modules * module_kg
-        return 0.5 * mass_kg * self.drive.pivot_radius_m**2
+        return 0.5 * mass_kg * self.drive.rms_radius_m**2
 
     def joint_compliance(self) -> JointCompliance:
         """Return the deflection of gimbals under floor forces, and their lag behind setpoints."""
@@ -348,12 +433,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     def problems(self) -> Iterator[Problem]:
         """Yield coincident pivots, and defects that make the motor table not invertible."""
-        azimuths = [azimuth % 360.0 for azimuth in self.drive.azimuths_deg]
-        if len(set(azimuths)) < len(azimuths):
-            yield (
-                "drive.azimuths_deg has the same direction twice",
-                "one direction for each pivot",
-            )
+        yield from self._layout_problems()
         for key, values in (
             ("drive.spin_ratio", self.drive.spin_ratio),
             ("calibration.tilt_offset_deg", self.calibration.tilt_offset_deg),
@@ -362,15 +442,31 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             if len(values) not in (0, self.drive.modules):
                 yield (
                     f"{key} has {len(values)} entries for {self.drive.modules} modules",
-                    "one for each of drive.azimuths_deg, or none",
+                    f"one for each of {self.drive.modules_key}, or none",
                 )
         yield from proportion_problems(
             ("drive.wheel_radius_m", self.drive.wheel_radius_m),
-            ("drive.pivot_radius_m", self.drive.pivot_radius_m),
+            (self.drive.radius_key, float(np.max(self.drive.pivot_radii_m))),
             self.mass.total_kg,
         )
         yield from self._calibration_problems()
         yield from self._motor_problems()
+
+    def _layout_problems(self) -> Iterator[Problem]:
+        drive = self.drive
+        azimuths = [azimuth % 360.0 for azimuth in drive.directions_deg]
+        if not drive.positions and len(set(azimuths)) < len(azimuths):
+            yield (
+                "drive.azimuths_deg has the same direction twice",
+                "one direction for each pivot",
+            )
+        for i, j in itertools.combinations(range(drive.modules), 2):
+            apart_m = float(np.hypot(*(drive.pivots_m[i] - drive.pivots_m[j])))
+            if drive.positions and apart_m < 2.0 * drive.wheel_radius_m:
+                yield (
+                    f"drive.modules[{i}] and [{j}] are {apart_m:g} m apart",
+                    f"at least two wheel radii, {2.0 * drive.wheel_radius_m:g} m",
+                )
 
     def _calibration_problems(self) -> Iterator[Problem]:
         limit = min(self.drive.max_tilt_deg, _MAX_OFFSET_DEG)
@@ -388,7 +484,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         if len(motor.speed_rpm) != modules:
             yield (
                 f"motor.speed_rpm has {len(motor.speed_rpm)} lists, the drive has {modules} wheels",
-                "one list for each of drive.azimuths_deg",
+                f"one list for each of {self.drive.modules_key}",
             )
         for i, column in enumerate(motor.speed_rpm):
             yield from self._curve_problems(i, column)

@@ -1,5 +1,6 @@
-"""ROS 2: the robots on the bus as nodes, over rmw_zenoh's protocol or rclpy, and `cmd_vel`; and
-robots of ROS on the bus.
+"""ROS 2 bridge: robots on the bus as ROS nodes, and third-party ROS robots on the bus.
+
+Uses the rmw_zenoh protocol or rclpy; `cmd_vel` drives the robots.
 """
 
 from tsd_twin.ros.adapter import MeshServer, serve_ros

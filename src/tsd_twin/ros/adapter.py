@@ -1,4 +1,4 @@
-"""Robots of the bus as ROS nodes, ROS as an operator of each robot, and a server of mesh files."""
+"""Robots on the bus as ROS nodes, ROS as an operator of each robot, and a mesh file server."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from tsd_twin.interop.cmd_vel import CmdVelOperator
 from tsd_twin.interop.fleet import LONGEST_OPERATOR, Fleet, RobotSource
 from tsd_twin.interop.mapping import ODOMETRY, RosMessage, RosNames
 from tsd_twin.messages.sentences import sentence
-from tsd_twin.robots import ImportedDescription
 from tsd_twin.ros.arrivals import Echoes
 from tsd_twin.ros.operator import RosOperator
 from tsd_twin.ros.port import OpenPort, RosPort
@@ -31,27 +30,27 @@ _TIMEOUT_S = 5.0
 
 
 class QuietServer(ThreadingHTTPServer):
-    """HTTP server that ignores clients that go away in the middle of an answer."""
+    """HTTP server that ignores clients disconnecting during a response."""
 
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Print the error of a request, unless the connection failed."""
+        """Print request errors other than connection failures."""
         if not isinstance(sys.exception(), OSError):
             super().handle_error(request, client_address)
 
 
 class MeshServer:
-    """Server of `/<robot>/<file>`, until it is closed."""
+    """HTTP server for `/<robot>/<file>`."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Listen; port 0 takes a free one.
+        """Start listening; port 0 selects a free port.
 
         Raises:
-            TwinError: the address cannot be used.
+            TwinError: If the address is not available.
         """
         self.robots: dict[str, Callable[[str], bytes | None]] = {}
-        """Function that returns a file of each robot."""
+        """Mesh file lookup by robot."""
         served = self
 
         class Handler(BaseHTTPRequestHandler):
@@ -62,12 +61,12 @@ class MeshServer:
                 self.send_response(404 if body is None else 200)
                 self.send_header("Content-Type", "model/stl")
                 self.send_header("Content-Length", str(len(body or b"")))
-                with contextlib.suppress(ConnectionError):  # The client has gone.
+                with contextlib.suppress(ConnectionError):  # The client disconnected.
                     self.end_headers()
                     self.wfile.write(body or b"")
 
-            def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  Named so by the base class.
-                """Write no line for each request."""
+            def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  Base-class name.
+                """Disable request logging."""
 
         try:
             self._server = QuietServer((host, port), Handler)
@@ -77,11 +76,11 @@ class MeshServer:
         threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
 
     def uri(self, robot: str) -> str:
-        """Return what goes before the name of each file of a robot."""
+        """Return the URI prefix for files of a robot."""
         return f"http://{self._host}:{self._server.server_address[1]}/{robot}/"
 
     def file(self, path: str) -> bytes | None:
-        """Return a file by the path of a request, None when there is none."""
+        """Return the file for a request path, or None."""
         robot, _, name = path.lstrip("/").partition("/")
         get = self.robots.get(robot)
         return None if get is None else get(name)
@@ -95,11 +94,11 @@ class MeshServer:
 _LOG = logging.getLogger(__name__)
 _WATCH_S = 0.05
 _STAMP = struct.Struct("<iI")
-"""Stamp of a message with a header, after the four bytes of its encapsulation."""
+"""Header stamp, after the four bytes of the CDR encapsulation."""
 
 
 class RosSource(RobotSource):
-    """One robot on the bus, as a node of ROS."""
+    """Robot on the bus, shown as a ROS node."""
 
     def __init__(
         self,
@@ -110,10 +109,10 @@ class RosSource(RobotSource):
         require_echo: bool,
         link: BusLink,
     ) -> None:
-        """`meshes` serves files, or is a URI before names; without `machines` ROS only looks on.
+        """`meshes` is a server or a URI prefix; without `machines`, ROS is read-only.
 
-        They are those of robots that were seen before, and get that of this one. If it is
-        `require_echo`, a twist moves the robot only with the stamp of an `odom`.
+        `machines` keeps the state of all robots seen, including this one. With `require_echo`, a
+        twist moves the robot only if it carries the stamp of an `odom`.
         """
         self._open_port, self._meshes_at = open_port, meshes
         self._port: RosPort | None = None
@@ -126,7 +125,7 @@ class RosSource(RobotSource):
             self._operator = RosOperator(self, machines.setdefault(self.id, machine))
 
     async def show(self, names: RosNames) -> None:
-        """Enter the graph under these names."""
+        """Join the graph under these names."""
         if isinstance(self._meshes_at, MeshServer):
             self._meshes_at.robots[self.id] = self.meshes.get
         port = await asyncio.to_thread(self._open_port, names, self._operator)
@@ -134,14 +133,14 @@ class RosSource(RobotSource):
         if self._operator is not None:
             self._operator.topic_opened()
 
-    async def withdraw(self, names: RosNames) -> None:  # noqa: ARG002  Of the interface.
+    async def withdraw(self, names: RosNames) -> None:  # noqa: ARG002  Interface.
         """Leave the graph."""
         port, self._port, self._watch = self._port, None, None
         if port is not None:
             await asyncio.to_thread(port.close)
 
-    def mesh_uri(self, names: RosNames) -> str:  # noqa: ARG002  Of the interface.
-        """Return what goes before the name of each mesh file."""
+    def mesh_uri(self, names: RosNames) -> str:  # noqa: ARG002  Interface.
+        """Return the URI prefix of mesh files."""
         at = self._meshes_at
         return at.uri(self.id) if isinstance(at, MeshServer) else at
 
@@ -157,7 +156,7 @@ class RosSource(RobotSource):
                 self.echoes.sent(sec * 1_000_000_000 + nanosec, time.monotonic())
             try:
                 self._port.publish(message)
-            except TwinError as error:  # The session has been closed meanwhile.
+            except TwinError as error:  # The session was closed concurrently.
                 _LOG.info("%s: %s", message.name, error)
 
     def shared_name(self, now_s: float) -> str:
@@ -166,18 +165,18 @@ class RosSource(RobotSource):
         return "" if problem is None else sentence(problem)
 
     def input_problem(self) -> str:
-        """Return why the robot does not follow `cmd_vel` now; "" if it does."""
+        """Return the reason why the robot ignores `cmd_vel`, or ""."""
         if self._operator is None:
             return ""
         return self.shared_name(time.monotonic()) or self._operator.problem()
 
     def tell(self, text: str) -> None:
-        """Log a sentence, and publish it among the events of the robot."""
+        """Log a message and publish it on the robot's events topic."""
         _LOG.warning("%s: %s", self.id, text)
         self.say(text)
 
     async def close(self) -> None:
-        """Bring the robot to rest, if ROS drives it, and leave it."""
+        """Stop and release the robot if driven by ROS, and disconnect."""
         if self._operator is not None:
             await self._operator.close()
         await self.rename(None)
@@ -199,17 +198,17 @@ async def serve_ros(
     """Show all robots on the bus to ROS until `stop` is set.
 
     Raises:
-        TwinError: the bus cannot be opened.
+        TwinError: If the bus cannot be opened.
     """
     name = operator[:LONGEST_OPERATOR]
     machines = dict[str, CmdVelOperator]() if may_drive else None
     bus = await asyncio.to_thread(open_bus)
-    # A robot that comes from ROS is there already: two adapters would drive each other in a circle.
+    # Skip robots imported from ROS, or two adapters would drive each other in a loop.
     fleet = Fleet(
         lambda link: RosSource(open_port, meshes, name, machines, require_echo, link),
         open_bus,
         only,
-        lambda robot: not isinstance(robot, ImportedDescription),
+        lambda robot: not robot.driven_by_ros,
     )
     try:
         fleet.watch(bus)

@@ -1,10 +1,11 @@
-"""Age of ROS messages without common clocks, and turns between publishers of `cmd_vel`. Pure.
+"""Message age without synchronized clocks, and arbitration of `cmd_vel` publishers (pure).
 
-Each message carries the time of its publisher's clock. The smallest difference between arrival and
-that time belongs to the fastest message; a later message has waited for at least the difference to
-it. The estimate may err only towards "old": while a link drains what it held back, each message is
-faster than the one before, so a clock counts only after messages at the publisher's own rate. A
-constant delay cannot be measured in one direction: the echo of a stamp that we sent can.
+Each message carries the wall-clock time of its publisher. The minimum difference between arrival
+and send time belongs to the fastest message; a later message was delayed by at least the excess
+over that minimum. The estimate may err only towards "old": while a link drains its backlog, each
+message is faster than the one before, so a clock is trusted only after messages at the publisher's
+own rate. A constant delay is not observable in one direction, but an echo of a stamp that we sent
+reveals it.
 """
 
 from __future__ import annotations
@@ -16,45 +17,45 @@ from dataclasses import dataclass
 from tsd_twin.interop.cmd_vel import PAUSE_S
 
 MOST_PUBLISHERS = 64
-"""Publishers per topic whose clocks are known; further ones are refused while all of them send."""
+"""Maximum number of known clocks per topic; further publishers are refused while all are active."""
 SILENT_S = 60.0
-"""The clock of a publisher that was silent for longer is forgotten."""
+"""The clock of a publisher is discarded after this time without messages."""
 DRIFT = 5e-4
-"""Seconds per second by which two clocks may drift apart."""
+"""Maximum drift between two clocks, in s/s."""
 STEADY_S = 0.5
-"""A new clock is known after messages at a steady rate for this long."""
+"""Duration of a steady rate after which a new clock is known."""
 CONFIRM_S = 0.1
-"""A known clock counts again after a gap and messages at a steady rate for this long."""
+"""Duration of a steady rate after which a known clock is trusted again after a gap."""
 GAP_S = 0.3
-"""Messages further apart are not at a steady rate."""
+"""Maximum interval between messages at a steady rate."""
 JITTER_S = 0.02
-"""At a steady rate no message is faster than the first one by more."""
+"""At a steady rate, no message is faster than the first one by more than this."""
 SLOWER_S = 0.1
-"""At a steady rate no message is slower than the first one by more."""
+"""At a steady rate, no message is slower than the first one by more than this."""
 FASTER_S = 0.1
-"""A clock is no longer known if a message is faster than in its steady start by more."""
+"""A clock is reset by a message faster than its steady start by more than this."""
 MOST_ECHOES = 256
-"""Stamps of `odom` whose echo is recognized: several seconds."""
+"""Number of `odom` stamps with a recognized echo (several seconds)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where and when a message was published."""
+    """Publisher, sequence number and send time of a message."""
 
     publisher: bytes
     sequence: int
     source_ns: int
-    """Wall clock of the publisher."""
+    """Publisher's wall clock."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """Send time of a message, as far as its publisher's clock shows it."""
+    """Estimated send time of a message."""
 
     sent_after_s: float
-    """Earliest time at which it can have been sent, on our clock; -inf if the clock has jumped."""
+    """Earliest possible send time on our clock; -inf if the publisher's clock jumped."""
     unproven: str = ""
-    """Reason why that time does not count yet."""
+    """Reason why that time is not yet reliable."""
 
 
 LEARNING = (
@@ -67,24 +68,24 @@ CROWDED = f"cmd_vel of one more publisher is ignored: {MOST_PUBLISHERS} have pub
 
 @dataclass(slots=True)
 class _Clock:
-    """Clock of one publisher; offsets are our monotonic clock less the wall clock there."""
+    """Clock of a publisher; offsets are our monotonic time minus its wall-clock time."""
 
     sequence: int
     at_s: float
-    """Arrival of the newest message."""
+    """Arrival of the latest message."""
     first_s: float
-    """Arrival of the first message of the steady part."""
+    """Arrival of the first message of the steady phase."""
     first_offset_s: float
     fastest_offset_s: float
     """Offset of the fastest message."""
     usual_offset_s: float = -math.inf
-    """The same, but falls no faster than two clocks drift apart; -inf until the clock is known."""
+    """Offset limited to the maximum clock drift; -inf until the clock is known."""
     is_steady: bool = False
 
     def note(self, offset_s: float, now_s: float) -> str | None:
-        """Update with a message; return why its age does not count yet.
+        """Process a message; return the reason why its age is not yet reliable.
 
-        None if the clock has jumped.
+        Returns None if the clock jumped.
         """
         gap_s = now_s - self.at_s
         drift_s = DRIFT * gap_s
@@ -113,15 +114,15 @@ class _Clock:
 
 
 class Arrivals:
-    """Clocks and sequence numbers of all publishers of a topic."""
+    """Clocks and sequence numbers of all publishers on a topic."""
 
     def __init__(self) -> None:
         self._clocks: dict[bytes, _Clock] = {}
 
     def note(self, origin: Origin, now_s: float) -> Arrival | None:
-        """Return the send time of a message that arrives at `now_s`.
+        """Return the send time of a message arriving at `now_s`.
 
-        None if the message has come before, or after a newer one.
+        Returns None for duplicate or reordered messages.
         """
         offset_s = now_s - 1e-9 * origin.source_ns
         clock = self._clocks.get(origin.publisher)
@@ -139,7 +140,7 @@ class Arrivals:
         return Arrival(1e-9 * origin.source_ns + clock.fastest_offset_s, unproven)
 
     def _has_room(self, now_s: float) -> bool:
-        """Forget publishers that are silent; return whether one more has room."""
+        """Discard silent publishers; return whether there is room for another."""
         if len(self._clocks) >= MOST_PUBLISHERS:
             self._clocks = {
                 key: clock for key, clock in self._clocks.items() if now_s - clock.at_s <= SILENT_S
@@ -148,26 +149,26 @@ class Arrivals:
 
 
 class Echoes:
-    """Stamps of `odom` that we sent, and when: an echo proves that a twist was sent later."""
+    """Sent `odom` stamps with times; an echo proves that a twist was sent later."""
 
     def __init__(self) -> None:
         self._sent: deque[tuple[int, float]] = deque(maxlen=MOST_ECHOES)
 
     def sent(self, stamp_ns: int, now_s: float) -> None:
-        """Note a stamp before it is published."""
+        """Record a stamp before publishing it."""
         self._sent.append((stamp_ns, now_s))
 
     def sent_after_s(self, stamp_ns: int) -> float | None:
-        """Return when a stamp was sent; None if it is not one of the newest."""
+        """Return the send time of a stamp, or None if it is unknown or too old."""
         known = list(self._sent)  # Another thread appends.
         return next((at_s for each_ns, at_s in reversed(known) if each_ns == stamp_ns), None)
 
 
 class OnePublisher:
-    """Turn of one publisher of `cmd_vel`: twists of others move nothing until it pauses.
+    """Admits one `cmd_vel` publisher at a time; others are refused until it pauses.
 
-    A publisher that was refused has to pause as well, so that a stick that is held on does not
-    begin to count.
+    A refused publisher must also pause first, so that a held stick does not start to move the
+    robot.
     """
 
     def __init__(self) -> None:
@@ -175,7 +176,7 @@ class OnePublisher:
         self._refused: dict[bytes, float] = {}
 
     def admits(self, publisher: bytes, moves: bool, now_s: float) -> bool:
-        """Note a twist, other than zero if it `moves`; return whether it counts."""
+        """Process a twist, non-zero if it `moves`; return whether it is accepted."""
         taken = publisher != self._publisher and now_s - self._moved_s < PAUSE_S
         if not moves:
             return not taken

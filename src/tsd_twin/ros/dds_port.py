@@ -1,7 +1,7 @@
-"""ROS nodes of the system's rclpy: each robot has a node, and so a participant of DDS, of its own.
+"""ROS nodes over the system's rclpy, with a separate node and DDS participant per robot.
 
-rclpy is imported only here, when a port is opened: it comes with ROS, not with this package.
-Messages go through as CDR, so the table of topics and its conversions are those of every port.
+rclpy is imported only when a port is opened, because it is installed with ROS. Messages are passed
+as CDR, so all ports share the topic table and conversions.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tsd_twin.interop.mapping import (
     RosQoS,
     RosTopic,
 )
-from tsd_twin.messages.ros import TRIGGER
+from tsd_twin.messages.ros_types import TRIGGER
 from tsd_twin.ros.arrivals import Origin
 from tsd_twin.ros.port import ADAPTER, UNTOLD, Endpoints, Inputs, types_of
 
@@ -35,7 +35,7 @@ def load_rclpy() -> Any:
     """Import rclpy.
 
     Raises:
-        TwinError: it is not there.
+        TwinError: If it is not installed.
     """
     try:
         return importlib.import_module("rclpy")
@@ -47,10 +47,10 @@ def load_rclpy() -> Any:
 
 
 def load_type(type_name: str) -> Any:
-    """Import the class of a message or a service.
+    """Import a message or service class.
 
     Raises:
-        TwinError: its package is not there.
+        TwinError: If its package is not installed.
     """
     package, kind, name = type_name.split("/")
     try:
@@ -62,10 +62,10 @@ def load_type(type_name: str) -> Any:
 
 
 def check_ros(endpoints: Endpoints = ADAPTER) -> None:
-    """Import what a port needs, so that a lack of it shows at once.
+    """Check early that all required imports are available.
 
     Raises:
-        TwinError: rclpy or a type is not there.
+        TwinError: If rclpy or a type is not installed.
     """
     load_rclpy()
     for type_name in _types(endpoints):
@@ -79,9 +79,9 @@ def _types(endpoints: Endpoints) -> list[str]:
 
 
 class DdsPort:
-    """Node of one robot, and a second one for the other type of `cmd_vel`.
+    """Node for a robot, and a second one for the other type of `cmd_vel`.
 
-    A participant of Fast DDS cannot have one topic with two types.
+    A Fast DDS participant cannot have a topic with two types.
     """
 
     def __init__(
@@ -91,19 +91,19 @@ class DdsPort:
         inputs: Inputs | None,
         endpoints: Endpoints = ADAPTER,
     ) -> None:
-        """Without `inputs`, nothing is read and no service is offered.
+        """Without `inputs`, subscribe to nothing and offer no services.
 
         Raises:
-            TwinError: ROS cannot open a node.
+            TwinError: If ROS cannot open a node.
         """
         self._published: dict[str, Any] = {}
         self._nodes: list[_Node] = []
         self._own = endpoints
         self._read: dict[str, list[str]] = {}
-        """Our own nodes that read each topic."""
+        """Our own nodes reading each topic."""
         try:
             self._open(domain, names, inputs, endpoints)
-        except Exception as error:  # rclpy has no class for all that its middleware refuses.
+        except Exception as error:  # rclpy has no common error class.
             self.close()
             raise TwinError(f"no node of ROS can be opened: {error}") from error
 
@@ -132,27 +132,27 @@ class DdsPort:
         """Return whether a topic has a subscriber."""
         try:
             return self._published[topic].get_subscription_count() > 0
-        except Exception:  # rclpy has no class for all that fails in it.
+        except Exception:  # rclpy has no common error class.
             return False
 
     def publish(self, message: RosMessage) -> None:
         """Publish a message.
 
         Raises:
-            TwinError: the port has been closed, or the middleware refuses it.
+            TwinError: If the port is closed or the middleware fails.
         """
         try:
             self._published[message.name].publish(message.payload)
-        except Exception as error:  # rclpy has no class for all that its middleware refuses.
+        except Exception as error:  # rclpy has no common error class.
             raise TwinError(f"ROS does not publish it: {error}") from error
 
     def publishers(self, topic: str) -> list[str]:
-        """Return the names of the other nodes that publish a topic."""
+        """Return the names of other nodes publishing a topic."""
         found = self._nodes[0].publishers_of(topic)
         return _without(found, [self._own.node] if topic in self._published else [])
 
     def subscribers(self, topic: str) -> list[str]:
-        """Return the names of the other nodes that read a topic."""
+        """Return the names of other nodes reading a topic."""
         return _without(self._nodes[0].subscribers_of(topic), self._read.get(topic, []))
 
     def close(self) -> None:
@@ -162,7 +162,7 @@ class DdsPort:
 
 
 class _Node:
-    """A node of rclpy as the only one of its participant, with a thread for what comes in."""
+    """Only node of an rclpy participant, with a receiving thread."""
 
     def __init__(self, name: str, domain: int, namespace: str) -> None:
         rclpy: Any = load_rclpy()
@@ -170,7 +170,7 @@ class _Node:
         self._executors: Any = importlib.import_module("rclpy.executors")
         self._qos: Any = importlib.import_module("rclpy.qos")
         self._context: Any = rclpy.Context()
-        # Our program has its own flags and handles its own signals.
+        # This program handles its own flags and signals.
         rclpy.init(args=[], context=self._context, domain_id=domain)
         self._node: Any = rclpy.create_node(
             name,
@@ -185,26 +185,26 @@ class _Node:
         self._ending = threading.Event()
 
     def publishers_of(self, topic: str) -> list[str]:
-        """Return the node of each publisher of a topic."""
+        """Return the node name of each publisher of a topic."""
         return [each.node_name for each in self._node.get_publishers_info_by_topic(topic)]
 
     def subscribers_of(self, topic: str) -> list[str]:
-        """Return the node of each subscriber of a topic."""
+        """Return the node name of each subscriber of a topic."""
         return [each.node_name for each in self._node.get_subscriptions_info_by_topic(topic)]
 
     def publisher(self, name: str, row: RosTopic) -> Any:
-        """Return the publisher of a topic."""
+        """Create a publisher."""
         return self._node.create_publisher(load_type(row.type), name, self._profile(row.qos))
 
     def subscribe(self, name: str, row: RosTopic, type_name: str, inputs: Inputs) -> None:
-        """Pass the messages of a topic on, as CDR."""
+        """Forward the messages of a topic as CDR."""
         numbers = itertools.count()
 
-        # rclpy takes a function with two parameters, by their number, for one of this kind.
+        # rclpy passes message info to callbacks with two parameters.
         def receive(payload: bytes, info: Mapping[str, int]) -> None:
-            # rclpy does not say who has published a message, but who may have.
+            # rclpy does not identify the publisher of a message, only all current publishers.
             several = self._node.get_publishers_info_by_topic(name)
-            if not several:  # It has left since, or is not in the graph yet.
+            if not several:  # It has left, or is not yet in the graph.
                 return
             publisher = bytes(several[0].endpoint_gid) if len(several) == 1 else UNTOLD
             origin = Origin(publisher, next(numbers), info["source_timestamp"])
@@ -215,17 +215,17 @@ class _Node:
         )
 
     def serve(self, name: str, call: Callable[[Callable[[bool, str], None]], None]) -> None:
-        """Offer a service whose answer may come later, from any thread."""
+        """Offer a service that may respond later, from any thread."""
         trigger = load_type(TRIGGER)
         service: Any = self._node.create_service(trigger, name, _same_response)
         send = service.send_response
 
-        # A coroutine instead would be polled by the executor without a pause until it has ended.
+        # The executor would busy-poll a coroutine until it completes.
         def answer_later(_response: Any, header: Any) -> None:
             def answer(success: bool, text: str) -> None:
                 try:
                     send(trigger.Response(success=success, message=text), header)
-                except Exception as error:  # The client, or this node, has gone meanwhile.
+                except Exception as error:  # The client or this node is gone.
                     _LOG.info("%s cannot be answered: %s", name, error)
 
             call(answer)
@@ -233,7 +233,7 @@ class _Node:
         service.send_response = answer_later
 
     def start(self) -> None:
-        """Begin to receive."""
+        """Start receiving."""
         self._executor = self._executors.SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread.start()
@@ -251,7 +251,7 @@ class _Node:
         while not self._ending.is_set():
             try:
                 self._executor.spin_once()
-            except Exception as error:  # A request that is none must not end what reads twists.
+            except Exception as error:  # Invalid requests must not end this thread.
                 if not self._ending.is_set():
                     _LOG.warning("a message of ROS is ignored: %s", error)
                     self._ending.wait(_PAUSE_S)
@@ -274,7 +274,7 @@ def _same_response(_request: Any, response: Any) -> Any:
 
 
 def _without(nodes: list[str], own: list[str]) -> list[str]:
-    """Return nodes less our own: the graph does not say which of one name is ours."""
+    """Return `nodes` without our own; the graph cannot tell nodes with equal names apart."""
     for name in own:
         if name in nodes:
             nodes.remove(name)

@@ -1,8 +1,8 @@
-"""Robot of others that has ROS topics only, as the hardware of a robot node here.
+"""Third-party robot with ROS topics only, as the hardware of a local robot node.
 
-The node has all our rules: lease, arming, limits, timeouts. What it commands goes out as `cmd_vel`;
-what it measures is the newest `odom` and `joint_states`. No ROS message is older here than it was
-sent: a message that waited in a stalled link counts from its own time.
+The node enforces lease, arming, limits and timeouts. It sends commands as `cmd_vel` and reads the
+latest `odom` and `joint_states`. Messages are aged from their send time, so delays in a stalled
+link count.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from tsd_twin.interop.mapping import (
 )
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.ros import (
-    BASE,
+from tsd_twin.messages.ros import BASE
+from tsd_twin.messages.ros_types import (
     decode_cdr,
     encode_cdr,
     make_header,
@@ -51,30 +51,30 @@ from tsd_twin.safety import Heartbeat
 
 _LOG = logging.getLogger(__name__)
 NODE = "tsd_import"
-"""Name of the node in ROS."""
+"""ROS node name."""
 SEND_EVERY_S = 0.02
-"""Period of `cmd_vel` while the robot is driven."""
+"""Period of `cmd_vel` while driving."""
 ZEROS = 25
-"""Zeros at the end of a motion; then silence, so that other nodes can drive."""
+"""Number of zeros after a motion, before going silent to let other nodes drive."""
 HELD_S = 0.25
-"""A pause of the loop after which the rest of a motion is not commanded any more."""
+"""Longest loop pause after which the current motion still continues."""
 _LAST_ZEROS, _LAST_PAUSE_S = 5, 0.01
-"""Zeros when the program ends."""
+"""Zeros at program exit."""
 _LARGEST_JOINTS = 16_384
-"""Bytes of a `joint_states`: about 250 joints."""
+"""Maximum size of `joint_states` in bytes, about 250 joints."""
 _WAITING = 16
-"""Messages of a topic that wait for the loop; the oldest are dropped."""
+"""Queue size per topic; the oldest messages are dropped."""
 _UNSENT_S = 1.0
-"""A twist that could not be sent is a fault for this long."""
+"""Duration of a fault after a failed send."""
 _FARTHEST_M = 1e6
 _FASTEST = 100.0
-"""Metres or radians a second: no robot is faster, so such a number is no speed."""
+"""Maximum plausible speed, in m/s or rad/s."""
 _UNIT = 0.01
-"""How far the length of a quaternion may be from one."""
+"""Tolerance on the length of a quaternion."""
 
 
 def endpoints(*, stamped: bool) -> Endpoints:
-    """Return the topics of a robot of others; `stamped` drives by `TwistStamped`."""
+    """Return the endpoints for a third-party robot; `stamped` selects `TwistStamped`."""
     driven = DRIVEN
     if stamped:
         driven = RosTopic(DRIVEN.name, TWIST_STAMPED, DRIVEN.qos, DRIVEN.source, DRIVEN.frame)
@@ -83,7 +83,7 @@ def endpoints(*, stamped: bool) -> Endpoints:
 
 @dataclass(frozen=True, slots=True)
 class ImportLimits:
-    """Limits for a robot of others."""
+    """Limits of a third-party robot."""
 
     speed_mps: float = 0.5
     turn_rate_rad_per_s: float = 1.0
@@ -92,10 +92,10 @@ class ImportLimits:
 
 
 def describe(name: str, urdf: str, limits: ImportLimits) -> str:
-    """Return the description of a robot with the shape in `urdf`; "" if it has sent none.
+    """Return the description of a robot with the shape in `urdf`, which may be "".
 
     Raises:
-        RobotFileError: the limits are not plausible.
+        RobotFileError: If the limits are not plausible.
     """
     try:
         shape, said = read_urdf(urdf) if urdf else stand_in("robot_description has not come")
@@ -117,7 +117,7 @@ def _toml(name: str, shape: ImportedGeometry, said: tuple[str, ...], limits: Imp
     drives = "It drives in all directions." if limits.sideways else (
         "Driving sideways: it cannot, so that part of a command has no effect."
     )  # fmt: skip
-    # As far as our own robots would need; the speed is not to be lowered for it.
+    # Large enough not to lower the speed limit.
     allowance_m = min(100.0, speed * 0.6 + speed * speed / (2.0 * acceleration))
     assumptions = said if limits.sideways else (drives, *said)
     encoded = [msgspec.json.encode(_plain(sentence)).decode() for sentence in assumptions]
@@ -142,7 +142,7 @@ kind = "imported"
 
 
 def _plain(sentence: str) -> str:
-    """Return a sentence without characters that TOML or a terminal take for others."""
+    """Remove characters with a special meaning in TOML or terminals, and truncate."""
     return "".join(c if c.isprintable() else "?" for c in sentence)[:300]
 
 
@@ -155,10 +155,10 @@ class _Received:
 
 
 class ImportedRobot:
-    """RobotIO of a robot of others, and receiver of its topics.
+    """RobotIO of a third-party robot, and receiver of its topics.
 
-    The middleware calls `on_message` on its own threads, which only queue; all else belongs to the
-    loop of the node.
+    The middleware calls `on_message` on its own threads, which only enqueues; all other methods are
+    called from the node's loop.
     """
 
     def __init__(
@@ -170,10 +170,10 @@ class ImportedRobot:
         stamped: bool = False,
         description_s: float = 5.0,
     ) -> None:
-        """Wait for `robot_description`, for at most `description_s`.
+        """Wait for `robot_description`, at most `description_s`.
 
         Raises:
-            TwinError: the port cannot be opened.
+            TwinError: If the port cannot be opened.
         """
         self._names = names
         self._timeout_s = odom_timeout_s
@@ -184,12 +184,12 @@ class ImportedRobot:
         self._said: dict[str, float] = {}
         self._problem: tuple[str, str] | None = None
         self.urdf = ""
-        """Text of `robot_description`; "" when it has not come in time."""
+        """Content of `robot_description`, or "" if it did not arrive in time."""
         self._robot: ImportedDescription | None = None
         self._columns: Mapping[str, int] = {}
         self._measured = np.zeros(0)
         self._odom_s = -math.inf
-        """When the newest odometry was sent, on our clock."""
+        """Send time of the latest odometry, on our clock."""
         self._odom_from: bytes = b""
         self._counted = {row.name: 0 for row in IMPORTED}
         self._dropped = 0
@@ -206,33 +206,33 @@ class ImportedRobot:
             self._describe(received)
 
     def configure(self, robot: ImportedDescription) -> None:
-        """Set the description, before the first `read`."""
+        """Set the description; call before the first `read`."""
         self._robot = robot
         joints = (*robot.kinematics().joints, *robot.sensors)
         self._columns = {joint.name: i for i, joint in enumerate(joints)}
         self._measured = np.zeros(len(joints))
 
-    # On threads of the middleware.
+    # On middleware threads.
 
-    def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:  # noqa: ARG002  Of the interface.
+    def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:  # noqa: ARG002  Interface.
         """Queue a message for the loop."""
         self._waiting[row.name].append(_Received(row, payload, origin, time.monotonic()))
         if row.name == DESCRIPTION.name:
             self._described.set()
 
     def on_unreadable(self, name: str, reason: str) -> None:
-        """Count a message that cannot be read."""
+        """Count an invalid message."""
         self._dropped += 1
         self._problem = (name, f"a message of {name} is ignored: {reason}"[:200])
 
-    def on_call(self, service: str, answer: Callable[[bool, str], None]) -> None:  # noqa: ARG002  Of the interface.
-        """Refuse: it offers no services."""
+    def on_call(self, service: str, answer: Callable[[bool, str], None]) -> None:  # noqa: ARG002  Interface.
+        """Refuse; there are no services."""
         answer(False, "there is no such service")
 
-    # The loop of the node.
+    # On the node's loop.
 
     def read(self, now_s: float) -> Array | None:
-        """Return speeds, pose and joints; None without odometry that is new enough."""
+        """Return speeds, pose and joints, or None if odometry is too old."""
         for row in IMPORTED:
             for received in self._taken(row):
                 try:
@@ -245,12 +245,12 @@ class ImportedRobot:
         return None if self._is_silent(now_s) else self._measured.copy()
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Publish a twist while it is not zero, then some zeros, then nothing.
+        """Publish the twist while non-zero, then several zeros, then nothing.
 
-        After a time in which this process stood still, the robot may have come to rest by itself:
-        the rest of our braking would move it again, so zeros are sent instead.
+        If this process stalled, the robot may have stopped automatically. Finishing the braking
+        ramp would move it again, so zeros are sent instead.
         """
-        assert self._robot is not None  # noqa: S101  It is configured first.
+        assert self._robot is not None  # noqa: S101  Configured first.
         twist = self._robot.kinematics().forward(setpoint).twist
         was_s, self._written_s = self._written_s, now_s
         size, before = float(np.abs(twist).max()), self._size
@@ -260,7 +260,7 @@ class ImportedRobot:
         elif size == 0.0 or size > before:
             self._cut = False
         if size > 0.0 and not self._cut:
-            # Half a period early is a period of the loop.
+            # Half a period early corresponds to one loop period.
             if now_s - self._sent_s > 0.75 * SEND_EVERY_S or not self._zeros:
                 self._publish(twist, now_s)
             self._zeros = ZEROS
@@ -269,9 +269,9 @@ class ImportedRobot:
             self._zeros -= 1
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Send zeros when the robot is no longer armed, and at each stop.
+        """Send zeros on disarming and on each stop.
 
-        At a stop also if it is not armed: other nodes may drive it.
+        On a stop this also applies while disarmed, because other nodes may drive the robot.
         """
         before, self._heartbeat = self._heartbeat, heartbeat
         if (before.armed and not heartbeat.armed) or (heartbeat.latched and not before.latched):
@@ -302,7 +302,7 @@ class ImportedRobot:
         }
 
     def close(self) -> None:
-        """Send zeros, if it was driven a moment ago, and leave the graph."""
+        """Send zeros if it was recently driven, and leave the graph."""
         if self._closed:
             return
         self._closed = True
@@ -323,7 +323,7 @@ class ImportedRobot:
         name = received.row.name
         arrival = self._arrivals[name].note(received.origin, received.arrived_s)
         if arrival is None:
-            self._dropped += 1  # It has come twice, or after a newer one.
+            self._dropped += 1  # Duplicate or reordered.
         elif arrival.sent_after_s == -math.inf:
             raise MessageError("clock", "the clock of its publisher has jumped")
         elif name == ODOMETRY.name:
@@ -348,7 +348,7 @@ class ImportedRobot:
         )
         numbers = (at.x, at.y, heading, linear.x, linear.y, angular.z)
         length = math.hypot(turn.w, turn.x, turn.y, turn.z)
-        # Comparisons are false for NaN.
+        # Comparisons with NaN are false.
         if not abs(length - 1.0) <= _UNIT:
             raise MessageError("quaternion", "its orientation is no unit quaternion")
         if not all(abs(number) <= _FARTHEST_M for number in numbers[:2]):
@@ -366,11 +366,11 @@ class ImportedRobot:
     def _take_joints(self, received: _Received) -> None:
         raw = decode_cdr(received.payload, JOINT_STATES.type, _LARGEST_JOINTS)
         if len(raw.position) != len(raw.name):
-            return  # Efforts or speeds only.
+            return  # Only efforts or speeds.
         self._counted[JOINT_STATES.name] += 1
         for name, position in zip(raw.name, raw.position.tolist(), strict=True):
             column = self._columns.get(name)
-            # The drive is measured by odometry alone, and a joint is never called like it.
+            # Drive joints come from odometry; no ROS joint shares their names.
             if column is not None and column >= self._first_joint and abs(position) <= _FARTHEST_M:
                 self._measured[column] = position
 

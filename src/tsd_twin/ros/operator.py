@@ -1,4 +1,4 @@
-"""ROS as the operator of one robot: bounded queues between its threads and the event loop."""
+"""ROS as the operator of a robot: bounded queues between ROS threads and the event loop."""
 
 from __future__ import annotations
 
@@ -25,20 +25,21 @@ from tsd_twin.interop.driver import RobotDriver
 from tsd_twin.interop.fleet import frames_of
 from tsd_twin.interop.mapping import CMD_VEL, INITIAL_POSE, READ, RosNames, RosTopic
 from tsd_twin.messages.requests import encode_pose
-from tsd_twin.messages.ros import ODOM, decode_cdr, stamp_ns
+from tsd_twin.messages.ros import ODOM
+from tsd_twin.messages.ros_types import decode_cdr, stamp_ns
 from tsd_twin.ros.arrivals import Arrival, Arrivals, Echoes, OnePublisher, Origin
 from tsd_twin.ros.port import UNTOLD, decode_pose_input
 
 MOST_WAITING = 64
-"""Twists of one robot that wait for the event loop; the oldest are dropped."""
+"""Maximum number of queued twists per robot; the oldest are dropped."""
 MOST_POSES = 8
-"""Poses of one topic that wait for the event loop; the oldest are dropped."""
+"""Maximum number of queued poses per topic; the oldest are dropped."""
 MOST_CALLS = 16
-"""Calls of services other than `stop` that are under way at once."""
+"""Maximum number of concurrent service calls other than `stop`."""
 MOST_STOPS = 1000
-"""Calls of `stop` that wait for an answer: one stop answers all that came before it began."""
+"""Maximum number of pending `stop` calls; one stop completes all that precede it."""
 MOST_SENTENCES = 10
-"""Sentences in `SAY_AGAIN_S`."""
+"""Maximum number of messages per `SAY_AGAIN_S`."""
 SEVERAL = "it has several publishers, and ROS does not say which one: run twist_mux, or end one"
 NO_ECHO = (
     "cmd_vel needs the stamp of the newest odom, as TwistStamped: tsd-ros runs with --require-echo"
@@ -46,30 +47,30 @@ NO_ECHO = (
 _TOO_MANY = "too many calls are under way"
 _STOPPING = "the robot is being stopped, but too many calls wait for an answer"
 _ALWAYS = frozenset({"stop", "disarm"})
-"""Services that a shared name does not prevent."""
+"""Services available even with a duplicate name."""
 
 
 class OperatedSource(Protocol):
-    """Robot that ROS operates, as its operator sees it."""
+    """Robot operated by ROS, as seen by its operator."""
 
     id: str
     client: AsyncRobotClient
     names: RosNames | None
     echoes: Echoes | None
-    """Stamps of `odom`, if twists have to echo one."""
+    """Sent `odom` stamps, if twists must echo one."""
 
     def shared_name(self, now_s: float) -> str:
-        """Return a sentence if another robot has the same ROS name."""
+        """Return an error if another robot has the same ROS name, or ""."""
         ...
 
     def tell(self, text: str) -> None:
-        """Log and publish a sentence."""
+        """Log and publish a message."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """Message of a topic as it arrived."""
+    """Received message of a topic."""
 
     row: RosTopic
     type_name: str
@@ -79,7 +80,7 @@ class Received:
 
 
 class Inbox:
-    """Bounded queue for each topic, so that poses neither replace nor delay twists."""
+    """Separate bounded queue per topic, so that poses neither replace nor delay twists."""
 
     def __init__(self) -> None:
         self._waiting = {
@@ -88,7 +89,7 @@ class Inbox:
         }
 
     def put(self, received: Received) -> None:
-        """Add a message; the oldest of its topic is dropped when the queue is full."""
+        """Add a message, dropping the oldest one of its topic if the queue is full."""
         self._waiting[received.row.name].append(received)
 
     def take(self) -> list[Received]:
@@ -103,10 +104,10 @@ Answer = Callable[[bool, str], None]
 
 
 class RosOperator:
-    """ROS as the operator of one robot: `Inputs` of its port; belongs to the event loop."""
+    """ROS as the operator of a robot, and `Inputs` of its port; used from the event loop."""
 
     def __init__(self, source: OperatedSource, machine: CmdVelOperator) -> None:
-        """`machine` is that of the robot, also of the time before it was out of reach."""
+        """`machine` keeps the operator state of the robot across disconnections."""
         self._source = source
         self._driver = RobotDriver(source.client, machine, self._tell, conflict=source.shared_name)
         self._loop = asyncio.get_running_loop()
@@ -121,28 +122,28 @@ class RosOperator:
         self._said: dict[str, float] = {}
         self._told: deque[float] = deque([-math.inf] * MOST_SENTENCES, MOST_SENTENCES)
         self._lock = threading.Lock()
-        self._driver.connected()  # It may tell that control was lost.
+        self._driver.connected()  # May report lost control.
 
     async def close(self) -> None:
-        """Bring the robot to rest and release it, if it is held."""
+        """Stop and release the robot if held."""
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._driver.close()
 
     def topic_opened(self) -> None:
-        """Note that `cmd_vel` is read from now on."""
+        """Handle (re)subscription to `cmd_vel`."""
         self._driver.machine.topic_opened(time.monotonic())
 
     # On any thread.
 
     def problem(self) -> str:
-        """Return why twists are refused now; "" if they are not."""
+        """Return the reason why twists are refused, or ""."""
         waits = self._driver.machine.waits_for_pause(time.monotonic())
         return MUST_PAUSE if waits else ""
 
     def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:
-        """Queue a message for the event loop, which one wake-up at most waits for."""
+        """Queue a message for the event loop, with at most one pending wake-up."""
         received = Received(row, type_name, payload, origin, time.monotonic())
         with self._lock:
             self._inbox.put(received)
@@ -151,12 +152,12 @@ class RosOperator:
             self._call(self._take)
 
     def on_unreadable(self, name: str, reason: str) -> None:
-        """Report a message that cannot be read; reasons of one kind no more often than others."""
+        """Report an invalid message, rate-limited by kind."""
         kind = reason.partition(":")[0]
         self._say(f"a message of {name} is ignored: {reason}"[:250], f"{name} {kind}")
 
     def on_call(self, service: str, answer: Answer) -> None:
-        """Carry out a service; calls beyond a bound are refused at once, on this thread."""
+        """Call a service; calls above the limit are refused immediately, on this thread."""
         is_stop = service == "stop"
         with self._lock:
             accepted = len(self._stops) < MOST_STOPS if is_stop else self._calls < MOST_CALLS
@@ -224,7 +225,7 @@ class RosOperator:
             if not message.is_zero:
                 raise MessageError("publishers", SEVERAL)
             self._driver.on_cmd_vel(message, now_s, arrival.sent_after_s)
-            # A zero of one publisher does not release the stick that another one holds.
+            # A zero from one publisher must not end the pause required for another.
             self._driver.machine.on_unread(now_s)
             return
         if not message.is_zero and (shared := self._source.shared_name(now_s)):
@@ -253,7 +254,7 @@ class RosOperator:
             self._start(self._stop())
 
     async def _stop(self) -> None:
-        """Stop the robot for all calls that wait, and again for those that came meanwhile."""
+        """Stop the robot for all pending calls, and again for later ones."""
         try:
             while True:
                 with self._lock:
@@ -278,14 +279,14 @@ class RosOperator:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    # Sentences.
+    # Messages to the user.
 
     def _tell_refusal(self, done: bool, text: str) -> None:
         if not done:
             self._say(f"initialpose is refused: {text}")
 
     def _say(self, text: str, kind: str = "") -> None:
-        """Tell a sentence, one of the same kind no more often than every two seconds."""
+        """Report a message, limited per kind to one per `SAY_AGAIN_S`."""
         now_s, kind = time.monotonic(), kind or text
         with self._lock:
             recent = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
@@ -295,7 +296,7 @@ class RosOperator:
             self._tell(text)
 
     def _tell(self, text: str) -> None:
-        """Tell a sentence, unless there have been many."""
+        """Report a message unless the overall rate limit is reached."""
         now_s = time.monotonic()
         with self._lock:
             if now_s - self._told[0] < SAY_AGAIN_S:
@@ -305,7 +306,7 @@ class RosOperator:
 
 
 def _echoed(received: Received, echoes: Echoes, now_s: float) -> Arrival:
-    """Return the send time that the stamp of a twist proves."""
+    """Return the send time proven by the stamp of a twist."""
     if received.type_name != TWIST_STAMPED:
         return Arrival(now_s, NO_ECHO)
     sent_s = echoes.sent_after_s(stamp_ns(decode_cdr(received.payload, TWIST_STAMPED)))

@@ -1,4 +1,4 @@
-"""Port to ROS: interface of an adapter to a middleware, and checks of poses. Pure."""
+"""Interface between adapters and ROS middleware, and pose validation (pure)."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ from tsd_twin.interop.mapping import (
     RosTopic,
 )
 from tsd_twin.messages.requests import PoseStamped
-from tsd_twin.messages.ros import ODOM, decode_cdr, stamp_ns
+from tsd_twin.messages.ros import ODOM
+from tsd_twin.messages.ros_types import decode_cdr, stamp_ns
 from tsd_twin.ros.arrivals import Origin
 
 NODE = "tsd_ros"
-"""Name of the node of each robot, in the namespace of the robot."""
+"""Node name of each robot, in its namespace."""
 
 
 @dataclass(frozen=True, slots=True)
 class Endpoints:
-    """Name of a node, its topics and services."""
+    """Node name, topics and services."""
 
     node: str
     published: tuple[RosTopic, ...]
@@ -39,42 +40,42 @@ class Endpoints:
 
 
 ADAPTER = Endpoints(NODE, PUBLISHED, READ, SERVICES)
-"""A robot on the bus as a node of ROS."""
+"""Endpoints of a bus robot shown as a ROS node."""
 
 
 class Inputs(Protocol):
-    """Receiver of what comes from ROS; called on threads of the middleware."""
+    """Receiver of ROS messages and calls, called on middleware threads."""
 
     def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:
-        """Take a message of a topic that is read."""
+        """Handle a message of a subscribed topic."""
         ...
 
     def on_unreadable(self, name: str, reason: str) -> None:
-        """Note a message of a topic or a service that cannot be read."""
+        """Handle an invalid message or request."""
         ...
 
     def on_call(self, service: str, answer: Callable[[bool, str], None]) -> None:
-        """Carry out a service; `answer` may be called later, on any thread, once."""
+        """Handle a service call; call `answer` once, on any thread."""
         ...
 
 
 class RosPort(Protocol):
-    """Node of one robot, with all its topics and services."""
+    """Node for a robot with all its topics and services."""
 
     def wants(self, topic: str) -> bool:
         """Return whether a topic has a subscriber."""
         ...
 
     def publish(self, message: RosMessage) -> None:
-        """Publish a message; one thread at a time."""
+        """Publish a message; not thread-safe."""
         ...
 
     def publishers(self, topic: str) -> list[str]:
-        """Return the names of the other nodes that publish `odom`, one for each publisher."""
+        """Return the names of other nodes publishing `odom`, one per publisher."""
         ...
 
     def subscribers(self, topic: str) -> list[str]:
-        """Return the names of the other nodes that read `cmd_vel`, one for each subscriber."""
+        """Return the names of other nodes reading `cmd_vel`, one per subscriber."""
         ...
 
     def close(self) -> None:
@@ -83,25 +84,25 @@ class RosPort(Protocol):
 
 
 OpenPort = Callable[[RosNames, Inputs | None], RosPort]
-"""Opens the port of a robot; without inputs, nothing can be driven. May raise a TwinError."""
+"""Opens the port of a robot; without inputs it is read-only. May raise TwinError."""
 
 
 def types_of(row: RosTopic) -> tuple[str, ...]:
-    """Return the types that are read on a topic."""
+    """Return the accepted message types of a topic."""
     return (row.type, TWIST_STAMPED) if row is CMD_VEL else (row.type,)
 
 
 UNTOLD = b""
-"""Publisher of a message where the middleware does not say which one of several it was."""
+"""Publisher id of messages where the middleware does not identify one of several."""
 _UNIT = 0.01
-"""How far the length of a quaternion may be from one."""
+"""Tolerance on the length of a quaternion."""
 
 
 def decode_pose_input(payload: bytes, type_name: str, odom: str) -> PoseStamped:
-    """Pose in a `geometry_msgs/msg/PoseWithCovarianceStamped`; `odom` is the name of that frame.
+    """Decode a `geometry_msgs/msg/PoseWithCovarianceStamped` in the frame named `odom`.
 
     Raises:
-        MessageError: it is none, in another frame, or has numbers that are no pose.
+        MessageError: If the message is invalid, in another frame or not a pose.
     """
     raw = decode_cdr(payload, type_name)
     at, turn = raw.pose.pose.position, raw.pose.pose.orientation

@@ -1,4 +1,4 @@
-"""Two robots under one ROS name, as the graph of ROS shows them: a fault. Pure."""
+"""Fault detection: two robots with the same ROS name in the ROS graph (pure)."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.ros.port import NODE, RosPort
 
 CHECK_S = 0.2
-"""Time between two looks at the graph, which cost some calls of the middleware."""
+"""Interval between graph queries, which cost several middleware calls."""
 READERS = frozenset({NODE, f"{NODE}_stamped"})
-"""Nodes that stand for a robot on a bus, by which topic they read."""
+"""Nodes that represent a bus robot, identified by the topic they read."""
 
 
 def shared_name(port: RosPort, names: RosNames, *, is_shown: bool) -> Reason | None:
@@ -31,7 +31,7 @@ def shared_name(port: RosPort, names: RosNames, *, is_shown: bool) -> Reason | N
 
 
 class NameWatch:
-    """Newest answer of `shared_name`, which is asked again from time to time."""
+    """Latest result of `shared_name`, refreshed periodically."""
 
     def __init__(self, port: RosPort, names: RosNames, *, is_shown: bool) -> None:
         self._port, self._names, self._is_shown = port, names, is_shown

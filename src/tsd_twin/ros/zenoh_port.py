@@ -1,7 +1,7 @@
-"""ROS nodes over the protocol of rmw_zenoh: keys, tokens, attachments, a session for each robot.
+"""ROS nodes over the rmw_zenoh protocol (keys, tokens, attachments), one session per robot.
 
-Sources of the format, as of ROS 2 Jazzy and newer: `liveliness_utils.cpp` and
-`attachment_helpers.cpp` of ros2/rmw_zenoh.
+Format as in ROS 2 Jazzy and newer: `liveliness_utils.cpp` and `attachment_helpers.cpp` of
+ros2/rmw_zenoh.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tsd_twin.interop.mapping import (
     RosTopic,
 )
 from tsd_twin.messages.requests import Sample
-from tsd_twin.messages.ros import TRIGGER, encode_trigger_response, type_hash
+from tsd_twin.messages.ros_types import TRIGGER, encode_trigger_response, type_hash
 from tsd_twin.messages.topics import QoS
 from tsd_twin.ros.arrivals import Origin
 from tsd_twin.ros.port import ADAPTER, Endpoints, Inputs, types_of
@@ -34,7 +34,7 @@ from tsd_twin.ros.port import ADAPTER, Endpoints, Inputs, types_of
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
 _MOST_ENDPOINTS = 1000
-"""Endpoints of others on one topic that are noted; two are a fault already."""
+"""Maximum number of recorded external endpoints per topic; two are already a fault."""
 
 QOS = {
     RosQoS.SENSOR: "2::,5:,:,:,,",
@@ -48,12 +48,12 @@ QOS = {
 Fields are numbers of `rmw/types.h`; a default (reliable, volatile, keep last) is empty.
 """
 _ON_BUS = {RosQoS.LATCHED: QoS.EVENT, RosQoS.DRIVE: QoS.REAL_TIME}
-"""Quality of service of a publisher in Zenoh, where it is not that of data."""
+"""Zenoh QoS of publishers that differ from `QoS.DATA`."""
 SERVICE_QOS = "::,10:,:,:,,"
 
 
 class Kind(StrEnum):
-    """Kind of an entity in a token."""
+    """Entity kind in a token."""
 
     PUBLISHER = "MP"
     SUBSCRIPTION = "MS"
@@ -61,50 +61,50 @@ class Kind(StrEnum):
 
 
 def endpoints_key(domain: int, kind: Kind, name: str) -> str:
-    """Return the key of the tokens of all endpoints of a kind on a topic."""
+    """Return the key expression for tokens of all endpoints of a kind on a topic."""
     return f"@ros2_lv/{domain}/*/*/*/{kind}/*/*/*/{_mangled(name)}/**"
 
 
 def node_of(token: str) -> tuple[str, str]:
-    """Return session and node of the token of an endpoint."""
+    """Return session and node name in an endpoint token."""
     parts = token.split("/")
     return parts[2], parts[8]
 
 
 def dds_type(type_name: str) -> str:
-    """Return the name in DDS of a type: `std_msgs::msg::dds_::String_`."""
+    """Return the DDS name of a type, such as `std_msgs::msg::dds_::String_`."""
     package, kind, name = type_name.split("/")
     return f"{package}::{kind}::dds_::{name}_"
 
 
 def topic_key(domain: int, name: str, type_name: str, type_hash: str) -> str:
-    """Return the key of a topic or a service."""
+    """Return the key of a topic or service."""
     return f"{domain}/{name.strip('/')}/{dds_type(type_name)}/{type_hash}"
 
 
 @dataclass(frozen=True, slots=True)
 class RosNode:
-    """A node in the graph: one Zenoh session has one here."""
+    """Node in the ROS graph; one per Zenoh session."""
 
     domain: int
     session: str
-    """Id of its Zenoh session."""
+    """Zenoh session id."""
     name: str
     namespace: str = "/"
 
     def token(self) -> str:
-        """Return the key of its liveliness token."""
+        """Return the key of the node's liveliness token."""
         return self._token(0, "NN")
 
     def endpoint_token(
         self, number: int, kind: Kind, name: str, type_name: str, type_hash: str, qos: str
     ) -> str:
-        """Return the key of the token of a topic or service; `number` is one of this session."""
+        """Return the token key of a topic or service; `number` is unique in this session."""
         mine = self._token(number, kind)
         return f"{mine}/{_mangled(name)}/{dds_type(type_name)}/{type_hash}/{qos}"
 
     def _token(self, number: int, kind: str) -> str:
-        # Enclaves of SROS 2 are not used: the default is `/`.
+        # SROS 2 enclaves are not used; the default is `/`.
         place = f"@ros2_lv/{self.domain}/{self.session}/0/{number}/{kind}"
         return f"{place}/%/{_mangled(self.namespace)}/{self.name}"
 
@@ -114,29 +114,29 @@ def _mangled(name: str) -> str:
 
 
 def gid_of(token: str) -> bytes:
-    """Return the id of an endpoint: XXH3-128 of its token, lower half first, little-endian."""
+    """Return the endpoint id: XXH3-128 of its token, low half first, little-endian."""
     return xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
 
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """Attachment of a message, a request, or a response."""
+    """Attachment of a message, request or response."""
 
     sequence: int
     source_ns: int
-    """Wall clock of the sender."""
+    """Sender's wall clock."""
     gid: bytes
 
     def encode(self) -> bytes:
-        """Return the 33 bytes."""
+        """Return the attachment as 33 bytes."""
         return _ATTACHMENT.pack(self.sequence, self.source_ns, _GID_BYTES, self.gid)
 
 
 def decode_attachment(data: bytes) -> Attachment:
-    """Read an attachment.
+    """Decode an attachment.
 
     Raises:
-        MessageError: `shape`, when it is none.
+        MessageError: If the attachment is invalid (`shape`).
     """
     if len(data) != _ATTACHMENT.size or data[16] != _GID_BYTES:
         raise MessageError("shape", "no attachment of rmw_zenoh (ROS 2 Jazzy or newer) is there")
@@ -152,7 +152,7 @@ class _Published:
 
 
 class ZenohPort:
-    """Node of one robot on a session of its own, which it closes."""
+    """Node for a robot on a dedicated session, which it closes."""
 
     def __init__(
         self,
@@ -162,7 +162,7 @@ class ZenohPort:
         inputs: Inputs | None,
         endpoints: Endpoints = ADAPTER,
     ) -> None:
-        """Without `inputs`, nothing is read and no service is offered."""
+        """Without `inputs`, subscribe to nothing and offer no services."""
         self._bus, self._domain, self._names = bus, domain, names
         namespace = f"/{names.namespace}" if names.shared else "/"
         self._node = RosNode(domain, bus.id, endpoints.node, namespace)
@@ -172,7 +172,7 @@ class ZenohPort:
         for row in endpoints.published:
             name = names.topic(row.name)
             qos = _ON_BUS.get(row.qos, QoS.DATA)
-            # Transient local is an advanced publisher with a cache of the depth, here one.
+            # Transient local needs an advanced publisher with a cache of the QoS depth, here 1.
             publisher = bus.publisher(self._key(name, row.type), qos, row.type, kept=1)
             gid = self._enter(Kind.PUBLISHER, name, row.type, QOS[row.qos])
             self._published[name] = _Published(publisher, gid)
@@ -208,11 +208,11 @@ class ZenohPort:
         to.publisher.put(message.payload, Attachment(to.sequence, time.time_ns(), to.gid).encode())
 
     def publishers(self, topic: str) -> list[str]:
-        """Return the names of the other nodes that publish `odom`."""
+        """Return the names of other nodes publishing `odom`."""
         return list(self._others.get((Kind.PUBLISHER, topic), {}).values())
 
     def subscribers(self, topic: str) -> list[str]:
-        """Return the names of the other nodes that read `cmd_vel`."""
+        """Return the names of other nodes reading `cmd_vel`."""
         return list(self._others.get((Kind.SUBSCRIPTION, topic), {}).values())
 
     def _note_endpoint(self, found: dict[str, str], token: str, lives: bool) -> None:
@@ -223,14 +223,14 @@ class ZenohPort:
             found[token] = node
 
     def close(self) -> None:
-        """Leave the graph: publishers, tokens and services end with the session."""
+        """Leave the graph; closing the session ends publishers, tokens and services."""
         self._bus.close()
 
     def _key(self, name: str, type_name: str) -> str:
         return topic_key(self._domain, name, type_name, type_hash(type_name))
 
     def _enter(self, kind: Kind, name: str, type_name: str, qos: str) -> bytes:
-        """Declare the token of an endpoint, and return its id."""
+        """Declare an endpoint token and return its id."""
         number = next(self._numbers)
         token = self._node.endpoint_token(number, kind, name, type_name, type_hash(type_name), qos)
         self._bus.declare_token(token)
@@ -258,7 +258,7 @@ def _serve(inputs: Inputs, service: str, request: Request) -> None:
         return
 
     def answer(success: bool, text: str) -> None:
-        # Sequence and id are those of the request: so the client finds its answer.
+        # Clients match responses by the sequence number and id of the request.
         attachment = Attachment(asked.sequence, time.time_ns(), asked.gid)
         request.reply(encode_trigger_response(success, text), attachment.encode())
 

@@ -1,4 +1,4 @@
-"""Lease: the exclusive, timed right to drive, on the robot's clock; and the command gate."""
+"""Leases (exclusive, time-limited control of a robot) and command validation."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from tsd_twin.messages.status import DropCounts
 from tsd_twin.robots import RobotDescription
 
 REQUEST_TIMEOUT_S = 15.0
-"""An unanswered request for the lease expires after this time."""
+"""Timeout of an unanswered request for the lease."""
 RESERVATION_S = 3.0
-"""Time after a grant during which the lease is reserved for the operator who requested it."""
+"""Time after a grant during which the lease is reserved for the requester."""
 DENIED_S = 5.0
-"""Minimum time between a denied request and the next one of the same operator."""
+"""Minimum time before a denied operator may request again."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimedClaim:
-    """A claim of one operator with an expiry time: a pending request, or a reservation."""
+    """Pending request or reservation of an operator, with an expiry time."""
 
     operator: str
     since_s: float
@@ -33,11 +33,11 @@ class TimedClaim:
 
 
 class HandOver:
-    """Hand-over of the lease: one pending request at a time, its grant, denial or expiry.
+    """Handover of the lease between operators, with at most one pending request.
 
-    A request alone changes nothing. A grant ends the lease of the holder and reserves the next one
-    for the operator who requested it, who acquires it like any other lease. So no other client
-    learns its id, and the holder of a lease in force always knows of it.
+    A request alone has no effect. A grant ends the holder's lease and reserves the next one for the
+    requester, who then acquires it as usual. This keeps the new lease id private, and the active
+    holder always knows about the handover.
     """
 
     def __init__(self) -> None:
@@ -46,12 +46,12 @@ class HandOver:
         self._denied: TimedClaim | None = None
 
     def pending_request(self, now_s: float) -> TimedClaim | None:
-        """Pending request for control, if there is one."""
+        """Return the pending request for control, if any."""
         self._pending = _still_valid(self._pending, now_s)
         return self._pending
 
     def reservation(self, now_s: float) -> TimedClaim | None:
-        """Reservation of the next lease, if there is one."""
+        """Return the reservation of the next lease, if any."""
         self._reserved = _still_valid(self._reserved, now_s)
         return self._reserved
 
@@ -94,7 +94,7 @@ class HandOver:
         return None
 
     def end(self) -> None:
-        """Clear request and reservation: the requested lease has ended, or there is a new one."""
+        """Clear all claims after the lease has ended or changed hands."""
         self._pending = self._reserved = self._denied = None
 
     def _not_asked_by(self, asker: str | None, now_s: float) -> Reason | None:
@@ -110,30 +110,28 @@ def _still_valid(claim: TimedClaim | None, now_s: float) -> TimedClaim | None:
 
 
 TTL_S = 2.0
-"""A lease ends this long after the last counted command or renewal."""
+"""Lease timeout after the last accepted command or renewal."""
 REACTION_S = 0.02
-"""Two control periods: one until the age of a command is noticed, one until the joints get zero."""
+"""Reaction time: one control period to detect the timeout, one to command zero."""
 
 
 @dataclass(slots=True)
 class Lease:
-    """One grant."""
+    """Lease granted to an operator."""
 
     holder: str
     id: bytes
     expires_s: float
     max_age_s: float
     speed_cap_mps: float
-    """Speed limit under this lease; it falls as the allowed age of commands rises."""
+    """Speed limit under this lease; decreases with `max_age_s`."""
     timeout_s: float
-    """A command stays valid for this time after its arrival, and never longer than `max_age_s`
-    after the sending time of the status whose number it carries. A lease for a slow link has a
-    longer timeout: gaps between commands can be as long as the delay.
-    """
+    """Command timeout after arrival, capped at `max_age_s` after the echoed status was sent.
+    Longer for slow links, where gaps between commands can be as long as the delay."""
 
 
 class LeaseManager:
-    """Lease server: grants, renews and ends leases. Time and new ids are arguments."""
+    """Grants, renews and ends leases; time and new ids are passed in."""
 
     def __init__(self, robot: RobotDescription, new_id: Callable[[], bytes]) -> None:
         self._robot = robot
@@ -142,13 +140,13 @@ class LeaseManager:
         self.hand_over = HandOver()
 
     def current(self, now_s: float) -> Lease | None:
-        """Lease in force, if any; an expired one ends here."""
+        """Return the active lease, if any; ends an expired one."""
         if self._lease is not None and now_s >= self._lease.expires_s:
             self._end()
         return self._lease
 
     def answer(self, request: LeaseRequest, now_s: float) -> LeaseReply:
-        """Answer to a request, and act on it."""
+        """Process a request and return the reply."""
         lease = self.current(now_s)
         match request.op:
             case "acquire":
@@ -169,7 +167,7 @@ class LeaseManager:
         hand_over = self.hand_over
         match request.op:
             case "release":
-                # A release by the holder grants the pending request.
+                # Releasing the lease grants the pending request.
                 if (asked := hand_over.pending_request(now_s)) is not None:
                     hand_over.grant(asked.operator, now_s)
                     self._lease = None
@@ -216,7 +214,7 @@ class LeaseManager:
         self.hand_over.end()
 
     def renew(self, now_s: float) -> None:
-        """Extend the lease in force after a counted command of its holder."""
+        """Extend the active lease after an accepted command."""
         if self._lease is not None:
             self._lease.expires_s = now_s + TTL_S
 
@@ -255,7 +253,7 @@ class LeaseManager:
 
 
 def held_by(lease: Lease | None, operator: str | None, lease_hex: str | None) -> bool:
-    """Whether this operator (any, when None) holds exactly this lease."""
+    """Return whether `operator` (None for any) holds exactly this lease."""
     return (
         lease is not None
         and lease_hex is not None
@@ -265,10 +263,10 @@ def held_by(lease: Lease | None, operator: str | None, lease_hex: str | None) ->
 
 
 def speed_cap_mps(robot: RobotDescription, max_age_s: float) -> float:
-    """Top speed at which a robot stops within `limits.stop_allowance_m` after any link failure.
+    """Return the top speed that keeps the stopping distance within `limits.stop_allowance_m`.
 
-    Commands may move it until `max_age_s` after the last status that got through. Then it brakes,
-    later by the reaction of the control loop and by the lag of its joints.
+    After a link failure, commands stay valid until `max_age_s` after the last delivered status.
+    Braking then starts after the reaction time of the loop and the actuator lag.
     """
     limits = robot.limits
     late_s = max_age_s + REACTION_S + robot.lag_s + robot.delay_s
@@ -277,9 +275,9 @@ def speed_cap_mps(robot: RobotDescription, max_age_s: float) -> float:
 
 
 def speed_within(deceleration_mps2: float, late_s: float, allowed_m: float) -> float:
-    """Speed in m/s from which `late_s` of travel and then braking take `allowed_m`.
+    """Return the speed in m/s from which a robot stops within `allowed_m`.
 
-    The positive root of v late + v^2 / (2 a) = d.
+    It travels for `late_s` before braking: the positive root of v late + v^2 / (2 a) = d.
     """
     a, t = deceleration_mps2, late_s
     return -a * t + math.sqrt(a * a * t * t + 2.0 * a * allowed_m)
@@ -348,7 +346,7 @@ class LeaseEvents:
 
 
 _REMEMBERED = 256
-"""Number of status messages whose sending time is kept: more than a second of them."""
+"""Number of status send times kept (more than a second)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,52 +354,54 @@ class Overaged:
     """Command that echoed a status older than the lease allows."""
 
     echoed_s: float | None
-    """Sending time of that status; None if it is not known any more."""
+    """Send time of that status, or None if no longer known."""
 
 
 class CommandGate:
-    """Filter of velocity commands by lease, order, age and finite numbers.
+    """Validates velocity commands: lease, order, age and finite values.
 
-    A command counts only if its key names one operator, who holds the lease; the lease id is the
-    current one; its number rises; the newest status it has seen was sent less than the allowed age
-    ago, and not before the robot was last armed, became ready, stopped or was disarmed; and its
-    numbers are finite. The echo of the status bounds the age of a command without any agreement
-    between clocks, and drops the bursts of old commands that a stalled link delivers late.
+    A command is accepted if all of these hold:
+    - the operator in its key holds the lease, and the lease id matches;
+    - its sequence number increases, and all values are finite;
+    - the status it echoes was sent within the maximum age, and after the robot last armed, became
+      ready, stopped or disarmed.
 
-    A command of zero counts however old it is, since it can only stop the robot.
+    The echoed status bounds the command's age without synchronized clocks, and rejects the bursts
+    of stale commands that a stalled link delivers. Zero commands are accepted at any age because
+    they can only stop the robot.
     """
 
     def __init__(self) -> None:
         self.accepted = 0
         self.dropped = DropCounts()
         self.echo_s: float | None = None
-        """Age, on arrival, of the status whose number the newest counted command carries."""
+        """Age on arrival of the status echoed by the latest accepted command."""
         self.echoed_s = -math.inf
-        """Sending time of the status whose number the newest counted command carries."""
+        """Send time of the status echoed by the latest accepted command."""
         self.is_late = False
-        """Whether the newest counted command is a zero that is too old for any other command."""
+        """Whether the latest accepted command is a zero older than the maximum age."""
         self.overaged: Overaged | None = None
-        """Newest command whose echo was too old, dropped or a zero; None after a fresh one."""
+        """Latest command with an echo that was too old, or None after a fresh one."""
         self._sent_s: OrderedDict[int, float] = OrderedDict()
         self._seen: tuple[bytes, int] = (b"", -1)
         self._oldest_echo_s = -math.inf
 
     def reject_sent_before(self, now_s: float) -> None:
-        """Drop all commands, under any lease, that echo a status sent before `now_s`.
+        """Reject all commands, under any lease, that echo a status sent before `now_s`.
 
-        A command in transit may be young enough to count, but its operator did not know of the stop
-        or of the arming that happens now, and may have released the stick since.
+        Commands in flight may be fresh enough, but their operator did not know about the current
+        stop or arming, and may have released the stick since.
         """
         self._oldest_echo_s = now_s
 
     def record_status(self, seq: int, now_s: float) -> None:
-        """Remember when status `seq` was sent."""
+        """Record the send time of status `seq`."""
         self._sent_s[seq] = now_s
         while len(self._sent_s) > _REMEMBERED:
             self._sent_s.popitem(last=False)
 
     def validate(self, sample: Sample, lease: Lease | None, now_s: float) -> Command | MessageError:
-        """Command if it counts, else why it does not."""
+        """Return the command if it is accepted, else the error."""
         try:
             command = decode_command(sample)
             self._validate(command, lease, now_s)

@@ -1,7 +1,7 @@
-"""Pauses of the control loop, in which the computer of the robot ran something else.
+"""Detection of control-loop pauses, during which the robot's computer was busy.
 
-A pause looks like silence of others: no command has arrived, no joint was measured. The watch tells
-them apart, so that the reason of a stop names the computer. It decides nothing.
+To the controller, a pause looks like missing commands or measurements. This distinction lets the
+stop reason name the computer; it affects no decision.
 """
 
 from __future__ import annotations
@@ -12,23 +12,23 @@ from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.requests import Event
 
 LATE_S = 0.05
-"""Pauses from this on are reported: five periods, half of the time that makes a fault of them."""
+"""Pauses above this are reported: five periods, half of the fault threshold."""
 _REPORT_S = 1.0
-"""Minimum time between two events, unless the pause is longer than the last reported."""
+"""Minimum time between events, unless the pause exceeds the last reported one."""
 
 
 class LoopWatch:
-    """Watch over the periods of a control loop; time is an argument."""
+    """Monitors the periods of a control loop."""
 
     def __init__(self) -> None:
         self._now_s = math.nan
         self._pause = (-math.inf, -math.inf)
-        """Begin and end of the newest pause."""
+        """Start and end of the latest pause."""
         self._reported_s = -math.inf
         self._reported_pause_s = 0.0
 
     def step(self, now_s: float) -> Event | None:
-        """Note that a period begins; return an event after a pause."""
+        """Record the start of a period; return an event after a pause."""
         before_s, self._now_s = self._now_s, now_s
         if not now_s - before_s >= LATE_S:
             return None

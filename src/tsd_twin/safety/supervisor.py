@@ -1,6 +1,4 @@
-"""Safety supervisor: modes and their transitions, arming, driving, stopping, the latched stop and
-the heartbeat of the hardware watchdog; time is an argument.
-"""
+"""Safety supervisor: modes, arming, driving, stopping, latched stop and watchdog heartbeat."""
 
 from __future__ import annotations
 
@@ -30,28 +28,28 @@ from tsd_twin.safety.loop_watch import LoopWatch
 
 
 class Mode(StrEnum):
-    """Modes of a robot; it moves in `driving`, and brakes in `stopping`."""
+    """Robot modes; the robot moves in `driving` and brakes in `stopping`."""
 
     DISARMED = "disarmed"
     """Gimbals neutral, wheels at rest."""
     ARMING = "arming"
-    """Neutral tilt is checked, speed controllers get zero throttle, wheels spin up."""
+    """Neutral tilt is checked, speed controllers receive zero throttle, wheels spin up."""
     READY = "ready"
-    """Wheels spin, tilt is neutral, commands are obeyed."""
+    """Wheels spin, tilt is neutral, commands are accepted."""
     DRIVING = "driving"
-    """A counted command is obeyed."""
+    """Following an accepted command."""
     STOPPING = "stopping"
     """Controlled stop at the deceleration limit."""
     STOPPED = "stopped"
     """Software stop, latched: neutral tilt at servo speed, zero throttle."""
     FAULT = "fault"
-    """As stopped, latched, because something is broken."""
+    """Like stopped and latched, because of a fault."""
 
 
 ARMED = frozenset({Mode.ARMING, Mode.READY, Mode.DRIVING, Mode.STOPPING})
 """Modes in which the wheels may spin."""
 LATCHED = frozenset({Mode.STOPPED, Mode.FAULT})
-"""Modes that only a reset ends."""
+"""Modes left only by a reset."""
 
 TRANSITIONS: dict[tuple[Mode, Mode], str] = {
     (Mode.DISARMED, Mode.ARMING): "arm",
@@ -69,34 +67,32 @@ TRANSITIONS: dict[tuple[Mode, Mode], str] = {
     **{(mode, Mode.STOPPED): "stop" for mode in Mode if mode is not Mode.STOPPED},
     **{(mode, Mode.FAULT): "fault" for mode in ARMED},
 }
-"""All allowed transitions between modes, each with its condition."""
+"""All allowed mode transitions with their triggers."""
 
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """Heartbeat that accompanies each set-point, for hardware with its own command watchdog."""
+    """Heartbeat sent with each setpoint, for hardware with a command watchdog."""
 
     armed: bool
-    """The wheels may spin."""
+    """Whether the wheels may spin."""
     counter: int
-    """Heartbeat counter; the board trips when it stops incrementing.
-
-    While the robot moves, only counted commands increment it, and once the start of a controlled
-    stop. While the robot is at rest with spinning wheels, every step increments it; the state
-    machine ends that mode after 10 s without an operator.
-    """
+    """Heartbeat counter; the board trips if it stops incrementing.
+    While the robot moves, only accepted commands and the start of a controlled stop increment it.
+    At rest with spinning wheels, every step increments it; the supervisor ends that mode after 10 s
+    without an operator."""
     latched: bool = False
-    """A stop or a fault is latched."""
+    """Whether a stop or fault is latched."""
     stopped: bool = False
-    """A stop is latched: whatever else drives the robot must not either."""
+    """Whether a stop is latched, which must also block other command sources."""
 
 
 UNATTENDED_S = 10.0
-"""Without a lease for this long, the wheels spin down."""
+"""The wheels spin down after this time without a lease."""
 QUIET_BEFORE_RESET_S = 0.5
-"""A reset is refused until this time after the last non-zero command."""
+"""Time after the last non-zero command before a reset is accepted."""
 NEUTRAL_S = 1.0
-"""Timeout of arming for the gimbals to reach neutral tilt."""
+"""Arming timeout for the gimbals to reach neutral tilt."""
 SPIN_UP_S = 5.0
 """Timeout of arming for the wheels to reach their speed."""
 _NOT_DRIVABLE = {
@@ -114,19 +110,19 @@ _REPORT_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class SupervisorInputs:
-    """Inputs of the safety state machine from the control loop, one set for each step."""
+    """Inputs from the control loop for one step."""
 
     neutral: bool
-    """All gimbals are measured at neutral tilt; used while arming only."""
+    """Whether all gimbals are at neutral tilt; used while arming only."""
     at_speed: bool
-    """All wheels turn at their set-point; used while arming only."""
+    """Whether all wheels have reached their setpoint; used while arming only."""
     at_rest: bool
     """The twist that is commanded to the joints is zero."""
     fault: Reason | None = None
 
 
 class SafetySupervisor:
-    """Safety state machine of one robot: modes, lease, command gate and latched stop."""
+    """Safety state machine of a robot: modes, lease, command gate and latched stop."""
 
     def __init__(self, robot: RobotDescription, new_lease_id: Callable[[], bytes]) -> None:
         self.mode = Mode.DISARMED
@@ -135,20 +131,20 @@ class SafetySupervisor:
         self.gate = CommandGate()
         self.loop = LoopWatch()
         self.command: Command | None = None
-        """Newest counted command since the robot last came to rest."""
+        """Latest accepted command since the robot last came to rest."""
         self.command_s = -np.inf
         self.command_seq = 0
         self.stops = 0
-        """Number of controlled stops that the robot has started by itself."""
+        """Number of controlled stops initiated by the robot."""
         self._leases = LeaseManager(robot, new_lease_id)
         self._lease_events = LeaseEvents(self._leases)
         self._drove: bytes = b""
         self._stands_until_s = -np.inf
-        """Time at which the newest command expires, unless another counts before."""
+        """Expiry time of the latest command."""
         self._fresh_s = -np.inf
-        """Time of arrival of the newest command that was not too old."""
+        """Arrival time of the latest command within the maximum age."""
         self._echo_ends_first = False
-        """Whether that command expires by the age of its echo, and not by silence."""
+        """Whether that command expires by echo age rather than by timeout."""
         self._hold_s = robot.arming_hold_s
         self._since_s = 0.0
         self._attended_s = -np.inf
@@ -168,7 +164,7 @@ class SafetySupervisor:
     # Requests of operators.
 
     def lease(self, request: LeaseRequest, now_s: float) -> LeaseReply:
-        """Answer a request for the lease; a change of holder stops the robot."""
+        """Process a lease request; a change of holder stops the robot."""
         before = self._leases.current(now_s)
         reply = self._leases.answer(request, now_s)
         after = self._leases.current(now_s)
@@ -187,14 +183,14 @@ class SafetySupervisor:
         return reply
 
     def arm(self, lease_hex: str, now_s: float) -> Reply:
-        """Begin arming; allowed to the holder of the lease only, from `disarmed` only."""
+        """Start arming; requires the lease and mode `disarmed`."""
         if refusal := self.arm_refusal(lease_hex, now_s):
             return self.refuse("arm", refusal, now_s)
         self._transition(Mode.ARMING, because(Code.ARMED_BY_OPERATOR), now_s)
         return Reply(True)
 
     def disarm(self, lease_hex: str, now_s: float) -> Reply:
-        """Spin down: at once when at rest, after a controlled stop when driving."""
+        """Spin down: immediately at rest, else after a controlled stop."""
         if refusal := self.holder_refusal(lease_hex, now_s):
             return self.refuse("disarm", refusal, now_s)
         reason = because(Code.DISARMED_BY_OPERATOR)
@@ -214,7 +210,7 @@ class SafetySupervisor:
         return Reply(True)
 
     def reset(self, lease_hex: str, now_s: float) -> Reply:
-        """Clear a latched stop or fault; the next mode is `disarmed`, never motion."""
+        """Clear a latched stop or fault; the next mode is always `disarmed`."""
         if refusal := self.reset_refusal(lease_hex, now_s):
             return self.refuse("reset", refusal, now_s)
         self._transition(Mode.DISARMED, because(Code.RESET_BY_OPERATOR), now_s)
@@ -281,7 +277,7 @@ class SafetySupervisor:
     # Called by the control loop.
 
     def receive(self, sample: Sample, now_s: float) -> None:
-        """Process one command sample from the bus: accept it, or drop and count it."""
+        """Process a command sample from the bus: accept it, or reject and count it."""
         lease = self._leases.current(now_s)
         outcome = self.gate.validate(sample, lease, now_s)
         if isinstance(outcome, MessageError):
@@ -289,7 +285,7 @@ class SafetySupervisor:
             self._report_now_and_then("drop", dropped, outcome.reason, now_s)
             return
         if lease is not None and not self.gate.is_late:
-            # A zero that is too old stops the robot, but does not prove a connected sender.
+            # A stale zero stops the robot but does not prove that the sender is connected.
             self._leases.renew(now_s)
             self._heartbeat_count += 1
             oldest_s = self.gate.echoed_s + lease.max_age_s
@@ -330,7 +326,7 @@ class SafetySupervisor:
             self._heartbeat_count += 1
 
     def arming(self, now_s: float) -> ArmingStatus | None:
-        """Progress of arming, None in other modes."""
+        """Return the progress of arming, or None in other modes."""
         if self.mode is not Mode.ARMING:
             return None
         if self._spin_up_s is not None:
@@ -339,7 +335,7 @@ class SafetySupervisor:
 
     @property
     def wheels_spin(self) -> bool:
-        """Whether the drive motors are commanded to turn."""
+        """Whether the drive motors are commanded to spin."""
         if self.mode is Mode.ARMING:
             return self._spin_up_s is not None
         return self.mode in ARMED
@@ -355,7 +351,7 @@ class SafetySupervisor:
         )
 
     def lease_in_force(self, now_s: float) -> Lease | None:
-        """Lease in force, if any."""
+        """Return the active lease, if any."""
         return self._leases.current(now_s)
 
     @property
@@ -364,7 +360,7 @@ class SafetySupervisor:
         return self._leases.hand_over
 
     def take_events(self) -> list[Event]:
-        """Events since the last call."""
+        """Return the events since the last call."""
         events, self._events = self._events, []
         return events
 

@@ -14,12 +14,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any, Self
 
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
-
-from tsd_twin.errors import TwinError
+from tsd_twin.errors import TwinError, needs_extra
 from tsd_twin.security.access_rules import (
     AUTHORITY,
     LISTEN,
@@ -32,6 +27,12 @@ from tsd_twin.security.access_rules import (
     merged,
     robot_settings,
 )
+
+with needs_extra("A certificate", "tls"):
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+    from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 Key = ec.EllipticCurvePrivateKey
 Certificate = x509.Certificate

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from tsd_twin.simulation.actuators import Motors, Servos, SpeedControllers, WheelSurface
+from tsd_twin.simulation.factory import PLANTS, plants_of, simulate
 from tsd_twin.simulation.robot import (
     BATTERY,
-    PLANTS,
     BoardModel,
     RobotWithStuckJoint,
     SimRobot,
@@ -13,7 +13,6 @@ from tsd_twin.simulation.robot import (
     Truth,
     Wear,
     WornRobot,
-    simulate,
 )
 from tsd_twin.simulation.sensors import Camera, CameraNoise, Frame, Simulation, YawGyro
 from tsd_twin.simulation.singularity import KinematicPlant, SingularitySimulation
@@ -39,5 +38,6 @@ __all__ = [
     "WheelSurface",
     "WornRobot",
     "YawGyro",
+    "plants_of",
     "simulate",
 ]

@@ -96,7 +96,7 @@ def wheel_name(i: int) -> str:
 def build_mujoco_model(robot: SingularityDescription) -> Any:
     """Build solid bodies of `robot` on a level floor.
 
-    The chassis is a disc with the diameter of the pivot circle, each gimbal frame a rod between its
+    The chassis is a disc that extends to the farthest pivot, each gimbal frame a rod between its
     bearings, each wheel half a hollow sphere. Joint names match the kinematics. Servos have the
     damping of gear motors, and their driving torques are applied externally. The floor supports
     only the wheels, without friction; patch friction is also applied externally, see
@@ -111,7 +111,9 @@ def build_mujoco_model(robot: SingularityDescription) -> Any:
     floor.type = mujoco.mjtGeom.mjGEOM_PLANE
     base = spec.worldbody.add_body(name="base", pos=[0.0, 0.0, geometry.wheel_radius_m])
     base.add_freejoint()
-    plate = base.add_geom(size=[geometry.pivot_radius_m, _PLATE_HEIGHT_M / 2.0, 0.0], **_FREE)
+    plate = base.add_geom(
+        size=[float(np.max(geometry.pivot_radii_m)), _PLATE_HEIGHT_M / 2.0, 0.0], **_FREE
+    )
     plate.type = mujoco.mjtGeom.mjGEOM_CYLINDER
     plate.mass = mass.total_kg - geometry.modules * (mass.wheel_kg + 2.0 * mass.gimbal_kg)
     for i in range(geometry.modules):
@@ -125,10 +127,10 @@ def _add_module(base: Any, i: int, robot: SingularityDescription) -> None:
     """Add a wheel on two gimbal frames; Y of a module is radially outward."""
     geometry, mass = robot.drive, robot.mass
     radius = geometry.wheel_radius_m
-    azimuth = float(np.radians(geometry.azimuths_deg[i]))
+    azimuth = float(np.radians(geometry.directions_deg[i]))
     half_turn = (azimuth - np.pi / 2.0) / 2.0
     outer = base.add_body(
-        pos=geometry.pivot_radius_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]),
+        pos=[*geometry.pivots_m[i], 0.0],
         quat=[np.cos(half_turn), 0.0, 0.0, np.sin(half_turn)],
     )
     _add_servo(outer, f"module{i + 1}_beta", [0.0, 1.0, 0.0], robot)

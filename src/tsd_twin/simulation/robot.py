@@ -1,114 +1,20 @@
-"""Simulated robots: factory by kind and plant, the robot run by a node, and injected wear."""
+"""Simulated robots: the robot run by a node, a model of its board, and injected wear."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
-from tsd_twin.errors import RobotFileError, TwinError
+from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.robots import (
-    KINDS,
-    OmniDescription,
-    RobotDescription,
-    SingularityDescription,
-    implementation,
-    kind_of,
-)
-from tsd_twin.simulation.mujoco_plant import MujocoSimulation
-from tsd_twin.simulation.sensors import Actuated, DelayWrapper, GyroSimulation, Simulation
-from tsd_twin.simulation.singularity import SingularitySimulation
-from tsd_twin.simulation.wheeled import GearedSimulation, OmniSimulation
-
-_Factory: TypeAlias = Callable[..., Simulation]
-
-
-def _behind_bus(plant: Callable[..., Actuated]) -> _Factory:
-    """Return a factory for robots moved by `plant`, behind a bus with delay."""
-
-    def make(robot: RobotDescription, batch: tuple[int, ...], **options: Any) -> Simulation:
-        simulation = plant(robot, batch, **options)
-        return DelayWrapper(simulation, robot.delay_s) if robot.delay_s > 0.0 else simulation
-
-    return make
-
-
-def _with_gyro(make: _Factory) -> _Factory:
-    """Return a factory that adds the described gyro, if any."""
-
-    def add(
-        robot: SingularityDescription | OmniDescription,
-        batch: tuple[int, ...],
-        *,
-        seed: int | None,
-        noise: float,
-        **options: Any,
-    ) -> Simulation:
-        simulation = make(robot, batch, seed=seed, noise=noise, **options)
-        if robot.gyro is None:
-            return simulation
-        return GyroSimulation(simulation, robot.gyro, batch, seed=seed, noise=noise)
-
-    return add
-
-
-simulate_singularity = _with_gyro(_behind_bus(SingularitySimulation))
-"""Factory of the kinematic simulation of a singularity drive."""
-simulate_singularity_mujoco = _with_gyro(_behind_bus(MujocoSimulation))
-"""Factory of the MuJoCo simulation of a singularity drive."""
-simulate_omni = _with_gyro(OmniSimulation)
-"""Factory of the simulation of a platform on wheels with rollers."""
-PLANTS: tuple[str, ...] = tuple(dict.fromkeys(p for kind in KINDS for p in kind.simulations))
-"""Motion models: `kinematic` (rolling) for all kinds, `mujoco` (rigid bodies) for some."""
-
-
-def simulate(
-    robot: RobotDescription,
-    batch: tuple[int, ...] = (),
-    *,
-    seed: int | None = 0,
-    noise: float = 0.0,
-    battery_v: float | None = None,
-    pose: Any = None,
-    plant: str = "kinematic",
-    errors: float = 0.0,
-    step_s: float | None = None,
-) -> Simulation:
-    """Return `batch` simulated robots in lockstep virtual time; `()` is a single robot.
-
-    Args:
-        robot: Description of the robots.
-        batch: Batch dimensions.
-        pose: Initial pose (the kinematics' pose type).
-        seed: Random seed.
-        noise: Factor on the described standard deviations.
-        battery_v: Battery voltage.
-        plant: One of `PLANTS`.
-        errors: Factor on the described model errors, such as gimbal zeros.
-        step_s: Maximum integration step of robots with geared motors, to override the default.
-
-    Raises:
-        RobotFileError: If robots of this kind do not support the plant.
-        MissingExtraError: If a required package is not installed.
-    """
-    reference = kind_of(robot).simulations.get(plant)
-    if reference is None:
-        kinds = ", ".join(kind.name for kind in KINDS if plant in kind.simulations)
-        raise RobotFileError(robot.name, f"the plant `{plant}` cannot move it", f"only {kinds}")
-    make: Callable[..., Simulation] = implementation(reference)
-    built = robot.with_errors(errors)
-    made = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
-    moves = made.simulation if isinstance(made, GyroSimulation) else made
-    if step_s is not None and isinstance(moves, GearedSimulation):
-        moves.longest_step_s = step_s
-    return made
-
+from tsd_twin.robots import RobotDescription
+from tsd_twin.simulation.factory import simulate
 
 _MIN_STEP_S = 1e-9
 """Minimum integration step, below which rounding errors dominate the speeds."""

@@ -13,8 +13,9 @@ from tests.support.page_stage import robot
 from tsd_twin.dashboard.scene.appearance import Layer
 from tsd_twin.dashboard.server import messages_from_page, messages_to_page
 from tsd_twin.dashboard.server.messages_from_page import Message
+from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.messages import status
-from tsd_twin.robots import KINDS
+from tsd_twin.robots import load_robot, robot_names
 
 SERVER = Path(messages_to_page.__file__).parent
 TYPES = (SERVER / "protocol.d.ts").read_text(encoding="utf-8")
@@ -81,7 +82,7 @@ def test_the_presets_know_every_layer_and_every_tab_of_actuators() -> None:
     presets = (STATIC / "presets.js").read_text(encoding="utf-8")
     (away,) = re.findall(r"Operator: \{\s+away: \[(.*?)\]", presets, re.DOTALL)
     # The tab with what is not promised for robots of others stays.
-    actuators = {kind.actuator_tab for kind in KINDS if kind.simulations}
+    actuators = {view_of(load_robot(name)).label for name in robot_names()} | {"Joints"}
     assert actuators <= set(re.findall(r'"([^"]+)"', away))
     shown = set(re.findall(r'"([^"]+)"', "".join(re.findall(r"layers: \[(.*?)\]", presets))))
     assert shown <= {str(layer) for layer in Layer}

@@ -18,11 +18,11 @@ from tsd_twin.bus import Bus, node_config
 from tsd_twin.dashboard.server.messages_from_page import StudentRequest, decode_page_message
 from tsd_twin.dashboard.server.messages_to_page import StudentFigures, encode_message
 from tsd_twin.dashboard.server.student import answer, figures_of
+from tsd_twin.dashboard.sessions.variants import variant
 from tsd_twin.errors import MessageError, RobotFileError
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.models import load_parts
 from tsd_twin.robots import load_robot, parse_description, robot_names
-from tsd_twin.robots.loader import variant
 
 calm = settings(deadline=None, max_examples=40)
 RPM = math.pi / 30.0

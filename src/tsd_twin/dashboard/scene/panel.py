@@ -23,10 +23,10 @@ from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.viser_compat import rename_tab, set_theme
 from tsd_twin.lie import Array
 from tsd_twin.motion import TwistLimiter
-from tsd_twin.robots import KINDS, kind_of
 
 _SLIDER_STEPS = 50
 """Slider steps from zero to the end."""
@@ -281,7 +281,7 @@ class ViewTab:
         self._clear_trails()
 
 
-_ACTUATOR_TAB = KINDS[0].actuator_tab
+_ACTUATOR_TAB = "Gimbals"
 """Label of the actuator tab if no robot is selected."""
 
 
@@ -375,7 +375,7 @@ class Panel:
         body = self._view.visual
         rename_tab(
             self._actuator_tab,
-            _ACTUATOR_TAB if body is None else kind_of(body.link.robot).actuator_tab,
+            _ACTUATOR_TAB if body is None else view_of(body.link.robot).label,
         )
         if self._view_tab is not None:
             self._view_tab.update_controls()

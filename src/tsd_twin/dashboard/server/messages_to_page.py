@@ -51,6 +51,13 @@ class WheelSpeedLimits(msgspec.Struct, frozen=True):
     servo_step_deg: float
 
 
+class JointInfo(msgspec.Struct, frozen=True):
+    """Row of the panel `joints`."""
+
+    name: str
+    unit: str
+
+
 class RobotInfo(Message, frozen=True, tag="robot"):
     """Constant data of a robot."""
 
@@ -64,8 +71,10 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Components of `drive`, `twist` and `commanded`, in this order."""
     twist_scale_m: float
     """Metres per second per unit of the first two components; speed limits are in m/s."""
-    panel: Literal["gimbals", "wheels", "sphere", "twist"]
-    """Kind of the actuator tab."""
+    sideways: bool
+    """Whether it can move sideways; otherwise the controls request no sideways motion."""
+    panel: Literal["gimbals", "wheels", "sphere", "twist", "joints"]
+    """Kind of the actuator tab; `joints` is a list for kinds without a separate panel."""
     max_tilt_deg: float | None = None
     modules: Sequence[str] = ()
     """Names of the gimbals."""
@@ -75,6 +84,8 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Names of the rolling wheels."""
     max_rpm: float | None = None
     """Maximum speed of the rolling wheels."""
+    joints: Sequence[JointInfo] = ()
+    """Rows of the panel `joints`."""
     alternative_estimate: str | None = None
     """Source of the alternative estimate, if the robot has one."""
     not_promised: Sequence[str] = ()
@@ -106,6 +117,13 @@ class WheelState(msgspec.Struct, frozen=True):
     set_rpm: float
     residual_mps: float
     """Rim speed not explained by the robot's motion."""
+
+
+class JointValue(msgspec.Struct, frozen=True):
+    """Measured and commanded value in a row of the panel `joints`."""
+
+    value: float | None
+    setpoint: float | None = None
 
 
 class SphereState(msgspec.Struct, frozen=True):
@@ -200,6 +218,8 @@ class RobotState(Message, frozen=True, tag="state"):
     truth: Triple | None
     modules: Sequence[GimbalState] = ()
     wheels: Sequence[WheelState] = ()
+    joints: Sequence[JointValue] = ()
+    """Values of the rows `joints` of the robot's info."""
     sphere: SphereState | None = None
     estimate_difference: EstimateDifference | None = None
     route: RouteState | None = None

@@ -130,6 +130,11 @@ interface WheelSpeedLimits {
   servo_step_deg: number;
 }
 
+interface JointInfo {
+  name: string;
+  unit: string;
+}
+
 interface RobotInfo {
   t: "robot";
   id: string;
@@ -139,12 +144,14 @@ interface RobotInfo {
   space: "floor" | "sphere";
   twist_axes: TwistAxisInfo[];
   twist_scale_m: number;
-  panel: "gimbals" | "wheels" | "sphere" | "twist";
+  sideways: boolean;
+  panel: "gimbals" | "wheels" | "sphere" | "twist" | "joints";
   max_tilt_deg: number | null;
   modules: string[];
   wheel_speed_limits: WheelSpeedLimits | null;
   wheels: string[];
   max_rpm: number | null;
+  joints: JointInfo[];
   alternative_estimate: string | null;
   not_promised: string[];
   plot_fields: string[];
@@ -167,6 +174,11 @@ interface WheelState {
   rpm: number;
   set_rpm: number;
   residual_mps: number;
+}
+
+interface JointValue {
+  value: number | null;
+  setpoint: number | null;
 }
 
 interface SphereState {
@@ -211,6 +223,7 @@ interface RobotState {
   truth: Triple | null;
   modules: GimbalState[];
   wheels: WheelState[];
+  joints: JointValue[];
   sphere: SphereState | null;
   estimate_difference: EstimateDifference | null;
   route: RouteState | null;

@@ -28,8 +28,8 @@ from tsd_twin.messages.requests import Event, Sample
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import decode_stamp, decode_status
 from tsd_twin.messages.topics import ODOM, STATUS, Topic
-from tsd_twin.robots import kind_of
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
+from tsd_twin.simulation import plants_of
 
 LINGER_S = 10.0
 """Time a twin keeps running after it was last shown, because a new one needs seconds to warm up."""
@@ -58,7 +58,7 @@ class ShadowMonitor:
 
         Returns None before the first report, and for a robot that cannot be simulated.
         """
-        if not kind_of(self._link.robot).simulations:
+        if not plants_of(self._link.robot):
             return None
         with self._lock:
             self._asked_s = time.monotonic()

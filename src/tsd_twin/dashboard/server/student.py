@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import asyncio
-import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
 from tsd_twin.dashboard.server.lease import RpcExecutor
-from tsd_twin.dashboard.server.messages_from_page import StudentRequest, Triple
+from tsd_twin.dashboard.server.messages_from_page import StudentRequest
 from tsd_twin.dashboard.server.messages_to_page import (
     ShippedRobot,
     StudentFigure,
@@ -23,26 +22,17 @@ from tsd_twin.dashboard.server.messages_to_page import (
     StudentKnob,
     StudentOutline,
     StudentReply,
-    StudentWheel,
     TwistAxisInfo,
 )
+from tsd_twin.dashboard.sessions.kinds import view_of
+from tsd_twin.dashboard.sessions.student_wheels import short, triple
+from tsd_twin.dashboard.sessions.variants import knobs_of, variant, variant_toml
 from tsd_twin.errors import RobotFileError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.kinematics.base import largest_twist, section, shadow
 from tsd_twin.lie import SE2, Array
 from tsd_twin.models import check_room
-from tsd_twin.robots import (
-    RPM,
-    OmniDescription,
-    RobotDescription,
-    SingularityDescription,
-    SphereDescription,
-    implementation,
-    kind_of,
-    load_robot,
-    robot_names,
-)
-from tsd_twin.robots.loader import knobs_of, variant, variant_toml
+from tsd_twin.robots import RobotDescription, load_robot, robot_names
 
 _OUTLINE_POINTS = 60
 _PLANES = ((0, 1), (0, 2), (1, 2))
@@ -118,12 +108,12 @@ def figures_of(robot: RobotDescription, twist: Array) -> StudentFigures:
     reached = asked / max(1.0, share)
     return StudentFigures(
         axes=[TwistAxisInfo(one.name, one.symbol, one.unit) for one in twist_axes_of(drive)],
-        tops=_triple(np.diag(largest_twist(drive, np.eye(3)))),
+        tops=triple(np.diag(largest_twist(drive, np.eye(3)))),
         figures=_figures(robot, drive),
         outlines=[_outline(drive, plane) for plane in _PLANES],
-        twist=_triple(reached),
-        utilization=_short(share),
-        wheels=implementation(kind_of(robot).student_wheels)(robot, reached),
+        twist=triple(reached),
+        utilization=short(share),
+        wheels=view_of(robot).student_wheels(robot, reached),
         radius_m=drive.wheel_radius_m,
     )
 
@@ -154,7 +144,7 @@ def _figures(robot: RobotDescription, drive: Kinematics[Any]) -> list[StudentFig
     tops = np.diag(largest_twist(drive, np.eye(3)))
     if drive.pose_type is not SE2:
         return [
-            StudentFigure(f"Top rate {one.symbol}", _short(top), one.unit)
+            StudentFigure(f"Top rate {one.symbol}", short(top), one.unit)
             for one, top in zip(axes, tops, strict=True)
         ]
     angles = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
@@ -163,20 +153,20 @@ def _figures(robot: RobotDescription, drive: Kinematics[Any]) -> list[StudentFig
     speeds = np.round(speeds, 9)  # Among equal speeds, the first one is reported.
     slow, fast = int(speeds.argmin()), int(speeds.argmax())
     figures = [
-        StudentFigure("Top speed forward", _short(tops[0]), "m/s"),
-        StudentFigure("Top speed to the left", _short(tops[1]), "m/s"),
-        StudentFigure("Slowest direction", _short(speeds[slow]), "m/s", _towards(slow)),
-        StudentFigure("Fastest direction", _short(speeds[fast]), "m/s", _towards(fast)),
-        StudentFigure("Top turn rate", _short(tops[2]), "rad/s"),
+        StudentFigure("Top speed forward", short(tops[0]), "m/s"),
+        StudentFigure("Top speed to the left", short(tops[1]), "m/s"),
+        StudentFigure("Slowest direction", short(speeds[slow]), "m/s", _towards(slow)),
+        StudentFigure("Fastest direction", short(speeds[fast]), "m/s", _towards(fast)),
+        StudentFigure("Top turn rate", short(tops[2]), "rad/s"),
     ]
     if (wheel_speeds := robot.wheel_speed_range) is not None:
         rim_mps = wheel_speeds.kinematics.wheel_radius_m * wheel_speeds.kinematics.spin_rad_per_s
         step_mps = rim_mps * wheel_speeds.servo_step_rad
-        turn = step_mps / wheel_speeds.kinematics.pivot_radius_m
+        turn = step_mps / float(np.max(wheel_speeds.kinematics.pivot_radius_m))
         figures += [
-            StudentFigure("Speed for one servo step", _short(1000.0 * step_mps), "mm/s"),
-            StudentFigure("Turn rate for one servo step", _short(turn), "rad/s"),
-            StudentFigure("Servo steps to the top speed", _short(tops[0] / step_mps), ""),
+            StudentFigure("Speed for one servo step", short(1000.0 * step_mps), "mm/s"),
+            StudentFigure("Turn rate for one servo step", short(turn), "rad/s"),
+            StudentFigure("Servo steps to the top speed", short(tops[0] / step_mps), ""),
         ]
     limits = robot.limits
     return [
@@ -199,96 +189,6 @@ def _outline(drive: Kinematics[Any], plane: tuple[int, int]) -> StudentOutline:
     )
 
 
-# Wheels of each kind, as the registry of kinds names them.
-
-
-def gimbal_wheels(robot: SingularityDescription, twist: Array) -> list[StudentWheel]:
-    """Return the modules of a singularity drive at a twist (3,)."""
-    drive = robot.kinematics()
-    joints = drive.inverse(twist)
-    tilts, radii = drive.tilt(joints), drive.effective_radius_m(joints)
-    pushes = pivot_velocities(drive.pivots_m, twist)
-    wheels: list[StudentWheel] = []
-    for i, (alpha, beta, spin) in enumerate(joints.reshape(-1, 3)):
-        rim_mps = drive.wheel_radius_m * float(spin)
-        # Rolling, v = r_w spin l x z: the axle leans to the left of the push.
-        axle = (-pushes[i, 1] / rim_mps, pushes[i, 0] / rim_mps)
-        wheels.append(
-            StudentWheel(
-                at=_pair(drive.pivots_m[i]),
-                push=_pair(pushes[i]),
-                direction_deg=None,
-                rpm=_short(float(spin) / RPM),
-                gimbal=(_degrees(alpha), _degrees(beta), _degrees(tilts[i])),
-                axle=(_short(axle[0]), _short(axle[1])),
-                effective_radius_mm=_short(1000.0 * float(radii[i])),
-            )
-        )
-    return wheels
-
-
-def roller_wheels(robot: OmniDescription, twist: Array) -> list[StudentWheel]:
-    """Return the wheels of a platform on rollers at a twist (3,)."""
-    drive = robot.kinematics()
-    spins = drive.inverse(twist)
-    pushes = pivot_velocities(drive.positions_m, twist)
-    return [
-        StudentWheel(
-            at=_pair(drive.positions_m[i]),
-            push=_pair(pushes[i]),
-            direction_deg=_degrees(drive.directions_rad[i]),
-            rpm=_short(float(spins[i]) / RPM),
-        )
-        for i in range(drive.wheels)
-    ]
-
-
-def sphere_wheels(robot: SphereDescription, twist: Array) -> list[StudentWheel]:
-    """Return the wheels below a sphere that turns at a twist (3,), seen from above."""
-    drive = robot.kinematics()
-    spins = drive.inverse(twist)
-    contacts = drive.sphere_radius_m * drive.contacts
-    pushes = np.cross(twist, contacts)
-    return [
-        StudentWheel(
-            at=_pair(contacts[i]),
-            push=_pair(pushes[i]),
-            direction_deg=_degrees(np.arctan2(drive.actuations[i, 1], drive.actuations[i, 0])),
-            rpm=_short(float(spins[i]) / RPM),
-        )
-        for i in range(drive.wheels)
-    ]
-
-
-def no_wheels(_robot: RobotDescription, _twist: Array) -> list[StudentWheel]:
-    """Return the wheels of a robot whose wheels are not known: none."""
-    return []
-
-
-def pivot_velocities(at_m: Array, twist: Array) -> Array:
-    """Velocities (k, 2) of points (k, 2) of a body that moves at `twist` (3,)."""
-    vx, vy, omega = (float(part) for part in twist)
-    return np.stack([vx - omega * at_m[:, 1], vy + omega * at_m[:, 0]], axis=-1)
-
-
-def _short(value: float) -> float:
-    """Return a number with six digits, zero where rounding leaves next to nothing."""
-    return float(f"{round(float(value), 12):.6g}") + 0.0
-
-
-def _degrees(angle_rad: float) -> float:
-    return _short(math.degrees(float(angle_rad)))
-
-
-def _pair(point: Array) -> tuple[float, float]:
-    return _short(point[0]), _short(point[1])
-
-
 def _drawn(points: Array) -> list[tuple[float, float]]:
     """Round points (k, 2) to the four digits a drawing needs."""
     return [(float(f"{a:.4g}"), float(f"{b:.4g}")) for a, b in points]
-
-
-def _triple(values: Array) -> Triple:
-    a, b, c = (_short(value) for value in values)
-    return a, b, c

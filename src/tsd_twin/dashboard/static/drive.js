@@ -109,9 +109,10 @@ export class Drive {
     const panel = this._sources.find((source) => source.held && source.twist !== undefined);
     if (panel?.twist !== undefined) return { ...panel.twist, frame: "base_link" };
     const { unit, scale } = this;
+    const sideways = this.link.robot?.sideways === false ? 0 : unit.y;
     const [vx, vy, omega] = kindOf(this.link.robot).controls.twist(
       unit.x * scale.speed,
-      unit.y * scale.speed,
+      sideways * scale.speed,
       unit.turn * scale.turn,
     );
     return { vx, vy, omega, frame: this.frame };

@@ -4,6 +4,7 @@
 import { degrees, fixed } from "./format.js";
 import { Gimbals } from "./gimbals.js";
 import { Imported } from "./imported.js";
+import { Joints } from "./joints.js";
 import { Sphere } from "./sphere.js";
 import { Wheels } from "./wheels.js";
 
@@ -94,6 +95,12 @@ const KINDS = {
       "Other ROS nodes can drive it as well. Where it stops is not promised: see the tab ROS.",
     Panel: Imported,
     plots: (robot) => [...twists(robot), ROUND_TRIP],
+  },
+  joints: {
+    ...ON_FLOOR,
+    ...MOTORS,
+    Panel: Joints,
+    plots: (robot) => [...twists(robot), RESIDUAL, ROUND_TRIP],
   },
 };
 

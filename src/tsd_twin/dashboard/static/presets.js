@@ -13,7 +13,7 @@ const KEY = "tsd.preset";
  */
 export const PRESETS = {
   Operator: {
-    away: ["Gimbals", "Wheels", "Sphere", "Plots", "Student"],
+    away: ["Gimbals", "Wheels", "Sphere", "Joints", "Plots", "Student"],
     layers: ["trail", "planned path", "predicted pose", "stop envelope", "labels"],
     view: { true_pose: "never", tilt: "x1" },
   },

@@ -1,0 +1,1 @@
+"""Differential drive for tsd-twin: two wheels on one axle, and a caster."""

@@ -1,0 +1,1 @@
+"""Per-kind parts of page sessions: telemetry, panels and the Student tab."""

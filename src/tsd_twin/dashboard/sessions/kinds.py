@@ -1,0 +1,113 @@
+"""Views by robot kind: panel tab, telemetry, and parameters and wheels for the Student tab."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from tsd_twin.dashboard.server.messages_to_page import StudentWheel
+from tsd_twin.dashboard.sessions.actuator_telemetry import (
+    ActuatorTelemetry,
+    GimbalTelemetry,
+    JointTelemetry,
+    SphereTelemetry,
+    TwistTelemetry,
+    WheelTelemetry,
+)
+from tsd_twin.dashboard.sessions.student_wheels import (
+    gimbal_wheels,
+    no_wheels,
+    roller_wheels,
+    sphere_wheels,
+)
+from tsd_twin.lie import Array
+from tsd_twin.registry import KindTable
+from tsd_twin.robots import (
+    ImportedDescription,
+    OmniDescription,
+    RobotDescription,
+    SingularityDescription,
+    SphereDescription,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Knob:
+    """A tunable number of a description, or the same number for each entry of a list."""
+
+    key: str
+    """Dotted table keys; `*` matches each entry of a list."""
+    label: str
+    """Label with `{}` for the entry number, counted from 1."""
+    unit: str
+    least: float
+    most: float
+    step: float
+
+
+_WHEEL_RADIUS = Knob("drive.wheel_radius_m", "Wheel radius", "m", 0.01, 0.2, 0.001)
+_GEARED_MOTOR = (
+    Knob("motor.gear_ratio", "Gear ratio", "", 1.0, 60.0, 0.1),
+    Knob("motor.no_load_speed_rpm", "Motor speed, no load", "rpm", 500.0, 15000.0, 100.0),
+)
+SINGULARITY_KNOBS = (
+    Knob("drive.pivot_radius_m", "Pivot radius", "m", 0.05, 0.6, 0.005),
+    _WHEEL_RADIUS,
+    Knob("drive.max_tilt_deg", "Tilt limit", "°", 2.0, 60.0, 1.0),
+    Knob("drive.cruise_speed_rpm", "Drive speed", "rpm", 500.0, 15000.0, 50.0),
+    Knob("drive.azimuths_deg.*", "Azimuth {}", "°", -360.0, 360.0, 5.0),
+)
+"""Tunable parameters of a singularity drive."""
+OMNI_KNOBS = (
+    _WHEEL_RADIUS,
+    *_GEARED_MOTOR,
+    Knob("drive.wheels.*.x_m", "Wheel {} forward", "m", -0.6, 0.6, 0.01),
+    Knob("drive.wheels.*.y_m", "Wheel {} left", "m", -0.6, 0.6, 0.01),
+    Knob("drive.wheels.*.direction_deg", "Wheel {} direction", "°", -360.0, 360.0, 5.0),
+    Knob("drive.wheels.*.roller_deg", "Wheel {} roller", "°", -80.0, 80.0, 5.0),
+)
+"""Tunable parameters of a platform on wheels with rollers."""
+SPHERE_KNOBS = (
+    Knob("drive.sphere_radius_m", "Sphere radius", "m", 0.05, 0.6, 0.005),
+    _WHEEL_RADIUS,
+    *_GEARED_MOTOR,
+    Knob("drive.wheels.*.azimuth_deg", "Wheel {} azimuth", "°", -360.0, 360.0, 5.0),
+    Knob("drive.wheels.*.below_equator_deg", "Wheel {} below equator", "°", -80.0, 80.0, 5.0),
+    Knob("drive.wheels.*.turn_deg", "Wheel {} turn", "°", -180.0, 180.0, 5.0),
+)
+"""Tunable parameters of a sphere on wheels."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotView:
+    """Dashboard view of a robot kind."""
+
+    label: str
+    """Label of the panel tab that shows the actuators."""
+    telemetry: Callable[[Any], ActuatorTelemetry]
+    """Class or factory of the actuator telemetry, called with the description."""
+    knobs: tuple[Knob, ...] = ()
+    """Description numbers offered in the Student tab."""
+    student_wheels: Callable[[Any, Array], list[StudentWheel]] = no_wheels
+    """Wheels at a twist (3,), for the Student tab."""
+
+
+_JOINTS = RobotView("Joints", JointTelemetry)
+_VIEWS = KindTable(
+    {
+        SingularityDescription: RobotView(
+            "Gimbals", GimbalTelemetry, SINGULARITY_KNOBS, gimbal_wheels
+        ),
+        OmniDescription: RobotView("Wheels", WheelTelemetry, OMNI_KNOBS, roller_wheels),
+        SphereDescription: RobotView("Sphere", SphereTelemetry, SPHERE_KNOBS, sphere_wheels),
+        ImportedDescription: RobotView("ROS", TwistTelemetry),
+    },
+    lambda kind: None if kind.view is None else RobotView(_JOINTS.label, kind.view),
+    _JOINTS,
+)
+
+
+def view_of(robot: RobotDescription) -> RobotView:
+    """Return the view of a robot; kinds without one get a list of joints."""
+    return _VIEWS.of(robot)

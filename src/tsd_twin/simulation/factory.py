@@ -1,0 +1,123 @@
+"""Factory of simulations by kind of robot and plant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeAlias
+
+from tsd_twin.errors import RobotFileError
+from tsd_twin.registry import KindTable
+from tsd_twin.robots import (
+    ImportedDescription,
+    OmniDescription,
+    RobotDescription,
+    SingularityDescription,
+    SphereDescription,
+    kind_of,
+)
+from tsd_twin.simulation.mujoco_plant import MujocoSimulation
+from tsd_twin.simulation.sensors import Actuated, DelayWrapper, GyroSimulation, Simulation
+from tsd_twin.simulation.singularity import SingularitySimulation
+from tsd_twin.simulation.wheeled import GearedSimulation, OmniSimulation, SphereSimulation
+
+_Factory: TypeAlias = Callable[..., Simulation]
+
+
+def _behind_bus(plant: Callable[..., Actuated]) -> _Factory:
+    """Return a factory for robots moved by `plant`, behind a bus with delay."""
+
+    def make(robot: RobotDescription, batch: tuple[int, ...], **options: Any) -> Simulation:
+        simulation = plant(robot, batch, **options)
+        return DelayWrapper(simulation, robot.delay_s) if robot.delay_s > 0.0 else simulation
+
+    return make
+
+
+def _with_gyro(make: _Factory) -> _Factory:
+    """Return a factory that adds the described gyro, if any."""
+
+    def add(
+        robot: SingularityDescription | OmniDescription,
+        batch: tuple[int, ...],
+        *,
+        seed: int | None,
+        noise: float,
+        **options: Any,
+    ) -> Simulation:
+        simulation = make(robot, batch, seed=seed, noise=noise, **options)
+        if robot.gyro is None:
+            return simulation
+        return GyroSimulation(simulation, robot.gyro, batch, seed=seed, noise=noise)
+
+    return add
+
+
+simulate_singularity = _with_gyro(_behind_bus(SingularitySimulation))
+"""Factory of the kinematic simulation of a singularity drive."""
+simulate_singularity_mujoco = _with_gyro(_behind_bus(MujocoSimulation))
+"""Factory of the MuJoCo simulation of a singularity drive."""
+simulate_omni = _with_gyro(OmniSimulation)
+"""Factory of the simulation of a platform on wheels with rollers."""
+_NONE: Mapping[str, _Factory] = {}
+_SIMULATIONS = KindTable[Mapping[str, _Factory]](
+    {
+        SingularityDescription: {
+            "kinematic": simulate_singularity,
+            "mujoco": simulate_singularity_mujoco,
+        },
+        OmniDescription: {"kinematic": simulate_omni},
+        SphereDescription: {"kinematic": SphereSimulation},
+        ImportedDescription: _NONE,
+    },
+    lambda kind: kind.plants,
+    _NONE,
+)
+PLANTS: tuple[str, ...] = tuple(dict.fromkeys(p for f in _SIMULATIONS.shipped.values() for p in f))
+"""Motion models: `kinematic` (rolling) for all kinds, `mujoco` (rigid bodies) for some."""
+
+
+def plants_of(robot: RobotDescription) -> tuple[str, ...]:
+    """Return the names of the plants that support a robot; empty if it is not simulated."""
+    return tuple(_SIMULATIONS.of(robot))
+
+
+def simulate(
+    robot: RobotDescription,
+    batch: tuple[int, ...] = (),
+    *,
+    seed: int | None = 0,
+    noise: float = 0.0,
+    battery_v: float | None = None,
+    pose: Any = None,
+    plant: str = "kinematic",
+    errors: float = 0.0,
+    step_s: float | None = None,
+) -> Simulation:
+    """Return `batch` simulated robots in lockstep virtual time; `()` is a single robot.
+
+    Args:
+        robot: Description of the robots.
+        batch: Batch dimensions.
+        pose: Initial pose (the kinematics' pose type).
+        seed: Random seed.
+        noise: Factor on the described standard deviations.
+        battery_v: Battery voltage.
+        plant: One of `PLANTS`.
+        errors: Factor on the described model errors, such as gimbal zeros.
+        step_s: Maximum integration step of robots with geared motors, to override the default.
+
+    Raises:
+        RobotFileError: If robots of this kind do not support the plant.
+        MissingExtraError: If a required package is not installed.
+    """
+    make = _SIMULATIONS.of(robot).get(plant)
+    if make is None:
+        shipped = _SIMULATIONS.shipped.items()
+        kinds = ", ".join(kind_of(cls) for cls, factories in shipped if plant in factories)
+        raise RobotFileError(robot.name, f"the plant `{plant}` cannot move it", f"only {kinds}")
+    built = robot.with_errors(errors)
+    made = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
+    moves = made.simulation if isinstance(made, GyroSimulation) else made
+    if step_s is not None and isinstance(moves, GearedSimulation):
+        moves.longest_step_s = step_s
+    return made
