@@ -29,7 +29,7 @@ def test_garbage_is_answered_with_what_is_wrong(
 ) -> None:
     reply = rig.controller.serve(service, payload, rig.now_s)
     assert reply.ok is False
-    assert "shape" in reply.reason
+    assert reply.why.code == Code.BAD_SHAPE
     if isinstance(reply, LeaseReply):
         assert reply.granted is False
     (event,) = rig.controller.take_events()
@@ -75,7 +75,7 @@ def test_the_pose_is_set_at_rest(rig: ControllerHarness) -> None:
     np.testing.assert_array_equal(rig.pose, [1.0, -2.0, 0.5])
     rig.drive(pilot, (0.5, 0.0, 0.0), 0.1)
     reply = rig.ask(Service.SET_POSE, lease=pilot.lease, x_m=0.0, y_m=0.0, heading_rad=0.0)
-    assert (reply.ok, reply.reason) == (False, "the pose can be set at rest only")
+    assert (reply.ok, reply.why) == (False, because(Code.AT_REST_ONLY))
 
 
 def test_a_pose_that_is_no_number_is_refused(rig: ControllerHarness) -> None:

@@ -18,7 +18,7 @@ from tsd_twin.errors import MessageError, RecordingError
 from tsd_twin.messages import topics
 from tsd_twin.messages.requests import Event
 from tsd_twin.messages.ros import decode_joints, decode_odometry
-from tsd_twin.messages.status import decode_status
+from tsd_twin.messages.status import Status, decode_status, encode_status
 from tsd_twin.recording import RecordingFolder, mcap_file
 from tsd_twin.recording.channels import JSON, Entry
 from tsd_twin.recording.events import (
@@ -255,6 +255,23 @@ def test_events_are_found_and_repeated_ones_are_counted(driven: Path) -> None:
     assert drops.count == 8
     stops = by_kind[EventKind.STOP]
     assert [event.text for event in stops] == ["From driving to stopped: a cat."]
+    index.close()
+
+
+@pytest.mark.parametrize(
+    ("mode", "kind"),
+    [("stopped", EventKind.STOP), ("fault", EventKind.FAULT), ("ready", EventKind.OTHER)],
+)
+def test_stops_without_codes_come_from_the_modes_of_statuses(
+    mode: str, kind: EventKind, tmp_path: Path
+) -> None:
+    file = RecordingFile(tmp_path / "old.mcap")
+    event = b'{"kind": "mode", "text": "words of another version"}'
+    file.add(Entry("twin/tsd/event/mode", JSON, "", 10, 10, 1, event))
+    file.add(Entry("twin/tsd/state/status", JSON, "", 20, 20, 2, encode_status(Status(mode))))
+    file.close()
+    index = RecordingIndex(tmp_path / "old.mcap")
+    assert [each.kind for each in read_events(index)] == [kind]
     index.close()
 
 

@@ -75,10 +75,10 @@ def test_wheels_that_do_not_come_to_speed_end_arming(stage: SupervisorHarness) -
 
 def test_only_the_holder_arms(stage: SupervisorHarness) -> None:
     refused = stage.supervisor.arm("00" * 16, stage.now_s)
-    assert (refused.ok, refused.reason) == (False, "take control first")
+    assert refused.why == because(Code.TAKE_CONTROL_FIRST)
     stage.acquire("alice")
     refused = stage.supervisor.arm("00" * 16, stage.now_s)
-    assert (refused.ok, refused.reason) == (False, "alice has control")
+    assert refused.why == because(Code.HELD_BY, holder="alice")
     assert stage.mode is Mode.DISARMED
 
 
@@ -87,7 +87,7 @@ def test_arming_starts_from_disarmed_only(stage: SupervisorHarness, mode: Mode) 
     stage.bring_to(mode)
     reply = stage.supervisor.arm(stage.lease, stage.now_s)
     assert not reply.ok
-    assert str(mode) in reply.reason
+    assert reply.why.params["mode"] == mode
     assert stage.mode is mode
     assert stage.supervisor.take_events()[-1].kind == "refusal"
 

@@ -43,7 +43,7 @@ def test_a_second_operator_is_told_who_has_it() -> None:
     reply = acquire(desk, "bob", 5.1)
     assert not reply.granted
     assert (reply.lease, reply.holder) == (None, "alice")
-    assert "alice drives" in reply.reason
+    assert reply.why == because(Code.DRIVEN_BY, holder="alice")
 
 
 def test_it_ends_after_its_time_and_not_before() -> None:
@@ -174,7 +174,7 @@ def test_an_age_that_is_no_number_is_refused(age_s: float) -> None:
     desk = new_desk()
     reply = acquire(desk, "alice", 5.0, max_age_s=age_s)
     assert not reply.granted
-    assert "finite" in reply.reason
+    assert reply.why == because(Code.NOT_FINITE, quantity="max_age_s")
     assert desk.current(5.0) is None
 
 

@@ -138,7 +138,7 @@ def test_a_reset_needs_half_a_second_without_a_push(stage: SupervisorHarness) ->
 @pytest.mark.parametrize("mode", [mode for mode in Mode if mode not in LATCHED])
 def test_only_what_is_latched_is_reset(stage: SupervisorHarness, mode: Mode) -> None:
     stage.bring_to(mode)
-    assert "not stopped" in stage.supervisor.reset(stage.lease, stage.now_s).reason
+    assert stage.supervisor.reset(stage.lease, stage.now_s).why.code == Code.NOT_LATCHED
     assert stage.mode is mode
 
 

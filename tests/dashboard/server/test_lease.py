@@ -50,10 +50,11 @@ def ask(bob: Page, alice: Page) -> None:
     alice.until(lambda: lease(alice)["asked_by"] == bob.operator)
 
 
-def told(page: Page, text: str) -> Any:
-    return page.until(
-        lambda: [e for e in page.all("event") if text in e["text"] and not e["past"]]
-    )[-1]
+def told(page: Page, code: str, **params: str) -> Any:
+    why = {"code": code, "params": params}
+    return page.until(lambda: [e for e in page.all("event") if e["why"] == why and not e["past"]])[
+        -1
+    ]
 
 
 def test_a_grant_moves_control_to_another_dashboard_and_stops_the_robot(two: Two) -> None:
@@ -63,7 +64,7 @@ def test_a_grant_moves_control_to_another_dashboard_and_stops_the_robot(two: Two
         ask(bob, alice)
         settle(alice)
         assert alice.state["you"], "a request changes nothing"
-        told(alice, f"{bob.operator} asks {alice.operator} for control")
+        told(alice, "control_requested", operator=bob.operator, holder=alice.operator)
         from_alice, from_bob = CommandRecorder(two.here, alice), CommandRecorder(two.there, bob)
         bob.holds = {"vx": 0.2, "vy": 0.0, "omega": 0.0}  # Too early.
         assert press(alice, "grant", asker=bob.operator)["ok"]
@@ -84,7 +85,7 @@ def test_control_that_is_kept_stays_where_it_is(two: Two) -> None:
         alice.drive()
         ask(bob, alice)
         assert press(alice, "deny", asker=bob.operator)["ok"]
-        told(bob, f"{alice.operator} keeps control")
+        told(bob, "request_denied", operator=alice.operator, asker=bob.operator)
         bob.until(lambda: lease(bob)["asked_by"] is None)
         settle(bob)
         assert alice.state["you"]
@@ -109,7 +110,7 @@ def test_who_asks_and_falls_asleep_asks_no_longer(two: Two) -> None:
         alice.make_ready()
         ask(bob, alice)
         bob.beats = False
-        told(alice, f"{bob.operator} asks for control no longer")
+        told(alice, "request_withdrawn", operator=bob.operator)
 
 
 def test_a_holder_who_leaves_leaves_control_to_who_asks(two: Two) -> None:
@@ -144,7 +145,13 @@ def test_a_take_over_tells_everybody_why(two: Two) -> None:
         bob.until(lambda: lease(bob)["holder"] == alice.operator)
         assert press(bob, "acquire", take_over=True, reason="it is my shift")["ok"]
         for page in (alice, bob):
-            told(page, f"{bob.operator} took control over from {alice.operator}: it is my shift.")
+            told(
+                page,
+                "lease_taken_over",
+                operator=bob.operator,
+                other=alice.operator,
+                text="it is my shift",
+            )
 
 
 def test_a_control_that_is_held_before_control_is_taken_does_nothing(two: Two) -> None:
