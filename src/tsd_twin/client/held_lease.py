@@ -45,7 +45,7 @@ class HeldLease:
 
     @property
     def lost_reason(self) -> str:
-        """Why the lease ended; "" before the first."""
+        """Reason why the last lease ended, or ""."""
         return sentence(self.lost_why) if self.lost_why else ""
 
     @property

@@ -445,7 +445,7 @@ class ControlProtocol(HeldLease):
         return RobotStopped(self._sentence(what), code, self.status.stop)
 
     def _sentence(self, what: str) -> str:
-        assert self.status is not None  # noqa: S101  Callers have looked.
+        assert self.status is not None  # noqa: S101  Callers have checked.
         if self.status.mode in _ARMED_AND_READY:
             text = f"{self.robot_id} {what}"
         else:

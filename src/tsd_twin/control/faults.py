@@ -65,9 +65,9 @@ class BatteryMonitor:
 
     def __init__(self, battery: Battery) -> None:
         self.share = 1.0
-        """Share of the limits of speed and turn rate."""
+        """Factor on the speed and turn-rate limits."""
         self.why: Reason | None = None
-        """Reason why it is less than 1; else None."""
+        """Reason for a factor below 1, or None."""
         self._battery = battery
         self._low_since_s: float | None = None
 
@@ -108,9 +108,9 @@ class HeatMonitor:
 
     def __init__(self, share_when_hot: float) -> None:
         self.share = 1.0
-        """Share of the limits of speed and turn rate."""
+        """Factor on the speed and turn-rate limits."""
         self.why: Reason | None = None
-        """Reason why it is less than 1; else None."""
+        """Reason for a factor below 1, or None."""
         self._share_when_hot = share_when_hot
         self._warm = False
 
@@ -183,9 +183,9 @@ class FollowingErrorMonitor:
         self._since_s = None
 
     def step(self, now_s: float, commanded: Array, measured: Array) -> Reason | None:
-        """Joint whose error lasts too long, and its size; None if there is none.
+        """Return the joint with a persistent error and its size, or None.
 
-        `commanded` (k,) and `measured` (k,) are angles in radians; values not finite are ignored.
+        `commanded` (k,) and `measured` (k,) are angles in radians; non-finite values are ignored.
         """
         while self._commanded and now_s - self._commanded[0][0] > REMEMBERED_S:
             self._commanded.popleft()
@@ -229,9 +229,9 @@ class JointFaultMonitor:
     def step(
         self, now_s: float, setpoint: Array, supervisor: SafetySupervisor, fault: Reason | None
     ) -> Reason | None:
-        """Reason for a fault, None if there is none; `fault` is the one the board reports.
+        """Return the reason for a fault, or None; `fault` is reported by the board.
 
-        `setpoint` (n,) is the last one commanded to the joints.
+        `setpoint` (n,) is the last one sent to the joints.
         """
         if fault is None and self.silent(now_s):
             fault = self._why_silent(now_s, supervisor)

@@ -177,12 +177,13 @@ class RobotController:
     ) -> Array:
         """Run one period; return the setpoint (n,) for the period starting at `now_s`.
 
-        `measured` (n + s,) are the joints and then the sensors of the robot, NaN where a number is
-        not measured; None when there is no measurement. `samples` are all that arrived on the
-        command key since the last step.
-        `fault` is the fault that the controller board reports, None if there is none, `battery_v`
-        the voltage of the battery and `servo_c` the temperature of the hottest servo, None if they
-        are not measured.
+        Args:
+            now_s: Start of the period.
+            measured: (n + s,) joints and sensors, NaN where missing; None without a measurement.
+            samples: All command samples since the last step.
+            fault: Fault reported by the controller board, or None.
+            battery_v: Battery voltage, or None if not measured.
+            servo_c: Temperature of the hottest servo, or None if not measured.
         """
         dt_s = now_s - self._now_s if math.isfinite(self._now_s) else 0.01
         self._now_s = now_s

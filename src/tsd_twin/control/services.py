@@ -288,7 +288,7 @@ class ServiceHandler:
         if refusal := self._supervisor.holder_refusal(lease_hex, now_s):
             return refusal
         if self._supervisor.mode in (Mode.DRIVING, Mode.STOPPING):
-            # A command in the world's axes would turn with the heading.
+            # Otherwise a command in world axes would turn with the heading.
             return because(Code.AT_REST_ONLY)
         return None
 

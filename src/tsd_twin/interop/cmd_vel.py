@@ -39,7 +39,7 @@ SAY_AGAIN_S = 2.0
 """Minimum interval between repeats of the same message."""
 MUST_PAUSE = "cmd_vel moves the robot again after a pause, or a zero, or the service resume"
 Objection: TypeAlias = tuple[str, str]
-"""What a twist is dropped for, as a word under which it is said once, and as a sentence."""
+"""Why a twist is dropped: a keyword for rate-limited notices, and a sentence."""
 _REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _DRIVABLE = frozenset({Mode.READY, Mode.DRIVING})
 
@@ -237,7 +237,7 @@ class CmdVelOperator:
         if message.is_zero:
             return self._rest(now_s)  # Accept it at any age, because it can only stop the robot.
         if sent_after_s is not None and now_s - sent_after_s > self.max_age_s:
-            # What a stalled link delivers late: the publisher may have let go since.
+            # The publisher may have released the stick before a stalled link delivered this.
             late = "cmd_vel comes too late: the link has stalled, or is slow"
             return self._drop(now_s, "late", late)
         obstacle = self._obstacle(view)
@@ -280,10 +280,10 @@ class CmdVelOperator:
         return now_s - self._held_s < PAUSE_S
 
     def resume(self, now_s: float, view: RobotView) -> str:
-        """Let a twist that is held on move the robot without a pause; return why not.
+        """Accept a held twist without a pause; return a reason if refused.
 
-        For a controller that streams, after a stall. It needs a robot that is armed and at rest;
-        the next twist that is refused makes a pause necessary again.
+        For streaming controllers after a stall. The robot must be armed and at rest; the next
+        refused twist requires a pause again.
         """
         obstacle = self._obstacle(view)
         reason = obstacle[1] if obstacle else ""
@@ -378,7 +378,7 @@ class CmdVelOperator:
         self.state, self._must_pause = State.FREE, True
 
     def motion_failed(self, reason: str, now_s: float) -> list[Action]:
-        """Note that a motion has ended, because the robot has stopped by itself or is silent."""
+        """Handle the end of a motion because the robot stopped automatically or is silent."""
         return self._drop(now_s, "motion_failed", reason)
 
     def poll(self, now_s: float, view: RobotView, conflict: str = "") -> list[Action]:

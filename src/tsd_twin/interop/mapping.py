@@ -431,7 +431,7 @@ _LEVELS = {
     "loop": _WARN,
     "clamp": _INFO,
 }
-"""Levels of `rcl_interfaces/msg/Log` by the kind of the event."""
+"""`rcl_interfaces/msg/Log` levels by event kind."""
 
 
 def _reason_values(prefix: str, why: Reason | None) -> dict[str, object]:

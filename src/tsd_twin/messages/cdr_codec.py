@@ -22,7 +22,7 @@ Stamp: TypeAlias = tuple[int, str]
 
 
 class CdrWriter:
-    """Little-endian CDR of one message, written field by field."""
+    """Writes a message as little-endian CDR, field by field."""
 
     def __init__(self) -> None:
         self._body = bytearray()
@@ -69,11 +69,11 @@ class CdrWriter:
 
 
 class CdrReader:
-    """Fields of one message in a CDR payload of either byte order, in order.
+    """Reads a message from CDR in either byte order, field by field.
 
     Raises:
-        MessageError: `shape`, if the payload is too large or does not start as CDR does; every
-            method, if the payload ends before the field, or a string cannot be read.
+        MessageError: If the payload is too large or has no CDR header (`shape`). Every method
+            raises it if the payload is too short or a string is invalid.
     """
 
     def __init__(self, payload: bytes, type_name: str) -> None:
@@ -119,7 +119,7 @@ class CdrReader:
         """Check that the message ends here.
 
         Raises:
-            MessageError: `shape`, if more follows than padding.
+            MessageError: If more than padding follows (`shape`).
         """
         if len(self._body) - self._at > _SURPLUS:
             raise self._error("more bytes than it has")

@@ -273,7 +273,7 @@ class Event(msgspec.Struct, frozen=True):
     rule: str = ""
     """Rule that was applied."""
     robot_s: float = 0.0
-    """The robot's monotonic clock."""
+    """Robot's monotonic time."""
     why: Reason | None = None
     """Code and parameters behind `text`."""
 
@@ -321,7 +321,7 @@ def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
 
 
 def encode_refusal(service: Service, why: Reason) -> bytes:
-    """JSON of a reply that refuses a request to a service."""
+    """Encode a reply that refuses a service request."""
     if service is Service.LEASE:
         return msgspec.json.encode(LeaseReply(False, reason=sentence(why), why=why))
     return msgspec.json.encode(Reply.refused(why))
@@ -335,7 +335,7 @@ def why_of(message: Reply | LeaseReply | Event) -> Reason | None:
 
 
 def duplicate_id_text(robot_id: str) -> str:
-    """Error text for several robots with one id."""
+    """Return the error text for several robots with the same id."""
     return sentence(because(Code.DUPLICATE_ID, robot=robot_id))
 
 

@@ -1,6 +1,6 @@
-"""ROS 2 message types of adapters and recordings: definitions, hashes, messages of any type.
+"""ROS 2 message types for adapters and recordings: definitions, hashes, arbitrary messages.
 
-The only module that imports rosbags, which a client does not need.
+Only this module imports rosbags, which clients do not need.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from tsd_twin.messages.cdr_codec import LARGEST
 
 
 def make_message(type_name: str, **fields: Any) -> Any:
-    """ROS 2 message."""
+    """Create a ROS 2 message."""
     return _store().types[type_name](**fields)
 
 
 def make_header(stamp_ns: int, frame: str) -> Any:
-    """Return a `std_msgs/msg/Header`."""
+    """Create a `std_msgs/msg/Header`."""
     sec, nanosec = divmod(stamp_ns, 1_000_000_000)
     stamp = make_message("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
     return make_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
 def make_pose(position_m: Iterable[float], wxyz: Iterable[float]) -> Any:
-    """Return a `geometry_msgs/msg/Pose`."""
+    """Create a `geometry_msgs/msg/Pose`."""
     x, y, z = (float(v) for v in position_m)
     qw, qx, qy, qz = (float(v) for v in wxyz)
     return make_message(
@@ -57,15 +57,15 @@ def stamp_ns(raw: Any) -> int:
 
 
 def encode_cdr(message: Any) -> bytes:
-    """CDR of a message."""
+    """Encode a message as CDR."""
     return bytes(_store().serialize_cdr(message, message.__msgtype__))
 
 
 def decode_cdr(payload: bytes, type_name: str, largest: int = LARGEST) -> Any:
-    """Message in a CDR payload of at most `largest` bytes.
+    """Decode a CDR payload of at most `largest` bytes.
 
     Raises:
-        MessageError: `shape`, when there is none of this type in it.
+        MessageError: If it is not a message of this type (`shape`).
     """
     if len(payload) > largest:
         raise MessageError("shape", f"{len(payload)} bytes are too many for a {type_name}")
@@ -76,30 +76,30 @@ def decode_cdr(payload: bytes, type_name: str, largest: int = LARGEST) -> Any:
 
 
 def definition(type_name: str) -> str:
-    """Return the definition of a ROS 2 type, with those of all types in it, as `ros2msg`.
+    """Return the `ros2msg` definition of a ROS 2 type, including nested types.
 
     Raises:
-        KeyError: there is no such type.
+        KeyError: If the type does not exist.
     """
     return _store().generate_msgdef(type_name, ros_version=2)[0]
 
 
 TRIGGER = "std_srvs/srv/Trigger"
-"""Type of the services of a robot in ROS."""
+"""Type of a robot's ROS services."""
 
 
 @functools.cache
 def type_hash(type_name: str) -> str:
-    """Return the hash of the definition of a ROS 2 type by REP 2011, `RIHS01_` and 64 digits.
+    """Return the REP 2011 type hash of a ROS 2 type: `RIHS01_` and 64 digits.
 
     Raises:
-        KeyError: there is no such type.
+        KeyError: If the type does not exist.
     """
     return (_services() if "/srv/" in type_name else _store()).hash_rihs01(type_name)
 
 
 def encode_trigger_response(success: bool, message: str) -> bytes:
-    """CDR of a response of `std_srvs/srv/Trigger`."""
+    """Encode a `std_srvs/srv/Trigger` response as CDR."""
     name = f"{TRIGGER}_Response"
     response = _services().types[name](success=success, message=message)
     return bytes(_services().serialize_cdr(response, name))

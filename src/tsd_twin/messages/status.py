@@ -53,13 +53,13 @@ class Refusals(msgspec.Struct, frozen=True):
     """Reason why a fresh non-zero command would not move the robot; commands get no reply."""
     set_pose: str | None = None
     speed: str | None = None
-    """Of choosing the speed of wheels that always spin."""
+    """Setting the speed of continuously spinning wheels."""
     why: Mapping[str, Reason] = {}
     """Code and parameters of each refusal above, by its field."""
 
     @staticmethod
     def of(why: Mapping[str, Reason | None]) -> Refusals:
-        """Refusals with their reasons, None for what is accepted."""
+        """Create refusals from reasons by field, None for accepted requests."""
         reasons = {field: reason for field, reason in why.items() if reason is not None}
         return Refusals(
             **{field: sentence(reason) for field, reason in reasons.items()}, why=reasons
@@ -101,7 +101,7 @@ class LimitStatus(msgspec.Struct, frozen=True):
     applied: float = 1.0
     """Fraction of the requested twist applied within the limits."""
     reason: str = ""
-    """Reason why the limits are lower than usual; else empty."""
+    """Reason for reduced limits, or ""."""
     why: tuple[Reason, ...] = ()
     """Codes and parameters behind `reason`."""
 
@@ -182,7 +182,7 @@ class Status(msgspec.Struct, frozen=True):
     mode: str
     stop_reason: str = ""
     stops: int = 0
-    """Number of controlled stops started by the robot; the count reveals also the shortest."""
+    """Number of controlled stops initiated by the robot; reveals even very short ones."""
     stop: Reason | None = None
     """Code and parameters behind `stop_reason`."""
     arming: ArmingStatus | None = None
@@ -208,7 +208,7 @@ class Status(msgspec.Struct, frozen=True):
 
     @property
     def no_drive_reason(self) -> str:
-        """The robot's reason why it does not move; its mode when it gives none."""
+        """The robot's reason for not moving, or its mode if it gives none."""
         return sentence(self.why_no_drive)
 
     @property

@@ -246,7 +246,7 @@ class DuplicateIdMonitor:
         bus.subscribe_liveliness(topics.instance_key(robot_id, "*"), self._on_token)
 
     def step(self, now_s: float) -> Reason | None:
-        """Check the tokens of other nodes, and return the `fault`."""
+        """Check the tokens of other nodes; return `fault`."""
         fault = because(Code.DUPLICATE_ID, robot=self._id) if self._others else None
         if fault != self.fault:
             self.fault = fault
@@ -386,7 +386,7 @@ class RobotNode:
         self._input_log.step()
 
     def _fault(self, now_s: float) -> Reason | None:
-        # Two robots that follow the same commands are worse than a fault of the board.
+        # Two robots following the same commands are worse than a board fault.
         return self._duplicate_ids.step(now_s) or (
             hardware_reason(self._watchdog.fault(now_s)) if self._watchdog else None
         )

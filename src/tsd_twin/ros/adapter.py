@@ -160,7 +160,7 @@ class RosSource(RobotSource):
                 _LOG.info("%s: %s", message.name, error)
 
     def shared_name(self, now_s: float) -> str:
-        """Return a sentence if another robot has the same ROS name; "" if none has."""
+        """Return an error if another robot has the same ROS name, or ""."""
         problem = None if self._watch is None else self._watch.problem(now_s)
         return "" if problem is None else sentence(problem)
 

@@ -278,7 +278,7 @@ class ImportedRobot:
             self._zeros = ZEROS
 
     def fault(self, now_s: float) -> Reason | None:
-        """Return that odometry is missing, nothing can be sent, or two robots have its name."""
+        """Return a fault for missing odometry, failed sends or a duplicate name."""
         if problem := self._shared.problem(now_s):
             return problem
         if now_s - self._unsent_s < _UNSENT_S:

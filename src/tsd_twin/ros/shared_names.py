@@ -15,10 +15,10 @@ READERS = frozenset({NODE, f"{NODE}_stamped"})
 
 
 def shared_name(port: RosPort, names: RosNames, *, is_shown: bool) -> Reason | None:
-    """Return a reason if another robot has the name of this one; None if none has.
+    """Return a reason if another robot has the same name, or None.
 
-    A robot that `is_shown` to ROS has `odom` of our own port; another robot's `odom` has one
-    publisher that is not ours.
+    If the robot `is_shown`, our own port publishes its `odom`; a second publisher then belongs to
+    another robot.
     """
     odom, cmd_vel = names.topic(ODOMETRY.name), names.topic(CMD_VEL.name)
     publishers = sorted(port.publishers(odom))

@@ -101,7 +101,7 @@ class HandOver:
         asked = self.pending_request(now_s)
         if asked is None:
             return because(Code.NO_REQUEST)
-        # Another operator may have requested since the holder answered the first.
+        # Another operator may have requested since the holder decided.
         return None if asked.operator == asker else because(Code.REQUEST_OF, asker=asked.operator)
 
 
@@ -241,7 +241,7 @@ class LeaseManager:
         return LeaseReply(True, lease.id.hex(), lease.holder, TTL_S, "", lease.max_age_s, done=True)
 
     def _done(self, lease: Lease | None, refusal: Reason | None, done: Reason) -> LeaseReply:
-        """Reply to a request that does not grant a lease."""
+        """Return the reply to a request that does not grant a lease."""
         if refusal is not None:
             return self._refuse(lease, refusal)
         holder = lease.holder if lease else None

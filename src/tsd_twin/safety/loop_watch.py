@@ -40,9 +40,9 @@ class LoopWatch:
         return Event.of("loop", _busy(pause_s), rule, now_s)
 
     def explains(self, since_s: float, limit_s: float, now_s: float) -> Reason | None:
-        """Return the newest pause if it explains a silence that began at `since_s`, else None.
+        """Return the latest pause if it explains a silence that began at `since_s`, else None.
 
-        It does if, without it, the silence would be no longer than `limit_s`.
+        This is the case if the silence without the pause would be at most `limit_s`.
         """
         begin_s, end_s = self._pause
         pause_s = end_s - max(begin_s, since_s)

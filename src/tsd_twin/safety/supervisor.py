@@ -94,7 +94,7 @@ QUIET_BEFORE_RESET_S = 0.5
 NEUTRAL_S = 1.0
 """Arming timeout for the gimbals to reach neutral tilt."""
 SPIN_UP_S = 5.0
-"""Timeout of arming for the wheels to reach their speed."""
+"""Arming timeout for the wheels to reach their speed."""
 _NOT_DRIVABLE = {
     Mode.DISARMED: because(Code.ARM_FIRST),
     Mode.ARMING: because(Code.STILL_ARMING),
@@ -102,10 +102,10 @@ _NOT_DRIVABLE = {
     Mode.STOPPED: because(Code.RESET_FIRST, mode=Mode.STOPPED.value),
     Mode.FAULT: because(Code.RESET_FIRST, mode=Mode.FAULT.value),
 }
-"""Reasons why the robot does not move in the other modes."""
+"""Reasons for refusing motion, by mode."""
 _LOST = because(Code.CONTROL_LOST)
 _REPORT_S = 0.2
-"""Minimum time between two events of one rule about drops or refusals; limits the event rate."""
+"""Minimum interval between events of a rule about drops or refusals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ class SupervisorInputs:
     at_speed: bool
     """Whether all wheels have reached their setpoint; used while arming only."""
     at_rest: bool
-    """The twist that is commanded to the joints is zero."""
+    """Whether the commanded twist is zero."""
     fault: Reason | None = None
 
 
@@ -127,7 +127,7 @@ class SafetySupervisor:
     def __init__(self, robot: RobotDescription, new_lease_id: Callable[[], bytes]) -> None:
         self.mode = Mode.DISARMED
         self.why: Reason | None = None
-        """Reason why the robot stopped, is stopping, or was disarmed."""
+        """Reason why the robot stopped, is stopping or was disarmed."""
         self.gate = CommandGate()
         self.loop = LoopWatch()
         self.command: Command | None = None
@@ -161,7 +161,7 @@ class SafetySupervisor:
         """Text of `why`, "" without one."""
         return sentence(self.why) if self.why else ""
 
-    # Requests of operators.
+    # Operator requests.
 
     def lease(self, request: LeaseRequest, now_s: float) -> LeaseReply:
         """Process a lease request; a change of holder stops the robot."""
@@ -171,10 +171,10 @@ class SafetySupervisor:
         if after is not None:
             self._attended_s = now_s
         if after is not before and self.mode is Mode.DRIVING:
-            # Now, not in the next step: a command of the new holder may arrive before that.
+            # Not in the next step, because a command of the new holder may arrive first.
             self._transition(Mode.STOPPING, _LOST, now_s)
         if changed := self._lease_events.after(request, before, now_s):
-            if request.op in ("request", "withdraw"):  # Allowed to all operators at any rate.
+            if request.op in ("request", "withdraw"):  # Any operator may send these at any rate.
                 self._report_now_and_then("lease", changed, request.op, now_s)
             else:
                 self._report("lease", changed, "lease", now_s)
@@ -203,7 +203,7 @@ class SafetySupervisor:
         return Reply(True)
 
     def stop(self, request: StopRequest, now_s: float) -> Reply:
-        """Latch a stop; allowed to every client at any time, without a lease."""
+        """Latch a stop; open to all clients at any time, without a lease."""
         if self.mode is not Mode.STOPPED:
             before = self.why if self.mode is Mode.FAULT else None
             self._transition(Mode.STOPPED, _stop_reason(request, before), now_s)
@@ -217,7 +217,7 @@ class SafetySupervisor:
         return Reply(True)
 
     def refuse(self, request: str, why: Reason, now_s: float) -> Reply:
-        """Return a refusal, and report it as a rate-limited event."""
+        """Return a refusal and report it as a rate-limited event."""
         refused = because(Code.REQUEST_REFUSED, why, request=request)
         self._report_now_and_then("refusal", refused, request, now_s)
         return Reply.refused(why)
@@ -226,14 +226,14 @@ class SafetySupervisor:
     # both agree. Each returns why a request made now is refused, or None.
 
     def lease_refusal(self, operator: str | None, now_s: float) -> Reason | None:
-        """Refusal of acquiring the lease without a take-over, as `operator`.
+        """Refusal of acquiring the lease as `operator` without a take-over.
 
-        None is an operator for whom no lease is reserved.
+        None represents any operator without a reservation.
         """
         return self._leases.acquire_refusal(operator, now_s, take_over=False)
 
     def holder_refusal(self, lease_hex: str, now_s: float) -> Reason | None:
-        """Refusal of any request that requires the lease in force, and of disarming."""
+        """Refusal of any request that requires the lease, and of disarming."""
         lease = self._leases.current(now_s)
         if held_by(lease, None, lease_hex):
             return None
@@ -260,18 +260,18 @@ class SafetySupervisor:
         return None
 
     def drive_refusal(self, lease_hex: str, now_s: float) -> Reason | None:
-        """Refusal of motion: a counted non-zero command does not move the robot."""
+        """Refusal of motion: non-zero commands are accepted but do not move the robot."""
         if refusal := self.holder_refusal(lease_hex, now_s):
             return refusal
         if self.mode in (Mode.READY, Mode.DRIVING):
             return None
-        # A new holder of the lease starts from standstill, not out of the motion of another.
+        # A new holder starts from standstill, not from the previous holder's motion.
         goes_on = self.mode is Mode.STOPPING and lease_hex == self._drove.hex()
         return None if goes_on and not self._disarm_at_rest else _NOT_DRIVABLE[self.mode]
 
     @property
     def latched_refusal(self) -> Reason | None:
-        """Refusal of all that requires a reset first."""
+        """Refusal of requests that need a reset first."""
         return _NOT_DRIVABLE[self.mode] if self.mode in LATCHED else None
 
     # Called by the control loop.

@@ -37,7 +37,7 @@ export class Account {
     location.assign("login");
   }
 
-  /** A browser does not say why it has no socket; when it is the login, go there. */
+  /** Browsers do not report why a socket failed; if the login has expired, open the login page. */
   async _ask() {
     if (this._leaving || this._link.connected || (this._link.welcome?.user ?? null) === null)
       return;

@@ -1,25 +1,25 @@
-// Runs before viser's client: gives this page its id and leads viser's socket through the gateway.
+// Runs before viser's client: assigns an id to this page and routes viser's socket via the gateway.
 (() => {
   "use strict";
-  const PIXELS = 230_000; // Of the scene, where no graphics card draws them.
+  const PIXELS = 230_000; // Scene pixels for software rendering.
   const CHECK_MS = 250;
 
   const bytes = crypto.getRandomValues(new Uint8Array(8));
   const id = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
-  // A page that shows a recording has a scene of its own.
+  // A page that shows a recording has a separate scene.
   const recording = new URL(location.href).searchParams.get("recording");
   const path = recording === null ? "viser" : `recorded/${encodeURIComponent(recording)}`;
   const socket = new URL(`${path}/${id}`, location.href);
   socket.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 
-  // Which colours the operator likes, and whether a processor has to draw it all: then the scene
-  // gets no shadows, and fewer pixels. viser's side learns it with the socket; in one word, since its
-  // client writes the address on without escaping it.
+  // Colour scheme, and whether rendering is in software, in which case the scene has no shadows and
+  // fewer pixels. Sent to viser's side in the socket address as one word, because its client does
+  // not escape the address.
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;
   const plain = drawsInSoftware();
   socket.searchParams.set("look", `${dark ? "dark" : "light"}-${plain ? "plain" : "rich"}`);
 
-  // viser's client reads these from the address when it starts, and may write them back later.
+  // viser's client reads these from the address at startup and may write them back later.
   const start = new URL(location.href);
   const given = ["websocket"];
   start.searchParams.set("websocket", socket.href);
@@ -31,14 +31,14 @@
   setInterval(() => {
     const clean = new URL(location.href);
     if (!given.some((key) => clean.searchParams.has(key))) return;
-    if (document.querySelector("canvas[data-engine]") === null) return; // It has not started yet.
+    if (document.querySelector("canvas[data-engine]") === null) return; // Not started yet.
     for (const key of given) clean.searchParams.delete(key);
     history.replaceState(history.state, "", clean);
   }, CHECK_MS);
 
-  // viser looks for its server again only while the page has the focus, so a wall display would
-  // stay dead after a restart. It asks `hasFocus` and nothing else (WebsocketInterface.tsx), so that
-  // is answered for it. Our own controls need to know the truth.
+  // viser only reconnects while the page has focus, so a wall display would stay disconnected after
+  // a restart. It only calls `hasFocus` (WebsocketInterface.tsx), so override that. Our own
+  // controls need the real value.
   const hasFocus = document.hasFocus.bind(document);
   document.hasFocus = () => true;
 
@@ -55,7 +55,7 @@
     return /swiftshader|llvmpipe|softpipe|software/i.test(name);
   }
 
-  /** Pixels of the scene for one of the page, across: so many that a processor draws them in time. */
+  /** Scene pixels per page pixel (linear), limited so that software rendering keeps up. */
   function sharpness() {
     return Math.max(0.3, Math.min(1, Math.sqrt(PIXELS / (innerWidth * innerHeight))));
   }

@@ -1,4 +1,4 @@
-// Buttons that show the reason while they are disabled, and the tooltip.
+// Buttons that show a reason while disabled, and the tooltip.
 
 import { el, setAttribute, setText } from "./dom.js";
 import { known } from "./link.js";
@@ -8,12 +8,12 @@ const DELAY_MS = 400;
 const HOLD_MS = 1000;
 let count = 0;
 
-/** The one tooltip: what a control does, or why it cannot be used now. */
+/** The shared tooltip: describes a control, or why it is disabled. */
 class Tooltip {
   constructor() {
     this.element = el("div.tip", { hidden: true, "aria-hidden": "true" });
-    this._delay = 0; // Until it is shown to a pointer that rests.
-    this._refresh = 0; // While it is shown.
+    this._delay = 0; // Timer until it is shown to a hovering pointer.
+    this._refresh = 0; // Timer while it is shown.
   }
 
   /** @param {HTMLElement} node @param {() => string} text */
@@ -42,7 +42,7 @@ class Tooltip {
   /** @param {HTMLElement} node @param {string} text */
   _write(node, text) {
     if (text === "") {
-      this._hide(); // Such as the reason of a button that can be used by now.
+      this._hide(); // For example, a button was enabled.
       return;
     }
     setText(this.element, text);
@@ -70,7 +70,7 @@ export const tooltip = new Tooltip();
 
 export class Button {
   /**
-   * `press()` is called when it is used, `tip` tells what it does when nothing is in the way.
+   * `press()` is called on use; `tip` describes the action while the button is enabled.
    * @param {string} label @param {() => void} press @param {ButtonOptions} [options]
    */
   constructor(label, press, { tip = "", kind = "" } = {}) {
@@ -88,19 +88,19 @@ export class Button {
     tooltip.attach(this.button, () => this.reason ?? this._tip);
   }
 
-  /** Change what it says and does. @param {string} label @param {string} tip */
+  /** Change the label and tip. @param {string} label @param {string} tip */
   become(label, tip) {
     setText(this._label, label);
     this._tip = tip;
     this.allow(this.reason);
   }
 
-  /** What it says. */
+  /** Current label. */
   get label() {
     return this._label.textContent;
   }
 
-  /** Let it be used, or not, with the reason. @param {string | null} reason */
+  /** Enable the button with null, or disable it with a reason. @param {string | null} reason */
   allow(reason) {
     this.reason = reason;
     setAttribute(this.button, "aria-disabled", reason === null ? null : "true");
@@ -118,7 +118,7 @@ export class Button {
   }
 }
 
-/** A button that has to be held for a second, by pointer or key. */
+/** Button that must be held for 1 s, by pointer or key. */
 export class LongPressButton extends Button {
   /** @param {string} label @param {() => void} press @param {ButtonOptions} options */
   constructor(label, press, options) {
@@ -133,7 +133,7 @@ export class LongPressButton extends Button {
     this.button.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 
-  /** Return whether it was a key of this button. @param {KeyboardEvent} event */
+  /** Handle a key event; return whether it was for this button. @param {KeyboardEvent} event */
   key(event) {
     if (event.code !== "Enter" && event.code !== "Space") return false;
     this._isKeyDown = event.type === "keydown";
@@ -142,7 +142,10 @@ export class LongPressButton extends Button {
     return true;
   }
 
-  /** Call `then` once no key holds it: the key would go on to what is next. @param {() => void} then */
+  /**
+   * Call `then` once no key holds the button; otherwise the key would act on the next focus.
+   * @param {() => void} then
+   */
   whenReleased(then) {
     const isHeld = this._isKeyDown;
     this._isKeyDown = false;
@@ -157,7 +160,7 @@ export class LongPressButton extends Button {
   }
 
   _start() {
-    if (this.reason !== null) this.use(); // Show the reason; the hold decides when it ends.
+    if (this.reason !== null) this.use(); // Show the reason; the hold decides at its end.
     this._end();
     this.button.toggleAttribute("data-holding", true);
     this._timer = setTimeout(() => {
@@ -172,7 +175,7 @@ export class LongPressButton extends Button {
   }
 
   /**
-   * Assistive technology presses without a pointer and cannot hold: that is deliberate enough.
+   * Accept activation by assistive technology, which has no pointer and cannot hold.
    * @param {MouseEvent} event
    */
   _click(event) {

@@ -1,8 +1,8 @@
-// Where the overlay is: exactly over the room of viser's 3D canvas, which shrinks when the panel is
-// docked. Not over the canvas itself: in a browser without WebGL that stays a small box in a corner.
+// Places the overlay exactly over the area of viser's 3D canvas, which shrinks when the panel is
+// docked. Does not use the canvas itself, which stays a small box in a corner without WebGL.
 
 const CHECK_MS = 250;
-const PHONE = "(max-width: 36em)"; // From here on viser turns its panel into a drawer.
+const PHONE = "(max-width: 36em)"; // Below this width, viser shows its panel as a drawer.
 
 export class CanvasFrame {
   /** @param {HTMLElement} host */
@@ -15,11 +15,14 @@ export class CanvasFrame {
     this._watcher = new ResizeObserver(() => this.fit());
     this.phone = matchMedia(PHONE);
     addEventListener("resize", () => this.fit());
-    setInterval(() => this.fit(), CHECK_MS); // Canvas and drawer come late, and again on reconnect.
+    setInterval(() => this.fit(), CHECK_MS); // Canvas and drawer appear late and may be recreated.
     this.fit();
   }
 
-  /** Whether an event is on viser's panel: neither on the scene nor on us. @param {Event} event */
+  /**
+   * Whether an event is on viser's panel, that is, neither on the scene nor on our overlay.
+   * @param {Event} event
+   */
   isPanel(event) {
     const path = event.composedPath();
     return (
@@ -35,7 +38,7 @@ export class CanvasFrame {
     return !path.includes(this._host) && this._canvas !== null && path.includes(this._canvas);
   }
 
-  /** Let viser's drawer open above the controls. @param {number} top @param {number} bottom */
+  /** Make viser's drawer open above the controls. @param {number} top @param {number} bottom */
   reserve(top, bottom) {
     document.documentElement.style.setProperty("--tsd-top", `${Math.ceil(top)}px`);
     document.documentElement.style.setProperty("--tsd-bottom", `${Math.ceil(bottom)}px`);
@@ -65,30 +68,31 @@ export class CanvasFrame {
   }
 
   /**
-   * Whether what was viser's drawer still is: React may make another part of the page of the same
-   * element, also the one around the canvas. @param {Element} node
+   * Whether the node is still viser's drawer; React may reuse the element elsewhere, even around
+   * the canvas.
+   * @param {Element} node
    */
   _isDrawer(node) {
     if (!this.phone.matches || !node.isConnected || node.contains(this._canvas)) return false;
     return getComputedStyle(node).position === "fixed";
   }
 
-  /** viser's drawer has no name: it is what is fixed at the bottom beside the canvas. */
+  /** viser's drawer has no id, so find it as the fixed element next to the canvas. */
   _adoptDrawer() {
     /** @type {HTMLElement | null} */
     let node = this._canvas;
     for (; node && node !== document.body; node = node.parentElement) {
       for (const beside of node.parentElement?.children ?? []) {
-        if (beside === this._host) continue; // Fixed at the bottom, too.
+        if (beside === this._host) continue; // Also fixed at the bottom.
         const style = getComputedStyle(beside);
         if (beside !== node && style.position === "fixed" && style.bottom === "0px") {
           this._drawer = beside;
           beside.setAttribute("data-tsd-drawer", "");
-          // It starts open, over the scene; how high it is says nothing before its contents are there.
+          // It starts open, over the scene; its height is undefined until its contents exist.
           const handle = beside.querySelector('[style*="cursor: pointer"]');
           const contents = handle?.nextElementSibling;
           const isOpen = contents && getComputedStyle(contents).display !== "none";
-          // A link to a setting of the Student tab is a link to what is in the drawer.
+          // A link to a Student setting refers to the drawer contents.
           const isWanted = new URLSearchParams(location.search).has("student");
           if (isOpen && !isWanted && handle instanceof HTMLElement) handle.click();
           return;

@@ -1,17 +1,17 @@
-// Consistency of the wheels: meter of the residual, and warning with the suspected actuator.
+// Wheel consistency: a meter for the residual, and a warning naming the suspected actuator.
 
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { known } from "./link.js";
 
 const FULL_MPS = 0.1; // End of the bar.
-const READ_MS = 4000; // A warning is shown for as much longer, so that it can be read.
+const READ_MS = 4000; // Minimum duration of a warning after its cause ends.
 const SHUT_OFF = new Set(["disarmed", "stopped", "fault"]);
-const OFF_DEG = 0.5; // A gimbal that is this far from where it should be does not follow.
+const OFF_DEG = 0.5; // Gimbal errors above this mean that it does not follow.
 
-/** How much the wheels contradict one another: a figure, a bar, and a verdict in words. */
+/** Inconsistency between wheels: value, bar and verdict. */
 export class ConsistencyMeter {
-  /** `word` is what a suspect is called, before its number. @param {string} word */
+  /** `word` precedes the number of a suspect. @param {string} word */
   constructor(word) {
     this._word = word;
     this._residual = el("span.value");
@@ -48,7 +48,9 @@ export class ConsistencyMeter {
   }
 }
 
-/** A wheel that contradicts the others: shown for as long as the robot suspects it, and a while longer. */
+/**
+ * Warning about an inconsistent wheel, shown while the robot suspects it and briefly afterwards.
+ */
 export class ConsistencyWarning {
   /** @param {Link} link */
   constructor(link) {
@@ -82,12 +84,12 @@ export class ConsistencyWarning {
     if (this.element.hidden || performance.now() < this._untilMs) return;
     this.element.hidden = true;
     setAttribute(this.element, "data-suspect", null);
-    setText(this._what, ""); // So that it is said again, next time.
+    setText(this._what, ""); // So that it is announced again next time.
   }
 }
 
 /**
- * Return how a suspect is called in the page, and what can be seen to be wrong with it.
+ * Return the name of a suspect on the page, and its visible error.
  * @param {RobotInfo} robot @param {RobotState} state @param {string} suspect
  */
 function describeSuspect(robot, state, suspect) {

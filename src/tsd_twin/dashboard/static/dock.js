@@ -1,4 +1,4 @@
-// The controls at hand: drive stick, turn slider, speed level and STOP.
+// Main controls: drive stick, turn slider, speed level and STOP.
 
 import { tooltip } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
@@ -7,11 +7,11 @@ import { SpringControl } from "./held_controls.js";
 import { showsRecording } from "./permission.js";
 import { words } from "./reasons.js";
 
-const STICK_MARGIN_PX = 22; // Half of the knob: it stays inside.
+const STICK_MARGIN_PX = 22; // Half of the knob, which stays inside.
 const TURN_MARGIN_PX = 28;
 const FALLBACK_LEVELS = [20, 50, 80, 100];
 
-/** The drive stick: up is forward, left is left. */
+/** Drive stick: up is forward, left is left. */
 export class Joystick extends SpringControl {
   /** @param {Drive} drive */
   constructor(drive) {
@@ -49,14 +49,14 @@ export class Joystick extends SpringControl {
     this.unit = { x: up / length, y: -right / length, turn: 0 };
   }
 
-  /** Mark the rim where x of the world is, `angle` clockwise from up. @param {number | null} angle */
+  /** Mark the world's x axis on the rim, `angle` clockwise from up. @param {number | null} angle */
   point(angle) {
     this._worldX.hidden = angle === null;
     this._worldX.style.setProperty("rotate", `${(angle ?? 0).toFixed(3)}rad`);
   }
 
   /**
-   * Draw what is asked for and what the robot makes of it, as shares of what the level allows.
+   * Draw the input and the motion the robot makes of it, as fractions of the speed level.
    * @param {Unit} unit @param {Unit | null} allowed @param {StickLabels} labels
    */
   draw(unit, allowed, [forward, left, word]) {
@@ -83,7 +83,7 @@ function placeKnob(node, x, y) {
   node.style.setProperty("--up", x.toFixed(4));
 }
 
-/** The turn slider: left turns left, counter-clockwise seen from above. */
+/** Turn slider: left turns left, counter-clockwise seen from above. */
 export class TurnSlider extends SpringControl {
   /** @param {Drive} drive */
   constructor(drive) {
@@ -113,7 +113,7 @@ export class TurnSlider extends SpringControl {
   }
 
   /**
-   * Draw what is asked for and what the robot makes of it, as shares of what the level allows.
+   * Draw the input and the motion the robot makes of it, as fractions of the speed level.
    * @param {number} turn @param {number | null} allowed @param {number} omega
    */
   draw(turn, allowed, omega) {
@@ -127,7 +127,7 @@ export class TurnSlider extends SpringControl {
   }
 }
 
-/** What a full stick means, in percent of the robot's limits. */
+/** Speed at full stick, in percent of the robot's limits. */
 export class SpeedLevel {
   /** @param {Link} link @param {Drive} drive */
   constructor(link, drive) {
@@ -203,7 +203,7 @@ function explainLevel(limits, robot) {
   );
 }
 
-/** STOP: the one control that works in every state, for everyone. */
+/** STOP button: works in every state, for everyone. */
 export class StopButton {
   /** @param {Link} link @param {() => void} stop */
   constructor(link, stop) {
@@ -211,12 +211,12 @@ export class StopButton {
       "button.stop",
       { type: "button", "aria-label": "STOP", "aria-describedby": "stop-help" },
       {
-        // Not click: that never comes from a second finger while the first holds the stick.
+        // Not click, which a second finger does not trigger while the first holds the stick.
         onpointerdown: (event) => {
           event.preventDefault();
           stop();
         },
-        onclick: stop, // From the keyboard and from assistive technology.
+        onclick: stop, // Keyboard and assistive technology.
         oncontextmenu: (event) => event.preventDefault(),
       },
       icon("stopped"),

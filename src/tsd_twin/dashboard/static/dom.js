@@ -1,8 +1,8 @@
-// Making and changing elements, and the icons.
+// Creates and updates elements, and defines the icons.
 
 /**
- * Return an element: `div.head` is a div of class head; what follows are attributes and children.
- * Attributes `on…` are listeners; false and null are left out.
+ * Create an element from a selector (`div.head`), attributes and children. Attributes named `on…`
+ * are listeners; false and null are skipped.
  * @template {keyof HTMLElementTagNameMap} K
  * @param {K | `${K}.${string}`} selector @param {Content[]} content
  * @returns {HTMLElementTagNameMap[K]}
@@ -13,7 +13,7 @@ export function el(selector, ...content) {
 }
 
 /**
- * As `el`, in the SVG namespace.
+ * Like `el`, in the SVG namespace.
  * @template {keyof SVGElementTagNameMap} K
  * @param {K | `${K}.${string}`} selector @param {Content[]} content
  * @returns {SVGElementTagNameMap[K]}
@@ -46,7 +46,7 @@ function assign(node, name, value) {
     node.setAttribute(name, String(value));
 }
 
-/** Set a text, if it changes: mostly it does not. @param {Element} node @param {string} text */
+/** Set a text only if it changes, which is rare. @param {Element} node @param {string} text */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
@@ -58,7 +58,7 @@ export function setAttribute(node, name, value) {
 }
 
 /**
- * Return the key to a drawing of set-points and measured values.
+ * Return a legend for setpoints and measured values.
  * @param {string} mark Class of the mark of a set-point. @param {string} note
  */
 export function legend(mark, note) {
@@ -66,7 +66,7 @@ export function legend(mark, note) {
   return el("p.key", ...marks, el("span.muted", note));
 }
 
-/** Return an icon drawn in a square of 16 units. @param {string} name */
+/** Return an icon in a 16-unit square. @param {string} name */
 export function icon(name) {
   return svg(
     "svg.icon",
@@ -84,7 +84,7 @@ const LINE = {
 };
 const SOLID = { fill: "currentColor" };
 
-// One shape for each mode, so that none is told by its colour alone.
+// A distinct shape for each mode, so that colour is not the only cue.
 /** @type {Record<string, [keyof SVGElementTagNameMap, Attributes][]>} */
 const ICONS = {
   disarmed: [["circle", { cx: 8, cy: 8, r: 5.5, ...LINE }]],
@@ -133,7 +133,7 @@ const ICONS = {
   close: [["path", { d: "M4 4l8 8M12 4l-8 8", ...LINE }]],
 };
 
-/** Whether an element can be seen now: a tab that is not shown takes no room. @param {Element} node */
+/** Whether an element is visible; elements in hidden tabs have no size. @param {Element} node */
 export function isVisible(node) {
   return (
     document.visibilityState === "visible" &&

@@ -1,10 +1,4 @@
-// From controls to commands. Each source of motion (stick, turn slider, keys, gamepad, panel) has
-//   held      whether it is held
-//   cancel()  go back to the centre; moves nothing until it is deliberately used again
-// and either `unit`, {x, y, turn} as shares of what the speed level allows, or `twist`, in m/s and
-// rad/s; what it has for a `command` is said instead of a twist. As long as any is held, a command
-// goes out every 20 ms, and sooner when a control moves, but never within 10 ms of the last one: the
-// gateway limits how many a page may send. Nothing is ever queued.
+// Maps controls to commands. Each motion source (stick, turn slider, keys, gamepad, panel) has
 
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
@@ -15,15 +9,15 @@ import { noteMotion } from "./reload_note.js";
 /** @typedef {import("./permission.js").Refusal} Refusal */
 /** @typedef {import("./reasons.js").Notice} Notice */
 
-/** Whether the robot moves, or comes to rest. @param {RobotState} state */
+/** Whether the robot moves or is stopping. @param {RobotState} state */
 const isMoving = ({ status }) => status.mode === "driving" || status.mode === "stopping";
 
 const PERIOD_MS = 20;
-const LEAST_MS = 9.5; // Timers are some tenths of a millisecond early now and then.
+const LEAST_MS = 9.5; // Timers may fire a few tenths of a millisecond early.
 const STOP_RETRY_MS = 200;
 const STOP_CONFIRM_MS = 600;
 const STOP_RETRY_LIMIT_MS = 5000;
-const STATES_IN_FLIGHT = 20; // A second of them.
+const STATES_IN_FLIGHT = 20; // One second of states.
 
 export class Drive {
   /** @param {Link} link */
@@ -38,13 +32,13 @@ export class Drive {
     this._sources = [];
     /** @type {(() => void)[]} */
     this._listeners = [];
-    this._timer = 0; // None while nothing is held.
+    this._timer = 0; // Zero while nothing is held.
     this._sentMs = -Infinity;
     /**
      * @type {{ robot: string | undefined, sinceMs: number, sentMs: number, doubted: boolean,
      *   latchedAt: number | null } | null}
      */
-    this._stop = null; // Until it is confirmed.
+    this._stop = null; // Pending until confirmed.
     link.on("state", (state) => this._checkState(state));
     link.on("beat", () => this._retryStop());
     const lost = notice("The connection is lost.");
@@ -78,7 +72,7 @@ export class Drive {
     return this._timer !== 0;
   }
 
-  /** What one unit of a control means now: level times the limits in force. */
+  /** Value of a full deflection: level times the active limits. */
   get scale() {
     const limits = this.link.state?.status.limits;
     const share = this.level / 100;
@@ -88,7 +82,7 @@ export class Drive {
     };
   }
 
-  /** What the controls ask for, each share within 1. */
+  /** Combined control input, each axis in [-1, 1]. */
   get unit() {
     let [x, y, turn] = [0, 0, 0];
     for (const { unit } of this._sources) {
@@ -102,7 +96,7 @@ export class Drive {
   }
 
   /**
-   * What is asked of the robot: the three numbers of its twist, m/s and rad/s.
+   * Requested twist (3 components), m/s and rad/s.
    * @returns {Omit<DriveCommand, "t">}
    */
   get twist() {
@@ -118,7 +112,7 @@ export class Drive {
     return { vx, vy, omega, frame: this.frame };
   }
 
-  /** A source has changed: begin, go on, or let go. Hands on any control end what is latched. */
+  /** Update the motion after a source changed. Using any hand control ends latched motion. */
   changed() {
     const handControl = this._sources.some((source) => source.held && source.twist === undefined);
     if (handControl)
@@ -142,7 +136,7 @@ export class Drive {
   }
 
   /**
-   * Back to the centre with everything; to drive again, a control must be used anew.
+   * Centre all controls; each must be released before it acts again.
    * @param {Notice | null} [message] @param {boolean} [byServer] @param {() => boolean} [isTrue]
    */
   release(message = null, byServer = false, isTrue = undefined) {
@@ -154,7 +148,9 @@ export class Drive {
     if (message !== null && (wasHeld || byServer)) this.onMessage(message, isTrue);
   }
 
-  /** Whether the robot has not confirmed a stop in time, and the operator has not acknowledged that. */
+  /**
+   * Whether the robot has not confirmed a stop in time and the operator has not acknowledged that.
+   */
   get stopUnconfirmed() {
     return this._stop?.doubted ?? false;
   }
@@ -164,7 +160,7 @@ export class Drive {
     this._notify();
   }
 
-  /** Stop the robot: at once, in every state, and again until it is acknowledged. */
+  /** Stop the robot immediately, in every state, retrying until acknowledged. */
   stop() {
     const reason = notStop(this.link);
     if (reason !== null) {
@@ -172,7 +168,7 @@ export class Drive {
       return;
     }
     const now = performance.now();
-    const doubted = this.stopUnconfirmed; // The alarm of an earlier one stands until one is confirmed.
+    const doubted = this.stopUnconfirmed; // Keep an earlier alarm until a stop is confirmed.
     const before = this.link.state;
     const latchedAt = before && LATCHED.has(before.status.mode) ? before.seen : null;
     this._stop = { robot: this.link.robot?.id, sinceMs: now, sentMs: now, doubted, latchedAt };
@@ -220,16 +216,16 @@ export class Drive {
     const refusal = this.held ? whyNotDrive(this.link) : null;
     const isLatched = LATCHED.has(state.status.mode);
     if (refusal !== null && isLatched)
-      this.release(); // A card tells the rest.
+      this.release(); // A card shows the details.
     else if (refusal !== null) this._refuse(refusal);
-    // A recorded state confirms nothing now, and states of several robots may be of any.
+    // Recorded states confirm nothing, and states of several robots are ambiguous.
     if (isLatched && state.source === "robot" && !this._isOld(state)) this._confirmStop();
     this._notify();
   }
 
   /**
-   * Whether a state may be older than the stop: one of a robot that was latched before may have been
-   * on its way, and the robot reset since. Its reply confirms the stop, or a state well after it.
+   * Whether a state may predate the stop. A robot that was already latched may have been reset
+   * while its state was in flight. Its reply confirms the stop, or a state well after it.
    * @param {RobotState} state
    */
   _isOld({ seen }) {
@@ -237,7 +233,7 @@ export class Drive {
     return latchedAt !== null && seen >= latchedAt && seen - latchedAt < STATES_IN_FLIGHT;
   }
 
-  /** The robot that is shown has confirmed a stop; that of another one stays open. */
+  /** Confirm the stop of the displayed robot; a stop of another robot stays pending. */
   _confirmStop() {
     if (this._stop === null || this._stop.robot !== this.link.robot?.id) return;
     this._stop = null;

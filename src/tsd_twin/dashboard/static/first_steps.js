@@ -1,5 +1,5 @@
-// First steps: a short list that ticks itself, on the first visit and on demand. It is part of the
-// column of notices, so it covers no control.
+// First steps: a self-checking list, shown on the first visit and on demand. It is part of the
+// column of notices, so it covers no controls.
 
 import { Button } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
@@ -9,7 +9,7 @@ import { keep, recall } from "./memory.js";
 import { watches } from "./permission.js";
 
 const KEY = "tsd.hints";
-const DONE_MS = 4000; // The last tick is seen for so long.
+const DONE_MS = 4000; // Time for which the last tick stays visible.
 const ARMED = new Set(["arming", "ready", "driving"]);
 
 /** @typedef {{ name: string, hint: (robot: RobotInfo | null, state: RobotState) => string, done: (state: RobotState) => boolean }} Step */
@@ -50,7 +50,7 @@ export class FirstSteps {
   /** @param {Link} link */
   constructor(link) {
     this._link = link;
-    this._at = STEPS.length; // The step that comes next.
+    this._at = STEPS.length; // Index of the next step.
     this._isOpen = false;
     this._timer = 0;
     this._hint = el("p.then");
@@ -70,7 +70,7 @@ export class FirstSteps {
     if (recall(KEY) === null) this.open();
   }
 
-  /** Show the list from its beginning. */
+  /** Show the list from the beginning. */
   open() {
     clearTimeout(this._timer);
     this._timer = 0;

@@ -11,18 +11,18 @@ export class Gamepad {
     this.held = false;
     this._drive = drive;
     this._stop = stop;
-    this._spent = true; // A pad that is found with its stick held must come to the centre first.
-    this._index = null; // Of the pad that is read.
+    this._spent = true; // A new gamepad must be centred first.
+    this._index = null; // Index of the gamepad in use.
     this._pressed = false;
-    this._timer = 0; // None without a pad.
+    this._timer = 0; // Zero without a gamepad.
     addEventListener("gamepadconnected", () => this._watch());
     addEventListener("gamepaddisconnected", ({ gamepad }) => {
-      if (gamepad.index === this._index) this._change(null); // It may be back before the next look.
+      if (gamepad.index === this._index) this._change(null); // It may be back before the next poll.
       this._poll();
     });
   }
 
-  /** Back to the centre; until the real sticks are there too, they do nothing. */
+  /** Centre the input; ignore the real sticks until they are centred too. */
   cancel() {
     this._spent = this._spent || this.held;
     this.held = false;
@@ -46,7 +46,10 @@ export class Gamepad {
     if (pad !== null) this._read(pad.axes);
   }
 
-  /** No pad, or another one: let go, and begin at the centre. @param {number | null} index */
+  /**
+   * Handle a removed or changed gamepad: release, then start centred.
+   * @param {number | null} index
+   */
   _change(index) {
     this._index = index;
     const was = this.held;
@@ -70,7 +73,7 @@ export class Gamepad {
 }
 
 /**
- * Return a stick's place with its round dead zone taken out, so that motion begins at zero.
+ * Return the stick position without its round dead zone, so that motion starts at zero.
  * @param {number} a @param {number} b
  */
 function stick(a, b) {

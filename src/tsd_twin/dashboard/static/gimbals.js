@@ -1,4 +1,4 @@
-// A dial for each gimbal, seen from above, forward up: where the axle should lean and where it does.
+// One dial per gimbal, seen from above with forward up: setpoint and measured lean of the axle.
 
 import { ConsistencyMeter } from "./consistency.js";
 import { el, isVisible, legend, setAttribute, setText, svg } from "./dom.js";
@@ -114,7 +114,7 @@ function row(name, value, unit) {
 }
 
 /**
- * Place a point of the robot's axes, x forward and y left, in the drawing, x right and y down.
+ * Place a point from robot axes (x forward, y left) in the drawing (x right, y down).
  * @param {Element} node @param {string} right @param {string} down @param {[number, number]} axle
  */
 function put(node, right, down, [x, y]) {

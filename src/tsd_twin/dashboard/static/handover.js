@@ -1,12 +1,12 @@
-// Control of the robot: taking it, asking for it and handing it over. The notice for the holder and
-// the requester never takes the focus; it is announced once, its buttons are in the order of the page.
+// Control of the robot: acquiring, requesting and transferring it. The notice for holder and
+// requester never takes focus and is announced once; its buttons follow the page order.
 
 import { Button } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { nameOf, words } from "./reasons.js";
 
 const NO_REASON = "no reason given";
-const FAR_MS = 120; // From here on commands would be late too often for the usual age limit.
+const FAR_MS = 120; // Above this round trip, commands often exceed the default age limit.
 
 export class HandOver {
   /** @param {Link} link @param {Notices} notices */
@@ -15,7 +15,7 @@ export class HandOver {
     this._notices = notices;
     this._asking = false;
     this._asker = null;
-    this._askedFrom = null; // Holder that the open question speaks of.
+    this._askedFrom = null; // Holder addressed by the open question.
     this._said = el("div.sr", { role: "alert" });
     this._text = el("strong");
     this._then = el("span.then");
@@ -53,18 +53,18 @@ export class HandOver {
     link.on("down", () => (this._asking = false));
   }
 
-  /** Whether something here waits for an answer of this page. */
+  /** Whether a question or request on this page is pending. */
   get isOpen() {
     return !this._card.hidden || this._notices.asks;
   }
 
-  /** Whether this page has asked and waits for the answer. */
+  /** Whether this page has requested control and waits for a response. */
   get waits() {
     const asker = this._link.state?.status.lease.asked_by ?? null;
     return asker !== null && asker === this._link.welcome?.operator;
   }
 
-  /** Ask the holder for control. */
+  /** Request control from the holder. */
   ask() {
     this._asking = true;
     this._send("request", this._terms());
@@ -84,7 +84,7 @@ export class HandOver {
     this._send("withdraw");
   }
 
-  /** Take control over, after a question; `why` tells why asking did not do. */
+  /** Take control over after confirmation; `why` explains why a request is not enough. */
   takeOver(why = "") {
     const holder = this._link.state?.status.lease.holder ?? null;
     if (holder === null) return;
@@ -97,7 +97,7 @@ export class HandOver {
     this._askedFrom = holder;
   }
 
-  /** A far link is given more time, at the price of a lower speed that the robot sets. */
+  /** A slow link gets a higher age limit, and a lower speed limit set by the robot. */
   _terms() {
     const trip = this._link.roundTripMs() ?? 0;
     return { max_age_s: trip > FAR_MS ? (2 * trip + 100) / 1000 : null };
@@ -112,7 +112,7 @@ export class HandOver {
     const { state } = this._link;
     const lease = state?.status.lease ?? null;
     if (this._askedFrom !== null && lease?.holder !== this._askedFrom) {
-      this._askedFrom = null; // Control is ours, or free, or of another one: ask anew.
+      this._askedFrom = null; // The holder has changed, so ask again.
       this._notices.unask();
     }
     const asked = this._link.connected && (lease?.asked_by ?? null) !== null;

@@ -1,4 +1,4 @@
-// How well everything works, in figures, and what has happened.
+// Health tab: quality figures and event log.
 
 import { el, isVisible, setText } from "./dom.js";
 import { clock, fixed } from "./format.js";
@@ -32,7 +32,7 @@ export class Health {
   constructor(link, place, signal) {
     this._link = link;
     /** @type {Map<string, HTMLElement>} */
-    this._cells = new Map(); // By title and name of their rows.
+    this._cells = new Map(); // By table title and row name.
     this._tables = el("div.tables");
     this._drifts = el("div.drifts", { role: "status" });
     this._isShown = false;
@@ -56,7 +56,10 @@ export class Health {
     this._log.children[LINES]?.remove();
   }
 
-  /** The server compares with a shadow twin only while that is on show. @param {boolean} isOn */
+  /**
+   * Request the shadow twin only while it is shown, because the server compares only then.
+   * @param {boolean} isOn
+   */
   _request(isOn) {
     if (isOn !== this._isShown) this._link.send({ t: "shadow", on: isOn });
     this._isShown = isOn;
@@ -157,14 +160,14 @@ function sections(link, { status, age_ms: age, robot_ms: robot, shadow }) {
   };
 }
 
-/** Return "module2" as a person says it. @param {string | null} name */
+/** Format a name such as "module2" for reading. @param {string | null} name */
 function called(name) {
   const [, first, rest, number] = /^(.)(.*?)(\d+)$/.exec(name ?? "") ?? [];
   return number === undefined ? (name ?? "none") : `${first.toUpperCase()}${rest} ${number}`;
 }
 
 /**
- * Rows of the comparison with the shadow twin; a value outside of its band says so.
+ * Rows of the shadow twin comparison; values outside their band are marked.
  * @param {ShadowReport} shadow
  */
 function compared({ compared_s: seconds, joints, pose, note }) {
@@ -190,12 +193,12 @@ function within(difference, band, unit, inside) {
   return inside ? text : `${text}, ${OUTSIDE}`;
 }
 
-/** How much more than noise would ever be. @param {number} level */
+/** Format a level relative to the noise limit. @param {number} level */
 function times(level) {
   return `${fixed(level, level < 10 ? 2 : 0)} of the limit`;
 }
 
-/** Pose sensor of the robot, such as a camera. @param {PoseSensorStatus} sensor */
+/** Rows of the pose sensor, such as a camera. @param {PoseSensorStatus} sensor */
 function seen({ hz, late_s: late, used, found, dropped }) {
   return {
     "in use": hz > 0 ? `${fixed(hz, 0)} Hz, ${fixed(1000 * (late ?? NaN), 0)} ms late` : "none now",
@@ -214,7 +217,10 @@ const UNITS = [
   ["_s", 1000, 1, "ms"],
 ];
 
-/** Constant errors, each with its standard deviation. @param {Record<string, LearnedError>} learned */
+/**
+ * Rows of the biases, each with its standard deviation.
+ * @param {Record<string, LearnedError>} learned
+ */
 function errors(learned) {
   const rows = Object.entries(learned).map(([name, { value, sigma }]) => {
     const [end, factor, digits, unit] = known(UNITS.find(([last]) => name.endsWith(last)) ?? null);
@@ -243,7 +249,7 @@ function milliseconds(seconds) {
 }
 
 /**
- * Return what a robot says of its hardware: figures in one table, each group in one of its own.
+ * Convert hardware facts to tables: values in one table, each group in a separate one.
  * @param {string} title @param {Hardware} facts
  * @returns {Sections}
  */
@@ -273,7 +279,7 @@ function isGroup(value) {
 /** @param {unknown} value @param {number} [digits] @returns {string} */
 function written(value, digits = decimals(value)) {
   if (Array.isArray(value)) {
-    const most = Math.max(0, ...value.map(decimals)); // As many for all of them.
+    const most = Math.max(0, ...value.map(decimals)); // The same number for all.
     return value.map((each) => written(each, most)).join(", ");
   }
   if (typeof value === "number") return fixed(value, digits);
@@ -281,7 +287,7 @@ function written(value, digits = decimals(value)) {
   return value === null ? "–" : String(value);
 }
 
-// How many decimals a number needs, two at most.
+// Number of decimals needed, at most two.
 /** @param {unknown} value */
 function decimals(value) {
   if (typeof value !== "number") return 0;

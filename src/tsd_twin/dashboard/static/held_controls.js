@@ -1,10 +1,10 @@
-// Controls that act only while they are held: keys and pointers that are down, the spring-centred
-// control, and the hold-to-run button.
+// Controls that act only while held: keys and pointers, the spring-centred control and the
+// hold-to-run button.
 
 /**
- * Which keys are held. Where the focus has been away, a key that was held all the while comes as if
- * it were pressed anew, on some systems without the mark of a repeat; and one that was lifted
- * meanwhile never says so. So a key that was released by the page counts only after its key-up event.
+ * Set of held keys. When focus returns, some systems report a key held all along as a new press
+ * without the repeat flag, and never report one released in between. A key released by the page
+ * therefore counts only after its key-up event.
  */
 export class KeyState {
   constructor() {
@@ -25,7 +25,7 @@ export class KeyState {
     return sum;
   }
 
-  /** Return whether it changes what is held. @param {KeyboardEvent} event */
+  /** Handle a key event; return whether it changes the held keys. @param {KeyboardEvent} event */
   take({ type, code, repeat }) {
     if (type === "keyup") {
       this._ignoredUntilUp.delete(code);
@@ -36,7 +36,7 @@ export class KeyState {
     return true;
   }
 
-  /** Let go of all keys until they come up; return whether any was held. */
+  /** Release all keys until their key-up events; return whether any was held. */
   cancel() {
     const wasHeld = this.size > 0;
     for (const code of this._down) this._ignoredUntilUp.add(code);
@@ -48,7 +48,7 @@ export class KeyState {
 /** @type {("pointerup" | "pointercancel" | "lostpointercapture")[]} */
 const POINTER_ENDS = ["pointerup", "pointercancel", "lostpointercapture"];
 
-/** One pointer on a control, from pointerdown until it is released, cancelled or lost. */
+/** Pointer on a control, from pointerdown until released, cancelled or lost. */
 export class PointerCapture {
   /** @param {HTMLElement} node @param {PointerCallbacks} callbacks */
   constructor(node, { came, moved = () => {}, gone }) {
@@ -100,10 +100,10 @@ export class PointerCapture {
 
 const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
 
-/** Control that springs back: held by a pointer, or by the arrow keys while it has the focus. */
+/** Spring-centred control, held by a pointer or by arrow keys while focused. */
 export class SpringControl {
   /**
-   * `changed()` follows each change; `marginPx` is half of the knob, which stays inside.
+   * `changed()` is called on each change; `marginPx` is half of the knob, which stays inside.
    * @param {HTMLElement} node @param {number} marginPx @param {() => void} changed
    */
   constructor(node, marginPx, changed) {
@@ -117,21 +117,24 @@ export class SpringControl {
     node.addEventListener("blur", () => this._arrows.cancel() && this._rest());
   }
 
-  /** For subclasses: shares of the way to the side. @param {number} _right @param {number} _up */
+  /**
+   * Set the deflection as fractions of the range; overridden by subclasses.
+   * @param {number} _right @param {number} _up
+   */
   place(_right, _up) {}
 
   get held() {
     return this._pointer.down || this._arrows.size > 0;
   }
 
-  /** Centre the control; the pointer or key is ignored until it is pressed again. */
+  /** Centre the control; ignore the pointer or key until it is pressed again. */
   cancel() {
     this._pointer.cancel();
     this._arrows.cancel();
     this.place(0, 0);
   }
 
-  /** Take a key event; return whether it was an arrow key. @param {KeyboardEvent} event */
+  /** Handle a key event; return whether it was an arrow key. @param {KeyboardEvent} event */
   key(event) {
     if (!(event.code in ARROWS)) return false;
     if (!this._arrows.take(event)) return true;
@@ -157,10 +160,10 @@ export class SpringControl {
   }
 }
 
-/** A button that counts while a finger or a key is on it. */
+/** Button that is active while a finger or key holds it. */
 export class HoldToRunButton {
   /**
-   * `code` is the key that holds it wherever the focus is; `changed()` follows each change.
+   * `code` is the key that holds it regardless of focus; `changed()` is called on each change.
    * @param {HTMLElement} node @param {string} code @param {() => void} changed
    */
   constructor(node, code, changed) {
@@ -170,7 +173,7 @@ export class HoldToRunButton {
     this._pointer = new PointerCapture(node, { came: () => changed(), gone: () => changed() });
     this._keys = new KeyState();
     node.addEventListener("blur", () => this._keys.cancel() && changed());
-    // A key comes up wherever the focus has gone meanwhile.
+    // Key-up may occur after the focus has moved.
     addEventListener("keyup", (event) => this._keys.take(event) && changed(), { capture: true });
   }
 
@@ -178,13 +181,13 @@ export class HoldToRunButton {
     return this._pointer.down || this._keys.size > 0;
   }
 
-  /** Release the button; the pointer or key is ignored until it is pressed again. */
+  /** Release the button; ignore the pointer or key until it is pressed again. */
   cancel() {
     this._pointer.cancel();
     this._keys.cancel();
   }
 
-  /** Take a key event; return whether it was for this button. @param {KeyboardEvent} event */
+  /** Handle a key event; return whether it was for this button. @param {KeyboardEvent} event */
   key(event) {
     const focused =
       /** @type {Document | ShadowRoot} */ (this._node.getRootNode()).activeElement === this._node;

@@ -1,5 +1,4 @@
-// A robot that ROS drives: how fast it should be, how fast it says that it is, and what cannot be
-// promised for it.
+// Third-party ROS robot: commanded and reported speeds, and its limitations.
 
 import { el, isVisible, setText } from "./dom.js";
 import { fixed } from "./format.js";

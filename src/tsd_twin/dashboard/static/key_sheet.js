@@ -1,4 +1,4 @@
-// Sheet of all keys, and of what each colour in the scene means: the key `?` opens and closes it.
+// Sheet of keys and scene colours, toggled with `?`.
 
 import { Button } from "./button.js";
 import { el } from "./dom.js";
@@ -44,7 +44,7 @@ export class KeySheet {
   constructor(root) {
     this._root = root;
     /** @type {Element | null} */
-    this._before = null; // What had the focus.
+    this._before = null; // Previously focused element.
     this._close = new Button("Close", () => this.toggle(), { kind: "quiet" });
     const keys = KEYS.map(([key, what]) => el("div", el("dt", el("kbd", key)), el("dd", what)));
     const colours = COLOURS.map(([name, colour, what]) => {
@@ -71,7 +71,7 @@ export class KeySheet {
     else if (this._before instanceof HTMLElement) this._before.focus();
   }
 
-  /** Take a key event; return whether it was for the sheet. @param {KeyboardEvent} event */
+  /** Handle a key event; return whether it was for the sheet. @param {KeyboardEvent} event */
   key(event) {
     const isForSheet = event.key === "?" || (event.code === "Escape" && !this.element.hidden);
     if (!isForSheet) return false;

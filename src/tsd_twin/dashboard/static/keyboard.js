@@ -1,5 +1,5 @@
-// The keyboard: W A S D and Q E drive, the space bar stops, Enter ticks boxes. Listeners run before
-// those of viser, whose camera would move with the same keys.
+// Keyboard: W A S D and Q E drive, the space bar stops, Enter ticks boxes. Listeners run before
+// viser's, which move the camera with the same keys.
 
 import { KeyState } from "./held_controls.js";
 
@@ -14,8 +14,8 @@ const DRIVE = {
 
 export class Keyboard {
   /**
-   * `focused(event)` may take a key for the control that has the focus; it returns whether it did.
-   * `stop(isOnBox)` is told whether the space bar was meant for a check box.
+   * `focused(event)` may handle a key for the focused control, and returns whether it did.
+   * `stop(isOnBox)` receives whether the space bar was pressed on a check box.
    * @param {Drive} drive
    * @param {{ focused: (event: KeyboardEvent) => boolean, stop: (isOnBox: boolean) => void }} callbacks
    */
@@ -46,7 +46,7 @@ export class Keyboard {
   _take(event) {
     const target = event.composedPath()[0];
     const up = event.type === "keyup";
-    // A key comes up wherever the focus has gone meanwhile, and whatever else is held by then.
+    // Key-up may occur after the focus has moved, and with other keys held.
     if (up && this._keys.take(event)) this._drive.changed();
     if (!up && (event.ctrlKey || event.metaKey || event.altKey)) return;
     if (event.code === "Space" ? takesSpaces(target) : takesText(target)) return;
@@ -76,8 +76,8 @@ export class Keyboard {
 }
 
 /**
- * Tick a box with Enter, since the space bar stops; and let no key that is held down press a button
- * again and again, such as Arm and Disarm in turn.
+ * Tick a box with Enter, because the space bar stops. Ignore key repeats on buttons, which would
+ * press for example Arm and Disarm in turn.
  * @param {KeyboardEvent} event @param {EventTarget | undefined} target
  */
 function takeEnter({ type, code, repeat }, target) {
@@ -110,7 +110,7 @@ function takesText(target) {
   );
 }
 
-/** The space bar stops from a field for a number, too. @param {EventTarget | undefined} target */
+/** The space bar also stops in number fields. @param {EventTarget | undefined} target */
 function takesSpaces(target) {
   if (!(target instanceof HTMLElement)) return false;
   const numeric =

@@ -1,5 +1,5 @@
-// Registry of the kinds of robots in the page: what differs by `panel` of the robot's description.
-// All other modules ask `kindOf`, and name no kind.
+// Registry of robot kinds on the page, selected by `panel` in the robot description. All other
+// modules use `kindOf` and name no kind.
 
 import { degrees, fixed } from "./format.js";
 import { Gimbals } from "./gimbals.js";
@@ -70,7 +70,7 @@ const KINDS = {
     ...MOTORS,
     onFloor: false,
     controls: {
-      // Up rolls the top of the sphere away, left to the left: about Y, and about minus X.
+      // Up rolls the top of the sphere away (about Y), left rolls it left (about minus X).
       twist: (x, y, turn) => [-y, x, turn],
       unit: ([wx, wy, wz]) => ({ x: wy, y: -wx, turn: wz }),
       labels: ["rolling forward", "rolling left", "rad/s"],
@@ -104,12 +104,18 @@ const KINDS = {
   },
 };
 
-/** Return the kind of a robot, the first one before a robot is known. @param {RobotInfo | null} robot */
+/**
+ * Return the kind of a robot, or the first kind if the robot is unknown.
+ * @param {RobotInfo | null} robot
+ */
 export function kindOf(robot) {
   return KINDS[robot?.panel ?? "gimbals"];
 }
 
-/** Degrees from where it was built in. @param {SphereState | null | undefined} sphere */
+/**
+ * Rotation from the mounted orientation, in degrees.
+ * @param {SphereState | null | undefined} sphere
+ */
 function turnedBy(sphere) {
   if (!sphere) return "–";
   const [w, x, y, z] = sphere.wxyz;

@@ -1,13 +1,13 @@
-// WebSocket to the dashboard server with the newest state of the robot, and the quality of the link.
+// WebSocket to the dashboard server, with the latest robot state and the link quality.
 
-// How good the link is, measured against the age up to which commands count.
+// Link quality relative to the maximum command age.
 const GOOD = 0.4;
 const FAIR = 0.8;
 const GOOD_LOSS = 0.05;
 const FAIR_LOSS = 0.2;
 
 /**
- * Return the median of some numbers, and how much more one in twenty is; null without any.
+ * Return the median and the 95th percentile minus the median; null without numbers.
  * @param {number[]} numbers
  */
 function medianAndJitter(numbers) {
@@ -19,8 +19,8 @@ function medianAndJitter(numbers) {
 }
 
 /**
- * Return a value that is known by now, for example by the order of messages: no state comes before
- * its robot.
+ * Return a value that must be known by now, for example because of message order: the robot message
+ * always precedes its states.
  * @template T
  * @param {T | null} value
  * @throws {TypeError} when it is null
@@ -30,14 +30,14 @@ export function known(value) {
   return value;
 }
 
-// The socket to the gateway, and the newest of everything that it has said.
+// Socket to the gateway, and the latest message of each type.
 const HEARTBEAT_MS = 100;
-const SERVER_TIMEOUT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
-const LONGEST_BEAT_MS = 2 * HEARTBEAT_MS; // A page that stalled for longer has echoes yet to read.
+const SERVER_TIMEOUT_MS = 2000; // The connection is lost after this time without an echo.
+const LONGEST_BEAT_MS = 2 * HEARTBEAT_MS; // A page that stalled for longer has unread echoes.
 const RETRY_MS = 500;
-const LOADING_BEATS = 50; // Five seconds in which the page ran: loading may block it for longer.
-const MAX_BUFFERED_BYTES = 1024; // What waits in the browser is too old already to be sent.
-const URGENT = new Set(["release", "stop"]); // Sent in any case: all that they do is stop the robot.
+const LOADING_BEATS = 50; // Five seconds of page activity; loading may block for longer.
+const MAX_BUFFERED_BYTES = 1024; // Messages buffered in the browser would be too old to send.
+const URGENT = new Set(["release", "stop"]); // Always sent, because they can only stop the robot.
 
 const MAX_ROUND_TRIPS = 50; // Five seconds.
 const MAX_STATES = 100;
@@ -45,26 +45,26 @@ const MAX_STATES = 100;
 const STALE_MS = 300;
 
 export class Link {
-  /** @param {string} page @param {string} [name] What the operator has typed. */
+  /** @param {string} page @param {string} [name] Typed operator name. */
   constructor(page, name = "") {
     this.page = page;
     this.name = name;
     this.connected = false;
-    this._loadingBeats = LOADING_BEATS; // Left until the first state has to be there.
+    this._loadingBeats = LOADING_BEATS; // Remaining beats until the first state is expected.
     /** @type {SessionInfo | null} */
     this.welcome = null;
     /** @type {RobotInfo | null} */
-    this.robot = null; // What does not change about the robot that is watched.
+    this.robot = null; // Constant properties of the displayed robot.
     /** @type {string | null} */
-    this._requestedRobot = null; // The robot that was chosen, until it is shown.
+    this._requestedRobot = null; // Requested robot, until it is shown.
     /** @type {RobotState | null} */
     this.state = null;
-    this.stateMs = -Infinity; // When it came, on the clock of `performance.now`.
+    this.stateMs = -Infinity; // Arrival time on the `performance.now` clock.
     /** @type {number | null} */
-    this.pageMs = null; // Round trip to the gateway, median of the last few.
+    this.pageMs = null; // Recent median round trip to the gateway.
     /** @type {number | null} */
-    this.pageJitterMs = null; // How much longer one in twenty takes.
-    this.lost = 0; // Share of the states that did not come, of the last few seconds.
+    this.pageJitterMs = null; // 95th percentile minus the median.
+    this.lost = 0; // Recent fraction of lost states.
     /** @type {(RobotEvent & { atMs: number })[]} */
     this.history = []; // Events, oldest first.
     /** @type {Map<string, Set<(message: never) => void>>} */
@@ -76,11 +76,11 @@ export class Link {
     /** @type {WebSocket | null} */
     this._socket = null;
     this._beatMs = performance.now();
-    this._silentMs = 0; // Time without an echo in which the page ran.
+    this._silentMs = 0; // Time without an echo while the page was running.
   }
 
   /**
-   * Call `listener` with each message of some types, or for `up`, `down`, `beat`, until `signal`.
+   * Call `listener` with messages of some types, or for `up`, `down`, `beat`, until `signal`.
    * @template {keyof LinkEvents} K
    * @param {K | K[]} types
    * @param {(message: LinkEvents[K]) => void} listener
@@ -99,17 +99,20 @@ export class Link {
     setInterval(() => this._sendHeartbeat(), HEARTBEAT_MS);
   }
 
-  /** Connect again under another name of the operator. @param {string} name */
+  /** Reconnect with another operator name. @param {string} name */
   rename(name) {
     if (name === this.name) return;
     this.name = name;
     const socket = this._socket;
-    if (socket === null) return; // The next one has it.
+    if (socket === null) return; // The next connection uses it.
     this._onClose();
     socket.close();
   }
 
-  /** Send a message now or never; return whether it went out. @param {PageMessage | TimelineRequest} message */
+  /**
+   * Send a message without queueing; return whether it was sent.
+   * @param {PageMessage | TimelineRequest} message
+   */
   send(message) {
     const socket = this._socket;
     if (socket?.readyState !== WebSocket.OPEN) return false;
@@ -118,18 +121,18 @@ export class Link {
     return true;
   }
 
-  /** Turn to another robot, once there is a connection. @param {string} id */
+  /** Select another robot, once connected. @param {string} id */
   choose(id) {
     this._requestedRobot = id;
     this.send({ t: "robot", id });
   }
 
-  /** Milliseconds since the newest state came, or since the robot said what is in it. */
+  /** Age of the latest state in ms, including its age on arrival. */
   ageMs() {
     return performance.now() - this.stateMs + (this.state?.age_ms ?? 0);
   }
 
-  /** Whether the first state is still expected: a page that loads has lost nothing. */
+  /** Whether the first state is still expected, so that nothing is lost yet. */
   isLoading() {
     return this._loadingBeats > 0;
   }
@@ -138,23 +141,23 @@ export class Link {
     return !this.connected || this.ageMs() > STALE_MS;
   }
 
-  /** Page to robot and back, in ms; null when one of the two is not known. */
+  /** Round trip from page to robot in ms, or null if unknown. */
   roundTripMs() {
     const robotMs = this.state?.robot_ms ?? NaN;
     if (!this.connected || this.pageMs === null || !Number.isFinite(robotMs)) return null;
     return this.pageMs + robotMs;
   }
 
-  /** How much longer one in twenty round trips takes, in ms; null when it is not known. */
+  /** 95th percentile of the round trip minus its median in ms, or null if unknown. */
   jitterMs() {
     if (this.roundTripMs() === null) return null;
     return (this.pageJitterMs ?? 0) + (this.state?.robot_jitter_ms ?? 0);
   }
 
   /**
-   * Return "good", "fair", "poor" or "none", and the share of the allowed age that a late command
-   * uses up: the round trip and its jitter. A command is that old when it arrives, or up to a
-   * state's period, 50 ms, older; so beyond four fifths some come too late.
+   * Return "good", "fair", "poor" or "none", and the fraction of the maximum age used by a late
+   * command (round trip plus jitter). On arrival, a command is up to one state period (50 ms) older
+   * than that, so above 0.8 some arrive too late.
    */
   quality() {
     const tripMs = this.isStale() ? null : this.roundTripMs();
@@ -208,7 +211,7 @@ export class Link {
     if (this.connected) {
       if (this._silentMs > SERVER_TIMEOUT_MS) {
         const socket = this._socket;
-        this._onClose(); // Before closing it: that may take as long as it likes.
+        this._onClose(); // First, because closing the socket may take arbitrarily long.
         socket?.close();
       } else {
         const focus = window.tsd.hasFocus() && document.visibilityState === "visible";
@@ -235,7 +238,7 @@ export class Link {
         this._seen = [];
         this._requestedRobot = null;
         this.robot = message;
-        this.history = []; // The gateway tells it again.
+        this.history = []; // The gateway sends it again.
         break;
       case "welcome":
         this.welcome = message;
@@ -254,7 +257,7 @@ export class Link {
     this._emit(message.t, message);
   }
 
-  /** After a new connection, go on with the robot as before. @param {SessionInfo} welcome */
+  /** After reconnecting, select the same robot. @param {SessionInfo} welcome */
   _keepRobot({ robot, robots }) {
     const before = this._requestedRobot ?? this.robot?.id ?? robot;
     if (before !== null && before !== robot && robots.some(({ id }) => id === before))
@@ -269,7 +272,7 @@ export class Link {
     this.pageJitterMs = medianAndJitter(this._trips).jitter;
   }
 
-  /** The robot numbers its states, so what is missing is seen. @param {number} seen */
+  /** Detect lost states by their sequence numbers. @param {number} seen */
   _count(seen) {
     const newest = this._seen.at(-1) ?? -1;
     this._seen = seen < newest ? [seen] : [...this._seen.slice(1 - MAX_STATES), seen];
@@ -279,9 +282,9 @@ export class Link {
 
   /** @param {keyof LinkEvents} type @param {ServerMessage} [message] */
   _emit(type, message) {
-    const told = /** @type {never} */ (message); // Of this type, as `on` promises.
+    const told = /** @type {never} */ (message); // Has this type, as guaranteed by `on`.
     const listeners = this._listeners.get(type) ?? new Set();
-    // Those that a listener adds are for the next message.
+    // Listeners added during the call start with the next message.
     for (const listener of [...listeners]) if (listeners.has(listener)) listener(told);
   }
 }

@@ -1,5 +1,5 @@
-// The map: a view from above with all robots, their trails, planned paths and the stop envelope. A
-// click on it plans a path as a click in the scene does: by the same request, and nothing moves.
+// Map: top view with all robots, their trails, planned paths and the stop envelope. A click on the
+// map plans a path with the same request as a click in the scene, and nothing moves.
 
 import { tooltip } from "./button.js";
 import { el, icon, isVisible, setAttribute } from "./dom.js";
@@ -12,7 +12,7 @@ import { notPlan } from "./permission.js";
 import { MIN_STEP_PX, thinned } from "./waypoints.js";
 
 const KEY = "tsd.map";
-const STROKE_SHOWN_MS = 600; // Until the path that is planned from it is seen.
+const STROKE_SHOWN_MS = 600; // Until the planned path is visible.
 const DENSEST = 2;
 
 export class FloorMap {
@@ -85,13 +85,13 @@ export class FloorMap {
   }
 
   toggle() {
-    if (!this._isOpen && this.button.hidden) return; // A sphere stays where it is.
+    if (!this._isOpen && this.button.hidden) return; // A sphere does not move.
     this._isOpen = !this._isOpen;
     this._keep();
     this._show();
   }
 
-  /** Take a key event; return whether it was for the map. @param {KeyboardEvent} event */
+  /** Handle a key event; return whether it was for the map. @param {KeyboardEvent} event */
   key(event) {
     if (event.code !== "KeyM") return false;
     if (event.type === "keydown" && !event.repeat) this.toggle();
@@ -133,7 +133,7 @@ export class FloorMap {
     this._view.setSpan(Number(span));
   }
 
-  // Clicks and strokes: the map stands still while one is made.
+  // Clicks and strokes; the map does not scroll during them.
 
   /** @param {PointerEvent} event */
   _begin(event) {
@@ -154,7 +154,7 @@ export class FloorMap {
     this._draw();
   }
 
-  /** @param {boolean} isUp It was not cancelled. */
+  /** @param {boolean} isUp Not cancelled. */
   _finish(isUp) {
     if (isUp && this._stroke.length > 0 && !this._waypoints.held) {
       const points = thinned(this._stroke).map((pixels) => this._view.toFloor(pixels));
@@ -204,7 +204,7 @@ export class FloorMap {
 }
 
 /**
- * Part of the picture that no control covers: where there is little room, the map lies below them.
+ * Part of the map not covered by controls; in small windows, the map lies below them.
  * @param {HTMLElement} canvas @param {number} width @param {number} height @returns {MapBox}
  */
 function freeBox(canvas, width, height) {
@@ -213,7 +213,7 @@ function freeBox(canvas, width, height) {
     Number.parseFloat(style.getPropertyValue(name)) || 0;
   const isBelow = style.getPropertyValue("--below").trim() === "1";
   const [top, bottom] = isBelow ? [pixels("--tsd-top"), pixels("--tsd-bottom")] : [0, 0];
-  // In a low window pose and path leave nothing between them: what lies between bar and stick, then.
+  // In a low window, pose and path leave no space: use the part between bar and stick.
   if (height - top - bottom < height / 3)
     return { left: 0, top: height / 3, width, height: height / 3 };
   return { left: 0, top, width, height: height - top - bottom };

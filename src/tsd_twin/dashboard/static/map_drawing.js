@@ -1,4 +1,4 @@
-// Drawing of the map. Colours are those of the scene, which the sheet of keys names.
+// Map drawing. The colours match the scene and are listed in the key sheet.
 
 import { labelPlaces, lengthText } from "./map_view.js";
 
@@ -40,7 +40,7 @@ export function drawMap(pen, view, content) {
     if (end) dot(pen, view.toPicture(end), 6, ROUTE);
   }
   for (const robot of robots) if (robot !== shown) drawRobot(pen, view, content, robot);
-  if (shown) drawRobot(pen, view, content, shown); // Above the others.
+  if (shown) drawRobot(pen, view, content, shown); // On top of the others.
   if (content.names.length > 1) drawNames(pen, view, content);
   if (stroke.length > 0) {
     pen.beginPath();
@@ -77,7 +77,7 @@ function drawRobot(pen, view, { names, isStale }, robot) {
   const { at, radius } = circleOf(view, robot);
   const name = names.find(({ id }) => id === robot.id);
   const colour = robot.stale || isStale ? STALE : (name?.colour ?? ESTIMATE);
-  // The tip points ahead: x of the world is up, y left.
+  // The tip points forward: x of the world is up, y is left.
   const [ahead, aside] = [
     [-Math.sin(heading), -Math.cos(heading)],
     [-Math.cos(heading), Math.sin(heading)],
@@ -106,7 +106,7 @@ function circleOf(view, { pose: [x, y], reach_m: reach }) {
   return { at: view.toPicture([x, y]), radius: Math.max(LEAST_RADIUS_PX, reach * view.scale) };
 }
 
-/** Names beside the robots; that of the robot in view has the first choice. @type {typeof drawGrid} */
+/** Names next to the robots; the displayed robot has priority. @type {typeof drawGrid} */
 function drawNames(pen, view, { names, ink, robots, shown }) {
   const ordered = [...robots].sort((a, b) => Number(b === shown) - Number(a === shown));
   const texts = ordered.map(({ id, stale }) => (stale ? `${id} (silent)` : id));
@@ -123,11 +123,11 @@ function drawNames(pen, view, { names, ink, robots, shown }) {
     pen.fillText(texts[i], x, y);
     pen.fillStyle = names.find(({ id }) => id === ordered[i].id)?.colour ?? ESTIMATE;
     const { width } = pen.measureText(texts[i]);
-    pen.fillRect(x - width / 2, y + 3, width, 2); // In its colour: which robot it belongs to.
+    pen.fillRect(x - width / 2, y + 3, width, 2); // In the robot's colour, for identification.
   }
 }
 
-/** Scale bar and arrow along x, in the lower left corner. @type {typeof drawGrid} */
+/** Scale bar and x arrow, in the lower left corner. @type {typeof drawGrid} */
 function drawScale(pen, view, { ink }) {
   const { left, top, height } = view.box;
   const low = top + height - MARGIN_PX;

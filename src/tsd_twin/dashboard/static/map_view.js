@@ -1,10 +1,10 @@
-// What the map shows of the floor: place and scale, and the trails of the robots. x of the world is
-// up, y is left, as on the stick with the axes of the world.
+// Map viewport (position and scale) and robot trails. World x is up and y is left, as on the stick
+// with world axes.
 
-const SPANS_M = [1, 2, 4, 8, 16, 32, 64]; // Across the smaller side.
+const SPANS_M = [1, 2, 4, 8, 16, 32, 64]; // Along the smaller side.
 const USUAL_SPAN_M = 4;
-const CALM = 0.25; // The robot may be so far off the middle, as a share of the smaller side.
-const TRAIL_SPACING_M = 0.05; // As in server/map_data.py, with the next two.
+const CALM = 0.25; // Maximum offset of the robot from the centre, relative to the smaller side.
+const TRAIL_SPACING_M = 0.05; // As in server/map_data.py, like the next two.
 const TRAIL_JUMP_M = 0.5;
 const TRAIL_POINTS = 800;
 
@@ -16,7 +16,7 @@ export class MapView {
     this._box = { left: 0, top: 0, width: 1, height: 1 };
   }
 
-  /** Pixels of a metre. */
+  /** Pixels per metre. */
   get scale() {
     return Math.min(this._box.width, this._box.height) / this.spanM;
   }
@@ -30,7 +30,7 @@ export class MapView {
     this._box = box;
   }
 
-  /** Zoom in by -1 or out by 1, or to a span that was kept. @param {number} steps */
+  /** Zoom in (-1) or out (1), or to a stored span. @param {number} steps */
   zoom(steps) {
     const at = SPANS_M.indexOf(this.spanM) + steps;
     this.spanM = SPANS_M[Math.max(0, Math.min(SPANS_M.length - 1, at))];
@@ -41,7 +41,7 @@ export class MapView {
     if (SPANS_M.includes(spanM)) this.spanM = spanM;
   }
 
-  /** Move no more than it takes to have a place near the middle. @param {FloorPoint} place */
+  /** Pan as little as needed to keep a place near the centre. @param {FloorPoint} place */
   follow(place) {
     const most = CALM * this.spanM;
     const nearer = (/** @type {number} */ at, /** @type {number} */ to) =>
@@ -49,7 +49,7 @@ export class MapView {
     this._middle = [nearer(this._middle[0], place[0]), nearer(this._middle[1], place[1])];
   }
 
-  /** Pixels of a place on the floor. @param {FloorPoint} place @returns {[number, number]} */
+  /** Convert a floor point to pixels. @param {FloorPoint} place @returns {[number, number]} */
   toPicture([x, y]) {
     const { left, top, width, height } = this._box;
     return [
@@ -58,7 +58,10 @@ export class MapView {
     ];
   }
 
-  /** Place on the floor, to a millimetre. @param {[number, number]} pixels @returns {FloorPoint} */
+  /**
+   * Convert pixels to a floor point, rounded to 1 mm.
+   * @param {[number, number]} pixels @returns {FloorPoint}
+   */
   toFloor([right, down]) {
     const { left, top, width, height } = this._box;
     const x = this._middle[0] + (top + height / 2 - down) / this.scale;
@@ -73,19 +76,19 @@ export class MapView {
     return ([5, 2, 1].find((each) => each * power <= most) ?? 1) * power;
   }
 
-  /** Distance of the lines of the grid: metres, or tens of them where those would be too close. */
+  /** Grid spacing: 1 m, or 10 m if the lines would be too close. */
   gridM() {
     return this.scale >= 8 ? 1 : 10;
   }
 }
 
-const LABEL_GAP_PX = 14; // The tip of a robot fits in.
-const LABEL_PX = 16; // Height of a name with its gap.
+const LABEL_GAP_PX = 14; // Room for the tip of a robot.
+const LABEL_PX = 16; // Line height including gap.
 
 /**
- * Return where the names of robots are centred on the base of their letters, in pixels: below,
- * above, right or left of their circles, none on another name, and on no circle if there is room.
- * A name is not cut at the edges, from `low` to `high`, when its robot is between them.
+ * Return label positions (centre of the baseline, in pixels): below, above, right or left of the
+ * robots, never on another label, and not on a circle if there is room. A label is not cut off at
+ * the edges `low` and `high` while its robot is between them.
  * @param {{ at: [number, number], radius: number, width: number }[]} robots
  * @param {[number, number]} edges
  * @returns {[number, number][]}
@@ -141,7 +144,7 @@ export function lengthText(metres) {
   return `${Math.round(metres)} m`;
 }
 
-/** Paths of the estimates: those that the server has, continued with the newest poses. */
+/** Trails of the estimates: those from the server, extended with the latest poses. */
 export class MapTrails {
   constructor() {
     /** @type {Map<string, (FloorPoint | null)[]>} */

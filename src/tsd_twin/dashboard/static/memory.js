@@ -1,4 +1,4 @@
-// What the browser keeps of the page. Without a memory, as in some private windows, nothing is kept.
+// Settings kept in the browser. Without storage, as in some private windows, nothing is kept.
 
 /** @param {string} key @returns {string | null} */
 export function recall(key) {
@@ -14,6 +14,6 @@ export function keep(key, value) {
   try {
     localStorage.setItem(key, value);
   } catch {
-    // The next page begins without it.
+    // Not kept for the next page.
   }
 }

@@ -1,14 +1,14 @@
-// One module of a singularity drive, large: from the side the axle, the contact and the effective
-// radius between them; from above the lean and the push, forward up.
+// Large drawing of a drive module: side view with axle, contact and effective radius; top view with
+// lean and push, forward up.
 
 import { el, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 
 const RADIUS = 34;
-const SIDE = 50; // Centre of the wheel seen from the side, and from above.
+const SIDE = 50; // Centre of the wheel in the side and top view.
 const ABOVE = 150;
 const MIDDLE = 42;
-const LEAST_LEAN = 0.005; // Below this share of the tilt limit a lean has no direction.
+const LEAST_LEAN = 0.005; // Smaller fractions of the tilt limit have no direction.
 
 export class ModuleDrawing {
   constructor() {
@@ -16,7 +16,7 @@ export class ModuleDrawing {
     this._axle = svg("line.axle");
     this._lever = svg("line.lever");
     this._body = svg("path.cap", { d: `M${-RADIUS} 0A${RADIUS} ${RADIUS} 0 0 0 ${RADIUS} 0Z` });
-    this._sense = svg("text.sense", { x: 4, y: 7 }); // Beside the axle.
+    this._sense = svg("text.sense", { x: 4, y: 7 }); // Next to the axle.
     this._lean = svg("line.axle", { x1: ABOVE, y1: MIDDLE });
     this._end = svg("circle.end", { r: 3 });
     this._push = svg("line.push", { x1: ABOVE, y1: MIDDLE });
@@ -42,12 +42,12 @@ export class ModuleDrawing {
   show({ tilt_deg: tilt, lean, rpm, radius_mm: radius }, name) {
     const angle = (tilt * Math.PI) / 180;
     const [s, c] = [Math.sin(angle), Math.cos(angle)];
-    // From the side, with the axle leaning to the right: the push comes out of the picture.
+    // Side view with the axle leaning to the right, so the push points out of the picture.
     line(this._axle, SIDE - 1.15 * RADIUS * s, MIDDLE + 1.15 * RADIUS * c, [
       SIDE + 1.15 * RADIUS * s,
       MIDDLE - 1.15 * RADIUS * c,
     ]);
-    // From the contact to the nearest point of the axle: the effective radius.
+    // From the contact to the nearest point on the axle: the effective radius.
     line(this._lever, SIDE, MIDDLE + RADIUS, [SIDE - RADIUS * s * c, MIDDLE + RADIUS * c * c]);
     setAttribute(this._body, "transform", `rotate(${tilt.toFixed(2)})`);
     const [x, y] = lean; // Forward, left.
@@ -59,7 +59,7 @@ export class ModuleDrawing {
     setAttribute(this._lean, "y2", end[1].toFixed(2));
     setAttribute(this._end, "cx", end[0].toFixed(2));
     setAttribute(this._end, "cy", end[1].toFixed(2));
-    // v = r_w spin l x z: the push is a quarter turn to the right of the lean.
+    // v = r_w spin l x z: the push is 90° to the right of the lean.
     const [ahead, aside] = hasLean ? [y, -x] : [0, 0];
     const tip = [ABOVE - RADIUS * aside, MIDDLE - RADIUS * ahead];
     setAttribute(this._push, "x2", tip[0].toFixed(2));

@@ -1,11 +1,11 @@
-// A small panel over the scene that shows one module large. The Gimbals tab opens it.
+// Small panel over the scene with one module enlarged, opened from the Gimbals tab.
 
 import { el, icon, setAttribute } from "./dom.js";
 import { ModuleDrawing } from "./module_drawing.js";
 
 const choices = new EventTarget();
 
-/** Show a module large. @param {number} index */
+/** Enlarge a module. @param {number} index */
 export function enlargeModule(index) {
   choices.dispatchEvent(new CustomEvent("module", { detail: index }));
 }

@@ -1,5 +1,5 @@
-// Transient notices, confirmation dialogs, the banner of a state that is too old, and the alarm of a
-// stop that is not confirmed.
+// Transient notices, confirmation dialogs, the stale-state banner and the alarm for unconfirmed
+// stops.
 
 import { Button } from "./button.js";
 import { el, icon, setText } from "./dom.js";
@@ -7,7 +7,7 @@ import { duration } from "./format.js";
 import { notConnected } from "./permission.js";
 
 const SHOWN_MS = 6000;
-const READ_MS = 2000; // One that is no longer true stays for so long, so that it can be read.
+const READ_MS = 2000; // Minimum display time of a notice that is no longer true.
 const AT_ONCE = 3;
 
 /** @typedef {{ key: string, untilMs: number, readMs: number, isTrue: () => boolean }} Shown */
@@ -23,7 +23,7 @@ export class Notices {
     let robot = link.robot?.id;
     link.on(["beat", "state"], () => this._tidy());
     link.on("robot", ({ id }) => {
-      const isOther = robot !== undefined && id !== robot; // What was said is of the one before.
+      const isOther = robot !== undefined && id !== robot; // Notices of the previous robot.
       if (isOther) for (const toast of [...this._shown.keys()]) this._remove(toast);
       robot = id;
     });
@@ -51,7 +51,7 @@ export class Notices {
     this._list.append(toast);
   }
 
-  /** Remove what has been read, and what is no longer true. */
+  /** Remove notices that expired or are no longer true. */
   _tidy() {
     const nowMs = performance.now();
     for (const [toast, { untilMs, readMs, isTrue }] of [...this._shown])
@@ -64,13 +64,13 @@ export class Notices {
     toast.remove();
   }
 
-  /** Take the question back. */
+  /** Dismiss the question. */
   unask() {
     this._question.replaceChildren();
   }
 
   /**
-   * Ask for a yes, and a word for `yes`; a new question takes the place of the old one.
+   * Ask for confirmation and a text passed to `yes`; replaces an open question.
    * @param {string} text @param {string} label @param {string} field Label of the word.
    * @param {(word: string) => void} yes
    */
@@ -94,7 +94,7 @@ export class Notices {
   }
 }
 
-/** Alarm of a stop that the robot has not confirmed: until it does, or until it is acknowledged. */
+/** Alarm for an unconfirmed stop, shown until confirmed or acknowledged. */
 export class StopAlarm {
   /** @param {Drive} drive */
   constructor(drive) {
@@ -117,7 +117,7 @@ export class StopAlarm {
   }
 }
 
-/** Banner and grey veil over a state that is too old: the banner counts the seconds. */
+/** Banner and grey veil over a stale state; the banner counts the seconds. */
 export class StaleBanner {
   /** @param {Link} link */
   constructor(link) {

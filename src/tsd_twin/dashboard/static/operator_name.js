@@ -1,23 +1,23 @@
-// Name of the operator, typed once and kept in the browser; the pages of others show it.
+// Operator name, typed once and kept in the browser; shown on other operators' pages.
 
 import { keep, recall } from "./memory.js";
 
 const KEY = "tsd.name";
 const MOST = 20;
 
-/** The name that was typed on this or an earlier page; empty without one. */
+/** Name typed on this or an earlier page, or "". */
 export function typedName() {
   return permitted(recall(KEY) ?? "");
 }
 
-/** Keep a name, and return it as the bus permits it. @param {string} text */
+/** Store a name and return it as permitted on the bus. @param {string} text */
 export function keepName(text) {
   const name = permitted(text);
   keep(KEY, name);
   return name;
 }
 
-/** Return a name in letters without accents, digits and dashes. @param {string} text */
+/** Convert a name to unaccented letters, digits and dashes. @param {string} text */
 export function permitted(text) {
   return text
     .normalize("NFKD")

@@ -1,4 +1,4 @@
-// Overlay of the controls over viser's scene, always visible.
+// Overlay of controls over viser's scene, always visible.
 
 import { Account } from "./account.js";
 import { tooltip } from "./button.js";
@@ -32,13 +32,14 @@ import { ViewKeeper } from "./view_settings.js";
 import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
-// Up to these widths the bar has no room for it; with several robots it names them, too.
+// Up to these widths, the bar has no room for the level; with several robots it also shows their
+// names.
 const LEVEL_IN_DOCK_PX = 1060;
 const LEVEL_IN_DOCK_SEVERAL_PX = 1230;
 const TOLD_MS = 1000;
-let toldMs = -Infinity; // When it was last told why a motion has ended.
-let takenMs = -Infinity; // When it was last told that control was taken over.
-// The last ones take away what others show.
+let toldMs = -Infinity; // Time of the last notice about the end of a motion.
+let takenMs = -Infinity; // Time of the last notice about a take-over.
+// Later style sheets hide elements styled by earlier ones.
 const STYLES = [
   ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
   ...["key_sheet", "first_steps", "small", "account", "module", "map", "timeline"],
@@ -91,14 +92,14 @@ const replay = el(
 
 const left = el("div.left", stick.element);
 const right = el("div.right", turn.element);
-const dock = el("div.dock", stopButton.element, left, right); // Tab reaches STOP first.
+const dock = el("div.dock", stopButton.element, left, right); // STOP is first in tab order.
 const pose = new PoseReadout(link, map.button);
 const messages = el(
   "div.messages",
   ...[stale.banner, alarm.element, alone, replay, consistency.element, preview],
   ...[handOver.element, notices.element, keySheet.element],
 );
-// The dock is at the bottom whatever is above it: what has no room there can be scrolled.
+// The dock is always at the bottom; content without room above it scrolls.
 const inner = el(
   "div.frame",
   stale.veil,
@@ -127,7 +128,7 @@ const keysHelp = el(
   ...[key("space"), " = stop \u2003 ", key("?"), " = all keys"],
 );
 stopButton.element.append(keysHelp);
-stopButton.button.after(waypoints.element); // Above it, and after it for Tab.
+stopButton.button.after(waypoints.element); // Above STOP, and after it in tab order.
 stick.head.append(axes);
 
 const keys = new Keyboard(drive, {
@@ -147,7 +148,7 @@ link.on(["state", "beat"], draw);
 link.on("event", (event) => {
   if (event.past || !isNotable(event, link.welcome?.operator)) return;
   if (event.why.code === "lease_taken_over")
-    takenMs = performance.now(); // With the reason, so that the loss is not told again.
+    takenMs = performance.now(); // It includes the reason, so the loss is not reported again.
   else if (event.kind === "lease" && performance.now() - takenMs < TOLD_MS) return;
   const { text, again, key } = noticeOf(event, link.state?.you ?? false);
   const isTrue = () => event.kind !== "mode" || !isLatched();
@@ -158,31 +159,31 @@ link.on("reply", ({ to, ok, why }) => {
   if (ok && to === "stop" && showsRecording(link)) notices.say("The live robots are stopped.");
 });
 card.onReset = () => {
-  // Not when the operator is elsewhere by now.
+  // Only if the operator is not elsewhere by now.
   if (document.activeElement === document.body) bar.arm.button.focus();
 };
 link.on(["welcome", "robot"], showColour);
 link.on("robot", (robot) => {
   document.title = `${robot.title} · tsd-twin`;
-  axes.hidden = !kindOf(robot).onFloor; // Its base and the world are one.
+  axes.hidden = !kindOf(robot).onFloor; // Its base is the world.
   if (axes.hidden && drive.frame !== "base_link") turnAxes("base_link");
 });
 tooltip.attach(stick.pad, () => notDrive(link) ?? kindOf(link.robot).controls.help);
 tooltip.attach(turn.track, () => notDrive(link) ?? "Left turns left");
 tooltip.attach(axes, () => "Up on the stick: forward of the robot, or along x of the world");
 
-inner.style.visibility = "hidden"; // Until it has its styles.
+inner.style.visibility = "hidden"; // Until the styles are loaded.
 let missing = STYLES.length;
 const onload = () => {
   missing -= 1;
   if (missing === 0) inner.style.removeProperty("visibility");
 };
 const sheet = (/** @type {string} */ name) => ({ rel: "stylesheet", href: `static/${name}.css` });
-// Controls without a style are better than none: STOP is among them.
+// Unstyled controls are better than none, because they include STOP.
 root.append(...STYLES.map((name) => el("link", sheet(name), { onload, onerror: onload })), inner);
 document.head.append(el("link", sheet("colours")), el("link", sheet("page")));
-document.body.prepend(host); // Before the panel, for Tab.
-inner.toggleAttribute("data-plain", window.tsd.plain); // Blurs take half of the frames.
+document.body.prepend(host); // Before the panel in tab order.
+inner.toggleAttribute("data-plain", window.tsd.plain); // Blur effects halve the frame rate.
 for (const element of [bar.element, dock, waypoints.element])
   new ResizeObserver(reserve).observe(element);
 new ResizeObserver(layOut).observe(host);
@@ -197,7 +198,7 @@ if (takeMotionNote())
   );
 link.open();
 
-/** Page, server and robot may all tell why a motion has ended: the first one does. */
+/** Page, server and robot may all report the end of a motion; only the first one is shown. */
 function isFirstToTell() {
   const nowMs = performance.now();
   const isFirst = nowMs - toldMs > TOLD_MS;
@@ -210,7 +211,7 @@ function isLatched() {
 }
 
 /**
- * What to do after a stop by itself does not help once the robot is latched: its card says more.
+ * Hide the advice after an automatic stop once the robot is latched, because its card has details.
  * @param {() => boolean} [isTrue]
  */
 function untilLatched(isTrue = () => true) {
@@ -246,10 +247,10 @@ function draw() {
   setText(stick.help, refusal ?? help);
   preview.hidden = !sliders.preview;
   alone.hidden = !sliders.driveAlone;
-  replay.hidden = link.state?.source !== "recording" || SHOWS_RECORDING; // The timeline says so.
+  replay.hidden = link.state?.source !== "recording" || SHOWS_RECORDING; // The timeline shows it.
 }
 
-/** The colour that tells this robot from others; without others there is none. */
+/** Colour that identifies this robot among several. */
 function showColour() {
   const robots = link.welcome?.robots ?? [];
   const shown = robots.find(({ id }) => id === link.robot?.id);
@@ -267,7 +268,7 @@ function share({ x, y, turn: rate }, { speed, turn: most }) {
   };
 }
 
-/** Return what is commanded to the joints, along the axes of the stick. @param {RobotState} state */
+/** Return the commanded twist along the stick axes. @param {RobotState} state */
 function commandedUnit({ commanded, pose: at }) {
   const { x, y, turn: rate } = kindOf(link.robot).controls.unit(commanded ?? [0, 0, 0]);
   const heading = drive.frame === "odom" ? (at?.[2] ?? 0) : 0;
@@ -277,7 +278,7 @@ function commandedUnit({ commanded, pose: at }) {
 
 /** @param {"base_link" | "odom"} to */
 function turnAxes(to = drive.frame === "odom" ? "base_link" : "odom") {
-  drive.release(); // The same push would mean another way.
+  drive.release(); // The same deflection would mean another direction.
   drive.frame = to;
   setText(axes, to === "odom" ? "world axes" : "robot axes");
   axes.toggleAttribute("data-world", to === "odom");
@@ -295,7 +296,7 @@ function isNarrow() {
 }
 
 function layOut() {
-  // An element that moves loses focus and pointer, so it moves only when it has to.
+  // Moving an element drops focus and pointer, so move it only if needed.
   const several = (link.welcome?.robots.length ?? 0) > 1;
   const widest = several ? LEVEL_IN_DOCK_SEVERAL_PX : LEVEL_IN_DOCK_PX;
   const levelPlace = host.clientWidth <= widest ? right : bar.level;

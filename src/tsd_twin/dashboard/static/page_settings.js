@@ -1,5 +1,4 @@
-// Settings of this page, at the end of the View tab: the name of the operator, and what explains the
-// page: the sheet of keys and the first steps.
+// Page settings at the end of the View tab: operator name, key sheet and first steps.
 
 import { el, setAttribute, setText } from "./dom.js";
 import { keepName } from "./operator_name.js";
@@ -33,7 +32,7 @@ export class PageSettings {
 
   _show() {
     const drives = this._link.state?.you ?? false;
-    // With logins the name is that of the login.
+    // With logins, the login name is used.
     this._field.hidden = (this._link.welcome?.user ?? null) !== null;
     this._name.readOnly = drives;
     setAttribute(this._name, "aria-disabled", drives ? "true" : null);

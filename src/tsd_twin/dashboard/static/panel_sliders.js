@@ -1,5 +1,5 @@
-// The sliders of viser's panel. viser tells when one moves but not when it is let go, so that is
-// seen here: they count while a pointer that came down in the panel is down, or while latched.
+// Sliders in viser's panel. viser reports slider movement but not release, so release is detected
+// here: sliders are active while a pointer pressed in the panel is down, or while latched.
 
 const RESET_EVERY_MS = 250;
 /** @type {SliderValues} */
@@ -8,7 +8,7 @@ const AT_ZERO = { vx: 0, vy: 0, omega: 0, mode: "preview", latch: false };
 export class PanelSliders {
   /** @param {Drive} drive @param {Link} link @param {(event: Event) => boolean} isPanel */
   constructor(drive, link, isPanel) {
-    this.preview = false; // They pose the gimbals only, and are not at zero.
+    this.preview = false; // Sliders pose the gimbals only, and are non-zero.
     this._drive = drive;
     this._link = link;
     this._panel = AT_ZERO;
@@ -16,7 +16,7 @@ export class PanelSliders {
     this._again = null;
     /** @type {Set<number>} */
     this._pointers = new Set();
-    this._touched = false; // By a hand, since they were last let go.
+    this._touched = false; // Touched since the last release.
     this._resetMs = -Infinity;
     link.on("panel_sliders", (message) => this._take(message));
     link.on(["released", "down"], () => this._show(AT_ZERO));
@@ -30,7 +30,7 @@ export class PanelSliders {
     return this._panel.mode === "drive" && isMoving(this._panel) && this._isHeld(this._panel);
   }
 
-  /** Whether they drive the robot on while no hand is on them. */
+  /** Whether latched sliders drive the robot without a hand on them. */
   get driveAlone() {
     return this.held && this._pointers.size === 0;
   }
@@ -40,7 +40,7 @@ export class PanelSliders {
     return { vx, vy, omega };
   }
 
-  /** Let go: the sliders spring back, and do nothing until a hand comes to them again. */
+  /** Release: sliders return to zero and stay inactive until touched again. */
   cancel() {
     this._touched = false;
     this._pointers.clear();
@@ -69,7 +69,7 @@ export class PanelSliders {
   /** @param {SliderValues} panel */
   _take(panel) {
     this._show(panel);
-    // What viser has held back for a moment comes after the hand has gone.
+    // viser may deliver throttled updates after release.
     if (panel.mode === "drive" && isMoving(panel) && !this._isHeld(panel)) this._reset();
     this._drive.changed();
   }
@@ -84,7 +84,7 @@ export class PanelSliders {
     this._show({ ...this._panel, vx: 0, vy: 0, omega: 0 });
     const now = performance.now();
     if (now - this._resetMs < RESET_EVERY_MS) {
-      // Once more when they have come to rest, or the last one would stay where it is.
+      // Repeat after they come to rest, or the last one would keep its value.
       this._again ??= setTimeout(
         () => ((this._again = null), this._requestReset()),
         RESET_EVERY_MS,

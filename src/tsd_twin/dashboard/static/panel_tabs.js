@@ -1,4 +1,4 @@
-// Content of the tabs of viser's panel: viser makes empty places, and makes them anew on reconnection.
+// Contents of viser's panel tabs, which viser creates empty, and again after reconnecting.
 
 import { el, setAttribute } from "./dom.js";
 import { Health } from "./health.js";
@@ -14,14 +14,14 @@ import { WheelSpeed } from "./wheel_speed.js";
 
 const REFRESH_MS = 50;
 const UNNAMED = "[role=slider], input[type=text]";
-/** @type {Record<string, string>} What viser leaves without a name, by its icon or its class. */
+/** @type {Record<string, string>} Names for unlabelled viser elements, by icon or class. */
 const NAMES = {
   ".mantine-ActionIcon-root:has(.tabler-icon-adjustments)": "Configuration and diagnostics",
   ".mantine-ActionIcon-root:has(.tabler-icon-arrow-back)": "Back to the controls",
   ".mantine-Notification-closeButton": "Close this notice",
 };
-const SLOW_SCENE = "Software WebGL rendering detected"; // The Health tab says it.
-const LABEL_LEVELS = 8; // How far above a control viser's label may be.
+const SLOW_SCENE = "Software WebGL rendering detected"; // Also shown in the Health tab.
+const LABEL_LEVELS = 8; // Maximum number of levels between a control and viser's label.
 
 /** @type {Record<string, string[]>} */
 const STYLES = {
@@ -36,14 +36,14 @@ const STYLES = {
 };
 
 /**
- * Fill all places that there are and that will come, and name what viser leaves without a name.
+ * Fill all current and future tabs, and label unlabelled viser elements.
  * @param {Link} link @param {Waypoints} waypoints @param {SphereGoTo} sphereGoTo
  * @param {Guides} guides @param {ViewKeeper} view @param {() => void} stop
  */
 export function fillPanelTabs(link, waypoints, sphereGoTo, guides, view, stop) {
   const recorder = new Recorder(link);
   const scheme = () => getComputedStyle(document.documentElement).colorScheme;
-  window.tsdPlots = { recorder, stop, scheme }; // For their window.
+  window.tsdPlots = { recorder, stop, scheme }; // For the plots window.
   const model = new StudentModel(link, location.search);
   /** @type {Record<string, (place: ShadowRoot, signal: AbortSignal) => unknown>} */
   const contents = {
@@ -88,7 +88,7 @@ export function fillPanelTabs(link, waypoints, sphereGoTo, guides, view, stop) {
 }
 
 /**
- * Fill the tab of the actuators, again when a robot of another kind is shown.
+ * Fill the actuator tab, again when a robot of another kind is selected.
  * @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal
  * @param {SphereGoTo} sphereGoTo
  */
@@ -123,8 +123,8 @@ function shadow(place, styles) {
 }
 
 /**
- * Bring a tab to the front, if it is there: viser makes its content only then. A docked tab of viser
- * takes keys, one of its drawer clicks.
+ * Bring a tab to the front if it exists, because viser creates contents lazily. Docked tabs of
+ * viser respond to keys, drawer tabs to clicks.
  * @param {string} name
  */
 function openTab(name) {
@@ -135,7 +135,7 @@ function openTab(name) {
   return tab !== undefined;
 }
 
-/** Put away the tabs that the preset leaves out, but never the one that is open. */
+/** Hide the tabs excluded by the preset, but never the open one. */
 function putTabsAway() {
   const away = tabsAway();
   for (const tab of document.querySelectorAll("[role=tab]")) {
@@ -144,24 +144,24 @@ function putTabsAway() {
   }
 }
 
-/** Close viser's notice of a scene without a graphics card, which lies on the robot or the map. */
+/** Close viser's software-rendering notice, which covers the robot or the map. */
 function closeSlowSceneNotice() {
   for (const title of document.querySelectorAll(".mantine-Notification-title")) {
     if (title.textContent !== SLOW_SCENE) continue;
     const notice = /** @type {HTMLElement} */ (title.closest(".mantine-Notification-root"));
-    notice.style.display = "none"; // At once: a busy page ends transitions late.
+    notice.style.display = "none"; // Hide immediately, because a busy page delays the transition.
     /** @type {HTMLElement | null} */
     (notice.querySelector(".mantine-Notification-closeButton"))?.click();
   }
 }
 
-/** @type {WeakSet<Element>} Controls that are named here; another robot has other labels. */
+/** @type {WeakSet<Element>} Controls labelled here; labels change with the robot. */
 const namedHere = new WeakSet();
 
-/** Name viser's sliders and fields after the labels in their rows: viser only draws them there. */
+/** Label viser's sliders and fields from the text in their rows, which is only visual. */
 function addAriaLabels() {
   for (const control of document.querySelectorAll(UNNAMED)) {
-    // viser gives its sliders a name that is empty.
+    // viser's sliders have an empty name.
     const named = control.getAttribute("aria-label") || control.getAttribute("aria-labelledby");
     const hasLabel = control instanceof HTMLInputElement && control.labels?.length;
     if ((named && !namedHere.has(control)) || hasLabel) continue;

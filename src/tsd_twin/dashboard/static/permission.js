@@ -1,5 +1,5 @@
-// Permission checks: each returns the reason of a refusal as a sentence, or null. The robot's status
-// has the reasons of the robot; the page adds the link, the role and that it is not in control.
+// Permission checks: each returns the reason for a refusal as a sentence, or null. The robot status
+// provides the robot's reasons; the page adds link, role and lack of control.
 
 import { known } from "./link.js";
 import { sentence } from "./reasons.js";
@@ -7,14 +7,14 @@ import { sentence } from "./reasons.js";
 const MOVABLE = new Set(["ready", "driving"]);
 export const LATCHED = new Set(["stopped", "fault"]);
 
-/** Whether this page shows a recording, whose states say nothing of the live robots. */
+/** Whether this page shows a recording, so its states are not from live robots. */
 export const SHOWS_RECORDING = (globalThis.window?.tsd?.recording ?? null) !== null;
 export const WATCHES = SHOWS_RECORDING
   ? "This is a recording: press L for the live robots. STOP stops those."
   : "You watch: a viewer does not drive.";
 const REPLAY = "This is a recording: choose a live robot. STOP stops all of those.";
 
-/** Whether a recording is in view: that of the page, or a replay on the bus. @param {Link} link */
+/** Whether a recording is shown: the page's, or a replay on the bus. @param {Link} link */
 export function showsRecording(link) {
   return SHOWS_RECORDING || link.state?.source === "recording";
 }
@@ -24,7 +24,7 @@ export function watches(link) {
   return link.welcome?.role === "viewer";
 }
 
-/** Return why nothing comes from the dashboard. @param {Link} link */
+/** Return why no data arrives from the dashboard. @param {Link} link */
 export function notConnected(link) {
   return link.isLoading() ? "Connecting to the dashboard" : "No connection to the dashboard";
 }
@@ -99,7 +99,7 @@ export function notTake(link) {
   const refusal = notAllowed(link);
   if (refusal !== null) return refusal.text;
   const { holder, reserved_for: reserved } = known(link.state).status.lease;
-  // Who is in control can release it, and others can ask the holder.
+  // The holder can release it, and others can request it.
   if (holder !== null || reserved === link.welcome?.operator) return null;
   return textOf(robotRefusal(link, "lease"));
 }

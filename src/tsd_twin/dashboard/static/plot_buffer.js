@@ -1,7 +1,7 @@
-// Buffer of plotted values: the last ten minutes at 20 Hz, in typed arrays that are made once.
+// Buffer of plotted values: 10 min at 20 Hz, in preallocated typed arrays.
 
 const SAMPLES = 600 * 20;
-const SPARE = SAMPLES / 8; // The oldest ones are dropped so many at a time.
+const SPARE = SAMPLES / 8; // The oldest samples are dropped in batches of this size.
 
 export class PlotBuffer {
   constructor(samples = SAMPLES, spare = SPARE) {
@@ -10,10 +10,10 @@ export class PlotBuffer {
     /** @type {Map<string, Float64Array>} */
     this._columns = new Map();
     this.length = 0;
-    this.generation = 0; // A new one has begun after each clear.
+    this.generation = 0; // Incremented on each clear.
   }
 
-  /** Times in seconds, oldest first; a view that is valid until the next sample. */
+  /** Times in seconds, oldest first; a view valid until the next sample. */
   get times() {
     return this._times.subarray(0, this.length);
   }
@@ -22,14 +22,14 @@ export class PlotBuffer {
     return this.length > 0 ? this._times[this.length - 1] : NaN;
   }
 
-  /** Values in the same places as the times, NaN where there is none. @param {string} name */
+  /** Values matching the times, NaN where missing. @param {string} name */
   values(name) {
     return (
       this._columns.get(name)?.subarray(0, this.length) ?? new Float64Array(this.length).fill(NaN)
     );
   }
 
-  /** Keep these columns, begin new ones, and forget all others. @param {Iterable<string>} names */
+  /** Keep these columns, add new ones and drop all others. @param {Iterable<string>} names */
   select(names) {
     const before = this._columns;
     const made = () => new Float64Array(this._times.length).fill(NaN);
@@ -42,7 +42,7 @@ export class PlotBuffer {
   }
 
   /**
-   * Add a sample; one that is not newer than the last is ignored.
+   * Add a sample; ignored unless newer than the last.
    * @param {number} timeS @param {(name: string) => number} read
    */
   add(timeS, read) {
@@ -60,14 +60,14 @@ export class PlotBuffer {
   }
 
   /**
-   * Return the places [from, to) of the samples in a span, both ends included.
+   * Return the index range [from, to) of the samples in a time span, both ends included.
    * @param {number} fromS @param {number} toS
    */
   places(fromS, toS) {
     return [this._count((time) => time < fromS), this._count((time) => time <= toS)];
   }
 
-  /** Return how many times are before a limit. @param {(time: number) => boolean} isBefore */
+  /** Return the number of times before a limit. @param {(time: number) => boolean} isBefore */
   _count(isBefore) {
     let [low, high] = [0, this.length];
     while (low < high) {
@@ -79,7 +79,7 @@ export class PlotBuffer {
   }
 
   /**
-   * Return a span as CSV: the time in seconds of the robot, and a column for each field.
+   * Return a time span as CSV: robot time in seconds, and a column per field.
    * @param {PlotField[]} fields @param {number} fromS @param {number} toS
    */
   csv(fields, fromS, toS) {

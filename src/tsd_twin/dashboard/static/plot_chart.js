@@ -1,4 +1,4 @@
-// One plot: uPlot on a canvas, set up for fields of a buffer, and its legend with values.
+// One plot: a uPlot canvas for fields of a buffer, and a legend with values.
 
 import { el, setText } from "./dom.js";
 import { fixed } from "./format.js";
@@ -7,8 +7,8 @@ import { decimalsOf } from "./plot_fields.js";
 const GUTTER_PX = 42;
 const HEIGHT_PX = 78;
 const AXIS_PX = 26;
-const EDGE_PX = 14; // Half of the last time on the axis.
-const GAP_S = 0.3; // A line is not drawn over what was not seen.
+const EDGE_PX = 14; // Half of the last time label.
+const GAP_S = 0.3; // Longer gaps interrupt the line.
 const ROUND = [1, 2, 5, 10];
 const TONES = ["one", "two", "three", "four"];
 const STYLES = {
@@ -16,7 +16,7 @@ const STYLES = {
   measured: { width: 2.25, dash: [] },
   other: { width: 1.5, dash: [5, 3] },
 };
-/** @type {Record<string, number>} Least end of the value axis, by title. */
+/** @type {Record<string, number>} Minimum end of the value axis, by title. */
 const LEAST = { Velocity: 0.2, "Turn rate": 0.5, Tilt: 5, Rpm: 20, "Link round trip": 20 };
 const LEAST_OF_ALL = 0.02;
 
@@ -29,7 +29,7 @@ export class PlotChart {
     this.fields = fields;
     this._buffer = buffer;
     this._view = view;
-    this._isLast = isLast; // It has the time axis.
+    this._isLast = isLast; // It shows the time axis.
     this._topEnd = 0;
     this._values = fields.map(() => el("span.value"));
     const parts = [...new Set(fields.map(({ part }) => part))];
@@ -54,7 +54,7 @@ export class PlotChart {
     this.plot.setData(this._data());
   }
 
-  /** Show the values at a place in the buffer. @param {number} at */
+  /** Show the values at a buffer index. @param {number} at */
   show(at) {
     this.fields.forEach((field, i) =>
       setText(this._values[i], fixed(this._buffer.values(field.name)[at], decimalsOf(field))),
@@ -68,7 +68,7 @@ export class PlotChart {
 
   /** @returns {import("uplot").Options} */
   _options() {
-    // Asked at each drawing, since the colours may change.
+    // Read at each draw, because colours may change.
     const style = getComputedStyle(this._place);
     const axis = {
       stroke: () => style.color,
@@ -77,7 +77,7 @@ export class PlotChart {
       ticks: { show: false },
     };
     return {
-      width: 2 * GUTTER_PX, // Until it is drawn.
+      width: 2 * GUTTER_PX, // Until the first draw.
       height: HEIGHT_PX + (this._isLast ? AXIS_PX : 0),
       padding: [7, EDGE_PX, this._isLast ? 0 : 7, 0],
       legend: { show: false },
@@ -115,8 +115,8 @@ export class PlotChart {
   }
 
   /**
-   * Range of the value axis: from zero, unless the values are far from it; to a round number that
-   * shrinks only when there is much room.
+   * Range of the value axis: includes zero unless values are far from it, ends at a round number,
+   * and shrinks only if there is ample room.
    * @returns {[number, number]}
    */
   _valueRange() {
@@ -142,7 +142,7 @@ export class PlotChart {
 }
 
 /**
- * Return where nothing was received, in pixels of the canvas.
+ * Return the ranges without data, in canvas pixels.
  * @type {(plot: import("uplot"), series: number, from: number, to: number) => [number, number][]}
  */
 function gapsOf(plot, series, from, to) {

@@ -1,4 +1,4 @@
-// Choice of the fields that are plotted.
+// Field selection for the plots.
 
 import { el } from "./dom.js";
 import { MAX_FIELDS } from "./plot_recorder.js";
@@ -40,7 +40,7 @@ export class PlotChooser {
     this._list.replaceChildren(...found.map((field) => this._item(field)));
   }
 
-  /** A button, since the space bar is STOP: Enter presses it. @param {PlotField} field */
+  /** Use a button, pressed by Enter, because the space bar is STOP. @param {PlotField} field */
   _item({ name, unit }) {
     const { names } = this._recorder;
     const isChosen = names.includes(name);

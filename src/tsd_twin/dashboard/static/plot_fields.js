@@ -1,7 +1,7 @@
-// The fields that can be plotted: every number of a state, and those that the robot offers on request.
-// A field's name is its path in the message, with the names of wheels and axes instead of numbers.
+// Fields available for plotting: every number in a state, and those sent on request. A field name
+// is its path in the message, with wheel and axis names in place of indices.
 
-/** @type {Record<string, string>} Units by the end of a key; longer ends first. */
+/** @type {Record<string, string>} Units by key suffix; longer suffixes first. */
 const SUFFIXES = {
   rad_per_s: "rad/s",
   mps: "m/s",
@@ -19,18 +19,18 @@ const SUFFIXES = {
   a: "A",
   c: "°C",
 };
-/** @type {Record<string, string>} Units of keys without such an end. */
+/** @type {Record<string, string>} Units of keys without a suffix. */
 const UNITS = { alpha: "°", beta: "°", tilt: "°", degrees: "°", metres: "m" };
 /** @type {Record<string, number>} */
 const DECIMALS = { "m/s": 3, m: 3, rad: 3, "°": 1, rpm: 0, ms: 1, Hz: 1 };
-/** @type {Record<string, ArrayLike<string>>} Names of the elements of an array, by its key. */
+/** @type {Record<string, ArrayLike<string>>} Element names of arrays, by key. */
 const ELEMENTS = { pose: ["x", "y", "heading"], truth: ["x", "y", "heading"], wxyz: "wxyz" };
-const COMPONENTS = "xyz"; // Of any other short array.
+const COMPONENTS = "xyz"; // For any other short array.
 const NOT_PLOTTED = new Set(["seen", "robot_s", "plot"]);
 const ACTUATORS = new Set(["modules", "wheels", "joints", "setpoint"]);
 
 /**
- * Return the fields of a robot by name: those of its newest state, and those on request.
+ * Return the fields of a robot by name: those in its latest state, and those on request.
  * @param {RobotInfo} robot @param {object} state
  * @returns {Map<string, PlotField>}
  */
@@ -43,7 +43,7 @@ export function fieldsOf(robot, state) {
 }
 
 /**
- * Return the value of a field; NaN when the state has none.
+ * Return the value of a field, or NaN if the state lacks it.
  * @param {PlotField | undefined} field @param {object} state
  */
 export function valueOf(field, state) {
@@ -90,7 +90,7 @@ function element(robot, path, i, length) {
  */
 function field(robot, path, keys) {
   const [parent, last] = [path.at(-2) ?? "", path[path.length - 1]];
-  const base = last.replace(/^set_/, ""); // A set-point is plotted with what is measured.
+  const base = last.replace(/^set_/, ""); // Setpoints are plotted with the measured value.
   const { quantity, unit: own } = quantityOf(base);
   const unit =
     own ?? SUFFIXES[suffixOf(parent) ?? ""] ?? UNITS[base] ?? unitInArray(robot, parent, last);
@@ -120,7 +120,7 @@ function field(robot, path, keys) {
 }
 
 /**
- * Return the quantity and the unit in the name of a number, such as "battery" and "V" of "battery_v".
+ * Split a key into quantity and unit, such as "battery" and "V" for "battery_v".
  * @param {string} key
  * @returns {{ quantity: string, unit: string | undefined }}
  */

@@ -1,5 +1,5 @@
-// Recorder of the plots: the chosen fields of the robot, from the moment the page is opened or a field
-// is chosen, whether the tab is open or not. The choice is kept in the browser.
+// Plot recorder: records the selected fields from page load or selection, even if the tab is
+// closed. The selection is kept in the browser.
 
 import { kindOf } from "./kinds.js";
 import { PlotBuffer } from "./plot_buffer.js";
@@ -16,12 +16,12 @@ export class Recorder {
   constructor(link) {
     this.buffer = new PlotBuffer();
     /** @type {RobotInfo | null} */
-    this.robot = null; // The one that is recorded.
+    this.robot = null; // The recorded robot.
     /** @type {Map<string, PlotField>} */
     this.known = new Map(); // All fields, by name.
     /** @type {string[]} */
-    this.names = []; // The chosen ones; the robot may not have sent all of them yet.
-    /** @type {{ windowS: number, fields: Record<string, string[]> }} By id of the robot. */
+    this.names = []; // Selected fields; the robot may not have sent all of them yet.
+    /** @type {{ windowS: number, fields: Record<string, string[]> }} By robot id. */
     this._kept = { windowS: USUAL_WINDOW_S, fields: {}, ...stored() };
     this._link = link;
     /** @type {object} */
@@ -46,17 +46,17 @@ export class Recorder {
     store(this._kept);
   }
 
-  /** The chosen fields that the robot has. */
+  /** Selected fields that the robot has. */
   get fields() {
     return this.names.flatMap((name) => this.known.get(name) ?? []);
   }
 
-  /** Time of the robot now, as far as it can be known. */
+  /** Estimated current robot time. */
   nowS() {
     return this.buffer.newestS + (performance.now() - this._arrivedMs) / 1000;
   }
 
-  /** Plot these fields, or the usual ones. @param {string[] | null} names */
+  /** Plot these fields, or the defaults. @param {string[] | null} names */
   choose(names) {
     if (this.robot === null) return;
     if (names === null) delete this._kept.fields[this.robot.id];
@@ -76,7 +76,7 @@ export class Recorder {
   /** @param {RobotInfo} robot */
   _begin(robot) {
     if (this.robot?.id !== robot.id) this.buffer.clear();
-    this.robot = robot; // The same robot may have another description.
+    this.robot = robot; // The same robot may have a new description.
     this.known = new Map();
     this._searchedMs = -Infinity;
     this._select();
@@ -92,21 +92,21 @@ export class Recorder {
     };
     this._sample = { ...state, link };
     this._arrivedMs = performance.now();
-    const isMissing = this.names.some((name) => !this.known.has(name)); // Null until it is measured.
+    const isMissing = this.names.some((name) => !this.known.has(name)); // Null until measured.
     if (isMissing && this._arrivedMs - this._searchedMs >= RETRY_MS) this.search();
     this._request(state);
-    if (state.robot_s < this.buffer.newestS) this.buffer.clear(); // The robot has been restarted.
+    if (state.robot_s < this.buffer.newestS) this.buffer.clear(); // The robot has restarted.
     this.buffer.add(state.robot_s, (name) => valueOf(this.known.get(name), this._sample));
   }
 
-  /** Add the fields of the newest state to the known ones. */
+  /** Add the fields of the latest state to the known ones. */
   search() {
     if (this.robot === null) return;
     this.known = new Map([...this.known, ...fieldsOf(this.robot, this._sample)]);
     this._searchedMs = performance.now();
   }
 
-  /** Request what is not in every state, until it comes. @param {RobotState} state */
+  /** Request fields that are not in every state until they arrive. @param {RobotState} state */
   _request({ plot }) {
     const offered = this.robot?.plot_fields ?? [];
     const names = this.names.filter((name) => offered.includes(name));
@@ -116,7 +116,7 @@ export class Recorder {
   }
 }
 
-/** Return what was stored, as far as it can be used. */
+/** Return the stored settings that are valid. */
 function stored() {
   try {
     const { windowS, fields } = JSON.parse(localStorage.getItem(KEY) ?? "{}");
@@ -125,7 +125,7 @@ function stored() {
       ...(Object.values(fields ?? {}).every(Array.isArray) ? { fields: { ...fields } } : {}),
     };
   } catch {
-    return {}; // Without a memory, the usual ones.
+    return {}; // Without storage, use the defaults.
   }
 }
 
@@ -134,6 +134,6 @@ function store(settings) {
   try {
     localStorage.setItem(KEY, JSON.stringify(settings));
   } catch {
-    // Then they last as long as the page.
+    // Without storage, settings last as long as the page.
   }
 }

@@ -1,4 +1,4 @@
-// Plots tab: the chosen fields on one time axis, with zoom, pan, pause, cursor and export.
+// Plots tab: selected fields on a shared time axis, with zoom, pan, pause, cursor and export.
 
 import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
@@ -11,7 +11,7 @@ const TICK_MS = 80;
 const SLOWEST_TICK_MS = 500;
 const WINDOWS = { "20 s": 20, "1 min": 60, "2 min": 120, "5 min": 300, "10 min": 600 };
 const ZOOM = 1.25;
-const LINE_PX = 18; // Two above each plot in a picture.
+const LINE_PX = 18; // Two above each plot in an image.
 const HELP =
   "Arrow keys move the cursor, plus and minus zoom, page up and page down pan, P pauses, End goes on.";
 const NAME = { "aria-label": "Plots", "aria-description": HELP };
@@ -22,16 +22,16 @@ export class Plots {
     this._recorder = recorder;
     /** @type {PlotChart[]} */
     this._charts = [];
-    this._shown = ""; // What the charts were made for.
+    this._shown = ""; // Selection for which the charts were built.
     /** @type {number | null} */
-    this._endS = null; // Right edge while it is paused, in the robot's time; otherwise it is now.
+    this._endS = null; // Right edge in robot time while paused, else null (now).
     /** @type {number | null} */
-    this._cursor = null; // Place of the cursor in the buffer.
-    this._generation = 0; // Of the buffer.
-    this._oldestS = NaN; // In the buffer; when it changes, places in it are others.
+    this._cursor = null; // Cursor position in the buffer.
+    this._generation = 0; // Buffer generation.
+    this._oldestS = NaN; // Oldest time in the buffer; when it changes, indices shift.
     this._drawnMs = -Infinity;
     /** @type {Map<number, number>} */
-    this._pointers = new Map(); // Where each one is, as a share of the width.
+    this._pointers = new Map(); // Position of each pointer, relative to the width.
     const button = (/** @type {string} */ text, /** @type {() => void} */ onclick) =>
       el("button.button", { type: "button", onclick }, text);
     /** @type {HTMLSelectElement} */
@@ -47,7 +47,7 @@ export class Plots {
     this._area = el("div.charts", { role: "group", tabindex: 0, ...NAME });
     const chooser = new PlotChooser(recorder, () => this._redraw());
     const files = [button("CSV", () => this._exportCsv()), button("PNG", () => this._exportPng())];
-    // In the page that records; there is one such window.
+    // Only in the recording page, which has one such window.
     if (window.tsdPlots !== undefined) files.push(button("Window", openWindow));
     const key = [el("span.thin"), "set-point", el("span.thick"), "measured"];
     this._place = el(
@@ -66,7 +66,7 @@ export class Plots {
     });
   }
 
-  // The view, as the charts ask for it.
+  // View, as queried by the charts.
 
   /** @returns {[number, number]} Robot time at both edges. */
   span() {
@@ -75,7 +75,7 @@ export class Plots {
   }
 
   /**
-   * Lines of the time axis: back from now, or at round times of the robot.
+   * Lines of the time axis: relative to now, or at round robot times.
    * @param {number} fromS @param {number} toS @param {number} stepS
    */
   splits(fromS, toS, stepS) {
@@ -112,7 +112,7 @@ export class Plots {
   }
 
   /**
-   * Zoom about a place, 0 at the left edge; while it is not paused, the right edge stays now.
+   * Zoom about a position, 0 at the left edge; unless paused, the right edge stays at now.
    * @param {number} factor @param {number} at
    */
   _zoom(factor, at) {
@@ -122,12 +122,12 @@ export class Plots {
     this._setEnd(fromS + at * (toS - fromS) + (1 - at) * this._recorder.windowS);
   }
 
-  /** @param {number} share Of the window. */
+  /** @param {number} share Fraction of the window. */
   _pan(share) {
     this._setEnd(this.span()[1] + share * this._recorder.windowS);
   }
 
-  // What the operator does.
+  // User input.
 
   _listen() {
     const area = this._area;
@@ -187,11 +187,11 @@ export class Plots {
     };
     if (!(event.key in actions) || event.ctrlKey || event.altKey || event.metaKey) return;
     event.preventDefault();
-    event.stopPropagation(); // viser's camera moves with the same keys.
+    event.stopPropagation(); // viser's camera uses the same keys.
     actions[event.key]();
   }
 
-  /** Move the cursor of all charts; without one, begin in the middle. @param {number} pixels */
+  /** Move the cursor of all charts, by default from the middle. @param {number} pixels */
   _moveCursor(pixels) {
     const plot = this._charts[0]?.plot;
     if (plot === undefined) return;
@@ -201,7 +201,7 @@ export class Plots {
     for (const chart of this._charts) chart.plot.setCursor({ left: to, top: 0 });
   }
 
-  // Drawing: only while it is seen, and only when a picture has moved by a pixel.
+  // Drawing: only while visible, and only after a shift by a pixel.
 
   _redraw() {
     this._drawnMs = -Infinity;
@@ -215,7 +215,7 @@ export class Plots {
       loadLibrary();
       return;
     }
-    if (this._generation !== buffer.generation) this._endS = null; // Another clock.
+    if (this._generation !== buffer.generation) this._endS = null; // Different clock.
     this._generation = buffer.generation;
     const shown = [robot?.id, ...fields.map(({ name }) => name)].join();
     if (shown !== this._shown) this._build(window.uPlot, fields);
@@ -255,7 +255,7 @@ export class Plots {
     for (const chart of this._charts) chart.show(at);
   }
 
-  // Files of what is seen.
+  // Export of the visible range.
 
   _exportCsv() {
     const text = this._recorder.buffer.csv(this._recorder.fields, ...this.span());
@@ -311,7 +311,7 @@ function openWindow() {
 
 let isLoading = false;
 
-/** Load uPlot, when the tab is first seen. */
+/** Load uPlot when the tab is first shown. */
 function loadLibrary() {
   if (isLoading) return;
   isLoading = true;

@@ -1,5 +1,5 @@
-// Plots in a window of their own. It shows what the page that opened it records, and has no connection
-// to the server: it can drive nothing. The space bar is STOP here, too, and that page sends it.
+// Plots in a separate window. It shows the data recorded by the page that opened it, and has no
+// server connection, so it cannot drive. The space bar is STOP here too, sent by that page.
 
 import { el, setText } from "./dom.js";
 import { Plots } from "./plots.js";
@@ -34,14 +34,14 @@ addEventListener(
 setInterval(check, CHECK_MS);
 check();
 
-/** The page that opened this window, while it is there. */
+/** Page that opened this window, if it still exists. */
 function source() {
   /** @type {Window | null} */
   const opener = window.opener;
   return opener === null || opener.closed ? null : (opener.tsdPlots ?? null);
 }
 
-/** A page that is loaded again has another recorder. */
+/** A reloaded page has a new recorder. */
 function check() {
   const now = source();
   const scheme = now === null ? "" : now.scheme();

@@ -4,7 +4,7 @@ import { el, setText } from "./dom.js";
 import { kindOf } from "./kinds.js";
 
 export class PoseReadout {
-  /** @param {Link} link @param {HTMLElement} button Of the map, at its end. */
+  /** @param {Link} link @param {HTMLElement} button Map button, placed at the end. */
   constructor(link, button) {
     this._link = link;
     this._button = button;
@@ -12,7 +12,7 @@ export class PoseReadout {
     /** @type {[Element, Reading[2]][]} */
     this._cells = [];
     this.element = el("div.pose.surface");
-    link.on(["beat", "robot", "down"], () => this._draw()); // Beats are half as many as states.
+    link.on(["beat", "robot", "down"], () => this._draw()); // Beats are half as frequent as states.
     this._draw();
   }
 
@@ -22,7 +22,7 @@ export class PoseReadout {
     const { state } = this._link;
     const stale = this._link.isStale();
     this.element.toggleAttribute("data-stale", stale);
-    // Where it was last is worth knowing; how fast it goes is not known.
+    // The last position remains useful, but the speed is unknown.
     const shown = stale ? { pose: state?.pose, sphere: state?.sphere } : (state ?? {});
     for (const [value, read] of this._cells) setText(value, read(shown));
   }

@@ -1,5 +1,4 @@
-// Presets of tabs and layers, for those who drive, who learn how the robot works, and who look for a
-// fault. The browser keeps the choice.
+// Tab and layer presets for driving, learning and debugging. The choice is kept in the browser.
 
 import { el, setAttribute } from "./dom.js";
 import { keep, recall } from "./memory.js";
@@ -8,7 +7,7 @@ import { LAYERS } from "./view_settings.js";
 const KEY = "tsd.preset";
 
 /**
- * Tabs that a preset puts away, layers that it shows, and other settings. The View tab always stays.
+ * Hidden tabs, visible layers and other settings of each preset. The View tab is always visible.
  * @type {Record<string, { away: string[], layers: string[], view: Partial<ViewSettings> }>}
  */
 export const PRESETS = {
@@ -25,12 +24,12 @@ export const PRESETS = {
   Debug: { away: [], layers: LAYERS, view: { true_pose: "always", tilt: "x1" } },
 };
 
-/** Names of the tabs that are put away. @returns {string[]} */
+/** Names of hidden tabs. @returns {string[]} */
 export function tabsAway() {
   return PRESETS[recall(KEY) ?? ""]?.away ?? [];
 }
 
-/** The three buttons, in the View tab. */
+/** Preset buttons in the View tab. */
 export class Presets {
   /** @param {ShadowRoot} place @param {ViewKeeper} view @param {() => void} onChange */
   constructor(place, view, onChange) {

@@ -1,9 +1,9 @@
-// Outlines of the reachable twists, in two of their components: first component up, second left.
+// Outlines of reachable twists in two components: the first is up, the second left.
 
 import { el, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 
-const REACH = 40; // Half of the drawing's width that the top of an axis takes.
+const REACH = 40; // Length of an axis, relative to half the width of the drawing.
 
 export class ReachPlot {
   constructor() {
@@ -25,7 +25,7 @@ export class ReachPlot {
   /** @param {StudentOutline} outline @param {StudentFigures} figures */
   show({ axes: [first, second], section, shadow }, { axes, tops, twist }) {
     const [up, left] = [axes[first], axes[second]];
-    // Speeds share a scale; a turn rate beside a speed has its own.
+    // Speeds share a scale; a turn rate has a separate one.
     const largest = Math.max(...shadow.map(([a]) => Math.abs(a)));
     const widest = Math.max(...shadow.map(([, b]) => Math.abs(b)));
     const together = Math.max(largest, widest);

@@ -1,18 +1,18 @@
-// Note for the next load of this page in this tab: that the robot was moving when it was left.
+// Remembers, for the next load in this tab, that the robot was moving when the page was left.
 
 const KEY = "tsd.left_in_motion_ms";
 const FRESH_MS = 20_000;
 
-/** Note that the page is left while it drives the robot, which stops with it. */
+/** Remember that the page was left while driving, which stops the robot. */
 export function noteMotion() {
   try {
     sessionStorage.setItem(KEY, String(Date.now()));
   } catch {
-    // Without a memory, the events of the robot tell it.
+    // Without storage, the robot's events show it.
   }
 }
 
-/** Return whether this page was left in motion a moment ago, and forget it. */
+/** Return whether this page was recently left in motion, and clear the flag. */
 export function takeMotionNote() {
   try {
     const ageMs = Date.now() - Number(sessionStorage.getItem(KEY) ?? NaN);

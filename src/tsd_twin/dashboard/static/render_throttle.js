@@ -1,12 +1,11 @@
-// How often viser may draw its scene. Whatever the page shows has to pass through the same graphics
-// process as the scene; one whose frames take long would leave no room for a notice, or for what a
-// finger does. So no frame is begun before the last one has been drawn, and after one that took long
-// the page gets as much time again. Where frames are quick nothing changes. The function is replaced,
-// since viser's canvas (react-three-fiber) takes its frames from no other and lets no limit be set.
+// Limits viser's frame rate. The page and the scene share one graphics process, so slow frames
+// would delay notices and input. No frame starts before the last one is drawn, and a slow frame is
+// followed by an equally long pause for the page. Fast frames are unaffected. Replaces
+// requestAnimationFrame, because viser's canvas (react-three-fiber) has no frame-rate limit.
 (() => {
   "use strict";
   const SLOW_MS = 50;
-  const LOST_MS = 5000; // No frame takes this long: the fence is lost.
+  const LOST_MS = 5000; // No frame takes this long, so the fence is lost.
 
   const next = window.requestAnimationFrame.bind(window);
   /** @type {HTMLCanvasElement | null} */
@@ -14,7 +13,7 @@
   /** @type {WebGL2RenderingContext | null} */
   let context = null;
   /** @type {WebGLSync | null} */
-  let fence = null; // Passed when the frame has been drawn.
+  let fence = null; // Signalled when the frame has been drawn.
   let begunMs = 0;
   let slow = false;
   let restUntilMs = 0;
@@ -69,12 +68,12 @@
   /** @param {number} timeMs */
   function draw(timeMs) {
     for (const which of [...wanted.keys()]) {
-      const callback = wanted.get(which); // What they ask for meanwhile is the next frame's.
-      if (callback === undefined || !wanted.delete(which)) continue; // One before has cancelled it.
+      const callback = wanted.get(which); // Requests made during a frame belong to the next one.
+      if (callback === undefined || !wanted.delete(which)) continue; // It was cancelled.
       try {
         callback(timeMs);
       } catch (error) {
-        reportError(error); // As the browser does: the others are called all the same.
+        reportError(error); // Like the browser, so that the others still run.
       }
     }
     if (fence === null) begin();
@@ -82,7 +81,7 @@
 
   function begin() {
     if (!canvas?.isConnected) {
-      canvas = document.querySelector("canvas[data-engine]"); // viser's, with its context.
+      canvas = document.querySelector("canvas[data-engine]"); // viser's canvas, with its context.
       context = canvas?.getContext("webgl2") ?? null;
     }
     fence = context?.fenceSync(context.SYNC_GPU_COMMANDS_COMPLETE, 0) ?? null;

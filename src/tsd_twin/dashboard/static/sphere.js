@@ -1,5 +1,5 @@
-// A sphere that wheels turn in place: its tab, with its orientation and the two contact models, and
-// the motion that brings a point of it to the top.
+// Sphere robot: its tab with the orientation and both contact models, and the motion that brings a
+// point to the top.
 
 import { el, isVisible, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
@@ -7,7 +7,7 @@ import { known } from "./link.js";
 import { notDrive } from "./permission.js";
 import { EstimateDifference, WheelList } from "./wheels.js";
 
-const RADIUS = 40; // Of the drawing.
+const RADIUS = 40; // In the drawing.
 /** @type {[string, Triple, string][]} */
 const ENDS = [
   ["front", [1, 0, 0], "front"],
@@ -20,7 +20,7 @@ const ENDS = [
 const AXES = ["ωx", "ωy", "ωz"];
 const ROWS = ["–", "first", "second"];
 
-const CLICK_MS = 3000; // The server's message about a click takes its time.
+const CLICK_MS = 3000; // Allows for the delay of the server's click message.
 const TIMEOUT_MS = 30000;
 const NEAR_RAD = 0.01;
 const APPROACH_PER_S = 2;
@@ -93,7 +93,7 @@ export class Sphere {
 }
 
 /**
- * Place a mark as seen from above, x up and y to the left; what is below is faint.
+ * Place a mark as seen from above, x up and y left; marks below are faint.
  * @param {Element} node @param {Triple} point
  */
 function put(node, [x, y, z]) {
@@ -102,7 +102,9 @@ function put(node, [x, y, z]) {
   node.toggleAttribute("data-below", z < 0);
 }
 
-/** Motion source that rotates a sphere until a point is on top; another control, or a release, ends it. */
+/**
+ * Motion source that rotates a sphere until a point is on top; ended by another control or release.
+ */
 export class SphereGoTo {
   /** @param {Drive} drive @param {Link} link @param {(event: Event) => boolean} isScene */
   constructor(drive, link, isScene) {
@@ -124,7 +126,7 @@ export class SphereGoTo {
     return this._goal !== null;
   }
 
-  /** The angular velocity that brings it up by the shortest way, rad/s, in the base. */
+  /** Angular velocity (rad/s, in the base) that brings the point up by the shortest rotation. */
   get twist() {
     const way = this._rotation();
     if (way === null) return { vx: 0, vy: 0, omega: 0 };
@@ -132,7 +134,7 @@ export class SphereGoTo {
     return { vx: rate * way.axis[0], vy: rate * way.axis[1], omega: 0 };
   }
 
-  /** Bring a point up, along the painted axes. @param {Triple} at */
+  /** Bring a point, given in the painted axes, to the top. @param {Triple} at */
   bring(at) {
     this._goal = { at, untilMs: performance.now() + TIMEOUT_MS };
     this._drive.changed();
@@ -145,7 +147,7 @@ export class SphereGoTo {
   /** @param {SphereClick} click */
   _take({ robot, at }) {
     const isOwn = performance.now() - this._clickedMs < CLICK_MS;
-    this._clickedMs = -Infinity; // One click, one motion.
+    this._clickedMs = -Infinity; // One motion per click.
     if (isOwn && robot === this._link.robot?.id) this.bring(at);
   }
 
@@ -158,7 +160,7 @@ export class SphereGoTo {
     }
   }
 
-  /** Where the point is now says which way is up: about a level axis, by the angle from above. */
+  /** Remaining rotation: about a horizontal axis, by the angle of the point from the top. */
   _rotation() {
     const sphere = this._link.state?.sphere;
     if (!sphere || this._goal === null) return null;
@@ -171,7 +173,7 @@ export class SphereGoTo {
 }
 
 /**
- * Return a vector turned by a unit quaternion w, x, y, z.
+ * Rotate a vector by a unit quaternion w, x, y, z.
  * @param {Quaternion} turn @param {Triple} vector
  * @returns {Triple}
  */

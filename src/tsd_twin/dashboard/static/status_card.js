@@ -1,4 +1,4 @@
-// Status card: progress of arming, reason of a stop or fault, and the reset.
+// Status card: arming progress, reason for a stop or fault, and reset.
 
 import { LongPressButton } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
@@ -20,7 +20,7 @@ export class StatusCard {
   constructor(link) {
     this._link = link;
     /** @type {() => void} */
-    this.onReset = () => {}; // Called when the focus was on the card, and the card goes.
+    this.onReset = () => {}; // Called when the card had focus and disappears.
     this._mode = null;
     this._shape = el("span.shape");
     this._title = el("h2");
@@ -51,7 +51,7 @@ export class StatusCard {
     link.on(["state", "beat", "down"], () => this._draw());
   }
 
-  /** Whether the stop can be reset now, so that keys on the button belong to it. */
+  /** Whether a stop can be reset now, so that keys on the button belong to it. */
   get latched() {
     return this._mode === "stopped" || this._mode === "fault";
   }
@@ -98,7 +98,7 @@ export class StatusCard {
   }
 }
 
-/** Return the element that has the focus, where `node` is. @param {HTMLElement} node */
+/** Return the focused element in the root of `node`. @param {HTMLElement} node */
 function activeIn(node) {
   return /** @type {Document | ShadowRoot} */ (node.getRootNode()).activeElement;
 }

@@ -1,4 +1,4 @@
-// The Student tab: geometry and speed as knobs, and what follows from them. It needs no robot.
+// Student tab: adjustable geometry and speed with their effects. Requires no robot.
 
 import { el, isVisible, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
@@ -6,10 +6,10 @@ import { ModuleDrawing } from "./module_drawing.js";
 import { ReachPlot } from "./reach_plot.js";
 import { linkTo } from "./student_model.js";
 
-const REACH = 42; // Half of the drawing of the robot that its wheels take.
+const REACH = 42; // Wheel extent in the robot drawing, relative to half its width.
 const TOML_TYPE = "application/toml";
-const KEPT_MS = 10_000; // A browser may read the file later than it is clicked on.
-const TWIST_STEPS = 40; // At least so many from zero to the end.
+const KEPT_MS = 10_000; // The browser may read the file some time after the click.
+const TWIST_STEPS = 40; // Minimum number of steps from zero to the end.
 
 export class Student {
   /** @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal @param {StudentModel} model */
@@ -136,7 +136,7 @@ export class Student {
     const { gimbal, axle, rpm, effective_radius_mm: radius } = wheels[0];
     this._module.element.hidden = gimbal === null;
     if (gimbal === null || axle === null || radius === null) return;
-    // There is no limit to compare with in the drawing: a lean of half the wheel's radius is full.
+    // The drawing has no limit for comparison: a lean of half the wheel radius is full.
     const lean = /** @type {[number, number]} */ (axle.map((part) => 2 * part));
     this._module.show({ tilt_deg: gimbal[2], lean, rpm, radius_mm: radius }, "Module 1");
   }
@@ -162,7 +162,7 @@ export class Student {
   }
 }
 
-/** Sliders with number fields, one for each knob; those of one wheel are folded together. */
+/** Sliders with number fields, one per parameter; per-wheel parameters are folded together. */
 class Fields {
   /** @param {string} name @param {(key: string, value: number) => void} turn */
   constructor(name, turn) {
@@ -185,7 +185,7 @@ class Fields {
           setAttribute(input, name, limit);
         const text = fixedText(value);
         if (input.type === "range") setAttribute(input, "aria-valuetext", `${text} ${unit}`);
-        // What a hand is at stays as it is typed.
+        // Do not overwrite a field being edited.
         if (input !== root.activeElement && input.value !== text) input.value = text;
       }
     }
@@ -230,7 +230,7 @@ class Fields {
   }
 }
 
-/** The robot from above, forward up: wheels, and where each of them goes. */
+/** Robot from above, forward up: wheels and their velocities. */
 class Sketch {
   constructor() {
     this.element = svg("svg.sketch", {
@@ -271,7 +271,10 @@ class Sketch {
   }
 }
 
-/** Say how much of the joints a twist takes, and the largest one along it. @param {StudentFigures} figures */
+/**
+ * Describe the joint utilization of a twist, and the largest twist in its direction.
+ * @param {StudentFigures} figures
+ */
 function sayShare({ axes, twist, utilization: share }) {
   if (share === 0) return "At rest.";
   const cut = share > 1 ? "; scaled as a whole to 100 %" : "";
@@ -302,13 +305,13 @@ function tableOf(wheels) {
   return [el("caption", isGimbal ? "Gimbals" : "Wheels"), head, ...rows];
 }
 
-/** Return how many decimals show three or four digits. @param {number} value */
+/** Return the number of decimals for three or four digits. @param {number} value */
 export function decimals(value) {
   const size = Math.abs(value);
   return size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 ? 2 : 3;
 }
 
-/** Return a number as a field takes it, without digits that rounding left. @param {number} value */
+/** Format a number for a field, without rounding artefacts. @param {number} value */
 export function fixedText(value) {
   return String(Number(value.toPrecision(6)));
 }

@@ -1,14 +1,14 @@
-// The setting of the Student tab, its link, and the requests for its figures. The dashboard's server
-// computes; no robot is asked.
+// Settings of the Student tab, their link, and the requests for results. The dashboard server
+// computes them without a robot.
 
-const ASK_EVERY_MS = 80; // The server takes 20 of these a second.
-const GIVE_UP_MS = 1500; // A request without an answer by then is sent again.
+const ASK_EVERY_MS = 80; // The server accepts 20 per second.
+const GIVE_UP_MS = 1500; // Retry a request without a response after this time.
 const DEFAULT_BASE = "tsd";
 /** @type {Triple} */
 const DEFAULT_TWIST = [0.5, 0, 0];
 
 /**
- * Return the setting in the query of an address; null when it has none.
+ * Return the settings in a query string, or null.
  * @param {string} query @returns {StudentSetting | null}
  */
 export function settingOf(query) {
@@ -28,12 +28,12 @@ export function settingOf(query) {
 }
 
 /**
- * Return an address with a setting: the robot, the knobs that differ from it, and the twist.
+ * Return an address with the settings: robot, parameters that differ from it, and twist.
  * @param {StudentSetting} setting @param {string} address
  */
 export function linkTo({ base, knobs, twist }, address) {
   const url = new URL(address);
-  url.search = url.hash = ""; // What the page or viser have put there is not for others.
+  url.search = url.hash = ""; // Query parameters of the page or viser are not shared.
   url.searchParams.set("student", base);
   for (const [key, value] of Object.entries(knobs)) url.searchParams.set(key, String(value));
   url.searchParams.set("twist", twist.join("_"));
@@ -47,17 +47,17 @@ function numberOf(text) {
 }
 
 export class StudentModel {
-  /** @param {Link} link @param {string} query Of the page's address. */
+  /** @param {Link} link @param {string} query Query string of the page address. */
   constructor(link, query) {
     this._link = link;
     const given = settingOf(query);
-    this.isLinked = given !== null; // By the address: its tab is to be opened, once.
+    this.isLinked = given !== null; // From the address, so open its tab once.
     /** @type {StudentSetting} */
     this.setting = given ?? { base: DEFAULT_BASE, knobs: {}, twist: DEFAULT_TWIST };
     /** @type {StudentReply | null} */
     this.reply = null;
     this._number = 0;
-    this._isSent = false; // The newest setting has been asked for.
+    this._isSent = false; // The latest settings have been requested.
     this._askedMs = -Infinity;
     this._isAsking = false;
     this._wantsToml = false;
@@ -81,7 +81,10 @@ export class StudentModel {
     this._changed();
   }
 
-  /** Turn a knob; back at its usual value it is no change. @param {string} key @param {number} value */
+  /**
+   * Set a parameter; its default value counts as unchanged.
+   * @param {string} key @param {number} value
+   */
   turn(key, value) {
     const usual = this.reply?.knobs.find((knob) => knob.key === key)?.usual;
     const knobs = { ...this.setting.knobs, [key]: value };
@@ -102,19 +105,19 @@ export class StudentModel {
     this._changed();
   }
 
-  /** Ask for the description as a file; the reply has it. */
+  /** Request the description as a file, sent with the reply. */
   requestToml() {
     this._wantsToml = true;
     this._changed();
   }
 
-  /** Ask for the figures, if they are not known yet; call this as long as they are shown. */
+  /** Request the results unless known; call this while they are shown. */
   refresh() {
     if (performance.now() - this._askedMs > GIVE_UP_MS) this._forget();
     if (!this._isSent) this._ask();
   }
 
-  /** A request that is on its way is not answered any more. */
+  /** Requests in flight will get no response. */
   _forget() {
     if (this._isAsking) this._isAsking = this._isSent = false;
   }
@@ -125,7 +128,7 @@ export class StudentModel {
   }
 
   _ask() {
-    if (this._isAsking || this._timer !== null) return; // The newest setting is asked for next.
+    if (this._isAsking || this._timer !== null) return; // The latest settings are requested next.
     const waitMs = this._askedMs + ASK_EVERY_MS - performance.now();
     if (waitMs > 0) {
       this._timer = setTimeout(() => ((this._timer = null), this._ask()), waitMs);
@@ -143,7 +146,7 @@ export class StudentModel {
 
   /** @param {StudentReply} reply */
   _take(reply) {
-    if (reply.number !== this._number) return; // To a request that was given up.
+    if (reply.number !== this._number) return; // Reply to an abandoned request.
     this._isAsking = false;
     if (reply.toml !== null || reply.problem !== "") this._wantsToml = false;
     this.reply = reply;

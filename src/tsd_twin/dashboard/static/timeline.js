@@ -1,6 +1,5 @@
-// Timeline: the past of the live robots, or a recording that this page shows. A page shows one or the
-// other: a recording has a scene and a session of its own on the server, in which nothing moves a robot
-// but STOP.
+// Timeline: the past of the live robots, or a recording shown by this page. A recording has a
+// separate scene and session on the server, in which only STOP affects robots.
 
 import { Button } from "./button.js";
 import { el, icon, setAttribute, setText, svg } from "./dom.js";
@@ -12,7 +11,7 @@ const BACK_S = 30;
 /** @type {Record<string, number>} Seconds. */
 const ARROWS = { ArrowLeft: -1, ArrowRight: 1, PageDown: -10, PageUp: 10 };
 const NOTE_LENGTH = 200;
-const SEND_MS = 50; // The server closes a socket that floods.
+const SEND_MS = 50; // The server closes flooding sockets.
 const PICTURE = { width: 72, height: 48, margin: 4 };
 const SIGNS = /** @type {Record<string, string>} */ ({
   stop: "■",
@@ -23,7 +22,7 @@ const SIGNS = /** @type {Record<string, string>} */ ({
   mark: "◆",
 });
 
-/** A rail with a cursor, which pointer and arrow keys move. */
+/** Rail with a cursor, moved by pointer and arrow keys. */
 class Rail {
   /** @param {string} name @param {(share: number) => void} move @param {(step: number) => void} step */
   constructor(name, move, step) {
@@ -42,14 +41,14 @@ class Rail {
       const change = ARROWS[event.key];
       if (change === undefined) return;
       event.preventDefault();
-      event.stopPropagation(); // Or the camera moves, too.
+      event.stopPropagation(); // Otherwise the camera moves too.
       step(change);
     });
   }
 
   /** @param {Element[]} signs */
   fill(signs) {
-    // The slider stays: it may have the focus, or a pointer.
+    // Keep the slider, because it may have focus or the pointer.
     for (const old of [...this.element.children].slice(1)) old.remove();
     this.element.append(...signs);
   }
@@ -70,7 +69,7 @@ class Rail {
   }
 }
 
-/** Sends the newest message at once, or when the last one is a while ago. */
+/** Sends the latest message, rate-limited. */
 class Throttle {
   /** @param {Link} link */
   constructor(link) {
@@ -118,7 +117,7 @@ export class TimelineBar {
     else this._showRecording(this.recording);
   }
 
-  /** Take a key event; return whether it was for the timeline. @param {KeyboardEvent} event */
+  /** Handle a key event; return whether it was for the timeline. @param {KeyboardEvent} event */
   key(event) {
     if (event.code === "Escape" && this._list.isOpen) {
       if (event.type === "keydown") this._list.toggle(false);
@@ -126,7 +125,7 @@ export class TimelineBar {
     }
     const act = this._keys[event.key.toLowerCase()];
     const isPlots = event.target instanceof Element && event.target.closest('[data-tsd="plots"]');
-    if (act === undefined || isPlots) return false; // P pauses plots that have the focus.
+    if (act === undefined || isPlots) return false; // P pauses focused plots.
     if (event.type === "keydown" && (!event.repeat || event.key === "." || event.key === ","))
       act();
     return true;
@@ -147,7 +146,7 @@ export class TimelineBar {
     };
   }
 
-  // Live: the last half minute, drawn beside the robot.
+  // Live: the last 30 s, drawn next to the robot.
 
   async _showLive() {
     this._rail = new Rail(
@@ -173,7 +172,7 @@ export class TimelineBar {
     this.element.hidden = !(await this._list.fill());
   }
 
-  /** Draw the robot as it was so long ago, too, or no more. @param {number | null} agoS */
+  /** Also draw the robot as it was `agoS` ago, or stop doing so. @param {number | null} agoS */
   _lookBack(agoS) {
     const isNow = agoS === null || agoS < 0.1;
     this._agoS = isNow ? null : Math.min(BACK_S, Math.round(10 * agoS) / 10);
@@ -329,7 +328,7 @@ export class TimelineBar {
   }
 }
 
-/** The list of recordings, each with a small picture of where it went. */
+/** List of recordings, each with a thumbnail of its path. */
 class RecordingList {
   /** @param {string | null} shown */
   constructor(shown) {
@@ -355,7 +354,7 @@ class RecordingList {
     else this.button.button.focus();
   }
 
-  /** Fill the list anew; return whether the server has recordings. */
+  /** Refresh the list; return whether the server has recordings. */
   async fill() {
     const answer = await fetch("recordings").catch(() => undefined);
     if (answer?.status !== 200) return false;
@@ -402,7 +401,7 @@ async function drawPaths(picture, name) {
   const paths = await answer.json();
   const every = paths.flatMap(({ points }) => points);
   if (every.length === 0) return;
-  // As on the map: x is up, y to the left.
+  // As on the map: x is up, y is left.
   const across = every.map(([, y]) => -y);
   const down = every.map(([x]) => -x);
   const [left, top] = [Math.min(...across), Math.min(...down)];
@@ -452,7 +451,7 @@ function told({ mode }, speed) {
   return speed === null ? mode : `${mode}, ${fixed(speed, 2)} m/s`;
 }
 
-/** Load this page anew, for a recording or for the live robots. @param {string | null} recording */
+/** Reload this page for a recording or for the live robots. @param {string | null} recording */
 function goTo(recording) {
   const address = new URL(location.href);
   if (recording === null) address.searchParams.delete("recording");

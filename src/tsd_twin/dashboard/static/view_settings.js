@@ -1,5 +1,5 @@
-// View settings of the page: camera, layers and what else the View tab has. Keys 1 to 3 and the presets
-// change them, the server applies them, and the browser keeps them.
+// View settings: camera, layers and other options of the View tab. Keys 1 to 3 and presets change
+// them, the server applies them, and the browser keeps them.
 
 import { keep, recall } from "./memory.js";
 
@@ -32,13 +32,16 @@ export class ViewKeeper {
     link.on("view", ({ settings }) => this._keep(settings)); // Changed in the View tab.
   }
 
-  /** Change some of them; `look` turns the camera to the robot. @param {Partial<ViewSettings>} changes */
+  /**
+   * Change some settings; `look` points the camera at the robot.
+   * @param {Partial<ViewSettings>} changes
+   */
   change(changes, look = false) {
     this._keep({ ...this._settings, ...changes });
     this._send(look);
   }
 
-  /** Take a key event; return whether it was for the camera. @param {KeyboardEvent} event */
+  /** Handle a key event; return whether it was for the camera. @param {KeyboardEvent} event */
   key({ code, type, repeat }) {
     const camera = CAMERA_KEYS[code.replace("Numpad", "Digit")];
     if (camera === undefined) return false;
@@ -58,14 +61,14 @@ export class ViewKeeper {
   }
 }
 
-/** Return what the browser has kept, as far as this page knows it. @returns {ViewSettings} */
+/** Return the stored settings known to this page. @returns {ViewSettings} */
 function kept() {
   /** @type {Partial<ViewSettings>} */
   let read = {};
   try {
     read = JSON.parse(recall(KEY) ?? "{}") ?? {};
   } catch {
-    // Not ours.
+    // Not valid JSON.
   }
   const { camera, follow, hidden, true_pose, tilt, dark } = { ...USUAL, ...read };
   return {

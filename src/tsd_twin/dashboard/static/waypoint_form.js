@@ -1,4 +1,4 @@
-// Form with coordinates and heading of a goal.
+// Form for the coordinates and heading of a goal.
 
 import { el, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
@@ -12,7 +12,7 @@ const FIELDS = [
   ["heading", "heading (°)", "Heading on arrival"],
 ];
 
-const MOST = 10000; // What a message may have.
+const MOST = 10000; // Limit of a message.
 
 export class WaypointForm {
   /**
@@ -66,7 +66,7 @@ export class WaypointForm {
   _plan(event) {
     event.preventDefault();
     const pose = this._link.state?.pose;
-    if (!pose || !this._form.reportValidity()) return; // The browser says what is no such number.
+    if (!pose || !this._form.reportValidity()) return; // The browser reports invalid numbers.
     const { x, y, heading } = this._fields;
     const numberOf = (/** @type {HTMLInputElement} */ { value }) =>
       value === "" ? null : Number(value);

@@ -1,5 +1,6 @@
-// Waypoints: click a goal or draw a path on the floor, see the plan, hold the button to follow it.
-// The server plans and steers. This page reports that the button is held; on release the robot stops.
+// Waypoints: click a goal or draw a path on the floor, check the plan, hold the button to follow
+// it. The server plans and controls; this page reports that the button is held, and release stops
+// the robot.
 
 import { tooltip } from "./button.js";
 import { el, icon, setAttribute, setText, svg } from "./dom.js";
@@ -15,17 +16,17 @@ const MODE_HINTS = {
   draw: "Draw on the floor",
 };
 export const MIN_STEP_PX = 5;
-const MAX_POINTS = 200; // A message has room for a few more.
+const MAX_POINTS = 200; // A message allows slightly more.
 const STROKE_SHOWN_MS = 600;
 const NO_TWIST = { vx: 0, vy: 0, omega: 0 };
 
-/** Whether a path has come to its end, good or bad. @param {RouteState | null} route */
+/** Whether a path has ended, successfully or not. @param {RouteState | null} route */
 function isFinished(route) {
   return route?.phase === "arrived" || route?.phase === "ended";
 }
 
 /**
- * Return the status text of a path, or without one the instruction of the mode.
+ * Return the status text of a path, or the instruction for the mode without a path.
  * @param {RouteState | null} route @param {"to" | "draw" | null} mode
  */
 function statusOf(route, mode) {
@@ -41,11 +42,14 @@ function statusOf(route, mode) {
 }
 
 /**
- * A layer over the scene, below all controls, that takes a click or a stroke on the floor and shows
- * it until the path that is planned from it is seen.
+ * Layer over the scene, below all controls. Captures a click or stroke on the floor and shows it
+ * until the planned path is visible.
  */
 class FloorPicker {
-  /** It gets shares of the picture. @param {(points: [number, number][]) => void} take */
+  /**
+   * `take` receives points as fractions of the picture size.
+   * @param {(points: [number, number][]) => void} take
+   */
   constructor(take) {
     this._take = take;
     this._timer = 0;
@@ -63,7 +67,7 @@ class FloorPicker {
     });
   }
 
-  /** Take clicks, strokes or nothing. @param {"to" | "draw" | null} mode */
+  /** Accept clicks, strokes or nothing. @param {"to" | "draw" | null} mode */
   open(mode) {
     this._mode = mode;
     this.element.hidden = mode === null;
@@ -71,7 +75,7 @@ class FloorPicker {
     this._clear();
   }
 
-  /** While the robot goes, the scene has the clicks. @param {boolean} going */
+  /** While the robot follows a path, the scene receives clicks. @param {boolean} going */
   rest(going) {
     this.element.style.pointerEvents = going ? "none" : "";
   }
@@ -125,7 +129,10 @@ class FloorPicker {
   }
 }
 
-/** Every second point, until they are few; ends stay. @param {[number, number][]} points */
+/**
+ * Drop every second point until few enough remain; keep the ends.
+ * @param {[number, number][]} points
+ */
 export function thinned(points) {
   while (points.length > MAX_POINTS)
     points = points.filter((_, i) => i % 2 === 0 || i === points.length - 1);
@@ -137,7 +144,7 @@ function clamped(value) {
   return Number(Math.max(0, Math.min(1, value)).toFixed(5));
 }
 
-/** The controls of paths. On release, or when another control is used, the robot stops. */
+/** Path controls. Release, or use of another control, stops the robot. */
 export class Waypoints {
   /** @param {Drive} drive @param {Link} link */
   constructor(drive, link) {
@@ -145,9 +152,9 @@ export class Waypoints {
     this._link = link;
     /** @type {"to" | "draw" | null} */
     this.mode = null;
-    this._number = null; // Of the way that is held.
+    this._number = null; // Number of the held path.
     this._level = drive.level;
-    this._end = ""; // What ended the choice of a place: a path at its end, or a stop.
+    this._end = ""; // Cause of the end of place selection: a finished path, or a stop.
     this.floor = new FloorPicker((points) => {
       if (this.mode !== null) this.plan({ points, kind: this.mode, on: "picture" });
     });
@@ -189,7 +196,7 @@ export class Waypoints {
     link.on("robot", () => this._choose(null));
   }
 
-  /** What is planned, as the gateway says. */
+  /** Planned path reported by the gateway. */
   get route() {
     return this._link.state?.route ?? null;
   }
@@ -203,7 +210,7 @@ export class Waypoints {
     return { t: "follow_plan", route: this._number };
   }
 
-  /** What is asked for is known to the gateway only; hands on the stick end it. */
+  /** The twist is known only to the gateway; hand controls end it. */
   get twist() {
     return NO_TWIST;
   }
@@ -214,18 +221,18 @@ export class Waypoints {
     this._show();
   }
 
-  /** Ask for a path. @param {PlanRequest} wish */
+  /** Request a path. @param {PlanRequest} wish */
   plan(wish) {
     const refusal = whyNotPlan(this._link);
     if (refusal === null) this._link.send({ t: "plan", ...wish, level: this._drive.level });
     else {
-      if (this.route !== null) this._link.send({ t: "clear_plan" }); // It is not what is wanted now.
+      if (this.route !== null) this._link.send({ t: "clear_plan" }); // It is no longer wanted.
       const isStill = () => whyNotPlan(this._link)?.why.code === refusal.why.code;
       this._drive.onMessage(notice(refusal.text), isStill);
     }
   }
 
-  /** Forget the way, and point at nothing any more. */
+  /** Discard the path and end place selection. */
   end() {
     if (this.held) this._drive.release();
     this._link.send({ t: "clear_plan" });
@@ -256,7 +263,7 @@ export class Waypoints {
     this._show();
   }
 
-  /** A finger or a key has come or gone. */
+  /** A finger or key was pressed or released. */
   _pressed() {
     if (!this._hold.down) {
       this._number = null;
@@ -295,7 +302,7 @@ export class Waypoints {
     }
     const { mode } = known(this._link.state).status;
     const end = LATCHED.has(mode) ? "stop" : isFinished(route) ? `path ${route?.number}` : "";
-    if (end !== this._end && end !== "") this._choose(null); // It is said; the camera turns again.
+    if (end !== this._end && end !== "") this._choose(null); // Frees the camera.
     this._end = end;
     this._show();
   }
@@ -314,7 +321,7 @@ export class Waypoints {
     const route = isOver && this.mode !== null ? null : this.route;
     this._row.hidden = this.mode === null && route === null;
     setText(this._status, statusOf(route, this.mode));
-    // Twenty numbers a second are not to be read out.
+    // Do not announce 20 updates per second.
     setAttribute(this._status, "aria-live", route?.phase === "going" ? "off" : "polite");
     setAttribute(this.button, "aria-disabled", textOf(this._whyNotGo()) === null ? null : "true");
     this.button.toggleAttribute("data-held", this.held);

@@ -1,4 +1,4 @@
-// The speed of wheels that always spin: what it gives, and what it costs.
+// Speed of continuously spinning wheels: benefits and costs.
 
 import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
@@ -6,7 +6,7 @@ import { known } from "./link.js";
 import { notSetWheelSpeed } from "./permission.js";
 
 const STEP_RPM = 50;
-const KEPT_MS = 1500; // What was chosen is shown until the robot says so, or this long.
+const KEPT_MS = 1500; // Maximum time to show a chosen value before the robot confirms it.
 const CHANGING_RPM = 15;
 const DEGREE = Math.PI / 180;
 
@@ -14,7 +14,7 @@ export class WheelSpeed {
   /** @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal */
   constructor(link, place, signal) {
     this._link = link;
-    this._draft = null; // What a hand is at, or has chosen a moment ago.
+    this._draft = null; // Value being edited or recently chosen.
     this._keptMs = -Infinity;
     this._asking = false;
     this._next = null;
@@ -42,7 +42,7 @@ export class WheelSpeed {
     place.append(this._all);
     this._listen(this._slider, (value) => value);
     this._listen(this._rpm, (value) => value);
-    // The slowest wheel that is fast enough has the finest steps.
+    // The slowest sufficient wheel speed allows the finest steps.
     this._listen(this._top, (value) => Math.ceil(value / this._topSpeed(1)));
     link.on("robot", () => this._build(), signal);
     link.on(["state", "beat", "down"], () => isVisible(place.host) && this._show(), signal);
@@ -72,7 +72,7 @@ export class WheelSpeed {
       this._draw(input);
     });
     input.addEventListener("blur", () => {
-      if (this._keptMs === Infinity) this._keptMs = -Infinity; // What was begun there is no number.
+      if (this._keptMs === Infinity) this._keptMs = -Infinity; // The input was not a number.
     });
     input.addEventListener("change", () => {
       this._draft = take();
@@ -85,7 +85,7 @@ export class WheelSpeed {
   /** @param {number} rpm */
   _ask(rpm) {
     if (this._asking) {
-      this._next = rpm; // One at a time; what comes meanwhile is overtaken by what comes last.
+      this._next = rpm; // One request at a time; later values replace waiting ones.
       return;
     }
     this._asking = this._link.send({ t: "wheel_speed", cruise_speed_rpm: rpm });
@@ -127,7 +127,7 @@ export class WheelSpeed {
     if (this._draft === null) this._draw();
   }
 
-  /** In all fields but the one a hand is at. @param {HTMLInputElement | null} but */
+  /** Update all fields except the one being edited. @param {HTMLInputElement | null} but */
   _draw(but = null) {
     if (!this._link.robot?.wheel_speed_limits) return;
     const { wheel_speed_limits: range, limits, max_tilt_deg: tilt } = this._link.robot;
@@ -162,12 +162,12 @@ export class WheelSpeed {
     );
   }
 
-  /** Speed of the rim of a wheel, m/s. @param {number} rpm */
+  /** Rim speed of a wheel in m/s. @param {number} rpm */
   _rim(rpm) {
     return (known(known(this._link.robot).wheel_speed_limits).wheel_radius_m * rpm * Math.PI) / 30;
   }
 
-  /** Speed over the ground at the tilt limit, m/s. @param {number} rpm */
+  /** Ground speed at the tilt limit in m/s. @param {number} rpm */
   _topSpeed(rpm) {
     return this._rim(rpm) * Math.sin(known(known(this._link.robot).max_tilt_deg) * DEGREE);
   }

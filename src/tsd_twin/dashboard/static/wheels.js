@@ -1,4 +1,4 @@
-// A bar for each wheel that rolls: how fast it turns, how fast it should, and what no motion explains.
+// One bar per rolling wheel: measured speed, setpoint and unexplained part.
 
 import { ConsistencyMeter } from "./consistency.js";
 import { el, isVisible, legend, setAttribute, setText } from "./dom.js";
@@ -29,7 +29,7 @@ export class Wheels {
   }
 }
 
-/** A row for each wheel, with a bar from the middle: to the right it turns forward. */
+/** Row per wheel, with a bar from the centre; right is forward. */
 export class WheelList {
   /** @param {Link} link */
   constructor(link) {
@@ -57,7 +57,7 @@ export class WheelList {
   }
 }
 
-/** How far the alternative estimate is off, of robots that have two. */
+/** Difference of the second estimate, for robots that have one. */
 export class EstimateDifference {
   /** @param {Link} link */
   constructor(link) {
@@ -73,7 +73,7 @@ export class EstimateDifference {
     const { estimate_difference: difference, pose } = known(this._link.state);
     this.element.hidden = source === null || difference === null;
     if (source === null || difference === null) return;
-    const distance = pose === null ? "" : `${fixed(difference.metres, 3)} m and `; // Not of a sphere.
+    const distance = pose === null ? "" : `${fixed(difference.metres, 3)} m and `; // Not for spheres.
     setText(
       this._text,
       `By its ${source}: ${distance}${fixed(difference.degrees, 1)}° from this one.`,
