@@ -14,6 +14,7 @@ from tsd_twin.errors import RobotFileError
 from tsd_twin.hardware import HardwareError
 from tsd_twin.hardware.joints import JointConverter, padded
 from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.simulation import Motors
 
 ROBOT = robots.description_of_kind(robots.load_robot("tsd"), robots.SingularityDescription)
@@ -139,8 +140,8 @@ def test_a_robot_with_too_many_joints_is_refused() -> None:
 
 
 def test_servos_are_named_by_number_and_joint() -> None:
-    assert JOINTS.named(0b000100) == "servo 3 (module2_alpha)"
-    assert JOINTS.named(0b100001) == "servos 1 (module1_alpha), 6 (module3_beta)"
+    assert JOINTS.named(0b000100) == "3 (module2_alpha)"
+    assert JOINTS.named(0b100001) == "1 (module1_alpha), 6 (module3_beta)"
 
 
 def test_what_the_robot_does_not_have_is_filled_up() -> None:
@@ -149,12 +150,10 @@ def test_what_the_robot_does_not_have_is_filled_up() -> None:
 
 def test_silent_servos_are_named_and_all_of_them_are_the_bus() -> None:
     joints = JointConverter(ROBOT, Motors.of(ROBOT))
-    assert joints.silent(8) == "servo 4 (module2_beta): no answer"
-    assert joints.silent(63) == "all servos: no answer: the bus, its supply or its fuse"
-    assert joints.silent(0b110000) == (
-        "servos 5 (module3_alpha), 6 (module3_beta): no answer: the wire between them, or the bus, "
-        "its supply or its fuse"
-    )
+    assert joints.silent(8) == because(Code.SERVOS_SILENT, servos="4 (module2_beta)")
+    assert joints.silent(63) == because(Code.ALL_SERVOS_SILENT)
+    several = "5 (module3_alpha), 6 (module3_beta)"
+    assert joints.silent(0b110000) == because(Code.SERVO_BUS_SILENT, servos=several)
 
 
 @pytest.mark.parametrize("neutral_us", [1100.0, 1500.0])

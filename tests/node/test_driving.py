@@ -103,7 +103,7 @@ def test_after_a_stop_it_drives_again_only_by_reset_and_arm_and_a_command(
     driving.ask(Service.STOP, operator="alice")
     driving.wait_for("stopped")
     refused = driving.ask(Service.RESET, lease=driving.lease)
-    assert refused == {"ok": False, "reason": "let go of the stick first"}
+    assert (refused["ok"], refused["why"]) == (False, {"code": "release_first"})
     driving.drive((0.0, 0.0, 0.0), 0.6)
     assert driving.ask(Service.RESET, lease=driving.lease)["ok"]
     driving.wait_for("disarmed")

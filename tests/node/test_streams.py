@@ -141,7 +141,7 @@ def test_garbage_is_answered_with_a_reason(
 @pytest.mark.parametrize("service", HOLDERS)
 def test_what_needs_the_lease_is_refused_without(alice: BusOperator, service: Service) -> None:
     reply = alice.ask(service, lease="00" * 16, x_m=0, y_m=0, heading_rad=0)
-    assert reply == {"ok": False, "reason": "take control first"}
+    assert (reply["ok"], reply["why"]) == (False, {"code": "take_control_first"})
 
 
 def test_the_answer_to_a_lease_has_the_fields_that_others_rely_on(alice: BusOperator) -> None:

@@ -153,6 +153,7 @@ _OTHERS = frozenset(
         ("builtins", "complex"),
         ("collections", "OrderedDict"),
         ("collections", "deque"),
+        ("msgspec._core", "UNSET"),
         ("msgspec._utils", "rebuild"),
         ("numpy", "dtype"),
         ("numpy", "ndarray"),
