@@ -35,8 +35,8 @@ export class Notices {
   }
 
   /**
-   * Say something, for as long as it is true; the same again only stays longer.
-   * @param {string} text @param {() => boolean} [isTrue] @param {string} [key] What is the same.
+   * Show a notice while it is true; repeating the same one only extends it.
+   * @param {string} text @param {() => boolean} [isTrue] @param {string} [key] Identifies it.
    */
   say(text, isTrue = () => true, key = text) {
     const nowMs = performance.now();

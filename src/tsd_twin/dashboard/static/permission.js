@@ -71,7 +71,7 @@ function notNow(link, request) {
 export function whyNotDrive(link) {
   const refusal = notNow(link, "drive");
   if (refusal !== null) return refusal;
-  // A control that is held while the robot comes to rest moves it only when it is used anew.
+  // A control held while the robot stops must be released before it acts again.
   const mode = known(link.state).status.mode;
   return MOVABLE.has(mode) ? null : ofRobot({ code: "mode_only", params: { mode } });
 }

@@ -96,7 +96,7 @@ const TOLD_ELSEWHERE = new Set([
 const STANDING = new Set(["stopped", "stopping", "fault"]);
 
 /**
- * Whether the page tells the end of a motion elsewhere: on the card of a stop, and by an event.
+ * Whether the end of a motion is reported elsewhere: on the stop card, or by an event.
  * @param {Reason} reason
  */
 export function isToldElsewhere({ code, params }) {
@@ -105,8 +105,8 @@ export function isToldElsewhere({ code, params }) {
 }
 
 /**
- * @typedef {{ text: string, again: boolean, key: string }} Notice A sentence, whether it tells why a
- *   motion has ended and how to go on, and the key under which it is shown once.
+ * @typedef {{ text: string, again: boolean, key: string }} Notice Text, whether it explains why a
+ *   motion ended and how to continue, and the key that identifies repeats.
  */
 
 /** @param {string} text @param {string} [key] @returns {Notice} */
@@ -115,7 +115,7 @@ export function notice(text, key = text) {
 }
 
 /**
- * Return what two reasons that are the same have in common: code, texts of people and operators.
+ * Return a key that is equal for equal reasons: code, free texts and operators.
  * @param {Reason} reason @returns {string}
  */
 export function keyOf({ code, params = {}, cause }) {
@@ -134,7 +134,7 @@ export function againNotice(reason, text = sentence(reason)) {
 }
 
 /**
- * Return the notice of an event: of a robot that comes to rest, why it does, and what to do.
+ * Return the notice of an event. If the robot is stopping, it gives the reason and an action.
  * @param {RobotEvent} event @param {boolean} you Whether this page drives.
  * @returns {Notice}
  */
@@ -162,7 +162,7 @@ export function stopReason(stop, operator) {
 }
 
 /**
- * What of a robot's events is worth a sentence; the rest stands in the log of the Health tab.
+ * Whether to show an event as a notice; the log of the Health tab contains all events.
  * @param {RobotEvent} event @param {string | undefined} operator
  */
 export function isNotable({ kind, why }, operator) {
@@ -179,7 +179,7 @@ const OF_ALL = new Set(["lease_taken_over", "lease_expired", "reservation_expire
 /** @param {Reason} why @param {string | undefined} operator */
 function isNotableLease({ code, params = {} }, operator) {
   if (operator === undefined || OF_ALL.has(code)) return true;
-  if (code === "control_requested" && params.holder === operator) return false; // A notice says it.
+  if (code === "control_requested" && params.holder === operator) return false; // Notified already.
   const actor = code === "request_expired" ? params.holder : params.operator;
   return actor !== operator; // Who acts knows it.
 }
