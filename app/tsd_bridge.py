@@ -6,17 +6,13 @@ import argparse
 import sys
 from pathlib import Path
 
-from tsd_twin import flag_types, program, robot_program
-from tsd_twin.hardware import (
-    HardwareError,
-    MegaHardware,
-    ServoCalibration,
-    U2D2Hardware,
-    serial_ports,
-    set_up_receiver,
-)
-from tsd_twin.hardware.mega import BAUD
-from tsd_twin.node import RobotIO
+from tsd_twin.cli import flags, node_program, program
+from tsd_twin.hardware.arduino_mega import BAUD, MegaHardware
+from tsd_twin.hardware.joints import ServoCalibration
+from tsd_twin.hardware.receiver_setup import set_up_receiver
+from tsd_twin.hardware.robot_io import RobotIO
+from tsd_twin.hardware.serial_transport import HardwareError, serial_ports
+from tsd_twin.hardware.u2d2 import U2D2Hardware
 from tsd_twin.robots import RobotDescription, SingularityDescription, description_of_kind
 from tsd_twin.simulation import Motors
 
@@ -74,7 +70,7 @@ def main() -> None:
     )
     PARSER.add_argument(
         "--baud",
-        type=flag_types.whole(1200, 4_000_000),
+        type=flags.whole(1200, 4_000_000),
         default=BAUD,
         help=f"of the board, as it was flashed; default {BAUD}",
     )
@@ -89,7 +85,7 @@ def main() -> None:
         help="learn the radio control, ask for the pulses of the speed controllers, write both "
         "into the file and end",
     )
-    robot_program.serve(PARSER, joints)
+    node_program.serve(PARSER, joints)
 
 
 if __name__ == "__main__":

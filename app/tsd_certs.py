@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from tsd_twin import flag_types, program, security
+from tsd_twin import security
 from tsd_twin.bus import client_config, from_file, node_config
+from tsd_twin.cli import flags, program
 from tsd_twin.security import AUTHORITY, ROBOT, CertificateRequest, KeyFolder, Role
 
 SOON = timedelta(days=30)
@@ -132,7 +133,7 @@ def main() -> None:
     )
     PARSER.add_argument(
         "--days",
-        type=flag_types.whole(1, 3_650),
+        type=flags.whole(1, 3_650),
         default=365,
         help="how long new certificates are good; default 365",
     )

@@ -7,12 +7,13 @@ import asyncio
 import logging
 from pathlib import Path
 
-from tsd_twin import flag_types, program
 from tsd_twin.bus import DEFAULT_ENDPOINT
-from tsd_twin.dashboard import dashboard
-from tsd_twin.dashboard.dashboard import tune_malloc
-from tsd_twin.dashboard.server.auth import DEFAULT_IDENTITY, AccessSettings
-from tsd_twin.dashboard.server.connection_limits import allow_many_files
+from tsd_twin.cli import flags, program
+from tsd_twin.dashboard import app
+from tsd_twin.dashboard.app import tune_malloc
+from tsd_twin.dashboard.gateway.auth import AccessSettings
+from tsd_twin.dashboard.gateway.connection_limits import allow_many_files
+from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
 from tsd_twin.security import Role, Users
@@ -56,7 +57,7 @@ def serve(args: argparse.Namespace) -> None:
         if args.zenoh_config and not bus.wait_for_peer(_PATIENCE_S):
             _LOG.warning("no robot lets us in yet: it is off, or refuses the certificate")
         asyncio.run(
-            dashboard.run(
+            app.run(
                 bus,
                 args.host,
                 args.port,
@@ -121,7 +122,7 @@ def add_access_flags() -> None:
     made.add_argument("--tls-key", type=Path, metavar="FILE", help="its private key")
     made.add_argument(
         "--allow-host",
-        type=flag_types.host_name,
+        type=flags.host_name,
         action="append",
         default=[],
         metavar="NAME[:PORT]",
@@ -144,7 +145,7 @@ def main() -> None:
     )
     PARSER.add_argument(
         "--port",
-        type=flag_types.PORT,
+        type=flags.PORT,
         default=PORT,
         help=f"of the page; default {PORT}; 0 is a free one",
     )

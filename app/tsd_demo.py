@@ -19,8 +19,9 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import IO
 
-from tsd_twin import flag_types, program, robots
+from tsd_twin import robots
 from tsd_twin.bus import over_datagrams
+from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.link_emulation import LinkSpec
@@ -309,16 +310,14 @@ def main() -> None:
     """Parse the flags and run."""
     program.add_robot_flags(PARSER, several=True)
     PARSER.add_argument(
-        "--port", type=flag_types.PORT, help=f"of the page; default {PAGE_PORT}, or any free one"
+        "--port", type=flags.PORT, help=f"of the page; default {PAGE_PORT}, or any free one"
     )
     PARSER.add_argument(
         "--bus-port",
-        type=flag_types.PORT,
+        type=flags.PORT,
         help=f"of the bus; default {BUS_PORT}, or any free one",
     )
-    PARSER.add_argument(
-        "--noise", type=flag_types.SCALE, default=0.0, help="times [noise]; default 0"
-    )
+    PARSER.add_argument("--noise", type=flags.SCALE, default=0.0, help="times [noise]; default 0")
     program.add_errors_flag(PARSER)
     PARSER.add_argument(
         "--camera",
@@ -335,7 +334,7 @@ def main() -> None:
     )
     PARSER.add_argument(
         "--keep-gb",
-        type=flag_types.number(LEAST_GB),
+        type=flags.number(LEAST_GB),
         default=DEFAULT_GB,
         metavar="GB",
         help=f"limit of that folder, the oldest files are removed; default {DEFAULT_GB:g}",

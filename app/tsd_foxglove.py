@@ -10,9 +10,15 @@ import secrets
 from functools import partial
 from pathlib import Path
 
-from tsd_twin import flag_types, program
+from tsd_twin.adapters.foxglove import (
+    FOXGLOVE_ORIGIN,
+    Access,
+    load_sdk,
+    serve_live,
+    serve_recording,
+)
+from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
-from tsd_twin.foxglove import FOXGLOVE_ORIGIN, Access, load_sdk, serve_live, serve_recording
 from tsd_twin.messages import topics
 from tsd_twin.security import Role, refuse_public
 from tsd_twin.security.web_access import certificate_host_names, server_tls_context
@@ -117,7 +123,7 @@ def main() -> None:
         "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"
     )
     PARSER.add_argument(
-        "--port", type=flag_types.PORT, default=PORT, help=f"default {PORT}; 0 is a free one"
+        "--port", type=flags.PORT, default=PORT, help=f"default {PORT}; 0 is a free one"
     )
     program.add_adapter_flags(PARSER, OPERATOR)
     PARSER.add_argument(
@@ -136,7 +142,7 @@ def main() -> None:
     )
     made.add_argument(
         "--allow-host",
-        type=flag_types.host_name,
+        type=flags.host_name,
         action="append",
         default=[],
         metavar="NAME[:PORT]",

@@ -2,45 +2,23 @@
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
-from tsd_twin import program
 from tsd_twin.calibration import calibrate, zeroing
-from tsd_twin.errors import TwinError
-from tsd_twin.experiment import Experiment, Output
-from tsd_twin.lab import (
-    alarms,
-    budget,
-    camera_gap,
-    consistency,
-    go_to,
-    health,
-    mismatch,
-    motors,
-    papers,
-    square,
-    tracking,
-)
-from tsd_twin.recording import rerun_experiment
+from tsd_twin.cli import program
+from tsd_twin.cli.experiment import Experiment, Output
+from tsd_twin.cli.experiments import run_experiments
+from tsd_twin.lab import health, motors, papers, rerun, square, tracking
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     motors.EXPERIMENT,
     square.EXPERIMENT,
-    mismatch.EXPERIMENT,
     tracking.EXPERIMENT,
-    go_to.EXPERIMENT,
-    budget.EXPERIMENT,
-    consistency.EXPERIMENT,
-    alarms.EXPERIMENT,
-    camera_gap.EXPERIMENT,
     health.EXPERIMENT,
     calibrate.EXPERIMENT,
     zeroing.EXPERIMENT,
     papers.OMNI_STEP,
     tracking.OMNI_PATHS,
     papers.ATLAS,
-    rerun_experiment.EXPERIMENT,
+    rerun.EXPERIMENT,
 )
 """Experiments of `tsd-lab`, one module each."""
 
@@ -60,37 +38,9 @@ PARSER = program.parser(
 )
 
 
-def experiment(args: argparse.Namespace) -> None:
-    """Run an experiment; print its results and the written files."""
-    out = Output(args.out, quiet=args.quiet)
-    try:
-        lines = args.experiment.run(args, out)
-    except KeyboardInterrupt:
-        raise TwinError("interrupted, nothing is complete") from None
-    for line in lines:
-        print(line)
-    for path in out.written:
-        print(f"wrote {path}")
-
-
 def main() -> None:
-    """Parse the flags and run."""
-    commands = PARSER.add_subparsers(metavar="EXPERIMENT", required=True)
-    for each in EXPERIMENTS:
-        parser = commands.add_parser(
-            each.name,
-            help=each.purpose,
-            description=each.purpose,
-            epilog="examples:\n" + "\n".join(f"  {example}" for example in each.examples),
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        each.add_flags(parser)
-        parser.add_argument(
-            "--out", type=Path, default=Path("lab"), metavar="FOLDER", help="default lab"
-        )
-        parser.add_argument("--quiet", action="store_true", help="show no progress")
-        parser.set_defaults(experiment=each)
-    program.run(PARSER, experiment)
+    """Read the flags and run."""
+    run_experiments(PARSER, EXPERIMENTS)
 
 
 if __name__ == "__main__":

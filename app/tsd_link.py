@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tsd_twin import program
 from tsd_twin.bus import DEFAULT_ENDPOINT
+from tsd_twin.cli import program
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 
 PARSER = program.parser(

@@ -10,18 +10,19 @@ from typing import Self
 
 import numpy as np
 
-from tsd_twin import flag_types, program, robot_program
 from tsd_twin.bus import Bus
+from tsd_twin.cli import flags, node_program, program
+from tsd_twin.cli.node_program import Companion
 from tsd_twin.errors import TwinError
+from tsd_twin.hardware.robot_io import RobotIO
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import PoseStamped, encode_pose
-from tsd_twin.messages.ros import decode_odometry
-from tsd_twin.node import RobotIO
-from tsd_twin.robot_program import Companion
+from tsd_twin.messages.cdr import decode_odometry
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.robots import RobotDescription
-from tsd_twin.simulation import BoardModel, Camera, CameraNoise, StuckJoint, Wear, WornRobot
-from tsd_twin.simulation.robot import USUAL_LEAN_DEG
+from tsd_twin.sensors.camera import Camera, CameraNoise
+from tsd_twin.simulation import BoardModel, StuckJoint, Wear, WornRobot
+from tsd_twin.simulation.wear import USUAL_LEAN_DEG
 
 _LOOK_S = 0.01
 """Polling period of the camera for poses of the simulated robot."""
@@ -139,10 +140,10 @@ def companion(
 
 def main() -> None:
     """Parse the flags and run."""
-    PARSER.add_argument("--seed", type=flag_types.SEED, default=0, help="of the noise; default 0")
+    PARSER.add_argument("--seed", type=flags.SEED, default=0, help="of the noise; default 0")
     PARSER.add_argument(
         "--noise",
-        type=flag_types.SCALE,
+        type=flags.SCALE,
         default=0.0,
         metavar="SCALE",
         help="times [noise]; default 0",
@@ -175,7 +176,7 @@ def main() -> None:
         help="a camera above the floor tells the bus where it is: 24 frames/s, 80 ms late",
     )
     program.add_plant_flag(PARSER)
-    robot_program.serve(PARSER, joints, pose_at, companion)
+    node_program.serve(PARSER, joints, pose_at, companion)
 
 
 if __name__ == "__main__":

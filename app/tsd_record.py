@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from tsd_twin import flag_types, program
 from tsd_twin.bus import (
     DEFAULT_ENDPOINT,
     NO_ANSWER,
@@ -20,6 +19,7 @@ from tsd_twin.bus import (
     clients_of,
     from_file,
 )
+from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError, needs_extra
 from tsd_twin.recording import (
     ALLOWED,
@@ -150,12 +150,12 @@ def export_file(args: argparse.Namespace) -> None:
     if args.html or args.picture:
         # The scene takes a second to import: recording does without it.
         with needs_extra("A page or picture", "dashboard"):
-            from tsd_twin.dashboard import recording_page
+            from tsd_twin.dashboard import html_export
 
         if args.html:
-            print(recording_page.to_html(part, Path(args.html)))
+            print(html_export.to_html(part, Path(args.html)))
         if args.picture:
-            print(recording_page.to_picture(part, Path(args.picture)))
+            print(html_export.to_picture(part, Path(args.picture)))
 
 
 def list_recordings(args: argparse.Namespace) -> None:
@@ -205,7 +205,7 @@ def main() -> None:
     )
     PARSER.add_argument(
         "--keep-gb",
-        type=flag_types.number(LEAST_GB),
+        type=flags.number(LEAST_GB),
         default=DEFAULT_GB,
         metavar="GB",
         help=f"limit of the folder, the oldest files are removed; default {DEFAULT_GB:g}",
@@ -228,7 +228,7 @@ def main() -> None:
     parser.add_argument(
         "--from",
         dest="start_s",
-        type=flag_types.number(0.0),
+        type=flags.number(0.0),
         default=0.0,
         metavar="S",
         help="start, in seconds",
@@ -236,7 +236,7 @@ def main() -> None:
     parser.add_argument(
         "--to",
         dest="end_s",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         metavar="S",
         help="end, in seconds; default: the end",
     )
@@ -259,7 +259,7 @@ def main() -> None:
     parser.add_argument(
         "--at",
         dest="at_s",
-        type=flag_types.number(0.0),
+        type=flags.number(0.0),
         metavar="S",
         help="time, in seconds since its start; default: its end, which is now in one that is "
         "being written",

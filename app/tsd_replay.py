@@ -6,8 +6,8 @@ import argparse
 import contextlib
 from pathlib import Path
 
-from tsd_twin import flag_types, program
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, as_client, client_config, node_config
+from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
 from tsd_twin.recording import Recording, Replay, open_recording, play
 
@@ -74,7 +74,7 @@ def main() -> None:
     PARSER.add_argument("--id", help=f"id on the bus; default: that of the robot and {SUFFIX}")
     PARSER.add_argument(
         "--speed",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         default=1.0,
         metavar="FACTOR",
         help="1 is as it was; default 1",

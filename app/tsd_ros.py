@@ -10,15 +10,9 @@ import threading
 from collections.abc import Callable
 from functools import partial
 
-from tsd_twin import flag_types, models, program
-from tsd_twin.bus import Bus, Config, as_client, client_config, from_file
-from tsd_twin.errors import TwinError
-from tsd_twin.interop import RosNames
-from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Description
-from tsd_twin.node import RobotNode
-from tsd_twin.robots import ImportedDescription, description_of_kind, parse_description
-from tsd_twin.ros import (
+from tsd_twin import models
+from tsd_twin.adapters import RosNames
+from tsd_twin.adapters.ros import (
     ADAPTER,
     DdsPort,
     Endpoints,
@@ -34,6 +28,13 @@ from tsd_twin.ros import (
     endpoints,
     serve_ros,
 )
+from tsd_twin.bus import Bus, Config, as_client, client_config, from_file
+from tsd_twin.cli import flags, program
+from tsd_twin.errors import TwinError
+from tsd_twin.messages import topics
+from tsd_twin.messages.services import Description
+from tsd_twin.node import RobotNode
+from tsd_twin.robots import ImportedDescription, description_of_kind, parse_description
 from tsd_twin.security import Role
 
 OPERATOR = "ros"
@@ -217,7 +218,7 @@ def main() -> None:
     )
     made.add_argument(
         "--domain",
-        type=flag_types.whole(0, _LAST_DOMAIN),
+        type=flags.whole(0, _LAST_DOMAIN),
         metavar="ID",
         help="domain of ROS; default ROS_DOMAIN_ID, or 0",
     )
@@ -229,7 +230,7 @@ def main() -> None:
     )
     made.add_argument(
         "--mesh-port",
-        type=flag_types.PORT,
+        type=flags.PORT,
         default=0,
         metavar="PORT",
         help="its port; default 0, a free one",
@@ -274,35 +275,35 @@ def _add_import_flags() -> None:
     )
     made.add_argument(
         "--import-speed",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         default=_USUAL.speed_mps,
         metavar="M/S",
         help=f"speed limit; default {_USUAL.speed_mps:g}",
     )
     made.add_argument(
         "--import-turn-rate",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         default=_USUAL.turn_rate_rad_per_s,
         metavar="RAD/S",
         help=f"limit of the turn rate; default {_USUAL.turn_rate_rad_per_s:g}",
     )
     made.add_argument(
         "--import-acceleration",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         default=_USUAL.acceleration_mps2,
         metavar="M/S2",
         help=f"how fast its speed is changed; default {_USUAL.acceleration_mps2:g}",
     )
     made.add_argument(
         "--import-timeout",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         default=0.5,
         metavar="S",
         help="age of odom beyond which it is not driven; default 0.5",
     )
     made.add_argument(
         "--import-wait",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         default=5.0,
         metavar="S",
         help="time to wait for robot_description at the start; default 5",

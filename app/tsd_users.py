@@ -7,7 +7,7 @@ import getpass
 import sys
 from pathlib import Path
 
-from tsd_twin import program
+from tsd_twin.cli import program
 from tsd_twin.errors import TwinError
 from tsd_twin.security import Role, Users
 

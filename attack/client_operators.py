@@ -19,8 +19,8 @@ from websockets.typing import Subprotocol
 
 from attack.track import PATIENCE_S
 from tests.app.conftest import Program
-from tsd_twin.foxglove.sdk import SUBPROTOCOL
-from tsd_twin.interop.cmd_vel import PAUSE_S, TWIST
+from tsd_twin.adapters.cmd_vel import PAUSE_S, TWIST
+from tsd_twin.adapters.foxglove.sdk import SUBPROTOCOL
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.messages.status import Status
 

@@ -14,8 +14,9 @@ from tests.app.conftest import Program
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import HolderRequest, StopRequest, encode_attachment
-from tsd_twin.messages.ros import BASE, TwistStamped, decode_odometry, encode_twist
+from tsd_twin.messages.cdr import BASE, TwistStamped, decode_odometry, encode_twist
+from tsd_twin.messages.commands import encode_attachment
+from tsd_twin.messages.services import HolderRequest, StopRequest
 from tsd_twin.messages.topics import QoS, Service
 
 MAX_AGE_S = 1.0

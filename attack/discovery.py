@@ -38,7 +38,7 @@ from tests.support.page_client import Page
 from tests.support.robot_node import ANY_PORT, QUICK
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.messages.requests import duplicate_id_text
+from tsd_twin.messages.events import duplicate_id_text
 from tsd_twin.messages.topics import Service
 
 MANY = 1000

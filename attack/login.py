@@ -26,7 +26,7 @@ from tests.support.nginx import nginx
 from tests.support.page_client import Page
 from tests.support.raw_http import FORM, MALFORMED, answer, dial, is_closed, malformed, request
 from tests.support.tls_connection import tls_connection
-from tsd_twin.dashboard.server.connection_limits import ConnectionLimits
+from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
 from tsd_twin.security import Role, Users
 
 _PAGE = "0123456789abcdef"

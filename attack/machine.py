@@ -24,7 +24,7 @@ from attack.track import Odometer
 from tsd_twin import robots
 from tsd_twin.bus import Bus, node_config
 from tsd_twin.lie import Array
-from tsd_twin.messages.requests import Description
+from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import BoardModel, SimRobot

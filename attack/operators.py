@@ -16,11 +16,11 @@ from attack.track import PATIENCE_S
 from tests.app.conftest import Program
 from tests.support.fault_stage import PretendPage
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.errors import BusError
-from tsd_twin.messages.requests import HolderRequest, LeaseReply, LeaseRequest, decode_json
-from tsd_twin.messages.ros import BASE
+from tsd_twin.messages.cdr import BASE
+from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, decode_json
 from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import Service
 

@@ -39,7 +39,7 @@ from tests.support.ros_robot import ForeignRobot
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import TwinError
-from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.ros_types import encode_cdr, make_twist
 from tsd_twin.robots import RobotDescription
 

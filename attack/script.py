@@ -14,7 +14,7 @@ import time
 import tsd_twin
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SO3
-from tsd_twin.safety import LATCHED
+from tsd_twin.messages.modes import LATCHED
 
 PERIOD_S = 0.02
 

@@ -13,8 +13,8 @@ from tsd_twin.bus import Bus
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Sample
-from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.cdr import decode_odometry
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 
 AT_REST_MPS = 1e-3

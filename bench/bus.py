@@ -16,8 +16,8 @@ import tsd_twin
 from bench.table import Row, percentile
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Sample, encode_attachment
-from tsd_twin.messages.ros import BASE, TwistStamped, decode_joints, encode_twist
+from tsd_twin.messages.cdr import BASE, TwistStamped, decode_joints, encode_twist
+from tsd_twin.messages.commands import Sample, encode_attachment
 from tsd_twin.messages.status import decode_stamp
 from tsd_twin.messages.topics import QoS, Service
 

@@ -20,7 +20,7 @@ from bench.bus import program
 from bench.table import Row, percentile
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import CAMERA, decoded
-from tsd_twin.dashboard import viser_compat
+from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.scene import Scene
 
 _SECONDS, _FRAMES = 8.0, 600

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from bench.table import Row
 from firmware.simulator.board import build
 from tests.support.firmware_host import CRUISE, CYCLE_S, Bench
-from tsd_twin.dynamixel.control_table import BoardMode
+from tsd_twin.hardware.dynamixel.control_table import BoardMode
 
 _DRIVEN_S = 60.0
 _SMALLEST_S = 1.0

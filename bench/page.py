@@ -14,7 +14,7 @@ from bench.table import Row, percentile
 from tests.support.browser import FLAGS, PATIENCE_MS, executable
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Sample
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import decode_stamp
 
 _SECONDS, _SMALLEST_S = 8.0, 1.0

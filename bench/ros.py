@@ -12,11 +12,11 @@ import psutil
 
 from bench.bus import adapter_rows, client_commands, paced_speeds, program, watch_setpoint
 from bench.table import Row
+from tsd_twin.adapters.ros.zenoh_port import Attachment, topic_key
+from tsd_twin.adapters.ros_messages import PUBLISHED
 from tsd_twin.bus import Bus, client_config, node_config
-from tsd_twin.interop.mapping import PUBLISHED
 from tsd_twin.messages.ros_types import TRIGGER, encode_cdr, make_twist, type_hash
 from tsd_twin.messages.topics import QoS
-from tsd_twin.ros.zenoh_port import Attachment, topic_key
 
 _COMMANDS, _SMALLEST = 600, 20
 _TWIST = "geometry_msgs/msg/Twist"

@@ -21,7 +21,7 @@ from bench.bus import program
 from bench.table import Row, percentile
 from tsd_twin import robots
 from tsd_twin.messages import topics
-from tsd_twin.messages.ros import JointState, Odometry, encode_joints, encode_odometry
+from tsd_twin.messages.cdr import JointState, Odometry, encode_joints, encode_odometry
 from tsd_twin.messages.status import LimitStatus, Status, encode_status
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording.channels import CDR, JSON, Entry

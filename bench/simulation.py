@@ -14,14 +14,14 @@ import msgspec
 import numpy as np
 
 from bench.table import Row
+from research.budget import BATCH, ERROR_SOURCES, drive_open_loop
 from tsd_twin import SimulatedRobot, robots
 from tsd_twin.control import RobotController
-from tsd_twin.lab.budget import BATCH, ERROR_SOURCES, drive_open_loop
 from tsd_twin.lab.square import unlimited_trajectory
 from tsd_twin.lab.tracking import named_path
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.requests import Sample, encode_attachment
-from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.commands import Sample, encode_attachment
 from tsd_twin.messages.topics import Service
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.routes import Route
@@ -198,7 +198,7 @@ def batch(robots_at_once: int) -> float:
 
 
 def squares(runs: int) -> float:
-    """Return the duration of `runs` squares, driven like in `tsd-lab budget`."""
+    """Return the duration of `runs` squares, driven like in `python -m research budget`."""
     robot = description_of_kind(robots.load_robot("tsd"), SingularityDescription)
     random = np.random.default_rng(0)
     reference = unlimited_trajectory(Route(named_path("square")))

@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 
-from tsd_twin.control.faults import HOT_C, WARM_C
+from tsd_twin.control.monitors import HOT_C, WARM_C
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
 from tsd_twin.simulation import Motors
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from tsd_twin import robots
-from tsd_twin.client.robot import RobotClient
-from tsd_twin.client.simulated import SimulatedRobot
 from tsd_twin.client.state import RobotState
+from tsd_twin.client.sync import RobotClient
+from tsd_twin.client.virtual import SimulatedRobot
 from tsd_twin.lie import SE2
-from tsd_twin.messages.ros import JointState
+from tsd_twin.messages.cdr import JointState
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowTwin
-from tsd_twin.shadow.drift_tests import SLOW_WHEEL, WheelTest
+from tsd_twin.shadow.fault_detectors import SLOW_WHEEL, WheelTest
 
 
 def states(robot: RobotClient, seconds: float, *, vx_mps: float = 0.4) -> Iterator[RobotState]:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tsd_twin.dynamixel.control_table import ResetCause
+from tsd_twin.hardware.dynamixel.control_table import ResetCause
 
 FIRMWARE = Path(__file__).parents[1]
 BUILD = FIRMWARE / "build"

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.real_time import RealTimeSimulation
-from tsd_twin.dynamixel.control_table import ADDRESS
+from tsd_twin.hardware.dynamixel.control_table import ADDRESS
 
 
 def _switch(word: str) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dynamixel Protocol 2.0, servo side; independent of `tsd_twin.dynamixel`."""
+"""Dynamixel Protocol 2.0, servo side; independent of `tsd_twin.hardware.dynamixel`."""
 
 from __future__ import annotations
 

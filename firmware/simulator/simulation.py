@@ -11,7 +11,7 @@ from firmware.simulator.mx64 import Mx64
 from firmware.simulator.plant import RobotPlant
 from firmware.simulator.power import AS_DRAWN, SERVO_LEAST_V, PowerSimulation, Wiring
 from firmware.simulator.servo_bus import ServoBusSimulation
-from tsd_twin.dynamixel.control_table import ADDRESS, ResetCause
+from tsd_twin.hardware.dynamixel.control_table import ADDRESS, ResetCause
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 
 NEUTRAL = (2048,) * 6

@@ -1,243 +1,61 @@
-"""Experiments of `tsd-lab`: subcommands, output folder, tables, figures and progress."""
+"""Old name of `tsd_twin.cli.experiment`, kept for one release."""
 
 from __future__ import annotations
 
-import argparse
-import csv
-import importlib
-import itertools
-import os
-import sys
-import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
-
-import numpy as np
-from rich.console import Console
-from rich.progress import track
-
-from tsd_twin import flag_types
-from tsd_twin.errors import TwinError
-from tsd_twin.lie import Array
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure  # Takes 0.5 s; not needed for `--help` or usage errors.
-
-T = TypeVar("T")
-CaseT = TypeVar("CaseT")
-_DOTS_PER_INCH = 130
-
-
-class Output:
-    """Output folder for PNG and CSV files, created at the first write.
-
-    Raises:
-        TwinError: If the folder cannot be created or written; raised by the write.
-    """
-
-    def __init__(self, folder: Path, *, quiet: bool = False) -> None:
-        # Load matplotlib before an experiment drives a robot, which would have to wait for it.
-        for name in ("figure", "backends.backend_agg"):
-            importlib.import_module(f"matplotlib.{name}")
-        self.folder = folder
-        self.written: list[Path] = []
-        """Written files, in order."""
-        self._quiet = quiet
-
-    def table(self, name: str, columns: Mapping[str, Array | Sequence[float | str]]) -> None:
-        """Write `name`.csv with one column per entry; column names include units."""
-        rows = itertools.zip_longest(*(np.asarray(column).tolist() for column in columns.values()))
-        try:
-            with self._file(f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
-                writer = csv.writer(file)
-                writer.writerow(columns)
-                writer.writerows([_format_value(value) for value in row] for row in rows)
-        except OSError as error:
-            raise _cannot_write(self.folder, error) from error
-
-    def figure(self, name: str, figure: Any) -> None:
-        """Write a matplotlib figure to `name`.png."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-        FigureCanvasAgg(figure)
-        try:
-            with warnings.catch_warnings():
-                # matplotlib warns here if the machine was busy while it placed the legend.
-                warnings.filterwarnings("ignore", 'Creating legend with loc="best"')
-                figure.savefig(self._file(f"{name}.png"), dpi=_DOTS_PER_INCH)
-        except OSError as error:
-            raise _cannot_write(self.folder, error) from error
-
-    def text(self, name: str, text: str) -> None:
-        """Write `text` to a file unchanged."""
-        try:
-            self._file(name).write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise _cannot_write(self.folder, error) from error
-
-    def refuse_overwrite(self, name: str, unless: str | None) -> None:
-        """Refuse to overwrite an existing file other than `unless`.
-
-        Raises:
-            TwinError: If the file exists.
-        """
-        path = self.folder / name
-        same = unless is not None and path.absolute() == Path(unless).absolute()
-        if path.exists() and not same:
-            raise TwinError(f"{path} would be written over: add to it with --log, or choose --out")
-
-    def progress(self, items: Iterable[T], what: str, total: int) -> Iterator[T]:
-        """Yield `items` with a progress bar on stderr, which is cleared at the end."""
-        console = Console(file=sys.stderr, quiet=self._quiet)
-        yield from track(items, what, total, console=console, transient=True)
-
-    def _file(self, name: str) -> Path:
-        self.folder.mkdir(parents=True, exist_ok=True)
-        path = self.folder / name
-        self.written.append(path)
-        return path
-
-
-def _cannot_write(folder: Path, error: OSError) -> TwinError:
-    return TwinError(f"{folder} cannot be written to: {error.strerror}")
-
-
-def _format_value(value: object) -> object:
-    return f"{value:.6g}" if isinstance(value, float) else value
-
-
-PERCENT_STEPS = 100
-
-
-def in_percent_steps(shares: Iterator[float], whole: float) -> Iterator[int]:
-    """Iterate over `shares`, and yield once per completed hundredth of `whole`."""
-    done = 0
-    for share in shares:
-        while done < min(PERCENT_STEPS, int(PERCENT_STEPS * share / whole)):
-            done += 1
-            yield done
-
-
-Axes: TypeAlias = Any
-"""matplotlib axes; `Any`, because matplotlib leaves its keyword types open."""
-
-REFERENCE_COLOUR = "#5b6472"
-TRUTH_COLOUR = "#c2410c"
-ESTIMATE_COLOUR = "#1d4ed8"
-CAMERA_COLOUR = "#0f766e"
-SERIES_COLOURS = (TRUTH_COLOUR, ESTIMATE_COLOUR, CAMERA_COLOUR, "#7c3aed", "#b45309", "#be185d")
-"""Colour-blind safe; crossing lines also differ in line style."""
-_INK, _GRID = "#1f2933", "#d9dee5"
-
-
-def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a Markdown table."""
-    return [f"| {' | '.join(cells)} |" for cells in (head, len(head) * ["---"], *rows)]
-
-
-def spread(values: Array | Sequence[float], digits: int) -> str:
-    """Format the median, 95th percentile and maximum as text."""
-    found = np.quantile(values, [0.5, 0.95, 1.0], method="inverted_cdf")
-    return " / ".join(f"{value:.{digits}f}" for value in found)
-
-
-def new_figure(width_in: float, height_in: float, title: str) -> Figure:
-    """Return an empty figure with a title and automatic layout."""
-    from matplotlib.figure import Figure
-
-    made: Any = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
-    made.suptitle(title, fontsize=13, color=_INK, x=0.01, ha="left", weight="bold")
-    return made
-
-
-def label_axes(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
-    """Label both axes, including units, and draw the grid."""
-    axes.set_xlabel(x_label, color=_INK)
-    axes.set_ylabel(y_label, color=_INK)
-    if title:
-        axes.set_title(title, fontsize=10, color=_INK, loc="left")
-    axes.grid(visible=True, color=_GRID, linewidth=0.8)
-    axes.set_axisbelow(True)
-    axes.tick_params(colors=_INK, labelsize=9)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color(_SPINE)
-
-
-def add_legend(axes: Axes, **where: Any) -> None:
-    """Add a legend."""
-    axes.legend(frameon=False, fontsize=9, labelcolor=_INK, **where)
-
-
-_SPINE = "#8a94a3"
-
-
-def add_jobs_flag(parser: argparse.ArgumentParser) -> None:
-    """Add `--jobs`, for `run_cases`."""
-    parser.add_argument(
-        "--jobs",
-        type=flag_types.whole(0),
-        default=0,
-        help="worker processes; default one for each core",
-    )
-
-
-def run_cases(
-    function: Callable[[CaseT], T], cases: Sequence[CaseT], jobs: int, out: Output
-) -> list[T]:
-    """Return the result of `function` for each case, computed in `jobs` worker processes.
-
-    0 uses one process per core; 1 runs in this process.
-    """
-    jobs = min(jobs or os.cpu_count() or 1, len(cases))
-    if jobs <= 1:
-        return list(out.progress(map(function, cases), "driving", len(cases)))
-    with ProcessPoolExecutor(jobs) as pool:
-        return list(out.progress(pool.map(function, cases), "driving", len(cases)))
-
-
-@dataclass(frozen=True, slots=True)
-class Experiment:
-    """Subcommand of `tsd-lab`."""
-
-    name: str
-    run: Callable[[argparse.Namespace, Output], list[str]]
-    """Writes figures and tables to the output, and returns the lines to print.
-    The first line of its docstring is the purpose shown in the help."""
-    examples: Sequence[str]
-    robot: str | None = None
-    """Default of `--robot`, or None without that flag."""
-    noise: bool = False
-    """Whether the experiment has the flag `--noise`."""
-    seed_of: str = ""
-    """Meaning of `--seed`, or empty without that flag."""
-    add_own_flags: Callable[[argparse.ArgumentParser], None] | None = None
-
-    @property
-    def purpose(self) -> str:
-        """One sentence, for the list of experiments and its help."""
-        return (self.run.__doc__ or "").partition("\n")[0]
-
-    def add_flags(self, parser: argparse.ArgumentParser) -> None:
-        """Add the common flags and the experiment's flags."""
-        if self.robot:
-            default = f"default {self.robot}"
-            parser.add_argument("--robot", default=self.robot, metavar="NAME|FILE", help=default)
-        if self.seed_of:
-            parser.add_argument(
-                "--seed", type=flag_types.SEED, default=0, help=f"of {self.seed_of}; default 0"
-            )
-        if self.noise:
-            parser.add_argument(
-                "--noise",
-                type=flag_types.SCALE,
-                default=1.0,
-                metavar="SCALE",
-                help="times [noise]; default 1",
-            )
-        if self.add_own_flags:
-            self.add_own_flags(parser)
+from tsd_twin.cli.experiment import (
+    CAMERA_COLOUR as CAMERA_COLOUR,
+)
+from tsd_twin.cli.experiment import (
+    ESTIMATE_COLOUR as ESTIMATE_COLOUR,
+)
+from tsd_twin.cli.experiment import (
+    PERCENT_STEPS as PERCENT_STEPS,
+)
+from tsd_twin.cli.experiment import (
+    REFERENCE_COLOUR as REFERENCE_COLOUR,
+)
+from tsd_twin.cli.experiment import (
+    SERIES_COLOURS as SERIES_COLOURS,
+)
+from tsd_twin.cli.experiment import (
+    TRUTH_COLOUR as TRUTH_COLOUR,
+)
+from tsd_twin.cli.experiment import (
+    Axes as Axes,
+)
+from tsd_twin.cli.experiment import (
+    CaseT as CaseT,
+)
+from tsd_twin.cli.experiment import (
+    Experiment as Experiment,
+)
+from tsd_twin.cli.experiment import (
+    Output as Output,
+)
+from tsd_twin.cli.experiment import (
+    T as T,
+)
+from tsd_twin.cli.experiment import (
+    add_jobs_flag as add_jobs_flag,
+)
+from tsd_twin.cli.experiment import (
+    add_legend as add_legend,
+)
+from tsd_twin.cli.experiment import (
+    in_percent_steps as in_percent_steps,
+)
+from tsd_twin.cli.experiment import (
+    label_axes as label_axes,
+)
+from tsd_twin.cli.experiment import (
+    markdown_table as markdown_table,
+)
+from tsd_twin.cli.experiment import (
+    new_figure as new_figure,
+)
+from tsd_twin.cli.experiment import (
+    run_cases as run_cases,
+)
+from tsd_twin.cli.experiment import (
+    spread as spread,
+)

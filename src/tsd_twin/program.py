@@ -1,211 +1,43 @@
-"""Common parts of all programs: flags, signals, one-sentence errors."""
+"""Old name of `tsd_twin.cli.program`, kept for one release."""
 
 from __future__ import annotations
 
-import argparse
-import difflib
-import gc
-import logging
-import os
-import re
-import signal
-import sys
-import threading
-from collections.abc import Callable, Sequence
-from types import FrameType
-from typing import NoReturn
-
-from tsd_twin import __version__, flag_types, robots
-from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
-from tsd_twin.errors import MissingExtraError, TwinError
-from tsd_twin.security import Identity
-from tsd_twin.simulation import PLANTS
-
-_LOG = logging.getLogger(__name__)
-_PATIENCE_S = 2.0
-
-
-class _Parser(argparse.ArgumentParser):
-    """Argument parser that reports a mistake in one sentence, with exit code 2."""
-
-    def error(self, message: str) -> NoReturn:
-        """End the program with the message, and with the flag that was meant, if one is near."""
-        unknown = _UNKNOWN.match(message)
-        near = unknown and difflib.get_close_matches(unknown[1], self._option_string_actions, n=1)
-        meant = f", did you mean {near[0]}?" if near else f"; see {self.prog} --help"
-        self.exit(2, f"{self.prog}: {message.removeprefix('argument ')}{meant}\n")
-
-
-_UNKNOWN = re.compile(r"unrecognized arguments: (--?[\w-]+)")
-
-
-def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.ArgumentParser:
-    """Argument parser whose help ends with `examples`."""
-    made = _Parser(
-        prog=prog,
-        description=purpose,
-        epilog="examples:\n" + "\n".join(f"  {example}" for example in examples),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    made.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
-    made.add_argument(
-        "--until-eof", action="store_true", help="end when standard input ends, as a child does"
-    )
-    made.add_argument("-v", "--verbose", action="store_true", help="log in detail to stderr")
-    return made
-
-
-def add_robot_flags(made: argparse.ArgumentParser, *, several: bool = False) -> None:
-    """Add `--robot`, a list when there may be `several`, and `--id`."""
-    shipped = ", ".join(robots.robot_names())
-    made.add_argument(
-        "--robot",
-        action="append" if several else "store",
-        default=None if several else "tsd",
-        metavar="NAME|FILE",
-        help=f"a shipped robot ({shipped}) or a TOML file of yours; default tsd"
-        + ("; may be repeated" if several else ""),
-    )
-    made.add_argument("--id", help="id on the bus, 1 to 32 of a-z 0-9 _ -; default: its name")
-
-
-def add_errors_flag(made: argparse.ArgumentParser, default: float = 0.0) -> None:
-    """Add `--errors`."""
-    made.add_argument(
-        "--errors",
-        type=flag_types.SCALE,
-        default=default,
-        metavar="SCALE",
-        help=f"factor on [errors], the model errors of a built robot; default {default:g}",
-    )
-
-
-def add_plant_flag(made: argparse.ArgumentParser) -> None:
-    """Add `--plant`."""
-    made.add_argument(
-        "--plant",
-        choices=sorted(PLANTS),
-        default="kinematic",
-        help="plant: rolling by the equations (default), or rigid bodies in MuJoCo, "
-        "for which the extra `mujoco` must be installed",
-    )
-
-
-def add_node_flags(made: argparse.ArgumentParser) -> None:
-    """Add the bus flags of a robot node: `--listen`, `--connect`, `--zenoh-config`."""
-    made.add_argument(
-        "--listen",
-        default=DEFAULT_ENDPOINT,
-        metavar="ENDPOINT",
-        help=f"where the bus listens; default {DEFAULT_ENDPOINT}, port 0 takes a free one",
-    )
-    made.add_argument(
-        "--connect",
-        action="append",
-        default=[],
-        metavar="ENDPOINT",
-        help="a router to join as well; may be repeated",
-    )
-    made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
-
-
-def node_bus(args: argparse.Namespace) -> Bus:
-    """Open the bus that the flags of `add_node_flags` ask for."""
-    if args.zenoh_config:
-        return Bus(from_file(args.zenoh_config))
-    bus = Bus(node_config([args.listen], args.connect or []))
-    # A duplicate robot id can be detected only once the other nodes are connected.
-    if args.connect and not bus.wait_for_peer(_PATIENCE_S):
-        _LOG.warning("no answer from %s yet", ", ".join(args.connect))
-    return bus
-
-
-def add_client_flags(made: argparse.ArgumentParser) -> None:
-    """Add the bus flags of a client: `--connect` and `--zenoh-config`."""
-    made.add_argument(
-        "--connect",
-        action="append",
-        metavar="ENDPOINT",
-        help=f"where a robot listens, may be repeated; default {DEFAULT_ENDPOINT}",
-    )
-    made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
-
-
-def add_adapter_flags(made: argparse.ArgumentParser, operator: str) -> None:
-    """Add the flags of an adapter to other tools: `--robot`, `--operator` and `--view-only`."""
-    made.add_argument(
-        "--robot",
-        action="append",
-        default=[],
-        metavar="ID",
-        help="show this robot only; may be repeated; default: all, up to 16",
-    )
-    made.add_argument(
-        "--operator",
-        default=operator,
-        metavar="NAME",
-        help=f"name on the bus before `-` and 8 digits; default {operator}, or the certificate's",
-    )
-    made.add_argument("--view-only", action="store_true", help="no cmd_vel and no services")
-
-
-def client_bus(args: argparse.Namespace) -> Bus:
-    """Open the bus that the flags of `add_client_flags` ask for."""
-    if args.zenoh_config:
-        return Bus(from_file(args.zenoh_config))
-    return Bus(client_config(args.connect or [DEFAULT_ENDPOINT]))
-
-
-def certificate(args: argparse.Namespace) -> Identity | None:
-    """Identity in the certificate of `--zenoh-config`, None without a certificate."""
-    file = from_file(args.zenoh_config).certificate if args.zenoh_config else None
-    if file is None:
-        return None
-    from tsd_twin.security import certificate_identity  # Late, because it needs the extra `tls`.
-
-    return certificate_identity(file)
-
-
-def stop_event(args: argparse.Namespace) -> threading.Event:
-    """Event that SIGINT and SIGTERM set, and with `--until-eof` the end of the input."""
-    stop = threading.Event()
-
-    def handle(_signal: int, _frame: FrameType | None) -> None:
-        stop.set()
-
-    signal.signal(signal.SIGINT, handle)
-    signal.signal(signal.SIGTERM, handle)
-    if args.until_eof:
-        threading.Thread(target=_wait_for_eof, args=(stop,), daemon=True).start()
-    return stop
-
-
-def _wait_for_eof(stop: threading.Event) -> None:
-    while os.read(sys.stdin.fileno(), 4096):
-        pass
-    stop.set()
-
-
-def say_ready(what: str) -> None:
-    """Print the line `ready: ...` with the address of the program in service."""
-    print(f"ready: {what}", flush=True)  # noqa: T201  The line is the interface of a program.
-
-
-def run(made: argparse.ArgumentParser, body: Callable[[argparse.Namespace], None]) -> None:
-    """Parse the flags and run a program; a `TwinError` ends it with a one-sentence message.
-
-    The exit code is 2 if an extra is missing, else 1.
-    """
-    args = made.parse_args()
-    gc.freeze()  # Modules live as long as the process: each collection, and the end, is shorter.
-    logging.basicConfig(
-        level=logging.INFO if args.verbose else logging.WARNING,
-        format="%(asctime)s %(name)s: %(message)s",
-        stream=sys.stderr,
-    )
-    try:
-        body(args)
-    except MissingExtraError as error:
-        made.exit(2, f"{made.prog}: {error}\n")
-    except TwinError as error:
-        sys.exit(f"{made.prog}: {error}")
+from tsd_twin.cli.program import (
+    add_adapter_flags as add_adapter_flags,
+)
+from tsd_twin.cli.program import (
+    add_client_flags as add_client_flags,
+)
+from tsd_twin.cli.program import (
+    add_errors_flag as add_errors_flag,
+)
+from tsd_twin.cli.program import (
+    add_node_flags as add_node_flags,
+)
+from tsd_twin.cli.program import (
+    add_plant_flag as add_plant_flag,
+)
+from tsd_twin.cli.program import (
+    add_robot_flags as add_robot_flags,
+)
+from tsd_twin.cli.program import (
+    certificate as certificate,
+)
+from tsd_twin.cli.program import (
+    client_bus as client_bus,
+)
+from tsd_twin.cli.program import (
+    node_bus as node_bus,
+)
+from tsd_twin.cli.program import (
+    parser as parser,
+)
+from tsd_twin.cli.program import (
+    run as run,
+)
+from tsd_twin.cli.program import (
+    say_ready as say_ready,
+)
+from tsd_twin.cli.program import (
+    stop_event as stop_event,
+)

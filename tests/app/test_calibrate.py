@@ -18,8 +18,8 @@ from tests.support.experiment_runs import is_picture
 from tests.support.robot_node import PATIENCE_S, PATIENT, running
 from tsd_mock import OverheadCamera
 from tsd_twin import robots
-from tsd_twin.calibration.control import KeyWatcher
-from tsd_twin.calibration.recording import read_recordings
+from tsd_twin.calibration.drive_log import read_recordings
+from tsd_twin.calibration.operator import KeyWatcher
 from tsd_twin.calibration.zeroing import twist_by_zero_offsets
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.simulation import simulate

@@ -39,10 +39,10 @@ from tests.support.recorded_drives import RecordedDrive
 from tests.support.robot_node import QUICK
 from tests.support.tcp_relay import Relay
 from tsd_twin import robots
+from tsd_twin.adapters.cmd_vel import PAUSE_S
+from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, SILENT_S
+from tsd_twin.adapters.ros_messages import PUBLISHED, SERVICES
 from tsd_twin.bus import Bus, as_client, client_config
-from tsd_twin.foxglove.front import FOXGLOVE_ORIGIN, SILENT_S
-from tsd_twin.interop.cmd_vel import PAUSE_S
-from tsd_twin.interop.mapping import PUBLISHED, SERVICES
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.security import CertificateRequest
 

@@ -16,7 +16,7 @@ from tests.support.robot_node import matched
 from tsd_twin import robots
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Event
+from tsd_twin.messages.events import Event
 from tsd_twin.messages.topics import QoS
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]

@@ -75,8 +75,6 @@ FLAGS: dict[str, str] = {
         follow --speed -1
         follow --cut -0.1
         follow --path triangle
-        budget --runs 0
-        budget --seed -1
         omni-step --speed 0
         omni-step --acceleration -1
         omni-step --noise -1
@@ -246,7 +244,6 @@ OTHERS: dict[str, str] = {
         follow --points 0,0 0,0
         follow --points 0,0 1e300,0
         follow --robot atlas
-        budget --robot kiwi
         omni-step --robot tsd
         omni-paths --robot atlas
         atlas --robot tsd

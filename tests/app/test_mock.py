@@ -17,7 +17,7 @@ from tests.support.mistaken_programs import start_each
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.messages.requests import Sample
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS, Service, alive_key
 

@@ -32,15 +32,11 @@ from tests.support.browser import (
 )
 from tests.support.stall_watch import StallWatch
 from tsd_twin.bus import Bus, Config, client_config
-from tsd_twin.dashboard.viser_compat import (
-    CAMERA_OFFSET_M,
-    FIELD_OF_VIEW_RAD,
-    LOOK_AT_M,
-)
+from tsd_twin.dashboard.scene.viser_compat import CAMERA_OFFSET_M, FIELD_OF_VIEW_RAD, LOOK_AT_M
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Sample
-from tsd_twin.messages.ros import Odometry, decode_joints, decode_odometry, decode_twist
+from tsd_twin.messages.cdr import Odometry, decode_joints, decode_odometry, decode_twist
+from tsd_twin.messages.commands import Sample
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 

@@ -18,8 +18,8 @@ from tests.support.scripts import drive
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Sample
-from tsd_twin.messages.ros import decode_joints
+from tsd_twin.messages.cdr import decode_joints
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import decode_stamp, decode_status
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]

@@ -24,7 +24,7 @@ from tests.support import scripts
 from tests.support.small_disk import small_disk
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.control.logged_controller import LeaseDrawn, decode_batch
-from tsd_twin.messages.requests import Sample
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import decode_stamp
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.recording import Recording, mcap_file, read_marks

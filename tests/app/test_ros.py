@@ -40,9 +40,9 @@ from tests.support.ros_nodes import (
 from tests.support.square_drive import SquareDrive
 from tests.support.tcp_relay import Relay
 from tsd_twin import robots
+from tsd_twin.adapters.cmd_vel import HELD_UP_S, PAUSE_S
+from tsd_twin.adapters.ros_messages import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
 from tsd_twin.errors import TwinError
-from tsd_twin.interop.cmd_vel import HELD_UP_S, PAUSE_S
-from tsd_twin.interop.mapping import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 

@@ -25,10 +25,10 @@ from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS, QUICK, press_now
 from tests.support.ros_nodes import foreign_hash, ros_router
 from tests.support.ros_robot import JOINTS, ODOMETRY, START, ForeignRobot
+from tsd_twin.adapters.ros.external_robot import ZEROS
 from tsd_twin.client import RobotClient
 from tsd_twin.errors import TwinError
-from tsd_twin.robots.imported import NOT_PROMISED
-from tsd_twin.ros.imported_robot import ZEROS
+from tsd_twin.robots.external import NOT_PROMISED
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 

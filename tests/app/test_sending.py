@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, Page
 
 from tests.support.browser import FLAGS_WITHOUT_SCENE, WATCH_STALLS, trials
 from tests.support.page_client import site
-from tsd_twin.dashboard.server.socket_limits import TELEOP
+from tsd_twin.dashboard.gateway.socket_limits import TELEOP
 
 pytestmark = [
     pytest.mark.system,

@@ -15,7 +15,7 @@ from tests.support.robot_node import Mailbox, matched
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.bus.config import MOST_MESSAGE_BYTES
 from tsd_twin.errors import BusError
-from tsd_twin.messages.requests import Sample
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.topics import QoS
 
 KEY = "twin/r1/state/odom"

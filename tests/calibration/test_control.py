@@ -11,7 +11,12 @@ import pytest
 
 from tests.support.robot_node import PATIENCE_S, PATIENT, running
 from tsd_twin import connect
-from tsd_twin.calibration.control import CalibratedRobot, KeyWatcher, interruptible, longest_pause_s
+from tsd_twin.calibration.operator import (
+    CalibratedRobot,
+    KeyWatcher,
+    interruptible,
+    longest_pause_s,
+)
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 

@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 
 from tsd_twin import robots
 from tsd_twin.calibration.collect import PerturbedRobot, with_calibration
+from tsd_twin.calibration.drive_log import Recording
 from tsd_twin.calibration.fit import CalibrationProblem, fit_calibration
 from tsd_twin.calibration.guided_drive import POSE_TIMEOUT_S, CalibrationDriver, plan_route
-from tsd_twin.calibration.recording import Recording
 from tsd_twin.calibration.zeroing import twist_by_zero_offsets
-from tsd_twin.client.simulated import VirtualRobot
+from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.status import LearnedError
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.simulation import Camera, CameraNoise
+from tsd_twin.sensors.camera import Camera, CameraNoise
 
 ROBOT = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription)
 ZEROS_DEG = np.array([[0.4, -0.3], [0.2, 0.5], [-0.4, 0.1]])

@@ -17,17 +17,18 @@ from tsd_twin.calibration.collect import (
     spin_ratio_of,
     spin_ratios,
 )
-from tsd_twin.calibration.recording import (
+from tsd_twin.calibration.drive_log import (
     Recording,
     RobotRecorder,
     read_recordings,
     recording_columns,
 )
+from tsd_twin.cli.experiment import Output
 from tsd_twin.errors import TwinError
-from tsd_twin.experiment import Output
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.requests import PoseStamped, Sample, encode_pose
-from tsd_twin.messages.ros import JointState, encode_joints
+from tsd_twin.messages.cdr import JointState, encode_joints
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import Status, encode_stamp, encode_status
 from tsd_twin.recording.channels import EntryMaker
 from tsd_twin.recording.mcap_file import RecordingFile

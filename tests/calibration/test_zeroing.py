@@ -19,7 +19,7 @@ from tests.support.robot_node import PATIENCE_S, QUICK, RunningNode, matched, ru
 from tsd_mock import OverheadCamera
 from tsd_twin import connect, robots
 from tsd_twin.calibration.collect import PerturbedRobot, with_calibration
-from tsd_twin.calibration.control import CalibratedRobot, ask_displacement
+from tsd_twin.calibration.operator import CalibratedRobot, ask_displacement
 from tsd_twin.calibration.zeroing import (
     PoseTracker,
     ZeroOffsetDrift,
@@ -32,7 +32,7 @@ from tsd_twin.client.connection import RobotConnection
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import PoseStamped, encode_pose
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.topics import QoS
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.simulation import simulate

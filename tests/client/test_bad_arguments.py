@@ -14,7 +14,7 @@ from tests.support.robot_node import QUICK, RunningNode, running
 from tsd_twin import SimulatedRobot
 from tsd_twin.client import RobotStopped
 from tsd_twin.client.aio import AsyncRobotControl
-from tsd_twin.client.robot import RobotControl
+from tsd_twin.client.sync import RobotControl
 from tsd_twin.errors import TwinError
 
 NAN, INF = float("nan"), float("inf")

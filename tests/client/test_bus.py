@@ -25,7 +25,8 @@ from tsd_twin import (
     SeveralRobotsFound,
 )
 from tsd_twin.bus import Bus, node_config
-from tsd_twin.messages.requests import Description, Event
+from tsd_twin.messages.events import Event
+from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.simulation import SimRobot
 

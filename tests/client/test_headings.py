@@ -8,7 +8,7 @@ import numpy as np
 
 from tsd_twin import SimulatedRobot
 from tsd_twin.lie import SE2
-from tsd_twin.messages.ros import decode_odometry, encode_odometry
+from tsd_twin.messages.cdr import decode_odometry, encode_odometry
 
 
 def test_three_turns_on_the_spot_read_the_same_from_the_bus_and_in_the_simulator() -> None:

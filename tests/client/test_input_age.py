@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tests.support.controller_harness import PERIOD_S
 from tests.support.delayed_client import ROBOTS, DelayedClient
 from tsd_twin.client.echoes import NEVER_SENT, Echoes
-from tsd_twin.safety import Mode
+from tsd_twin.messages.modes import Mode
 
 SETTLED_S = 3.0
 """After this a lost robot is at rest."""

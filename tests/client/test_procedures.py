@@ -17,8 +17,7 @@ from tsd_twin.client import (
     motions,
 )
 from tsd_twin.client import procedures as steps
-from tsd_twin.client.protocol import ControlProtocol
-from tsd_twin.client.steps import (
+from tsd_twin.client.port import (
     Call,
     Compute,
     NextStatus,
@@ -28,7 +27,8 @@ from tsd_twin.client.steps import (
     SendStop,
     Sleep,
 )
-from tsd_twin.messages.requests import HolderRequest, LeaseReply, LeaseRequest, Reply
+from tsd_twin.client.protocol import ControlProtocol
+from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, Reply
 from tsd_twin.messages.status import CommandStatus, DropCounts, Refusals
 from tsd_twin.messages.topics import Service
 

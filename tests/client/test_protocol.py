@@ -22,10 +22,10 @@ from tsd_twin.client.protocol import (
     ControlProtocol,
     TwistCommand,
 )
-from tsd_twin.messages.requests import LeaseReply, LeaseRequest
-from tsd_twin.messages.ros import decode_twist
+from tsd_twin.messages.cdr import decode_twist
+from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.services import LeaseReply, LeaseRequest
 from tsd_twin.messages.status import CommandStatus, LeaseStatus, Status
-from tsd_twin.safety import Mode
 
 ROBOT = robots.load_robot("tsd")
 LEASE = "0f" * 16

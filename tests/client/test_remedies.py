@@ -10,7 +10,7 @@ import pytest
 import tsd_twin
 from tests.support.markdown_pages import ROOT, page, quoted, section, tables
 from tsd_twin import ClientError, ControlDenied, RequestRefused, RobotStopped, SimulatedRobot
-from tsd_twin.errors import REMEDIES
+from tsd_twin.client.errors import REMEDIES
 from tsd_twin.messages.codes import Code
 
 FILES = sorted((ROOT / "src/tsd_twin/client").glob("*.py"))

@@ -17,7 +17,7 @@ from tsd_twin import (
     SimulatedRobot,
 )
 from tsd_twin.errors import PathError
-from tsd_twin.messages.requests import Event
+from tsd_twin.messages.events import Event
 
 
 def test_a_drive_goes_as_far_as_it_says_and_ends_at_rest() -> None:

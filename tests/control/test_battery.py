@@ -9,10 +9,10 @@ import pytest
 
 from tests.support.controller_harness import PERIOD_S, ROBOT, ControllerHarness, HarnessOperator
 from tests.support.markdown_pages import page, section, tables
+from tsd_twin.messages.cdr import BASE, ODOM
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.messages.ros import BASE, ODOM
+from tsd_twin.messages.modes import ARMED, Mode
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import ARMED, Mode
 from tsd_twin.simulation import SimRobot
 
 BATTERY, LIMITS = ROBOT.battery, ROBOT.limits

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.controller_harness import ControllerHarness
 from tsd_twin.lie import Array
-from tsd_twin.safety import Mode
+from tsd_twin.messages.modes import Mode
 
 SETTLE_S = 1.0
 """More than the limiter takes to any of these twists."""

@@ -11,9 +11,9 @@ from tests.support.controller_harness import ControllerHarness
 from tsd_twin import robots
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.status import encode_status
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot
 
 every_robot = pytest.mark.parametrize("name", robots.robot_names())

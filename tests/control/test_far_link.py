@@ -10,8 +10,8 @@ import pytest
 from tests.support.controller_harness import ControllerHarness, HarnessOperator
 from tsd_twin.link_emulation import LinkSpec
 from tsd_twin.link_emulation.link import Link
-from tsd_twin.messages.requests import Sample
-from tsd_twin.safety import Mode
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.modes import Mode
 
 SIZE_BYTES = 150
 

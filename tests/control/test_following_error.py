@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
-from tsd_twin.control.faults import ASIDE_RAD, PATIENCE_S, REMEMBERED_S, FollowingErrorMonitor
+from tsd_twin.control.monitors import ASIDE_RAD, PATIENCE_S, REMEMBERED_S, FollowingErrorMonitor
 from tsd_twin.messages.codes import Code
-from tsd_twin.messages.requests import Event
-from tsd_twin.safety import Mode
+from tsd_twin.messages.events import Event
+from tsd_twin.messages.modes import Mode
 from tsd_twin.simulation import RobotWithStuckJoint, SimRobot, StuckJoint
 
 PERIOD_S = 0.01

@@ -8,10 +8,10 @@ import pytest
 
 from tests.support.controller_harness import ControllerHarness
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.messages.requests import Reply
+from tsd_twin.messages.modes import ARMED, Mode
+from tsd_twin.messages.services import Reply
 from tsd_twin.messages.topics import Service
 from tsd_twin.node import PERIOD_S
-from tsd_twin.safety import ARMED, Mode
 
 HAS_IT = because(Code.RADIO_CONTROL)
 

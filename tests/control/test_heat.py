@@ -9,7 +9,7 @@ import pytest
 
 from tests.control.test_battery import arm_again
 from tests.support.controller_harness import ROBOT, ControllerHarness
-from tsd_twin.control.faults import HOT_C, WARM_C, HeatMonitor
+from tsd_twin.control.monitors import HOT_C, WARM_C, HeatMonitor
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.simulation import SimRobot
 

@@ -19,9 +19,9 @@ from tests.support.controller_harness import ControllerHarness, HarnessOperator
 from tests.support.reference_model import CommandReference
 from tests.support.state_machine import LoopStateMachine
 from tsd_twin import robots
-from tsd_twin.messages.requests import Sample
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot
 
 NAMES = ("alice", "bob", "carol")

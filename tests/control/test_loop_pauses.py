@@ -6,7 +6,7 @@ import pytest
 
 from tests.support.controller_harness import PERIOD_S, ControllerHarness
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.safety import Mode
+from tsd_twin.messages.modes import Mode
 
 AHEAD = (0.5, 0.0, 0.0)
 

@@ -15,12 +15,14 @@ from hypothesis import strategies as st
 from tests.support.controller_harness import PERIOD_S, ROBOT, ControllerHarness
 from tsd_twin import robots
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.requests import PoseStamped, Sample, encode_pose
-from tsd_twin.messages.ros import BASE, ODOM
+from tsd_twin.messages.cdr import BASE, ODOM
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import PoseSensorDrops
 from tsd_twin.robots import RobotDescription
-from tsd_twin.safety import Mode
-from tsd_twin.simulation import Camera, CameraNoise, SimRobot
+from tsd_twin.sensors.camera import Camera, CameraNoise
+from tsd_twin.simulation import SimRobot
 
 KEY = "twin/tsd/sensor/pose"
 WALL_NS = 1_700_000_000_000_000_000

@@ -14,10 +14,10 @@ from tests.support.controller_harness import ControllerHarness, HarnessOperator
 from tsd_twin import robots
 from tsd_twin.lie import SE2
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.requests import LeaseReply
+from tsd_twin.messages.modes import LATCHED, Mode
+from tsd_twin.messages.services import LeaseReply
 from tsd_twin.messages.status import Refusals
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import LATCHED, Mode
 
 every_robot = pytest.mark.parametrize("name", robots.robot_names())
 OPERATORS = ("alice", "bob")

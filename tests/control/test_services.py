@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.messages.requests import LeaseReply
+from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.services import LeaseReply
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot
 
 NEED_A_LEASE = (Service.ARM, Service.DISARM, Service.RESET, Service.SET_POSE)

@@ -11,8 +11,8 @@ import pytest
 from tests.support.controller_harness import PERIOD_S, ControllerHarness, HarnessOperator
 from tsd_twin import robots
 from tsd_twin.lie import SE2, SO3
-from tsd_twin.messages.requests import Sample
-from tsd_twin.safety import Mode
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.modes import Mode
 from tsd_twin.simulation import SimRobot
 
 UP, DOWN = "up", "down"

@@ -9,8 +9,8 @@ from tests.support.controller_harness import ControllerHarness, HarnessOperator
 from tsd_twin import robots
 from tsd_twin.control import RobotController
 from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import Mode
 
 
 def still(rig: ControllerHarness) -> bool:

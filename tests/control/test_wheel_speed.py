@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness, HarnessOperator
 from tsd_twin import robots
-from tsd_twin.control.services import WheelSpeedController
+from tsd_twin.control.wheel_spin import WheelSpeedController
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot
 
 RPM = np.pi / 30.0

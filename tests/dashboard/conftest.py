@@ -7,7 +7,7 @@ from collections.abc import Generator
 import pytest
 import viser
 
-from tsd_twin.dashboard import viser_compat
+from tsd_twin.dashboard.scene import viser_compat
 
 
 @pytest.fixture(scope="module")

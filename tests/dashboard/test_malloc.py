@@ -7,7 +7,7 @@ import sys
 
 _PROGRAM = """
 import psutil
-from tsd_twin.dashboard.dashboard import tune_malloc
+from tsd_twin.dashboard.app import tune_malloc
 
 taken = {call}
 del_me = bytearray(20_000_000)

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from tests.support.recorded_drives import START_NS, RecordedDrive
-from tsd_twin.dashboard.recording_page import LONGEST_S, build, to_html, to_picture
+from tsd_twin.dashboard.html_export import LONGEST_S, build, to_html, to_picture
 from tsd_twin.errors import TwinError
-from tsd_twin.messages.requests import Event
+from tsd_twin.messages.events import Event
 from tsd_twin.recording.channels import JSON, Entry
 from tsd_twin.recording.events import Mark, add_mark
 from tsd_twin.recording.export import Part

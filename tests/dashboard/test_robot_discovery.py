@@ -17,7 +17,7 @@ from tests.support.page_client import robot_on_a_bus
 from tests.support.robot_node import ANY_PORT, PATIENCE_S, QUICK
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, client_config, node_config
-from tsd_twin.dashboard.robot_discovery import (
+from tsd_twin.dashboard.discovery import (
     MAX_PENDING_ROBOTS,
     MOST_ROBOTS,
     RobotConnector,
@@ -25,7 +25,7 @@ from tsd_twin.dashboard.robot_discovery import (
     TakeReply,
 )
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import duplicate_id_text
+from tsd_twin.messages.events import duplicate_id_text
 from tsd_twin.messages.status import Status, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
 

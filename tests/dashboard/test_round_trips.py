@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.client.connection import MAX_ROUND_TRIPS, RoundTrips
+from tsd_twin.client.monitor import MAX_ROUND_TRIPS, RoundTrips
 
 seconds = st.lists(st.floats(0.0, 10.0), min_size=1, max_size=3 * MAX_ROUND_TRIPS)
 

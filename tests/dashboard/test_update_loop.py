@@ -13,12 +13,12 @@ import viser
 from tests.support.page_client import robot_on_a_bus
 from tests.support.robot_node import PATIENCE_S
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.client.connection import Snapshot
-from tsd_twin.dashboard.dashboard import UpdateLoop
-from tsd_twin.dashboard.robot_discovery import RobotDiscovery
+from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.discovery import RobotDiscovery
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.update_loop import UpdateLoop
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Event
+from tsd_twin.messages.events import Event
 from tsd_twin.messages.topics import QoS
 
 AT_ONCE_S = 0.1

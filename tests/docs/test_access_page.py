@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.markdown_pages import ROOT, code, page, quoted, section, tables
-from tsd_twin.dashboard.server.connection_limits import ConnectionLimits
-from tsd_twin.dashboard.server.pages import READ_S
+from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
+from tsd_twin.dashboard.gateway.pages import READ_S
 from tsd_twin.security import Logins
 from tsd_twin.security.users import ABSOLUTE_S, IDLE_S
 

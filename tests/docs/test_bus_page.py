@@ -19,24 +19,25 @@ import pytest
 from tests.app.conftest import Program
 from tests.support.markdown_pages import code, page, quoted, section, tables
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.messages import requests, topics
+from tsd_twin.messages import commands, events, services, topics
+from tsd_twin.messages.cdr import decode_odometry
 from tsd_twin.messages.codes import Reason
-from tsd_twin.messages.requests import Sample, decode_request
-from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.services import decode_request
 from tsd_twin.messages.status import DropCounts, PoseSensorDrops, Status, encode_stamp
 from tsd_twin.messages.topics import TOPICS, Service
 
 PAGE = page("bus.md")
-REQUESTS: dict[str, type[requests.Request]] = {
-    "srv/lease": requests.LeaseRequest,
-    "srv/set_pose": requests.SetPoseRequest,
-    "srv/speed": requests.SpeedRequest,
-    "stop": requests.StopRequest,
-    "desc": requests.Request,
+REQUESTS: dict[str, type[services.Request]] = {
+    "srv/lease": services.LeaseRequest,
+    "srv/set_pose": services.SetPoseRequest,
+    "srv/speed": services.SpeedRequest,
+    "stop": services.StopRequest,
+    "desc": services.Request,
 }
 ANSWERS: dict[str, type[msgspec.Struct]] = {
-    "srv/lease": requests.LeaseReply,
-    "desc": requests.Description,
+    "srv/lease": services.LeaseReply,
+    "desc": services.Description,
 }
 
 
@@ -54,30 +55,30 @@ def test_the_attachments_are_packed_as_shown() -> None:
     _, _, attachments = tables(section(PAGE, "## Streams"))
     formats = {name: quoted(packed)[0] for name, packed, _ in attachments}
     lease = bytes(range(16))
-    assert requests.encode_attachment(7, lease, 9) == struct.pack(formats["command"], 7, lease, 9)
+    assert commands.encode_attachment(7, lease, 9) == struct.pack(formats["command"], 7, lease, 9)
     assert encode_stamp(7, -9) == struct.pack(formats["stamp"], 7, -9)
 
 
 def test_every_service_is_shown_with_a_request_and_an_answer_that_can_be_read() -> None:
     (rows,) = tables(section(PAGE, "## Services"))
     for name, request, answer in rows:
-        kind = REQUESTS.get(quoted(name)[0], requests.HolderRequest)
+        kind = REQUESTS.get(quoted(name)[0], services.HolderRequest)
         if "of a sphere" in name:
-            kind = requests.SetOrientationRequest
+            kind = services.SetOrientationRequest
         decode_request(quoted(request)[0].encode(), kind)
         assert set(json.loads(quoted(request)[0])) <= set(kind.__struct_fields__)
         if quoted(answer):
-            reply = ANSWERS.get(quoted(name)[0], requests.Reply)
+            reply = ANSWERS.get(quoted(name)[0], services.Reply)
             assert set(json.loads(quoted(answer)[0])) <= set(reply.__struct_fields__)
             msgspec.json.decode(quoted(answer)[0], type=reply)
     assert {quoted(row[0])[0] for row in rows} == {service.value for service in Service}
     shown = {key for row in rows for cell in row[1:] for c in quoted(cell) for key in json.loads(c)}
-    shapes = (requests.LeaseRequest, requests.LeaseReply)
+    shapes = (services.LeaseRequest, services.LeaseReply)
     for kind in (
         *shapes,
-        requests.SetPoseRequest,
-        requests.SetOrientationRequest,
-        requests.SpeedRequest,
+        services.SetPoseRequest,
+        services.SetOrientationRequest,
+        services.SpeedRequest,
     ):
         assert set(kind.__struct_fields__) <= shown
 
@@ -105,7 +106,7 @@ def test_every_field_of_the_status_is_explained() -> None:
 
 def test_the_event_that_is_shown_is_one() -> None:
     shown = json.loads(quoted(section(PAGE, "## Events").splitlines()[-1])[0])
-    assert set(shown) == set(requests.Event.__struct_fields__)
+    assert set(shown) == set(events.Event.__struct_fields__)
 
 
 def test_the_client_needs_zenoh_and_rosbags_only() -> None:

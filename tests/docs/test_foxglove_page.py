@@ -6,9 +6,9 @@ import json
 from typing import Any
 
 from tests.support.markdown_pages import ROOT, page, quoted, section, tables
-from tsd_twin.foxglove import front, sdk
-from tsd_twin.interop import cmd_vel, fleet
-from tsd_twin.interop.mapping import CMD_VEL, PUBLISHED, SERVICES
+from tsd_twin.adapters import cmd_vel, fleet
+from tsd_twin.adapters.foxglove import gateway, sdk
+from tsd_twin.adapters.ros_messages import CMD_VEL, PUBLISHED, SERVICES
 
 PAGE = page("foxglove.md")
 
@@ -35,13 +35,13 @@ def test_times_and_limits_are_those_of_the_code() -> None:
     assert f"a pause of {cmd_vel.PAUSE_S:g} s" in driving
     assert f"no service for {cmd_vel.IDLE_S:g} s" in driving
     assert f"more than {cmd_vel.LARGEST:g} m/s" in driving
-    assert f"no ping for {front.SILENT_S:g} s" in driving
-    assert f"a ping {1 / front.PING_S:.0f} times a second" in driving
+    assert f"no ping for {gateway.SILENT_S:g} s" in driving
+    assert f"a ping {1 / gateway.PING_S:.0f} times a second" in driving
     rows = {row[0]: row[1] for row in tables(section(PAGE, "## Who may connect"))[0]}
-    assert rows["clients"] == str(front.MOST_CLIENTS)
+    assert rows["clients"] == str(gateway.MOST_CLIENTS)
     assert rows["robots"] == str(fleet.MOST_ROBOTS)
-    assert rows["length of a message of a client"] == f"{front.LARGEST_BYTES // 1024} KiB"
-    flood = f"{front.MOST_MESSAGES:,} messages, {front.MOST_BYTES // 1024} KiB"
+    assert rows["length of a message of a client"] == f"{gateway.LARGEST_BYTES // 1024} KiB"
+    flood = f"{gateway.MOST_MESSAGES:,} messages, {gateway.MOST_BYTES // 1024} KiB"
     assert rows["of one client in a second"] == flood
     assert rows["messages that wait for a slow client"] == str(sdk.BACKLOG)
 

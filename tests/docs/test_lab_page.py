@@ -8,27 +8,31 @@ from pathlib import Path
 
 import pytest
 
+from research.__main__ import EXPERIMENTS as STUDIES
 from tests.support.experiment_runs import run
 from tests.support.markdown_pages import page, quoted, section, tables
 from tsd_lab import EXPERIMENTS
 from tsd_twin.lab.observer import Loop
-from tsd_twin.robots import Gyro
-from tsd_twin.simulation import CameraNoise
+from tsd_twin.sensors.camera import CameraNoise
+from tsd_twin.sensors.gyro import Gyro
 
 PAGE = page("lab.md")
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
-RUNS = re.findall(r"```sh\n(tsd-lab [^\n]*)\n```\n\n```text\n(.*?)\n```", PAGE, re.DOTALL)
+RUNS = re.findall(
+    r"```sh\n((?:tsd-lab|python -m research) [^\n]*)\n```\n\n```text\n(.*?)\n```", PAGE, re.DOTALL
+)
 
 
 def test_every_experiment_is_in_the_table() -> None:
-    assert [quoted(row[0])[0] for row in tables(PAGE)[0]] == [
-        f"tsd-lab {e.name}" for e in EXPERIMENTS
-    ]
+    assert {quoted(row[0])[0] for row in tables(PAGE)[0]} == {
+        *(f"tsd-lab {e.name}" for e in EXPERIMENTS),
+        *(f"python -m research {e.name}" for e in STUDIES),
+    }
 
 
 @pytest.mark.parametrize(("command", "shown"), RUNS, ids=[command for command, _ in RUNS])
 def test_what_is_shown_is_what_is_printed(tmp_path: Path, command: str, shown: str) -> None:
-    _, name, *flags = shlex.split(command)
+    name, *flags = shlex.split(command.replace("python -m research", "tsd-lab"))[1:]
     printed = "\n".join(run(tmp_path, name, *flags))
     assert NUMBER.sub("#", printed) == NUMBER.sub("#", shown)
     # Sums come out a little different on another processor, and physics makes more of that.

@@ -14,7 +14,7 @@ from tests.support.markdown_pages import page, quoted, section, tables
 from tsd_twin import robots
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import RobotDescription
-from tsd_twin.robots.description import Table
+from tsd_twin.tables import Table
 
 PAGE = page("robots.md")
 TSD = robots.read_description("tsd")

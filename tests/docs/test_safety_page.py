@@ -12,11 +12,12 @@ from tests.support.markdown_pages import page, quoted, section, tables
 from tests.support.source_table import documented
 from tsd_twin import control
 from tsd_twin.control import RobotController
-from tsd_twin.messages.requests import Sample, encode_attachment
-from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.modes import LATCHED, Mode
 from tsd_twin.messages.topics import Service, twist_key
 from tsd_twin.robots import load_robot
-from tsd_twin.safety import LATCHED, TRANSITIONS, Mode, lease, loop_watch, supervisor
+from tsd_twin.safety import TRANSITIONS, lease, loop_watch, supervisor
 from tsd_twin.simulation import SimRobot
 
 PAGE = page("safety.md")

@@ -9,8 +9,8 @@ import pytest
 
 from tests.support.markdown_pages import page
 from tsd_twin.dashboard.scene.robot_visual import MOST_TILT_RAD
-from tsd_twin.dashboard.server.messages_from_page import StudentRequest
-from tsd_twin.dashboard.server.student import answer
+from tsd_twin.dashboard.sessions.student import answer
+from tsd_twin.dashboard.wire.from_page import StudentRequest
 
 ROWS = re.findall(
     r"^\| `\?(\S+)` \| [^|]+ \| ([^|]+) \| ([\d.]+) (\S+) \|$", page("student.md"), re.MULTILINE

@@ -15,6 +15,7 @@ import tsd_twin
 from tests.support.experiment_runs import run
 from tests.support.markdown_pages import code, page, quoted, section, tables
 from tsd_twin import errors, robots
+from tsd_twin.client import errors as client_errors
 from tsd_twin.errors import RobotFileError, TwinError
 from tsd_twin.robots import parse_description, read_description
 
@@ -112,6 +113,6 @@ def test_every_error_is_on_its_page() -> None:
         if isinstance(kind, type)
         and issubclass(kind, TwinError)
         and kind is not TwinError
-        and errors.ClientError not in kind.__mro__[1:]
+        and client_errors.ClientError not in kind.__mro__[1:]
     }
     assert shown == named | {"LinkError", "HardwareError"}

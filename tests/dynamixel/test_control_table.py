@@ -11,17 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.markdown_pages import ROOT
-from tsd_twin.dynamixel import control_table
-from tsd_twin.dynamixel.__main__ import files, main
-from tsd_twin.dynamixel.blocks import Command, Identity, Radio, Setup, Telemetry
-from tsd_twin.dynamixel.control_table import ADDRESS, BLOCKS
+from tsd_twin.hardware.dynamixel import control_table
+from tsd_twin.hardware.dynamixel.__main__ import files, main
+from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Radio, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.control_table import ADDRESS, BLOCKS
 
 BLOCK_TYPES = (Identity, Setup, Command, Telemetry, Radio)
 
 
 @pytest.mark.parametrize("name", sorted(files()))
 def test_the_committed_files_are_those_that_are_made(name: str) -> None:
-    assert (ROOT / name).read_text("utf-8") == files()[name], "run: python -m tsd_twin.dynamixel"
+    assert (ROOT / name).read_text("utf-8") == files()[name], (
+        "run: python -m tsd_twin.hardware.dynamixel"
+    )
 
 
 def test_the_program_writes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tests.support.packet_strategies import PACKETS
-from tsd_twin.dynamixel.packets import Decoder, Packet, protocol1, protocol2
+from tsd_twin.hardware.dynamixel.packets import Decoder, Packet, protocol1, protocol2
 
 PROTOCOLS = pytest.mark.parametrize("protocol", [protocol1, protocol2])
 PING = Packet(200, 1)

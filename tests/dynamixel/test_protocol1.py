@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.support.packet_strategies import DATA, IDS, PACKETS
 from tests.support.sdk_port import BytesPort
-from tsd_twin.dynamixel.packets import Packet, protocol1
+from tsd_twin.hardware.dynamixel.packets import Packet, protocol1
 
 SDK: Any = Protocol1PacketHandler()
 

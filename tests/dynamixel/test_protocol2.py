@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.support.packet_strategies import DATA, IDS, PACKETS
 from tests.support.sdk_port import BytesPort
-from tsd_twin.dynamixel.packets import Instruction, Packet, Status, crc16, protocol2
+from tsd_twin.hardware.dynamixel.packets import Instruction, Packet, Status, crc16, protocol2
 
 SDK: Any = Protocol2PacketHandler()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from firmware.simulator.mx64 import REGISTERS, Mx64
-from tsd_twin.dynamixel.servo_models import (
+from tsd_twin.hardware.dynamixel.servo_models import (
     LONGEST_READ,
     MODELS,
     NOT_COMPARED,

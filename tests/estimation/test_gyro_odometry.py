@@ -12,7 +12,8 @@ from tests.estimation.test_sensor_odometry import DT_S, Ride, wander
 from tsd_twin import robots
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.lie import SE2, Array, wrap
-from tsd_twin.robots import Gyro, OmniDescription, SingularityDescription
+from tsd_twin.robots import OmniDescription, SingularityDescription
+from tsd_twin.sensors.gyro import Gyro
 
 TSD = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription)
 GYRO = Gyro()

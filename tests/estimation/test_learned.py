@@ -11,10 +11,13 @@ from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.estimation import ConstantsFilter, TwistErrors
 from tsd_twin.estimation.learned import CAUTION, Comparison
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.requests import PoseStamped, Sample, encode_pose
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.topics import SENSOR_POSE
-from tsd_twin.robots import Gyro, SingularityDescription
-from tsd_twin.simulation import Camera, CameraNoise, simulate
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.sensors.camera import Camera, CameraNoise
+from tsd_twin.sensors.gyro import Gyro
+from tsd_twin.simulation import simulate
 
 DT_S = 0.01
 NOISE = np.diag([0.005, 0.005, 0.02]) ** 2

@@ -15,8 +15,10 @@ from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.estimation import MeasurementOutage, exponential_error
 from tsd_twin.estimation.outage import HARDWARE_TIMEOUT_S, OUTAGE_S
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.requests import PoseStamped, Sample, encode_pose
-from tsd_twin.robots import Gyro, RobotDescription
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.pose import PoseStamped, encode_pose
+from tsd_twin.robots import RobotDescription
+from tsd_twin.sensors.gyro import Gyro
 from tsd_twin.simulation import BoardModel, SimRobot
 
 DT_S = 0.01

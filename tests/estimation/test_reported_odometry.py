@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tsd_twin import robots
+from tsd_twin.adapters.ros.external_robot import ImportLimits, describe
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.lie import SE2
 from tsd_twin.robots import ImportedDescription
-from tsd_twin.ros.imported_robot import ImportLimits, describe
 
 ROBOT = robots.parse_description(describe("cart", "", ImportLimits(sideways=True)), "cart")
 DT_S = 0.01

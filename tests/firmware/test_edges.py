@@ -23,8 +23,8 @@ from tests.support.firmware_host import (
     read,
     write,
 )
-from tsd_twin.dynamixel.blocks import Command, Identity, Setup, Telemetry
-from tsd_twin.dynamixel.control_table import (
+from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.control_table import (
     ADDRESS,
     COMMAND,
     SETUP,

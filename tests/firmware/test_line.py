@@ -7,8 +7,14 @@ import pytest
 
 from firmware.simulator import protocol2
 from tests.support.firmware_host import PING, Bench, at, packets, read, write
-from tsd_twin.dynamixel.blocks import Command
-from tsd_twin.dynamixel.control_table import BOARD_ID, FW_VERSION, MODEL, TABLE_SIZE, BoardMode
+from tsd_twin.hardware.dynamixel.blocks import Command
+from tsd_twin.hardware.dynamixel.control_table import (
+    BOARD_ID,
+    FW_VERSION,
+    MODEL,
+    TABLE_SIZE,
+    BoardMode,
+)
 
 CASES = 100_000
 CASES_ON_CHIP = 6_000

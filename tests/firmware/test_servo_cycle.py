@@ -24,8 +24,8 @@ from tests.support.firmware_host import (
     run_until,
     write,
 )
-from tsd_twin.dynamixel.blocks import Setup
-from tsd_twin.dynamixel.servo_models import span
+from tsd_twin.hardware.dynamixel.blocks import Setup
+from tsd_twin.hardware.dynamixel.servo_models import span
 
 BYTE_S = 1e-5
 MIXED = (1, 2, 1, 2, 2, 1)

@@ -9,7 +9,7 @@ from firmware.simulator import protocol1, protocol2
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.servo_bus import ServoBusSimulation
 from tests.support.firmware_host import CRUISE, CYCLE_S, Bench, FirmwareHost
-from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Trip
+from tsd_twin.hardware.dynamixel.control_table import ADDRESS, BoardMode, Trip
 
 GOAL = (100, -60, 0, 40, -100, 20)
 MOST_S = 0.1

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from tsd_twin import robots
 from tsd_twin.errors import RobotFileError
-from tsd_twin.hardware import HardwareError
 from tsd_twin.hardware.joints import JointConverter, padded
+from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.simulation import Motors

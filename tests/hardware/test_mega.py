@@ -15,14 +15,14 @@ import pytest
 
 from tests.support.faulty_devices import Peer, PretendBoard, plugged
 from tsd_twin import robots
-from tsd_twin.dynamixel.blocks import Command, Identity, Setup
-from tsd_twin.dynamixel.control_table import BoardMode, ResetCause, Trip
-from tsd_twin.dynamixel.packets import protocol2
-from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
-from tsd_twin.hardware.joints import Receiver, SpeedControllers
-from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
+from tsd_twin.hardware.arduino_mega import MegaHardware
+from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup
+from tsd_twin.hardware.dynamixel.control_table import BoardMode, ResetCause, Trip
+from tsd_twin.hardware.dynamixel.packets import protocol2
+from tsd_twin.hardware.joints import Receiver, ServoCalibration, SpeedControllers
+from tsd_twin.hardware.robot_io import HasBattery, HasServoTemperature, HasWatchdog, RobotIO
+from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S, HardwareError
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.node import HasBattery, HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 

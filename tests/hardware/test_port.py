@@ -15,8 +15,8 @@ import pytest
 import serial
 from serial.tools import list_ports_common
 
-from tsd_twin.hardware import PortError
 from tsd_twin.hardware.serial_transport import (
+    PortError,
     _open_error,
     chip_warning,
     close_port,

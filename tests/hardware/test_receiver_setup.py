@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.faulty_devices import PretendBoard, plugged
-from tsd_twin.dynamixel.blocks import Radio
-from tsd_twin.hardware import HardwareError, ServoCalibration
-from tsd_twin.hardware.joints import Receiver, SpeedControllers
+from tsd_twin.hardware.dynamixel.blocks import Radio
+from tsd_twin.hardware.joints import Receiver, ServoCalibration, SpeedControllers
 from tsd_twin.hardware.receiver_setup import (
     ReceiverWatcher,
     ask_line,
@@ -20,7 +19,7 @@ from tsd_twin.hardware.receiver_setup import (
     learn_receiver,
     write_section,
 )
-from tsd_twin.hardware.serial_transport import SerialTransport
+from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 
 REST = (1510, 1495, 1500, 1104, 1900, 1100)
 LOW = (1104, 1090, 1120, 1100, 1900, 1100)

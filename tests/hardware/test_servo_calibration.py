@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsd_twin.hardware import HardwareError, ServoCalibration
-from tsd_twin.hardware.joints import padded_ids
+from tsd_twin.hardware.joints import ServoCalibration, padded_ids
+from tsd_twin.hardware.serial_transport import HardwareError
 
 NAMES = ["module1_alpha", "module1_beta"]
 

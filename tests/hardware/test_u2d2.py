@@ -15,10 +15,13 @@ from firmware.simulator.mx64 import Mx64
 from tests.hardware.test_mega import AHEAD, PATIENCE_S, REST, ROBOT, wait_until
 from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
-from tsd_twin.dynamixel.servo_models import MODELS, ServoSetting
-from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware, u2d2
+from tsd_twin.hardware import u2d2
+from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoSetting
+from tsd_twin.hardware.joints import ServoCalibration
+from tsd_twin.hardware.robot_io import HasServoTemperature, HasWatchdog, RobotIO
+from tsd_twin.hardware.serial_transport import HardwareError
+from tsd_twin.hardware.u2d2 import U2D2Hardware
 from tsd_twin.messages.codes import Code, Reason, Value, because
-from tsd_twin.node import HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 

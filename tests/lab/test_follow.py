@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.support.experiment_runs import is_picture, run, table
+from tsd_twin.cli.experiment import Output
 from tsd_twin.errors import PathError, TwinError
-from tsd_twin.experiment import Output
 from tsd_twin.lab.tracking import named_path
 from tsd_twin.lie import SE2, Array
-from tsd_twin.simulation import Camera, CameraNoise
+from tsd_twin.sensors.camera import Camera, CameraNoise
 
 
 def off(columns: dict[str, Array], of: str = "truth") -> Array:

@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin import robots
-from tsd_twin.client.simulated import VirtualRobot
+from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.errors import RobotFileError, TwinError
 from tsd_twin.simulation import SimRobot
 

@@ -15,7 +15,7 @@ import pytest
 
 from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin import robots
-from tsd_twin.client.simulated import VirtualRobot
+from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.errors import TwinError
 from tsd_twin.lab.observer import Loop, Slip, make_observer
 from tsd_twin.lab.square import Square

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.source_table import DEVIATIONS, NO_SOURCES, SOURCES
-from tsd_twin.dynamixel.control_table import BoardMode
+from tsd_twin.hardware.dynamixel.control_table import BoardMode
 
 ROOT = Path(__file__).parents[2]
 LISTED = {module for source in SOURCES for module in source.modules}

@@ -29,7 +29,7 @@ from tests.support.source_table import (
 )
 from tests.support.virtual_robot import ZERO_US, VirtualRobot
 from tests.support.virtual_time import VirtualClock
-from tsd_twin.dynamixel.control_table import BoardMode, Refusal, Trip
+from tsd_twin.hardware.dynamixel.control_table import BoardMode, Refusal, Trip
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 PAIRS = [(source, condition) for source in SOURCES for condition in CONDITIONS]

@@ -13,11 +13,8 @@ from hypothesis import strategies as st
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from tsd_twin.errors import MessageError
 from tsd_twin.lie import Array
-from tsd_twin.messages.cdr_codec import CdrReader, CdrWriter
-from tsd_twin.messages.requests import PoseStamped, decode_pose, encode_pose
-from tsd_twin.messages.ros import (
+from tsd_twin.messages.cdr import (
     JointState,
     Odometry,
     TwistStamped,
@@ -28,6 +25,9 @@ from tsd_twin.messages.ros import (
     encode_odometry,
     encode_twist,
 )
+from tsd_twin.messages.cdr_codec import CdrReader, CdrWriter
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.pose import PoseStamped, decode_pose, encode_pose
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TWIST = "geometry_msgs/msg/TwistStamped"

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.reasons import example_reasons
-from tsd_twin.dynamixel.control_table import Refusal, Trip
+from tsd_twin.hardware.dynamixel.control_table import Refusal, Trip
 from tsd_twin.messages import codes
 from tsd_twin.messages.codes import (
     DECIMALS,
@@ -25,10 +25,10 @@ from tsd_twin.messages.codes import (
     because,
     problem_of,
 )
-from tsd_twin.messages.requests import LeaseRequest
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.sentences import TEMPLATES, WORDS, full_sentence, sentence
+from tsd_twin.messages.services import LeaseRequest
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import Mode
 
 RELEASED = Path(__file__).with_name("codes.json")
 _SLOT = re.compile(r"\{(\w+)(?::[+,]?(?:\.(\d))?)?\}")

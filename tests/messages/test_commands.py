@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.errors import MessageError
 from tsd_twin.lie import Array
-from tsd_twin.messages.requests import Sample, decode_command, encode_attachment
-from tsd_twin.messages.ros import TwistStamped, encode_twist
+from tsd_twin.messages.cdr import TwistStamped, encode_twist
+from tsd_twin.messages.commands import Sample, decode_command, encode_attachment
+from tsd_twin.messages.errors import MessageError
 
 KEY = "twin/tsd/cmd/alice/twist"
 LEASE = bytes(range(16))

@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2
-from tsd_twin.messages.requests import PoseStamped, Sample, decode_pose_measurement, encode_pose
-from tsd_twin.messages.ros import BASE, ODOM
+from tsd_twin.messages.cdr import BASE, ODOM
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.pose import PoseStamped, decode_pose_measurement, encode_pose
 
 KEY = "twin/tsd/sensor/pose"
 places = st.floats(-1e3, 1e3)

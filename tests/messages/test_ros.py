@@ -12,9 +12,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from tsd_twin.errors import MessageError
 from tsd_twin.lie import Array
-from tsd_twin.messages.ros import (
+from tsd_twin.messages.cdr import (
     JointState,
     Odometry,
     TwistStamped,
@@ -25,6 +24,7 @@ from tsd_twin.messages.ros import (
     encode_odometry,
     encode_twist,
 )
+from tsd_twin.messages.errors import MessageError
 
 anything = st.floats()
 """Also NaN, infinities and denormals: what cannot be obeyed can still be read."""

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.errors import MessageError
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.messages.requests import (
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.services import (
     HolderRequest,
     LeaseReply,
     LeaseRequest,

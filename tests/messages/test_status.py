@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.errors import MessageError
 from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.status import (
     ArmingStatus,
     CommandStatus,

@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tests.support.matrices import so3_matrix
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.ros import Odometry, decode_odometry, encode_odometry
+from tsd_twin.messages.cdr import Odometry, decode_odometry, encode_odometry
 
 numbers = st.floats(-3.0, 3.0)
 vectors = st.tuples(numbers, numbers, numbers).map(np.array)

@@ -14,16 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsd_twin import robots
+from tsd_twin.adapters.frames import parse_urdf
+from tsd_twin.adapters.ros.external_robot import ImportLimits, describe
+from tsd_twin.adapters.ros_messages import RobotMapping, RosNames
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape
-from tsd_twin.errors import MessageError
-from tsd_twin.interop.frames import parse_urdf
-from tsd_twin.interop.mapping import RobotMapping, RosNames
 from tsd_twin.lie import SE2, SO3
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.models import robot_urdf
-from tsd_twin.models.imported import MOST_BYTES, read_urdf
+from tsd_twin.models.external import MOST_BYTES, read_urdf
 from tsd_twin.robots import ImportedDescription
-from tsd_twin.robots.imported import MOST_JOINTS, NOT_PROMISED
-from tsd_twin.ros.imported_robot import ImportLimits, describe
+from tsd_twin.robots.external import MOST_JOINTS, NOT_PROMISED
 
 calm = settings(deadline=None, max_examples=25)
 TOLERANCE_M = 2e-3

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
 
 from tsd_twin import robots
-from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
+from tsd_twin.client.virtual import PERIOD_S
+from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.motion import TwistLimiter

@@ -15,7 +15,7 @@ from tsd_twin import robots
 from tsd_twin.bus import Bus, node_config
 from tsd_twin.errors import BusError
 from tsd_twin.lie import Array
-from tsd_twin.messages.requests import Description
+from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.simulation import SimRobot
 

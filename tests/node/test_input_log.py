@@ -14,7 +14,7 @@ from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.control import LoggedController
 from tsd_twin.control.logged_controller import InputBatch, StepCall, decode_batch
 from tsd_twin.messages import topics
-from tsd_twin.node.robot_node import InputLogPublisher
+from tsd_twin.node.input_log import InputLogPublisher
 from tsd_twin.recording.rerun import Rerun, stretches
 
 KEY = topics.INPUTS.key("tsd")

@@ -11,7 +11,7 @@ from tests.support.bus_operator import BusOperator
 from tests.support.robot_node import running
 from tsd_twin import robots
 from tsd_twin.lie import SO3
-from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.cdr import decode_odometry
 
 FIVE_WHEELS = """
 name = "star"

@@ -13,8 +13,8 @@ from tsd_mock import OverheadCamera
 from tsd_twin import robots
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import PoseStamped, encode_pose
-from tsd_twin.messages.ros import ODOM, decode_odometry
+from tsd_twin.messages.cdr import ODOM, decode_odometry
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import PoseSensorStatus
 from tsd_twin.simulation import SimRobot
 

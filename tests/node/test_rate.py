@@ -8,7 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from tsd_twin.node.robot_node import RateKeeper
+from tsd_twin.node.timing import RateKeeper
 
 PERIOD_S = 0.005
 

@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_typestore
 from tests.support.bus_operator import BusOperator
 from tests.support.robot_node import PATIENCE_S, URDF, Mailbox, RunningNode, matched, running
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Event
+from tsd_twin.messages.events import Event
 from tsd_twin.messages.topics import QoS, Service
 
 CDR = "application/cdr;{}"

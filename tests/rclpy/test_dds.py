@@ -24,8 +24,8 @@ import tsd_twin
 from tests.app.conftest import Program, starting
 from tests.support.robot_node import QUICK
 from tsd_twin import robots
-from tsd_twin.interop.mapping import PUBLISHED, READ, SERVICES, RosNames, RosQoS
-from tsd_twin.ros.port import types_of
+from tsd_twin.adapters.ros.port import types_of
+from tsd_twin.adapters.ros_messages import PUBLISHED, READ, SERVICES, RosNames, RosQoS
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 

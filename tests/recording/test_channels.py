@@ -14,8 +14,9 @@ from rosbags.typesys import Stores, get_typestore
 
 from tsd_twin.control.logged_controller import InputBatch, ServeCall, StopCall, encode_batch
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import PoseStamped, Sample, encode_attachment, encode_pose
-from tsd_twin.messages.ros import BASE, JointState, TwistStamped, encode_joints, encode_twist
+from tsd_twin.messages.cdr import BASE, JointState, TwistStamped, encode_joints, encode_twist
+from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import encode_stamp
 from tsd_twin.recording.channels import RAW, Entry, EntryMaker, RawMessage
 from tsd_twin.recording.export import Redactor

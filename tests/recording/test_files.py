@@ -19,7 +19,7 @@ from rosbags.highlevel import AnyReader
 
 import tsd_twin
 from tsd_twin.errors import RecordingError, TwinError
-from tsd_twin.messages.ros import Odometry, encode_odometry
+from tsd_twin.messages.cdr import Odometry, encode_odometry
 from tsd_twin.recording import RecordingFolder
 from tsd_twin.recording.channels import CDR, JSON, Entry
 from tsd_twin.recording.mcap_file import RecordingFile, entries

@@ -13,11 +13,12 @@ import pytest
 
 import tsd_twin
 from tests.support.recorded_drives import START_NS, RecordedDrive, recorded_circle
-from tsd_twin.control.faults import FaultReporter
-from tsd_twin.errors import MessageError, RecordingError
+from tsd_twin.control.monitors import FaultReporter
+from tsd_twin.errors import RecordingError
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Event
-from tsd_twin.messages.ros import decode_joints, decode_odometry
+from tsd_twin.messages.cdr import decode_joints, decode_odometry
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.events import Event
 from tsd_twin.messages.status import Status, decode_status, encode_status
 from tsd_twin.recording import RecordingFolder, mcap_file
 from tsd_twin.recording.channels import JSON, Entry

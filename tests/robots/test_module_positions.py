@@ -14,13 +14,13 @@ from tests.support.placed_modules import CIRCLE, ODD, placed, text
 from tsd_twin import robots
 from tsd_twin.calibration.collect import with_calibration
 from tsd_twin.calibration.report import edit_description
-from tsd_twin.dashboard.server.student import figures_of
+from tsd_twin.dashboard.sessions.student import figures_of
 from tsd_twin.errors import RobotFileError
-from tsd_twin.hardware import HardwareError
 from tsd_twin.hardware.joints import check_radio_geometry
+from tsd_twin.hardware.serial_transport import HardwareError
+from tsd_twin.messages.modes import Mode
 from tsd_twin.models import check_room, kinematic_tree, load_parts, write_model
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot, simulate
 
 ROBOT = placed()

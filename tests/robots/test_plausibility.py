@@ -24,8 +24,8 @@ from tsd_twin.robots import (
     read_description,
     robot_names,
 )
-from tsd_twin.robots.description import Table
 from tsd_twin.robots.plausibility import RANGES
+from tsd_twin.tables import Table
 
 EXPONENTS = {
     "_kg_m2": 5.0,

@@ -6,7 +6,7 @@ import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness, disarm
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.safety import Mode
+from tsd_twin.messages.modes import Mode
 
 
 def test_arming_holds_zero_throttle_for_two_seconds_before_the_wheels_turn(

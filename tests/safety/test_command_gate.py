@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.errors import MessageError
-from tsd_twin.messages.requests import Command, Sample, encode_attachment
-from tsd_twin.messages.ros import TwistStamped, encode_twist
+from tsd_twin.messages.cdr import TwistStamped, encode_twist
+from tsd_twin.messages.commands import Command, Sample, encode_attachment
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.safety import Lease
-from tsd_twin.safety.lease import CommandGate
+from tsd_twin.safety.command_gate import CommandGate
 
 LEASE_ID = b"L" * 16
 REASONS = ("stale", "lease", "order", "nonfinite", "key", "shape")

@@ -8,8 +8,8 @@ import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.requests import LeaseReply
-from tsd_twin.safety import Mode
+from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.services import LeaseReply
 from tsd_twin.safety.lease import DENIED_S, REQUEST_TIMEOUT_S, RESERVATION_S
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tsd_twin import robots
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.messages.requests import LeaseReply, LeaseRequest
+from tsd_twin.messages.services import LeaseReply, LeaseRequest
 from tsd_twin.safety.lease import TTL_S, LeaseManager, speed_within
 
 ROBOT = robots.load_robot("tsd")

@@ -8,7 +8,8 @@ import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness, disarm, reset, stop
 from tsd_twin.messages.codes import Code
-from tsd_twin.safety import ARMED, TRANSITIONS, Mode
+from tsd_twin.messages.modes import ARMED, Mode
+from tsd_twin.safety import TRANSITIONS
 
 
 def disarm_and_come_to_rest(stage: SupervisorHarness) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.support.supervisor_harness import PERIOD_S, SupervisorHarness
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.safety import Mode
+from tsd_twin.messages.modes import Mode
 
 MAX_AGES_S = (0.21, 0.5)
 

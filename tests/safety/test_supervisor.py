@@ -6,8 +6,8 @@ import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness, disarm, stop
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.messages.requests import StopRequest
-from tsd_twin.safety import LATCHED, Mode
+from tsd_twin.messages.modes import LATCHED, Mode
+from tsd_twin.messages.services import StopRequest
 
 NOT_NOW = because(Code.AT_REST_ONLY)
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tsd_twin.foxglove.front import FOXGLOVE_ORIGIN, Access, Front
-from tsd_twin.foxglove.sdk import LOOPBACK, SUBPROTOCOL
+from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, Access, Front
+from tsd_twin.adapters.foxglove.sdk import LOOPBACK, SUBPROTOCOL
 
 SECRET = "0123456789abcdef01234567"  # noqa: S105
 STATUS = {b"Host": 403, b"Origin": 403, b"Authorization": 401, b"Sec-WebSocket-Protocol": 400}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsd_twin import robots
-from tsd_twin.robots import Gyro
+from tsd_twin.sensors.gyro import Gyro
 from tsd_twin.simulation import simulate
 
 TSD = robots.load_robot("tsd")

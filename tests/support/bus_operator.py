@@ -13,8 +13,7 @@ import numpy as np
 from tests.support.robot_node import PATIENCE_S, RunningNode, matched
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Sample, encode_attachment
-from tsd_twin.messages.ros import (
+from tsd_twin.messages.cdr import (
     BASE,
     JointState,
     Odometry,
@@ -23,6 +22,7 @@ from tsd_twin.messages.ros import (
     decode_odometry,
     encode_twist,
 )
+from tsd_twin.messages.commands import Sample, encode_attachment
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 from tsd_twin.messages.topics import QoS, Service
 

@@ -17,30 +17,31 @@ from aiohttp import WSMessage, WSMsgType
 
 from tests.support.memory_bus import MemoryBus
 from tests.support.virtual_robot import VirtualRobot
+from tsd_twin.adapters.fleet import Fleet
+from tsd_twin.adapters.foxglove.sources import FoxgloveSource, LiveOperator
+from tsd_twin.adapters.ros.adapter import serve_ros
+from tsd_twin.adapters.ros.port import Inputs, Origin
+from tsd_twin.adapters.ros_messages import CMD_VEL, namespaces
 from tsd_twin.client import AsyncRobotClient, AsyncRobotControl
-from tsd_twin.client.connection import RobotMonitor
-from tsd_twin.client.link import BusLink
-from tsd_twin.dashboard.server.auth import Principal
-from tsd_twin.dashboard.server.session_manager import SessionManager
-from tsd_twin.dynamixel.control_table import BoardMode
+from tsd_twin.client.bus_port import BusLink
+from tsd_twin.client.monitor import RobotMonitor
+from tsd_twin.dashboard.sessions.principal import Principal
+from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.errors import TwinError
-from tsd_twin.foxglove.sources import FoxgloveSource, LiveOperator
 from tsd_twin.hardware.controller_board import obstacle_word
-from tsd_twin.interop.fleet import Fleet
-from tsd_twin.interop.mapping import CMD_VEL, namespaces
+from tsd_twin.hardware.dynamixel.control_table import BoardMode
 from tsd_twin.messages import topics
+from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.requests import HolderRequest, LeaseRequest, Sample
-from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.modes import LATCHED
 from tsd_twin.messages.sentences import sentence
+from tsd_twin.messages.services import HolderRequest, LeaseRequest
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import open_recording
 from tsd_twin.recording.channels import EntryMaker
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.recording.player import Replay
-from tsd_twin.ros.adapter import serve_ros
-from tsd_twin.ros.port import Inputs, Origin
-from tsd_twin.safety import LATCHED
 from tsd_twin.security import Identity, Role
 
 PERIOD_S = 0.02

@@ -9,9 +9,10 @@ from typing import NoReturn
 
 import numpy as np
 
-from tsd_lab import EXPERIMENTS
+import tsd_lab
+from research.__main__ import EXPERIMENTS as STUDIES
+from tsd_twin.cli.experiment import Output
 from tsd_twin.errors import TwinError
-from tsd_twin.experiment import Output
 from tsd_twin.lie import Array
 
 
@@ -24,7 +25,7 @@ class _Parser(argparse.ArgumentParser):
 
 def run(folder: Path, name: str, *flags: str) -> list[str]:
     """Run an experiment with flags as typed; its files go to `folder`."""
-    (experiment,) = (each for each in EXPERIMENTS if each.name == name)
+    (experiment,) = (each for each in (*tsd_lab.EXPERIMENTS, *STUDIES) if each.name == name)
     parser = _Parser()
     experiment.add_flags(parser)
     return experiment.run(parser.parse_args(flags), Output(folder, quiet=True))

@@ -16,7 +16,7 @@ import numpy as np
 from firmware.simulator.power import AS_DRAWN, Wiring
 from firmware.simulator.simulation import FirmwareSimulation
 from tests.support.firmware_host import CRUISE, CYCLE_S, NO_GOALS, Bench, FirmwareHost
-from tsd_twin.dynamixel.control_table import BoardMode
+from tsd_twin.hardware.dynamixel.control_table import BoardMode
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 
 Act = Callable[[FirmwareSimulation], None]

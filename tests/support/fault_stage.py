@@ -29,8 +29,8 @@ from tsd_twin.estimation import exponential_error
 from tsd_twin.lie import SE2, Array
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Sample
-from tsd_twin.messages.ros import Odometry, decode_odometry
+from tsd_twin.messages.cdr import Odometry, decode_odometry
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 
 ID = "tsd"

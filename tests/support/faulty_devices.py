@@ -13,9 +13,9 @@ from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
 
-from tsd_twin.dynamixel.blocks import Command, Identity, Setup, Telemetry
-from tsd_twin.dynamixel.control_table import TABLE_SIZE, BoardMode
-from tsd_twin.dynamixel.packets import Decoder, Instruction, Packet, protocol2
+from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.control_table import TABLE_SIZE, BoardMode
+from tsd_twin.hardware.dynamixel.packets import Decoder, Instruction, Packet, protocol2
 
 
 class Peer:

@@ -10,15 +10,15 @@ from pathlib import Path
 
 from firmware.simulator import protocol2
 from firmware.simulator.simulation import FirmwareSimulation
-from tsd_twin.dynamixel.blocks import Command, Setup, Telemetry
-from tsd_twin.dynamixel.control_table import (
+from tsd_twin.hardware.dynamixel.blocks import Command, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.control_table import (
     ADDRESS,
     BOARD_ID,
     ZERO_THROTTLE,
     BoardMode,
     ReceiverKind,
 )
-from tsd_twin.dynamixel.servo_models import MODELS
+from tsd_twin.hardware.dynamixel.servo_models import MODELS
 
 CYCLE_S = 0.01
 MODEL = {1: MODELS[310], 2: MODELS[311]}

@@ -24,9 +24,9 @@ from tests.support.firmware_host import (
     write,
 )
 from tests.support.source_rules import HEATED_S
-from tsd_twin.dynamixel.blocks import Command, Identity, Setup
-from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
-from tsd_twin.dynamixel.servo_models import MODELS
+from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup
+from tsd_twin.hardware.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
+from tsd_twin.hardware.dynamixel.servo_models import MODELS
 
 TILTED = (100, -60, 0, 40, -100, 20)
 NEUTRAL_GOALS = [2048] * 6

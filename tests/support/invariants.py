@@ -9,13 +9,13 @@ import numpy as np
 from tests.support.controller_harness import ControllerHarness
 from tests.support.reference_model import CommandReference
 from tsd_twin.lie import Array
+from tsd_twin.messages.modes import Mode
 from tsd_twin.robots import (
     OmniDescription,
     RobotDescription,
     SingularityDescription,
     SphereDescription,
 )
-from tsd_twin.safety import Mode
 
 
 class LoopInvariants:

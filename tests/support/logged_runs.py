@@ -21,11 +21,12 @@ from tsd_twin.control.logged_controller import (
 )
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import PoseStamped, Sample, encode_pose
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import LoopStatus
 from tsd_twin.messages.topics import Service
 from tsd_twin.robots import RobotDescription
-from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot
 
 GYRO = "tsd with a gyro"

@@ -13,7 +13,7 @@ import zenoh
 
 from tests.support.virtual_time import VirtualClock
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.messages.requests import Sample
+from tsd_twin.messages.commands import Sample
 
 _STEP_S = 0.001
 

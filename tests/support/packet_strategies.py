@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from tsd_twin.dynamixel.packets import Instruction, Packet
+from tsd_twin.hardware.dynamixel.packets import Instruction, Packet
 
 IDS = st.integers(0, 252)
 LIKE_HEADERS = st.lists(st.sampled_from(b"\xff\xfd\x00\x01\x55"), max_size=40).map(bytes)

@@ -18,14 +18,15 @@ from websockets.sync.client import ClientConnection, connect
 from tests.support.tls_connection import TlsConnection
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
-from tsd_twin.client.connection import RobotMonitor
-from tsd_twin.dashboard.robot_discovery import RobotDiscovery
+from tsd_twin.client.monitor import RobotMonitor
+from tsd_twin.dashboard.discovery import RobotDiscovery
+from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
+from tsd_twin.dashboard.gateway.server import HttpServer
+from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.scene.picking import DashboardScene
-from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
-from tsd_twin.dashboard.server.http_server import HttpServer
-from tsd_twin.dashboard.server.recorded_pages import RecordedPages
-from tsd_twin.dashboard.server.session_manager import SessionManager
-from tsd_twin.messages.requests import Description, Event
+from tsd_twin.dashboard.sessions.session_manager import SessionManager
+from tsd_twin.messages.events import Event
+from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.simulation import SimRobot
 

@@ -18,7 +18,7 @@ from typing import Any
 
 from playwright.sync_api import Browser, Page
 
-from tsd_twin.dashboard import server
+from tsd_twin.dashboard import gateway as server
 
 STATIC = Path(server.__file__).parents[1] / "static"
 OPERATOR = "web-01234567"

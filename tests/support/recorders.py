@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from tests.support.page_client import Page, Site
-from tsd_twin.dashboard.server.teleop import ZERO_REPEATS
+from tsd_twin.dashboard.sessions.teleop import ZERO_REPEATS
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Command, decode_command
+from tsd_twin.messages.commands import Command, decode_command
 
 KEPT = 4096
 """More commands than any test sends."""

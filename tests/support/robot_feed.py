@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from tsd_twin import robots
-from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
+from tsd_twin.client.connection import SentCommand
+from tsd_twin.client.monitor import RoundTrips, Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import LinkPoses, Skeleton
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.ros import JointState, Odometry
+from tsd_twin.messages.cdr import JointState, Odometry
 from tsd_twin.messages.status import Status
 from tsd_twin.models import kinematic_tree
 from tsd_twin.robots import RobotDescription

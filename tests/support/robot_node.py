@@ -11,8 +11,9 @@ from typing import Any
 
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, client_config, node_config
-from tsd_twin.messages.requests import Description
-from tsd_twin.node import RobotIO, RobotNode
+from tsd_twin.hardware.robot_io import RobotIO
+from tsd_twin.messages.services import Description
+from tsd_twin.node import RobotNode
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
 

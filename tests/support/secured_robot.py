@@ -18,16 +18,16 @@ import zenoh
 from tsd_twin import robots, security
 from tsd_twin.bus import Bus, Config, client_config, from_file, node_config
 from tsd_twin.bus.session import sample_of
-from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import (
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.services import (
     Description,
     HolderRequest,
     LeaseReply,
     LeaseRequest,
     Reply,
-    Sample,
     decode_json,
 )
 from tsd_twin.messages.status import Status, decode_status

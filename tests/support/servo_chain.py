@@ -8,8 +8,8 @@ from firmware.simulator.mx64 import Mx64
 from firmware.simulator.servo_bus import ServoBusSimulation
 from firmware.simulator.simulation import IDS
 from tsd_twin import robots
-from tsd_twin.dynamixel.packets import Decoder, Instruction, Packet, protocol1, protocol2
 from tsd_twin.hardware import u2d2
+from tsd_twin.hardware.dynamixel.packets import Decoder, Instruction, Packet, protocol1, protocol2
 from tsd_twin.simulation import Servos
 
 _LAWS = Servos.of(

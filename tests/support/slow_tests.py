@@ -18,7 +18,7 @@ FILE = TESTS / "slow_tests.txt"
 LONG_FILE = TESTS / "long_tests.txt"
 """Tests, or single cases of them, for `make test-long`: the same laws over more of their cases, and
 what takes more than about five seconds of processor."""
-SHARED_FOLDERS = ("firmware", "lab")
+SHARED_FOLDERS = ("firmware", "lab", "research")
 """Their slow tests run with the quick ones, so that both runs of what computes take as long."""
 LIMIT_S = 0.5
 """Beyond this a test is slow, all its cases together."""

@@ -10,8 +10,8 @@ from enum import StrEnum
 
 from firmware.simulator.mx64 import Mx64
 from tests.support.firmware_host import CRUISE, HOLD_S, ZERO, Bench, FirmwareHost
-from tsd_twin.dynamixel.blocks import Identity, Setup, Telemetry
-from tsd_twin.dynamixel.control_table import BoardMode, Refusal, Trip
+from tsd_twin.hardware.dynamixel.blocks import Identity, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.control_table import BoardMode, Refusal, Trip
 
 STOP = 2
 """In `arm`."""

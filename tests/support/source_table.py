@@ -16,9 +16,9 @@ import numpy as np
 from tests.support import command_sources as sources
 from tests.support.command_sources import CommandSource
 from tests.support.virtual_robot import VirtualRobot
-from tsd_twin.dynamixel.control_table import BoardMode
+from tsd_twin.hardware.dynamixel.control_table import BoardMode
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import duplicate_id_text
+from tsd_twin.messages.events import duplicate_id_text
 
 Strike = Callable[[VirtualRobot, CommandSource, random.Random], Awaitable[None]]
 
@@ -60,17 +60,17 @@ class Source:
 
 
 SOURCES = (
-    Source("page", sources.PageSource, ("tsd_twin.dashboard.server.teleop",)),
+    Source("page", sources.PageSource, ("tsd_twin.dashboard.sessions.teleop",)),
     Source(
         "client",
         sources.ScriptSource,
         tuple(
             f"tsd_twin.client.{name}"
-            for name in ("base", "motions", "procedures", "robot", "simulated")
+            for name in ("core", "motions", "procedures", "sync", "virtual", "virtual_robot")
         ),
     ),
-    Source("Foxglove", sources.FoxglovePanel, ("tsd_twin.foxglove.sources",)),
-    Source("ROS", sources.RosPublisher, ("tsd_twin.ros.operator",)),
+    Source("Foxglove", sources.FoxglovePanel, ("tsd_twin.adapters.foxglove.sources",)),
+    Source("ROS", sources.RosPublisher, ("tsd_twin.adapters.ros.operator",)),
     Source("replay", sources.ReplayedDrive, ("tsd_twin.recording.player",)),
     Source("radio", sources.RadioControl, ("BoardMode.RC",)),
     Source("U2D2", sources.ServosAtComputer, ("tsd_twin.hardware.u2d2",)),
@@ -227,13 +227,14 @@ NO_SOURCES: Mapping[str, str] = {
     "tsd_twin.calibration.collect": "a script with the client library",
     "tsd_twin.client.connection": "carries the commands of pages, scripts, Foxglove and ROS",
     "tsd_twin.client.protocol": "numbers and stamps the commands of all sources on the bus",
-    "tsd_twin.hardware.mega": "the bridge, behind the rules of the node",
-    "tsd_twin.interop.driver": "behind Foxglove and ROS",
+    "tsd_twin.hardware.arduino_mega": "the bridge, behind the rules of the node",
+    "tsd_twin.adapters.cmd_vel_bridge": "behind Foxglove and ROS",
     "tsd_twin.lab.health": "a script with the client library",
     "tsd_twin.node.robot_node": "the robot: it publishes states",
+    "tsd_twin.node.input_log": "publishes the inputs of the controller",
     "tsd_twin.recording.recorder": "publishes notes of a person",
-    "tsd_twin.ros.dds_port": "publishes in ROS: states, and what drives a robot of others",
-    "tsd_twin.ros.zenoh_port": "as the other port",
+    "tsd_twin.adapters.ros.dds_port": "publishes in ROS: states, and what drives a robot of others",
+    "tsd_twin.adapters.ros.zenoh_port": "as the other port",
     "tsd_mock": "publishes poses of a simulated camera",
 }
 """Modules that can send commands and are no source of their own, with the reason."""

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from tests.support.controller_harness import HarnessOperator
 from tests.support.invariants import LoopInvariants
-from tsd_twin.messages.requests import Sample
-from tsd_twin.safety import Mode
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.modes import Mode
 
 
 class LoopStateMachine(LoopInvariants):

@@ -9,16 +9,12 @@ from typing import Any
 import numpy as np
 
 from tsd_twin import robots
+from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.codes import hardware_reason
-from tsd_twin.messages.requests import (
-    LeaseReply,
-    LeaseRequest,
-    Sample,
-    StopRequest,
-    encode_attachment,
-)
-from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
-from tsd_twin.safety import Mode, SafetySupervisor, SupervisorInputs
+from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.services import LeaseReply, LeaseRequest, StopRequest
+from tsd_twin.safety import SafetySupervisor, SupervisorInputs
 
 PERIOD_S = 0.01
 

@@ -17,19 +17,21 @@ from tests.support.robot_node import QUICK
 from tests.support.servo_chain import ServoChain
 from tests.support.virtual_time import VirtualClock
 from tsd_twin import robots
-from tsd_twin.dynamixel.blocks import Setup, Telemetry
-from tsd_twin.dynamixel.control_table import Refusal
-from tsd_twin.hardware import MegaHardware, ServoCalibration, U2D2Hardware, mega, u2d2
+from tsd_twin.hardware import arduino_mega, u2d2
 from tsd_twin.hardware import serial_transport as serial
-from tsd_twin.hardware.joints import JointCommand, Receiver
-from tsd_twin.hardware.mega import ControllerBoard
+from tsd_twin.hardware.arduino_mega import ControllerBoard, MegaHardware
+from tsd_twin.hardware.dynamixel.blocks import Setup, Telemetry
+from tsd_twin.hardware.dynamixel.control_table import Refusal
+from tsd_twin.hardware.joints import JointCommand, Receiver, ServoCalibration
+from tsd_twin.hardware.u2d2 import U2D2Hardware
 from tsd_twin.lie import Array
-from tsd_twin.messages.requests import Description
+from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.services import Description
 from tsd_twin.models import robot_urdf
 from tsd_twin.node import RobotNode
-from tsd_twin.node.robot_node import RateKeeper
+from tsd_twin.node.timing import RateKeeper
 from tsd_twin.robots import SingularityDescription, description_of_kind
-from tsd_twin.safety import Heartbeat, Mode, SafetySupervisor
+from tsd_twin.safety import Heartbeat, SafetySupervisor
 from tsd_twin.simulation import Motors
 
 PERIOD_S = 0.01
@@ -122,7 +124,7 @@ class VirtualRobot:
         clock.machines.append(self._move)
         clock.wait = self.wait
         patch.setattr(serial, "open_port", self._open_port)
-        patch.setattr(mega, "DeviceThread", TurnTaking)
+        patch.setattr(arduino_mega, "DeviceThread", TurnTaking)
         patch.setattr(u2d2, "DeviceThread", TurnTaking)
         self._see_stop_circuit()
         self.io = self._hardware()

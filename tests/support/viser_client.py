@@ -17,7 +17,7 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from tsd_twin.dashboard.viser_compat import KEY_HEADER, access_key
+from tsd_twin.dashboard.scene.viser_compat import KEY_HEADER, access_key
 
 PATIENCE_S = 10.0
 CAMERA = {

@@ -18,8 +18,8 @@ import zenoh
 
 from tsd_twin.bus import client_config
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import encode_attachment
-from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.topics import Service
 
 _ASKS, _DELETES = 0.1, 0.1

@@ -24,10 +24,11 @@ from tests.support.secured_robot import (
     set_free,
 )
 from tsd_twin.bus import Bus, as_client, clients_of
-from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.errors import NoAnswerError
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import LeaseRequest, Sample
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.services import LeaseRequest
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import QoS, Service, Topic
 from tsd_twin.recording import ALLOWED

@@ -23,10 +23,11 @@ from tests.support.secured_robot import (
     set_free,
 )
 from tsd_twin.bus import Bus
-from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import HolderRequest, Sample, StopRequest
-from tsd_twin.messages.ros import BASE, decode_odometry
+from tsd_twin.messages.cdr import BASE, decode_odometry
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.services import HolderRequest, StopRequest
 from tsd_twin.messages.topics import Service
 
 pytestmark = pytest.mark.system

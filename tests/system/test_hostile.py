@@ -26,7 +26,7 @@ from tests.support.robot_node import PATIENCE_S
 from tests.support.viser_client import CAMERA
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.messages.requests import LeaseReply, decode_json
+from tsd_twin.messages.services import LeaseReply, decode_json
 from tsd_twin.messages.topics import Service
 
 pytestmark = pytest.mark.system

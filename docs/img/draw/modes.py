@@ -6,7 +6,8 @@ import itertools
 
 from svg import AMBER, BLUE, GREEN, GREY, INK, RED, Point, Sheet
 
-from tsd_twin.safety import ARMED, LATCHED, TRANSITIONS, Mode
+from tsd_twin.messages.modes import ARMED, LATCHED, Mode
+from tsd_twin.safety import TRANSITIONS
 
 SIZE = (104.0, 44.0)
 CENTRES: dict[Mode, Point] = {

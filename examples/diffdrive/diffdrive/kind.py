@@ -12,7 +12,7 @@ from typing import Any
 from diffdrive.kinematics import DiffDriveKinematics
 from tsd_twin.registry import RobotKind
 from tsd_twin.robots import RPM, JointErrors, RobotDescription, SpinUp
-from tsd_twin.robots.description import NotNegative, Positive, Problem, Table
+from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
 
 class Geometry(Table, frozen=True, tag="diffdrive", tag_field="kind"):

@@ -8,7 +8,7 @@ import numpy as np
 
 from diffdrive.kind import DiffDriveDescription
 from tsd_twin.estimation import PlanarOdometry
-from tsd_twin.estimation.pose_spread import TwistErrors
+from tsd_twin.estimation.pose_uncertainty import TwistErrors
 from tsd_twin.kinematics import TwistSolution
 from tsd_twin.lie import Array
 

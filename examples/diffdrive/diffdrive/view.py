@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from diffdrive.kind import DiffDriveDescription
-from tsd_twin.client.connection import Snapshot
-from tsd_twin.dashboard.server.messages_to_page import JointInfo, JointValue
+from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.wire.to_page import JointInfo, JointValue
 from tsd_twin.lie import Array
 from tsd_twin.robots import RPM
 

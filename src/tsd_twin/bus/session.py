@@ -17,7 +17,7 @@ import zenoh.ext
 from tsd_twin.bus.config import Config, reason
 from tsd_twin.bus.half_open import HalfOpenWatch
 from tsd_twin.errors import BusError, NoAnswerError, SeveralAnswersError
-from tsd_twin.messages.requests import Sample
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.topics import QoS
 
 

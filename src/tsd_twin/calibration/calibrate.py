@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin import flag_types
 from tsd_twin.calibration import report
 from tsd_twin.calibration.collect import (
     LOG_TABLE,
@@ -22,14 +21,15 @@ from tsd_twin.calibration.collect import (
     next_run_advice,
     spin_ratio_of,
 )
-from tsd_twin.calibration.control import add_bus_flags, ask_yes, print_line
 from tsd_twin.calibration.fit import CalibrationFit, fit_calibration
+from tsd_twin.calibration.operator import add_bus_flags, ask_yes, print_line
 from tsd_twin.calibration.report import write_description
-from tsd_twin.client.simulated import VOLT_STEP
-from tsd_twin.experiment import Experiment, Output
+from tsd_twin.cli import flags
+from tsd_twin.cli.experiment import Experiment, Output
+from tsd_twin.client.virtual_robot import VOLT_STEP
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.simulation import CameraNoise
+from tsd_twin.sensors.camera import CameraNoise
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
@@ -117,14 +117,14 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--room",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         default=1.0,
         metavar="METRES",
         help="free floor on all sides of its centre, beyond its own size; default 1",
     )
     parser.add_argument(
         "--speed",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         default=0.5,
         metavar="MPS",
         help="at most, m/s; default 0.5",
@@ -144,7 +144,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--errors",
-        type=flag_types.SCALE,
+        type=flags.SCALE,
         default=1.0,
         metavar="SCALE",
         help="factor on [errors], further model errors of the simulated robot; default 1",

@@ -13,16 +13,8 @@ import msgspec
 import numpy as np
 
 from tsd_twin import robots
-from tsd_twin.calibration import recording
-from tsd_twin.calibration.control import (
-    CalibratedRobot,
-    KeyWatcher,
-    ask_line,
-    connect,
-    interruptible,
-    longest_pause_s,
-    print_line,
-)
+from tsd_twin.calibration import drive_log
+from tsd_twin.calibration.drive_log import Recording, RobotRecorder, battery_v, read_recordings
 from tsd_twin.calibration.guided_drive import (
     POSE_TIMEOUT_S,
     CalibrationDriver,
@@ -31,18 +23,29 @@ from tsd_twin.calibration.guided_drive import (
     plan_route,
     requested_command_age_s,
 )
-from tsd_twin.calibration.recording import Recording, RobotRecorder, battery_v, read_recordings
+from tsd_twin.calibration.operator import (
+    CalibratedRobot,
+    KeyWatcher,
+    ask_line,
+    connect,
+    interruptible,
+    longest_pause_s,
+    print_line,
+)
 from tsd_twin.calibration.report import edit_description
+from tsd_twin.cli.experiment import PERCENT_STEPS, Output, in_percent_steps
 from tsd_twin.client import RobotControl
-from tsd_twin.client.simulated import PERIOD_S, VirtualRobot, voltage_share
-from tsd_twin.errors import MessageError, TwinError
-from tsd_twin.experiment import PERCENT_STEPS, Output, in_percent_steps
+from tsd_twin.client.virtual import PERIOD_S
+from tsd_twin.client.virtual_robot import VirtualRobot, voltage_share
+from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.cdr import decode_odometry
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.status import LearnedError, decode_stamp
 from tsd_twin.robots import SingularityDescription, description_of_kind
-from tsd_twin.simulation import Camera, CameraNoise, Frame, SimRobot
+from tsd_twin.sensors.camera import Camera, CameraNoise, Frame
+from tsd_twin.simulation import SimRobot
 
 OFFSET_SIGMA_DEG = 0.3
 """Standard deviation of a random gimbal zero, as set with a spirit level (assumed)."""
@@ -449,7 +452,7 @@ def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
     """Collect the calibration data selected by the flags; write new drives to a file."""
     found = _from_bus(args, out) if args.drive else _without_bus(args, out)
     if args.drive or not args.log:
-        out.table(LOG_TABLE, recording.recording_columns(found.recordings))
+        out.table(LOG_TABLE, drive_log.recording_columns(found.recordings))
     return found
 
 
@@ -471,7 +474,7 @@ def _without_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
     text = robots.read_description(args.robot)
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
     if args.log:
-        recordings = recording.read_recordings(args.log, robot)
+        recordings = drive_log.read_recordings(args.log, robot)
         return CalibrationData(args.log, text, robot, recordings)
     true = random_robot(robot, np.random.default_rng(args.seed))
     what = "simulated machine with errors of its own"

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
-from tsd_twin.calibration.recording import Recording
+from tsd_twin.calibration.drive_log import Recording
 from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.status import LearnedError
 from tsd_twin.robots import JointErrors
-from tsd_twin.simulation import CameraNoise
+from tsd_twin.sensors.camera import CameraNoise
 
 PRIOR_OFFSET_RAD, PRIOR_SHARE, PRIOR_DELAY_S = float(np.radians(1.0)), 0.05, 0.05
 """Standard deviations of the prior, which keeps unobservable parameters near zero."""

@@ -11,9 +11,10 @@ import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from tsd_twin import experiment, robots
+from tsd_twin import robots
+from tsd_twin.calibration.drive_log import Recording
 from tsd_twin.calibration.fit import CalibrationFit
-from tsd_twin.calibration.recording import Recording
+from tsd_twin.cli import experiment
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription

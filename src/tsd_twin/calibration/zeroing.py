@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tsd_twin import experiment, flag_types
-from tsd_twin.calibration.control import (
+from tsd_twin.calibration.operator import (
     CalibratedRobot,
     add_bus_flags,
     ask_displacement,
@@ -24,14 +23,15 @@ from tsd_twin.calibration.control import (
     print_line,
 )
 from tsd_twin.calibration.report import write_description
+from tsd_twin.cli import experiment, flags
+from tsd_twin.cli.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
 from tsd_twin.client import RobotControl
 from tsd_twin.client.connection import RobotConnection
-from tsd_twin.errors import MessageError
-from tsd_twin.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import decode_pose_measurement
-from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.cdr import decode_odometry
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.pose import decode_pose_measurement
 from tsd_twin.messages.status import decode_stamp
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind
 
@@ -374,7 +374,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     add_bus_flags(parser)
     parser.add_argument(
         "--seconds",
-        type=flag_types.number(_MIN_S, _MAX_S),
+        type=flags.number(_MIN_S, _MAX_S),
         default=LIMIT_S,
         help=f"to watch it; default {LIMIT_S:g}",
     )

@@ -1,11 +1,7 @@
 """Client library: connect to a robot, read its state, take control, drive."""
 
 from tsd_twin.client.aio import AsyncRobotClient, AsyncRobotControl, connect_async
-from tsd_twin.client.fleet import find, find_async, stop_all, stop_all_async
-from tsd_twin.client.robot import RobotClient, RobotControl, connect
-from tsd_twin.client.simulated import SimulatedRobot
-from tsd_twin.client.state import OdometryState, PlanarPose, PlanarTwist, RobotState, Subscription
-from tsd_twin.errors import (
+from tsd_twin.client.errors import (
     ClientError,
     ControlDenied,
     ControlLost,
@@ -17,6 +13,10 @@ from tsd_twin.errors import (
     SeveralRobotsFound,
     StopNotConfirmed,
 )
+from tsd_twin.client.fleet import find, find_async, stop_all, stop_all_async
+from tsd_twin.client.state import OdometryState, PlanarPose, PlanarTwist, RobotState, Subscription
+from tsd_twin.client.sync import RobotClient, RobotControl, connect
+from tsd_twin.client.virtual import SimulatedRobot
 
 __all__ = [
     "AsyncRobotClient",

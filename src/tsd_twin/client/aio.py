@@ -14,11 +14,11 @@ from typing import Any, Self, TypeAlias, TypeVar
 
 from tsd_twin.client import procedures
 from tsd_twin.client.arguments import check_numbers, check_optional
-from tsd_twin.client.base import QUEUE, BaseClient, BaseControl
+from tsd_twin.client.bus_port import BusLink
+from tsd_twin.client.connect import open_link
+from tsd_twin.client.core import QUEUE, BaseClient, BaseControl
 from tsd_twin.client.held_lease import RENEW_PERIOD_S
-from tsd_twin.client.link import BusLink, open_link
-from tsd_twin.client.state import RobotState, Subscription
-from tsd_twin.client.steps import (
+from tsd_twin.client.port import (
     Call,
     Compute,
     NextStatus,
@@ -30,7 +30,8 @@ from tsd_twin.client.steps import (
     Step,
     run_async,
 )
-from tsd_twin.messages.requests import Event
+from tsd_twin.client.state import RobotState, Subscription
+from tsd_twin.messages.events import Event
 
 T = TypeVar("T")
 _Done: TypeAlias = Coroutine[Any, Any, None]

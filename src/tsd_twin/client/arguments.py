@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tsd_twin.errors import ClientError, PathError
+from tsd_twin.client.errors import ClientError
+from tsd_twin.errors import PathError
 from tsd_twin.lie import Array
-from tsd_twin.messages.ros import BASE, ODOM
+from tsd_twin.messages.cdr import BASE, ODOM
 
 
 def check_numbers(**values: object) -> None:

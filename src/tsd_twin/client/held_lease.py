@@ -8,11 +8,13 @@ from collections import deque
 
 import msgspec
 
-from tsd_twin.errors import ControlLost, MessageError
+from tsd_twin.client.errors import ControlLost
 from tsd_twin.messages import topics
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.requests import LeaseReply, LeaseRequest, decode_json, why_of
+from tsd_twin.messages.commands import why_of
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.sentences import sentence
+from tsd_twin.messages.services import LeaseReply, LeaseRequest, decode_json
 
 RENEW_PERIOD_S = 0.5
 """Well below the lease timeout of 2 s."""

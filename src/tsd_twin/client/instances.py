@@ -7,9 +7,10 @@ import threading
 import msgspec
 
 from tsd_twin.bus import Bus
-from tsd_twin.errors import BusError, MessageError
+from tsd_twin.errors import BusError
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Reply, decode_json
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.services import Reply, decode_json
 from tsd_twin.messages.topics import Service
 
 _MAX_INSTANCES = 4096

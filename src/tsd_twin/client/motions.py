@@ -19,12 +19,14 @@ from tsd_twin.client.arguments import (
     checked_points,
     checked_twist,
 )
+from tsd_twin.client.errors import MotionFailed
+from tsd_twin.client.port import Compute, NextStatus, Procedure, Send, Sleep
 from tsd_twin.client.protocol import COMMAND_PERIOD_S, REST, ControlProtocol
-from tsd_twin.client.steps import Compute, NextStatus, Procedure, Send, Sleep
-from tsd_twin.errors import MotionFailed, PathError
+from tsd_twin.errors import PathError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.ros import BASE
+from tsd_twin.messages.cdr import BASE
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.status import Status
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.routes import NavigationGoal
@@ -33,7 +35,6 @@ from tsd_twin.motion.trajectory import Trajectory
 from tsd_twin.motion.trajectory import plan as time_parameterize
 from tsd_twin.robots import RPM, RobotDescription
 from tsd_twin.robots.description import Limits
-from tsd_twin.safety import Mode
 
 TwistSource = Callable[[float], Sequence[float] | Array | None]
 """Returns the twist (3,) to command at a given time, or None to end the motion."""

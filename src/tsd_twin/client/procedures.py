@@ -10,10 +10,14 @@ from typing import Any, TypeVar
 
 import msgspec
 
+from tsd_twin.client.errors import ControlDenied, RequestRefused, RobotSilent, RobotStopped
+from tsd_twin.client.port import Call, NextStatus, Procedure, Send, SendStop
 from tsd_twin.client.protocol import REST, SILENCE_S, ControlProtocol
-from tsd_twin.client.steps import Call, NextStatus, Procedure, Send, SendStop
-from tsd_twin.errors import ControlDenied, MessageError, RequestRefused, RobotSilent, RobotStopped
-from tsd_twin.messages.requests import (
+from tsd_twin.messages.cdr import BASE
+from tsd_twin.messages.commands import why_of
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.modes import LATCHED, Mode
+from tsd_twin.messages.services import (
     HolderRequest,
     LeaseReply,
     LeaseRequest,
@@ -23,12 +27,9 @@ from tsd_twin.messages.requests import (
     SpeedRequest,
     StopRequest,
     decode_json,
-    why_of,
 )
-from tsd_twin.messages.ros import BASE
 from tsd_twin.messages.status import LeaseStatus, Status
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import LATCHED, Mode
 
 ReplyT = TypeVar("ReplyT", Reply, LeaseReply)
 

@@ -15,17 +15,18 @@ import numpy as np
 
 from tsd_twin.client.arguments import check_numbers, checked_twist
 from tsd_twin.client.echoes import Echoes
+from tsd_twin.client.errors import ClientError, RobotSilent, RobotStopped
 from tsd_twin.client.held_lease import HeldLease
-from tsd_twin.errors import ClientError, RobotSilent, RobotStopped
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.requests import LeaseReply, encode_attachment
-from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.commands import encode_attachment
+from tsd_twin.messages.modes import LATCHED, Mode
+from tsd_twin.messages.services import LeaseReply
 from tsd_twin.messages.status import Status
 from tsd_twin.motion.prediction import CommandDelay
 from tsd_twin.robots import RobotDescription
-from tsd_twin.safety import LATCHED, Mode
 
 COMMAND_PERIOD_S = 0.02
 """Commands are sent at 50 Hz during a motion."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.ros import JointState, Odometry
+from tsd_twin.messages.cdr import JointState, Odometry
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.status import LeaseStatus, Status
-from tsd_twin.safety import Mode
 
 T = TypeVar("T")
 

@@ -20,12 +20,15 @@ from typing import Any, TypeAlias
 import msgspec
 import numpy as np
 
+from tsd_twin.control import old_names
 from tsd_twin.control.robot_controller import RobotController
-from tsd_twin.errors import MessageError, TwinError
+from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.cdr import Odometry
 from tsd_twin.messages.codes import Reason
-from tsd_twin.messages.requests import LeaseReply, Reply, Sample
-from tsd_twin.messages.ros import Odometry
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.services import LeaseReply, Reply
 from tsd_twin.messages.status import LoopStatus, Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.robots import RobotDescription
@@ -145,9 +148,21 @@ def decode_batch(payload: bytes) -> InputBatch:
         raise MessageError("shape", f"not an input log: {error}") from error
 
 
-_PURE = frozenset(
-    {"control", "safety", "estimation", "motion", "messages", "robots", "kinematics", "lie"}
+PURE = frozenset(
+    {
+        "control",
+        "estimation",
+        "kinematics",
+        "lie",
+        "messages",
+        "motion",
+        "robots",
+        "safety",
+        "sensors",
+        "tables",
+    }
 )
+"""Packages and modules without I/O: the code of a controller, and the classes of its state."""
 _OTHERS = frozenset(
     {
         ("builtins", "complex"),
@@ -218,10 +233,11 @@ class _Reader(pickle.Unpickler):
     """Unpickler restricted to classes without I/O."""
 
     def find_class(self, module_name: str, global_name: str) -> Any:
+        module_name, global_name = old_names.current(module_name, global_name)
         package = module_name.split(".")[:2]
         if (module_name, global_name) in _OTHERS:
             return super().find_class(module_name, global_name)
-        if package[0] == "tsd_twin" and len(package) == 2 and package[1] in _PURE:
+        if package[0] == "tsd_twin" and len(package) == 2 and package[1] in PURE:
             found = super().find_class(module_name, global_name)
             if isinstance(found, type) and found.__module__ == module_name:
                 return found

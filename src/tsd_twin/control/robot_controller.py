@@ -12,26 +12,31 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.control.faults import (
+from tsd_twin.control.monitors import (
     BatteryMonitor,
     FaultReporter,
     HeatMonitor,
     JointFaultMonitor,
     SaturationMonitor,
 )
-from tsd_twin.control.services import POSE_CODECS, ServiceHandler, WheelSpeedController
+from tsd_twin.control.pose_codec import POSE_CODECS
+from tsd_twin.control.services import ServiceHandler
 from tsd_twin.control.state_estimator import StateEstimator
+from tsd_twin.control.wheel_spin import WheelSpeedController
 from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.cdr import ODOM, JointState, Odometry
 from tsd_twin.messages.codes import Reason
-from tsd_twin.messages.requests import Event, LeaseReply, Reply, Sample
-from tsd_twin.messages.ros import ODOM, JointState, Odometry
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.events import Event
+from tsd_twin.messages.modes import ARMED, Mode
 from tsd_twin.messages.sentences import sentence
+from tsd_twin.messages.services import LeaseReply, Reply
 from tsd_twin.messages.status import CommandStatus, LeaseStatus, LimitStatus, LoopStatus, Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.motion import TwistLimiter, clip_to_finite
 from tsd_twin.robots import RobotDescription
-from tsd_twin.safety import ARMED, Lease, Mode, SafetySupervisor, SupervisorInputs
+from tsd_twin.safety import Lease, SafetySupervisor, SupervisorInputs
 from tsd_twin.safety.lease import speed_cap_mps
 
 

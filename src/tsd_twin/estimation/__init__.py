@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from tsd_twin.estimation.consistency import ConsistencyMonitor, ConsistencyResult
 from tsd_twin.estimation.learned import ConstantsFilter
+from tsd_twin.estimation.odometry_kinds import ReportedOdometry, sensor_odometry_of
 from tsd_twin.estimation.outage import OUTAGE_S, MeasurementOutage, OutageStep
 from tsd_twin.estimation.pose_filter import DriftFilter, PoseFilter
 from tsd_twin.estimation.pose_fusion import FusedEstimate, FusionResult
-from tsd_twin.estimation.pose_spread import (
+from tsd_twin.estimation.pose_uncertainty import (
     REGION_SHARE,
     PoseErrors,
     TwistErrors,
@@ -16,13 +17,11 @@ from tsd_twin.estimation.pose_spread import (
     heading_region_rad,
     position_region,
 )
-from tsd_twin.estimation.sensor_odometry import (
+from tsd_twin.estimation.sensor_fusion import (
     DeadReckoning,
     Estimate,
     GyroOdometry,
-    ReportedOdometry,
     SensorOdometry,
-    sensor_odometry_of,
     with_gyro,
 )
 from tsd_twin.estimation.wheel_odometry import (

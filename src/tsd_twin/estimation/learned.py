@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tsd_twin.estimation.pose_filter import GATE
-from tsd_twin.estimation.pose_spread import TwistErrors
+from tsd_twin.estimation.pose_uncertainty import TwistErrors
 from tsd_twin.lie import SE2, Array, wrap
 
 _STEPS_KEPT = 128

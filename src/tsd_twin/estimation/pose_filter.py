@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
-from tsd_twin.estimation.pose_spread import PoseErrors, exponential_error
+from tsd_twin.estimation.pose_uncertainty import PoseErrors, exponential_error
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
 

@@ -16,12 +16,12 @@ import numpy as np
 
 from tsd_twin.estimation.learned import ConstantsFilter
 from tsd_twin.estimation.pose_filter import GATE, PoseFilter
-from tsd_twin.estimation.pose_spread import PoseErrors, TwistErrors
-from tsd_twin.estimation.sensor_odometry import DeadReckoning
+from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
+from tsd_twin.estimation.sensor_fusion import DeadReckoning
 from tsd_twin.estimation.wheel_odometry import POSE_SENSOR_CONSTANTS
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
-from tsd_twin.robots import PoseSensor
+from tsd_twin.sensors.pose import PoseSensor
 
 _VOTES = 10
 _MIN_VOTING_S = 0.5

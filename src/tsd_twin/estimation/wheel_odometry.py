@@ -11,7 +11,7 @@ import numpy as np
 
 from tsd_twin.estimation.joint_errors import ConstantErrors, JointNoise, jacobians
 from tsd_twin.estimation.outage import OutageStep
-from tsd_twin.estimation.pose_spread import SPREADS, PoseErrors, PoseSpread, TwistErrors
+from tsd_twin.estimation.pose_uncertainty import SPREADS, PoseErrors, PoseSpread, TwistErrors
 from tsd_twin.kinematics import Kinematics, TwistSolution
 from tsd_twin.kinematics.base import PoseT
 from tsd_twin.lie import SE2, SO3, Array

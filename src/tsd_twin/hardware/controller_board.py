@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from enum import Enum, auto
 
-from tsd_twin.dynamixel.blocks import Command, Identity, Setup, Telemetry
-from tsd_twin.dynamixel.control_table import (
+from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.control_table import (
     BOARD_ID,
     MODEL,
     TABLE_VERSION,
@@ -15,8 +15,8 @@ from tsd_twin.dynamixel.control_table import (
     ResetCause,
     Trip,
 )
-from tsd_twin.dynamixel.packets import ALERT, Fault, Status, protocol2
-from tsd_twin.dynamixel.servo_models import MODELS
+from tsd_twin.hardware.dynamixel.packets import ALERT, Fault, Status, protocol2
+from tsd_twin.hardware.dynamixel.servo_models import MODELS
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 from tsd_twin.messages.codes import Code, Reason, because
 

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from tsd_twin.dynamixel.control_table import (
+from tsd_twin.hardware.dynamixel.control_table import (
     ESCS,
     FULL_THROTTLE,
     RC_CHANNELS,

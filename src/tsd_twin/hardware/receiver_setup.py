@@ -15,8 +15,9 @@ from typing import Literal
 
 import msgspec
 
-from tsd_twin.dynamixel.blocks import Radio, Telemetry
-from tsd_twin.dynamixel.control_table import (
+from tsd_twin.hardware.controller_board import find_board, request_data
+from tsd_twin.hardware.dynamixel.blocks import Radio, Telemetry
+from tsd_twin.hardware.dynamixel.control_table import (
     BOARD_ID,
     ESCS,
     RECEIVER_CHANNELS,
@@ -24,8 +25,7 @@ from tsd_twin.dynamixel.control_table import (
     SWITCH_US,
     RcChannel,
 )
-from tsd_twin.dynamixel.packets import protocol2
-from tsd_twin.hardware.controller_board import find_board, request_data
+from tsd_twin.hardware.dynamixel.packets import protocol2
 from tsd_twin.hardware.joints import (
     HIGH_US,
     LOW_US,

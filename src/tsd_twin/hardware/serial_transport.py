@@ -19,8 +19,8 @@ from typing import Any, Protocol
 import serial
 from serial.tools import list_ports
 
-from tsd_twin.dynamixel.packets import Decoder, Framing, Status, protocol2
 from tsd_twin.errors import TwinError
+from tsd_twin.hardware.dynamixel.packets import Decoder, Framing, Status, protocol2
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.sentences import sentence
 

@@ -15,9 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.dynamixel.packets import ALERT, Status, protocol1, protocol2
-from tsd_twin.dynamixel.servo_models import MODEL_NUMBER, MODELS, ServoModel, span, wrong_setting
 from tsd_twin.hardware.approach import Approach
+from tsd_twin.hardware.arduino_mega import BAUD, MegaHardware
+from tsd_twin.hardware.dynamixel.packets import ALERT, Status, protocol1, protocol2
+from tsd_twin.hardware.dynamixel.servo_models import (
+    MODEL_NUMBER,
+    MODELS,
+    ServoModel,
+    span,
+    wrong_setting,
+)
 from tsd_twin.hardware.joints import (
     JointCommand,
     JointConverter,
@@ -25,7 +32,6 @@ from tsd_twin.hardware.joints import (
     ThrottleLaw,
     hot_servos,
 )
-from tsd_twin.hardware.mega import BAUD, MegaHardware
 from tsd_twin.hardware.serial_transport import (
     SILENT_S,
     DeviceThread,

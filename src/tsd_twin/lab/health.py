@@ -14,25 +14,29 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from tsd_twin import experiment, flag_types, robots
-from tsd_twin.client.robot import RobotClient, connect
-from tsd_twin.client.simulated import SimulationLink
+from tsd_twin import robots
+from tsd_twin.cli import experiment, flags
+from tsd_twin.cli.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
 from tsd_twin.client.state import RobotState
-from tsd_twin.errors import MessageError, TwinError
-from tsd_twin.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
+from tsd_twin.client.sync import RobotClient, connect
+from tsd_twin.client.virtual import SimulationLink
+from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import JointKind
-from tsd_twin.lab import alarms
-from tsd_twin.lab.alarms import TwistAt
+from tsd_twin.lab import manoeuvres as lab_manoeuvres
+from tsd_twin.lab.manoeuvres import TwistAt
 from tsd_twin.lie import SE2, SO3
-from tsd_twin.messages.requests import PoseStamped, encode_pose
-from tsd_twin.messages.ros import BASE, decode_joints, decode_odometry
+from tsd_twin.messages.cdr import BASE, decode_joints, decode_odometry
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS
 from tsd_twin.recording import Recording, open_recording
 from tsd_twin.recording.mcap_file import entries
-from tsd_twin.robots import Gyro, OmniDescription, RobotDescription, SingularityDescription
+from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
+from tsd_twin.sensors.camera import Camera, CameraNoise
+from tsd_twin.sensors.gyro import Gyro
 from tsd_twin.shadow import STREAMS, Drift, ShadowFeed, ShadowReport, ShadowTwin
-from tsd_twin.simulation import BATTERY, PLANTS, Camera, CameraNoise, Wear, WornRobot
+from tsd_twin.simulation import BATTERY, PLANTS, Wear, WornRobot
 
 _REPORT_S = 0.1
 WITHIN_S = 5.0
@@ -202,7 +206,7 @@ def _line(random: np.random.Generator) -> TwistAt:
     return lambda _: twist
 
 
-MANOEUVRES = alarms.MANOEUVRES | {"arc": _arc, "line": _line}
+MANOEUVRES = lab_manoeuvres.MANOEUVRES | {"arc": _arc, "line": _line}
 STAND, MIXED = "stand", "mixed"
 _TURN_S = 30.0
 """Duration of each manoeuvre if they are mixed."""
@@ -459,14 +463,14 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, with --live")
     parser.add_argument(
         "--seconds",
-        type=flag_types.number(5.0),
+        type=flags.number(5.0),
         default=60.0,
         help="time with --live, and of each simulated robot; default 60",
     )
     parser.add_argument("--plant", choices=PLANTS, default="kinematic", help="default kinematic")
     parser.add_argument(
         "--errors",
-        type=flag_types.SCALE,
+        type=flags.SCALE,
         nargs="+",
         default=[0.0, 1.0],
         metavar="SCALE",
@@ -489,7 +493,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         help="of simulated robots; default all with --wear, else mixed",
     )
     parser.add_argument(
-        "--seeds", type=flag_types.whole(1), default=1, help="robots of each row; default 1"
+        "--seeds", type=flags.whole(1), default=1, help="robots of each row; default 1"
     )
     experiment.add_jobs_flag(parser)
 

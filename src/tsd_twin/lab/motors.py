@@ -10,8 +10,9 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from tsd_twin import experiment, robots
-from tsd_twin.experiment import Experiment, Output
+from tsd_twin import robots
+from tsd_twin.cli import experiment
+from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription, description_of_kind
 

@@ -9,13 +9,15 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from tsd_twin.client.simulated import PERIOD_S, VirtualRobot, voltage_share
+from tsd_twin.client.virtual import PERIOD_S
+from tsd_twin.client.virtual_robot import VirtualRobot, voltage_share
 from tsd_twin.estimation import DriftFilter, with_gyro
 from tsd_twin.estimation.joint_errors import JointNoise
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import SE2, Array
-from tsd_twin.robots import Gyro, SingularityDescription
-from tsd_twin.simulation import Camera, CameraNoise, Frame, YawGyro
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.sensors.camera import Camera, CameraNoise, Frame
+from tsd_twin.sensors.gyro import Gyro, YawGyro
 
 _GRAVITY_MPS2 = 9.81
 _SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)

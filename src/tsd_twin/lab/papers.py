@@ -14,10 +14,12 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from tsd_twin import experiment, flag_types, robots
-from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
+from tsd_twin import robots
+from tsd_twin.cli import experiment, flags
+from tsd_twin.cli.experiment import Axes, Experiment, Output
+from tsd_twin.client.virtual import PERIOD_S
+from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.errors import TwinError
-from tsd_twin.experiment import Axes, Experiment, Output
 from tsd_twin.kinematics import SphereKinematics
 from tsd_twin.lie import Array
 from tsd_twin.robots import OmniDescription, SphereDescription, description_of_kind
@@ -224,11 +226,11 @@ def _plot_speed(
 
 def _omni_step_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--speed", type=flag_types.POSITIVE, default=5.0, metavar="M/S", help="default 5"
+        "--speed", type=flags.POSITIVE, default=5.0, metavar="M/S", help="default 5"
     )
     parser.add_argument(
         "--acceleration",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         default=2.5,
         metavar="M/S2",
         help="either way; default 2.5",
@@ -373,7 +375,7 @@ def _draw_effect(robot: SphereDescription, effect: RowEffect, out: Output) -> No
 def _atlas_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--row-distance-mm",
-        type=flag_types.number(0.0),
+        type=flags.number(0.0),
         metavar="D",
         help="distance of the two rows, instead of that of the file; 0 is an ideal wheel",
     )

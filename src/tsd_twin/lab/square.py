@@ -18,9 +18,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from tsd_twin import experiment, flag_types, robots
-from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
-from tsd_twin.experiment import Experiment, Output
+from tsd_twin import robots
+from tsd_twin.cli import experiment, flags
+from tsd_twin.cli.experiment import Experiment, Output
+from tsd_twin.client.virtual import PERIOD_S
+from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.lab import tracking
 from tsd_twin.lab.observer import Loop, PoseObserver, Slip, make_observer
 from tsd_twin.lab.tracking import TrackingErrors, TrackingRecord, add_loop_flag, follow_trajectory
@@ -29,7 +31,8 @@ from tsd_twin.motion.routes import Route
 from tsd_twin.motion.tracking import Gains, TrackingController, TrackingSettings
 from tsd_twin.motion.trajectory import SpeedProfile, Trajectory, plan
 from tsd_twin.robots import RPM, RobotDescription, SingularityDescription, description_of_kind
-from tsd_twin.simulation import PLANTS, Camera, CameraNoise, Frame, SimRobot
+from tsd_twin.sensors.camera import Camera, CameraNoise, Frame
+from tsd_twin.simulation import PLANTS, SimRobot
 
 _FEEDFORWARD_STEP_S = 0.005
 
@@ -364,14 +367,14 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     add_loop_flag(parser, Loop.OPEN)
     parser.add_argument(
         "--seeds",
-        type=flag_types.whole(1),
+        type=flags.whole(1),
         default=1,
         metavar="N",
         help="number of squares, from --seed on, to report the spread of their errors; default 1",
     )
     parser.add_argument(
         "--errors",
-        type=flag_types.SCALE,
+        type=flags.SCALE,
         default=1.0,
         metavar="SCALE",
         help="factor on [errors], the model errors of a built robot; default 1",
@@ -385,7 +388,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--believed-friction",
-        type=flag_types.POSITIVE,
+        type=flags.POSITIVE,
         default=1.0,
         metavar="SHARE",
         help="friction of the floor assumed by the robot, relative to the true one; default 1",

@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin import experiment, flag_types, robots
-from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
+from tsd_twin import robots
+from tsd_twin.cli import experiment, flags
+from tsd_twin.cli.experiment import Axes, Experiment, Output
+from tsd_twin.client.virtual import PERIOD_S
+from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.errors import PathError
-from tsd_twin.experiment import Axes, Experiment, Output
 from tsd_twin.lab.observer import Loop, make_observer
 from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.paths import Path, arc, function, line, parabola, polyline, spline
@@ -25,7 +27,8 @@ from tsd_twin.motion.routes import FixedHeading, HeadingProfile, Route, TangentH
 from tsd_twin.motion.tracking import TrackingController, TrackingSettings
 from tsd_twin.motion.trajectory import Trajectory, plan
 from tsd_twin.robots import OmniDescription, description_of_kind
-from tsd_twin.simulation import Frame, SimRobot
+from tsd_twin.sensors.camera import Frame
+from tsd_twin.simulation import SimRobot
 
 _RIGHT = np.array([[0.0, 0.0], [0.7, 0.5], [1.4, 0.0], [0.7, -0.5], [0.0, 0.0]])
 _EIGHT = np.concatenate([_RIGHT, _RIGHT[1:] * [-1.0, 1.0]])
@@ -356,18 +359,18 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--smooth", action="store_true", help="a spline through the points")
     parser.add_argument(
         "--cut",
-        type=flag_types.number(0.0),
+        type=flags.number(0.0),
         default=0.0,
         metavar="M",
         help="round corners, from so far before",
     )
     parser.add_argument("--heading", choices=["fixed", "tangent"], default="fixed")
     parser.add_argument(
-        "--speed", type=flag_types.POSITIVE, metavar="MPS", help="a lower limit of speed"
+        "--speed", type=flags.POSITIVE, metavar="MPS", help="a lower limit of speed"
     )
     parser.add_argument(
         "--share",
-        type=flag_types.number(most=1.0, above=0.0),
+        type=flags.number(most=1.0, above=0.0),
         default=SHARE,
         help=f"of the limits that the timing uses; default {SHARE}",
     )

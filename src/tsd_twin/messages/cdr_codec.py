@@ -8,8 +8,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsd_twin.errors import MessageError
 from tsd_twin.lie import Array
+from tsd_twin.messages.errors import MessageError
 
 LARGEST = 4096  # Bytes; messages of this project have fewer than 800.
 _HEAD = b"\x00\x01\x00\x00"

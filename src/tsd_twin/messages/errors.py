@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from tsd_twin.errors import MessageError
+from tsd_twin.errors import TwinError
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.sentences import sentence
+
+
+class MessageError(TwinError):
+    """A peer sent an unreadable message; `reason` is the word it is counted under."""
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(f"{reason}: {detail}")
+        self.reason = reason
 
 
 class RejectedMessage(MessageError):  # noqa: N818  Reads as what happened.

@@ -13,8 +13,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
-from tsd_twin.errors import MessageError
 from tsd_twin.messages.cdr_codec import LARGEST
+from tsd_twin.messages.errors import MessageError
 
 
 def make_message(type_name: str, **fields: Any) -> Any:

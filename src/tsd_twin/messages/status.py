@@ -8,10 +8,10 @@ from typing import Any, cast
 
 import msgspec
 
-from tsd_twin.errors import MessageError
 from tsd_twin.messages.codes import Code, Reason, because, text_reason
-from tsd_twin.messages.requests import decode_json
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.sentences import sentence
+from tsd_twin.messages.services import decode_json
 
 RECORDING = "recording"
 """`hardware.kind` in the status of a replayed recording."""

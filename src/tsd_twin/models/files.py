@@ -25,7 +25,7 @@ from tsd_twin.models.links import (
     roll_pitch_yaw,
 )
 from tsd_twin.robots import RobotDescription, load_robot, robot_names
-from tsd_twin.robots.description import Colour, Positive, Share
+from tsd_twin.tables import Colour, Positive, Share
 
 if TYPE_CHECKING:
     import trimesh  # Imported at use, as in `solids`.

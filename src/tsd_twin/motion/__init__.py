@@ -6,6 +6,6 @@ modules.
 
 from __future__ import annotations
 
-from tsd_twin.motion.prediction import TwistLimiter, clip_to_finite
+from tsd_twin.motion.twist_limiter import TwistLimiter, clip_to_finite
 
 __all__ = ["TwistLimiter", "clip_to_finite"]

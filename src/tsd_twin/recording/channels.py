@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import msgspec
 
 from tsd_twin.control.logged_controller import Call, ServeCall, StopCall, decode_batch
-from tsd_twin.errors import MessageError
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Sample
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.ros_types import decode_cdr
 from tsd_twin.messages.status import decode_stamp
 from tsd_twin.messages.topics import Topic

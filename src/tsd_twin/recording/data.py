@@ -13,10 +13,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from tsd_twin.errors import MessageError, RecordingError
+from tsd_twin.errors import RecordingError
 from tsd_twin.lie import Array
-from tsd_twin.messages.requests import Description
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.ros_types import decode_cdr
+from tsd_twin.messages.services import Description
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import mcap_file
 from tsd_twin.recording.channels import CDR, JSON, MSGPACK, RAW, Entry, robot_of, topic_of

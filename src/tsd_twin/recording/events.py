@@ -16,14 +16,15 @@ from pathlib import Path
 
 import msgspec
 
-from tsd_twin.errors import MessageError, RecordingError
+from tsd_twin.errors import RecordingError
 from tsd_twin.messages import topics
 from tsd_twin.messages.codes import Code, Reason
-from tsd_twin.messages.requests import Event
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.events import Event
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.status import decode_status
 from tsd_twin.recording.channels import RAW, Entry, robot_of
 from tsd_twin.recording.index import RecordingIndex
-from tsd_twin.safety import Mode
 
 
 class EventKind(StrEnum):

@@ -15,11 +15,12 @@ from typing import Any, TypeAlias
 import msgspec
 
 from tsd_twin.bus import Bus, Publisher, Request
-from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
+from tsd_twin.client.connection import SentCommand
+from tsd_twin.client.monitor import RoundTrips, Snapshot
 from tsd_twin.errors import BusError, RecordingError
 from tsd_twin.messages import topics
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.messages.requests import encode_refusal
+from tsd_twin.messages.services import encode_refusal
 from tsd_twin.messages.status import RECORDING, encode_stamp
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import mcap_file

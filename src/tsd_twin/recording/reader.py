@@ -16,11 +16,12 @@ from typing import Any
 import msgspec
 
 from tsd_twin import robots
-from tsd_twin.errors import MessageError, RecordingError, TwinError
+from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.lie import SO3
 from tsd_twin.messages import topics
-from tsd_twin.messages.requests import Description
-from tsd_twin.messages.ros import decode_joints, decode_odometry
+from tsd_twin.messages.cdr import decode_joints, decode_odometry
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.services import Description
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import Service, Topic
 from tsd_twin.recording.channels import Entry, robot_of

@@ -17,7 +17,8 @@ from tsd_twin.bus import Bus, Publisher
 from tsd_twin.errors import BusError
 from tsd_twin.messages import topics
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.requests import Event, Sample
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.events import Event
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.recording.channels import EntryMaker, robot_of
 from tsd_twin.recording.folder import RecordingFolder

@@ -28,18 +28,19 @@ from tsd_twin.control.logged_controller import (
     estimate_numbers,
     load_state,
 )
-from tsd_twin.errors import MessageError, RecordingError, TwinError
+from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.codes import hardware_reason
-from tsd_twin.messages.requests import LeaseReply, Reply
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.sentences import sentence
+from tsd_twin.messages.services import LeaseReply, Reply
 from tsd_twin.messages.status import LoopStatus
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import mcap_file
 from tsd_twin.recording.data import Recording
 from tsd_twin.robots import RobotDescription
-from tsd_twin.safety import Mode
 
 
 @dataclass(frozen=True, slots=True)

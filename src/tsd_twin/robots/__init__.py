@@ -5,15 +5,13 @@ from __future__ import annotations
 from tsd_twin.robots.description import (
     RPM,
     FloorErrors,
-    Gyro,
     JointCompliance,
     JointErrors,
-    PoseSensor,
     RobotDescription,
     SpinUp,
     WheelSpeedRange,
 )
-from tsd_twin.robots.imported import ImportedDescription
+from tsd_twin.robots.external import ImportedDescription
 from tsd_twin.robots.kinds import DESCRIPTIONS, kind_names, kind_of
 from tsd_twin.robots.loader import (
     description_of_kind,
@@ -29,12 +27,10 @@ __all__ = [
     "DESCRIPTIONS",
     "RPM",
     "FloorErrors",
-    "Gyro",
     "ImportedDescription",
     "JointCompliance",
     "JointErrors",
     "OmniDescription",
-    "PoseSensor",
     "RobotDescription",
     "SingularityDescription",
     "SphereDescription",

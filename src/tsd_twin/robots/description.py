@@ -10,15 +10,17 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Self, TypeAlias
+from typing import Annotated, Any, Self
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
 from tsd_twin.errors import TwinError
-from tsd_twin.kinematics import Joint, JointKind, Kinematics, SingularityKinematics
+from tsd_twin.kinematics import Joint, Kinematics, SingularityKinematics
 from tsd_twin.lie import Array
+from tsd_twin.sensors.pose import PoseSensor
+from tsd_twin.tables import Colour, Name, NotNegative, Positive, Problem, Table
 
 RPM = math.pi / 30.0
 """rad/s per rpm."""
@@ -67,22 +69,8 @@ class WheelSpeedRange:
         return min(_MAX_RELATIVE_LAG * spin_rad_per_s / time_constant_s, fall)
 
 
-Positive: TypeAlias = Annotated[float, Meta(gt=0.0)]
-NotNegative: TypeAlias = Annotated[float, Meta(ge=0.0)]
-Share: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0)]
-Colour: TypeAlias = tuple[Share, Share, Share, Share]
-"""Red, green, blue (sRGB) and opacity."""
-Name: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
-"""Names used in bus keys; the pattern ends in a strict anchor, as `$` accepts a trailing
-newline."""
 PACKAGE_NAME = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9._-]{0,62}[A-Za-z0-9])?")
 """Name of a Python package."""
-Problem: TypeAlias = tuple[str, str]
-"""Problem of a description, and its remedy or ""."""
-
-
-class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Table of the file: unknown keys are errors, values are read-only."""
 
 
 class Limits(Table, frozen=True):
@@ -143,22 +131,6 @@ class Body(Table, frozen=True):
     """Colour of the arrow that points forward."""
     meshes: str | None = None
     """Folder with a `parts.json`, shown instead of the generated model."""
-
-
-class PoseSensor(Table, frozen=True):
-    """`[pose_sensor]`: noise of an external pose sensor, such as an overhead camera.
-
-    Defaults match the camera simulated by `tsd-lab` and `tsd-mock --camera`.
-    """
-
-    sigma_m: Positive = 0.005
-    """Standard deviation of x and y."""
-    sigma_deg: Positive = 1.15
-    """Standard deviation of the heading."""
-    mounting_m: NotNegative = 0.01
-    """Standard deviation of the bias in x and y, from the mounting position."""
-    mounting_deg: NotNegative = 0.5
-    """Standard deviation of the bias in the heading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -416,22 +388,6 @@ class ActuatorOffsets:
     def to_servos(self, joints: Array) -> Array:
         """Convert `joints` (..., n) to measured servo angles (..., n); inverse of `from_servos`."""
         return joints - self.offset
-
-
-class Gyro(Table, frozen=True):
-    """`[gyro]`: noise of a yaw-rate gyro.
-
-    Defaults match a small MEMS gyro (Bosch BMI270 data sheet).
-    """
-
-    noise_rad_per_s: Positive = 0.0012
-    """Standard deviation of a reading at 100 Hz."""
-    bias_rad_per_s: NotNegative = 0.0005
-    """Standard deviation of the bias per run, after one second of zeroing at rest."""
-
-
-GYRO_SENSORS = (Joint("gyro", JointKind.VELOCITY),)
-"""Sensors of a robot with a yaw gyro only."""
 
 
 class Floor(Table, frozen=True):

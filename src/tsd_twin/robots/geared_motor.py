@@ -5,15 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tsd_twin.lie import Array
-from tsd_twin.robots.description import (
-    RPM,
-    JointErrors,
-    NotNegative,
-    Positive,
-    RobotDescription,
-    SpinUp,
-    Table,
-)
+from tsd_twin.robots.description import RPM, JointErrors, RobotDescription, SpinUp
+from tsd_twin.tables import NotNegative, Positive, Table
 
 
 class GearedMotor(Table, frozen=True):

@@ -9,7 +9,7 @@ from typing import Any
 from tsd_twin import registry
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots.description import RobotDescription
-from tsd_twin.robots.imported import ImportedDescription
+from tsd_twin.robots.external import ImportedDescription
 from tsd_twin.robots.omni import OmniDescription, SphereDescription
 from tsd_twin.robots.singularity import SingularityDescription
 

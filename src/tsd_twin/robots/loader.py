@@ -17,10 +17,11 @@ from typing import Any, TypeVar
 import msgspec
 
 from tsd_twin.errors import RobotFileError
-from tsd_twin.robots.description import PACKAGE_NAME, Problem, RobotDescription, Table
+from tsd_twin.robots.description import PACKAGE_NAME, RobotDescription
 from tsd_twin.robots.kinds import description_class, kind_names, kind_of
 from tsd_twin.robots.plausibility import range_problems
 from tsd_twin.robots.singularity import SingularityDescription
+from tsd_twin.tables import Problem, Table
 
 _PACKAGE = "tsd_twin.robots"
 LONGEST = 16_384

@@ -13,18 +13,12 @@ from msgspec import Meta
 from tsd_twin.kinematics import Joint, JointKind, OmniKinematics, SphereKinematics
 from tsd_twin.kinematics.omni import contacts_and_directions, layout_problem, sphere_layout_problem
 from tsd_twin.lie import Array
-from tsd_twin.robots.description import (
-    GYRO_SENSORS,
-    NOT_DRAWN,
-    Gyro,
-    JointErrors,
-    NotNegative,
-    Positive,
-    Problem,
-    Table,
-)
+from tsd_twin.robots.description import NOT_DRAWN, JointErrors
 from tsd_twin.robots.geared_motor import GearedMotorDescription, carried_kg_m2
 from tsd_twin.robots.plausibility import proportion_problems
+from tsd_twin.sensors.dead_wheels import DeadWheels
+from tsd_twin.sensors.gyro import GYRO_SENSORS, Gyro
+from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
 ROLLER_CREEP_MPS = 0.01
 """Creep scale: roller friction saturates at a few times this creep."""
@@ -60,40 +54,6 @@ class OmniMass(Table, frozen=True):
     wheel_kg: Positive
     yaw_inertia_kg_m2: Positive
     """Inertia of the whole robot about the vertical through its centre."""
-
-
-class DeadWheel(Table, frozen=True):
-    """Entry of `[[dead_wheels.wheels]]`: a passive wheel with an encoder along its direction."""
-
-    x_m: float
-    y_m: float
-    direction_deg: float
-
-
-class DeadWheels(Table, frozen=True):
-    """`[dead_wheels]`: two perpendicular tracking wheels, and a rate gyro for the heading."""
-
-    radius_m: Positive
-    pulses_per_turn: Positive
-    wheels: Annotated[list[DeadWheel], Meta(min_length=2, max_length=2)]
-    gyro_range_deg_per_s: Positive
-    gyro_drift_deg_per_h: NotNegative = 0.0
-    """Drift of the gyro in an hour at rest."""
-    radius_share: NotNegative = 0.002
-    """Relative standard deviation of each wheel's radius."""
-    mounting_deg: NotNegative = 0.1
-    """Standard deviation of each wheel's direction."""
-
-    def rows(self, turned_rad: float = 0.0) -> tuple[tuple[float, float, float], ...]:
-        """Return the ground velocity measured by each wheel, as rows from the body twist.
-
-        `turned_rad` is added to each direction.
-        """
-        angles = [np.radians(wheel.direction_deg) + turned_rad for wheel in self.wheels]
-        return tuple(
-            (float(np.cos(a)), float(np.sin(a)), float(w.x_m * np.sin(a) - w.y_m * np.cos(a)))
-            for a, w in zip(angles, self.wheels, strict=True)
-        )
 
 
 class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):

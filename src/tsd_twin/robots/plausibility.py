@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 
-from tsd_twin.robots.description import Problem
+from tsd_twin.tables import Problem
 
 RANGES: dict[str, tuple[float, float]] = {
     "limits.speed_mps": (0.001, 50.0),

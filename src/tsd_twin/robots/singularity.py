@@ -14,24 +14,20 @@ from msgspec import UNSET, Meta, UnsetType
 from tsd_twin.kinematics import Joint, SingularityKinematics
 from tsd_twin.lie import Array
 from tsd_twin.robots.description import (
-    GYRO_SENSORS,
     RPM,
     ActuatorOffsets,
     Floor,
     FloorErrors,
-    Gyro,
     JointCompliance,
     JointErrors,
     ModelErrors,
-    NotNegative,
-    Positive,
-    Problem,
     RobotDescription,
     SpinUp,
-    Table,
     WheelSpeedRange,
 )
 from tsd_twin.robots.plausibility import proportion_problems
+from tsd_twin.sensors.gyro import GYRO_SENSORS, Gyro
+from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
 _GRAVITY_MPS2 = 9.81
 _MEAN_LEVER = 3.0 * math.pi / 16.0

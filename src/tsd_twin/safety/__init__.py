@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
+from tsd_twin.messages.modes import ARMED, LATCHED, Mode
 from tsd_twin.safety.lease import Lease
-from tsd_twin.safety.supervisor import (
-    ARMED,
-    LATCHED,
-    TRANSITIONS,
-    Heartbeat,
-    Mode,
-    SafetySupervisor,
-    SupervisorInputs,
-)
+from tsd_twin.safety.supervisor import TRANSITIONS, Heartbeat, SafetySupervisor, SupervisorInputs
 
 __all__ = [
     "ARMED",

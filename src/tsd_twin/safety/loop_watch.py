@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.requests import Event
+from tsd_twin.messages.events import Event
 
 LATE_S = 0.05
 """Pauses above this are reported: five periods, half of the fault threshold."""

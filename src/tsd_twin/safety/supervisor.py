@@ -4,52 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
-from tsd_twin.errors import MessageError
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.errors import rejection
-from tsd_twin.messages.requests import (
-    Command,
-    Event,
-    LeaseReply,
-    LeaseRequest,
-    Reply,
-    Sample,
-    StopRequest,
-)
+from tsd_twin.messages.commands import Command, Sample
+from tsd_twin.messages.errors import MessageError, rejection
+from tsd_twin.messages.events import Event
+from tsd_twin.messages.modes import ARMED, LATCHED, Mode
 from tsd_twin.messages.sentences import sentence
+from tsd_twin.messages.services import LeaseReply, LeaseRequest, Reply, StopRequest
 from tsd_twin.messages.status import ArmingStatus
 from tsd_twin.robots import RobotDescription
-from tsd_twin.safety.lease import CommandGate, HandOver, Lease, LeaseEvents, LeaseManager, held_by
+from tsd_twin.safety.command_gate import CommandGate
+from tsd_twin.safety.lease import HandOver, Lease, LeaseEvents, LeaseManager, held_by
 from tsd_twin.safety.loop_watch import LoopWatch
-
-
-class Mode(StrEnum):
-    """Robot modes; the robot moves in `driving` and brakes in `stopping`."""
-
-    DISARMED = "disarmed"
-    """Gimbals neutral, wheels at rest."""
-    ARMING = "arming"
-    """Neutral tilt is checked, speed controllers receive zero throttle, wheels spin up."""
-    READY = "ready"
-    """Wheels spin, tilt is neutral, commands are accepted."""
-    DRIVING = "driving"
-    """Following an accepted command."""
-    STOPPING = "stopping"
-    """Controlled stop at the deceleration limit."""
-    STOPPED = "stopped"
-    """Software stop, latched: neutral tilt at servo speed, zero throttle."""
-    FAULT = "fault"
-    """Like stopped and latched, because of a fault."""
-
-
-ARMED = frozenset({Mode.ARMING, Mode.READY, Mode.DRIVING, Mode.STOPPING})
-"""Modes in which the wheels may spin."""
-LATCHED = frozenset({Mode.STOPPED, Mode.FAULT})
-"""Modes left only by a reset."""
 
 TRANSITIONS: dict[tuple[Mode, Mode], str] = {
     (Mode.DISARMED, Mode.ARMING): "arm",

@@ -16,11 +16,11 @@ import numpy as np
 
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array, wrap
-from tsd_twin.messages.ros import JointState, Odometry
+from tsd_twin.messages.cdr import JointState, Odometry
 from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import JOINTS, ODOM, SETPOINT
 from tsd_twin.robots import RPM, RobotDescription
-from tsd_twin.shadow.drift_tests import (
+from tsd_twin.shadow.fault_detectors import (
     SLOW_SERVO,
     SLOW_WHEEL,
     BatteryTest,
@@ -31,7 +31,7 @@ from tsd_twin.shadow.drift_tests import (
     WheelTest,
 )
 from tsd_twin.simulation import simulate
-from tsd_twin.simulation.sensors import Simulation
+from tsd_twin.simulation.base import Simulation
 
 WINDOW_S = 1.0
 """Sliding window for comparing poses; estimates would drift over longer windows."""

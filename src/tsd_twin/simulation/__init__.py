@@ -3,27 +3,16 @@
 from __future__ import annotations
 
 from tsd_twin.simulation.actuators import Motors, Servos, SpeedControllers, WheelSurface
+from tsd_twin.simulation.base import Simulation
 from tsd_twin.simulation.factory import PLANTS, plants_of, simulate
-from tsd_twin.simulation.robot import (
-    BATTERY,
-    BoardModel,
-    RobotWithStuckJoint,
-    SimRobot,
-    StuckJoint,
-    Truth,
-    Wear,
-    WornRobot,
-)
-from tsd_twin.simulation.sensors import Camera, CameraNoise, Frame, Simulation, YawGyro
+from tsd_twin.simulation.robot import BoardModel, SimRobot, Truth
 from tsd_twin.simulation.singularity import KinematicPlant, SingularitySimulation
+from tsd_twin.simulation.wear import BATTERY, RobotWithStuckJoint, StuckJoint, Wear, WornRobot
 
 __all__ = [
     "BATTERY",
     "PLANTS",
     "BoardModel",
-    "Camera",
-    "CameraNoise",
-    "Frame",
     "KinematicPlant",
     "Motors",
     "RobotWithStuckJoint",
@@ -37,7 +26,6 @@ __all__ = [
     "Wear",
     "WheelSurface",
     "WornRobot",
-    "YawGyro",
     "plants_of",
     "simulate",
 ]

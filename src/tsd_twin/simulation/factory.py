@@ -15,8 +15,10 @@ from tsd_twin.robots import (
     SphereDescription,
     kind_of,
 )
+from tsd_twin.simulation.base import Simulation
+from tsd_twin.simulation.delay import Actuated, DelayWrapper
 from tsd_twin.simulation.mujoco_plant import MujocoSimulation
-from tsd_twin.simulation.sensors import Actuated, DelayWrapper, GyroSimulation, Simulation
+from tsd_twin.simulation.sensed import GyroSimulation
 from tsd_twin.simulation.singularity import SingularitySimulation
 from tsd_twin.simulation.wheeled import GearedSimulation, OmniSimulation, SphereSimulation
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tsd_twin.dashboard.gateway.pages import STATIC
 from tsd_twin.dashboard.scene import appearance
-from tsd_twin.dashboard.server.pages import STATIC
 
 pytestmark = pytest.mark.computes
 

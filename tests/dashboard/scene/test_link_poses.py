@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from tsd_twin import robots
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, LinkPoses, Skeleton
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.ros import JointState
+from tsd_twin.messages.cdr import JointState
 from tsd_twin.models import kinematic_tree, load_parts, urdf
 
 small = st.floats(-1e-9, 1e-9)

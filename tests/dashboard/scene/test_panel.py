@@ -20,17 +20,12 @@ from hypothesis import strategies as st
 from tests.support.link_sockets import eventually
 from tests.support.robot_feed import RobotFeed, link_poses
 from tests.support.viser_client import CAMERA, PATIENCE_S, Node, ViserClient, viser_client
-from tsd_twin.dashboard import viser_compat
-from tsd_twin.dashboard.scene.appearance import (
-    CameraPreset,
-    Layer,
-    TruePoseDisplay,
-    ViewSettings,
-)
+from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.robot_visual import exaggerate_tilt
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.viser_compat import LOOK_AT_M, page_of
+from tsd_twin.dashboard.scene.viser_compat import LOOK_AT_M, page_of
+from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
 from tsd_twin.lie import SE2
 from tsd_twin.robots import load_robot
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from tsd_twin.dashboard.gateway.viewport import filter_message
 from tsd_twin.dashboard.scene.picking import sphere_point
-from tsd_twin.dashboard.server.viser_proxy import filter_message
 from tsd_twin.lie import SO3
 from tsd_twin.security import Role
 

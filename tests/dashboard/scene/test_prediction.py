@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
 from tests.support.robot_feed import RobotFeed
-from tsd_twin.client.connection import RoundTrips, SentCommand
+from tsd_twin.client.connection import SentCommand
+from tsd_twin.client.monitor import RoundTrips
 from tsd_twin.dashboard.scene.overlays import swept_outline
 from tsd_twin.dashboard.scene.robot_overlays import MotionPredictor, Prediction
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.ros import BASE, ODOM
+from tsd_twin.messages.cdr import BASE, ODOM
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.status import LimitStatus, Status
-from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot
 
 DRIVE = ROBOT.kinematics()

@@ -10,9 +10,10 @@ import pytest
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import ViserClient, viser_client
 from tsd_twin.client.connection import SentCommand
-from tsd_twin.dashboard import viser_compat
-from tsd_twin.dashboard.scene.appearance import Layer, overlay_node
+from tsd_twin.dashboard.scene import viser_compat
+from tsd_twin.dashboard.scene.appearance import overlay_node
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.wire.view import Layer
 from tsd_twin.messages.status import LimitStatus, Status
 
 AREA = f"{overlay_node(Layer.ENVELOPE, 'tsd')}/a"

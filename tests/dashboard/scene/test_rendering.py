@@ -12,11 +12,11 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from tests.support.browser import CHEAP_FLAGS, executable
 from tests.support.robot_feed import RobotFeed
-from tsd_twin.dashboard import viser_compat
+from tsd_twin.dashboard.gateway.pages import STATIC
+from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.server.pages import STATIC
 from tsd_twin.lie import Array
 
 SIZE = (360, 300)

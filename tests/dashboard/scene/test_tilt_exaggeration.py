@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.dashboard.scene.appearance import TiltFactor
 from tsd_twin.dashboard.scene.robot_visual import MOST_TILT_RAD, exaggerate_tilt
+from tsd_twin.dashboard.wire.view import TiltFactor
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 

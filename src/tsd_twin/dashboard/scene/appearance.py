@@ -1,4 +1,4 @@
-"""Colours, layers and their scene nodes, lights, view settings of a page, and roster of robots.
+"""Colours, scene nodes of the layers, lights, and the roster of robots.
 
 The colours are distinct for colour-blind people.
 """
@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable, Sequence
-from enum import StrEnum
-from typing import Annotated, TypeAlias
+from typing import TypeAlias
 
-import msgspec
 import viser
-from msgspec import Meta
+
+from tsd_twin.dashboard.wire.view import Layer
 
 Rgb: TypeAlias = tuple[int, int, int]
 
@@ -49,21 +48,6 @@ ROOT = "/w"
 """The world frame, `odom`, the parent of all nodes. It moves so that the followed robot stays in
 place.
 """
-
-
-class Layer(StrEnum):
-    """Layers that clients can hide; the values are the labels in the panel."""
-
-    SETPOINT = "set-point"
-    TRUTH = "true pose"
-    OTHER = "other estimate"
-    TRAIL = "trail"
-    ROUTE = "planned path"
-    ARROWS = "thrust arrows"
-    REGION = "region of the pose"
-    PREDICTED = "predicted pose"
-    ENVELOPE = "stop envelope"
-    LABELS = "labels"
 
 
 TRUE_POSES, ALTERNATIVE_POSES, TRAILS, AXIS_LABELS = (
@@ -161,46 +145,3 @@ class RobotRoster:
         with self._lock:
             number = self._numbers.setdefault(robot_id, len(self._numbers))
         return ROBOT_COLOURS[number % len(ROBOT_COLOURS)]
-
-
-class CameraPreset(StrEnum):
-    """Camera presets; the values are the labels in the panel."""
-
-    ISO = "3-D"
-    TOP = "top"
-    CHASE = "chase"
-    """Behind the robot; while following, the view turns with the robot."""
-
-
-class TruePoseDisplay(StrEnum):
-    """When the true pose is displayed; the values are the labels in the panel."""
-
-    DIFFERS = "when it differs"
-    ALWAYS = "always"
-    NEVER = "never"
-
-
-class TiltFactor(StrEnum):
-    """Exaggeration of the displayed tilt; the values are the labels in the panel."""
-
-    TRUE = "x1"
-    THREE = "x3"
-    TEN = "x10"
-
-    @property
-    def number(self) -> int:
-        """Exaggeration factor."""
-        return int(self.value[1:])
-
-
-class ViewSettings(msgspec.Struct, frozen=True):
-    """View settings stored by a page."""
-
-    camera: CameraPreset = CameraPreset.ISO
-    follow: bool = True
-    """Whether the camera moves with the robot."""
-    hidden: Annotated[Sequence[Layer], Meta(max_length=len(Layer))] = ()
-    true_pose: TruePoseDisplay = TruePoseDisplay.DIFFERS
-    tilt: TiltFactor = TiltFactor.TRUE
-    dark: bool | None = None
-    """Dark or light colours; None follows the browser's preference."""

@@ -8,15 +8,11 @@ import threading
 import numpy as np
 import viser
 
-from tsd_twin.client.connection import Snapshot
+from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
     PAST_NODE,
     ROOT,
-    CameraPreset,
-    Layer,
-    TruePoseDisplay,
-    ViewSettings,
     disable_shadows_and_reflections,
     layer_nodes,
     robot_node,
@@ -27,7 +23,8 @@ from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose
 from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual, hide_links
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.viser_compat import CAMERA_OFFSET_M, LOOK_AT_M
+from tsd_twin.dashboard.scene.viser_compat import CAMERA_OFFSET_M, LOOK_AT_M
+from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link

@@ -11,20 +11,20 @@ import msgspec
 import numpy as np
 import viser
 
-from tsd_twin.client.connection import Snapshot
-from tsd_twin.dashboard.scene.appearance import (
+from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.scene.client_view import ClientView
+from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
+from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.viser_compat import rename_tab, set_theme
+from tsd_twin.dashboard.sessions.kinds import view_of
+from tsd_twin.dashboard.wire.view import (
     CameraPreset,
     Layer,
     TiltFactor,
     TruePoseDisplay,
     ViewSettings,
 )
-from tsd_twin.dashboard.scene.client_view import ClientView
-from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
-from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
-from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.sessions.kinds import view_of
-from tsd_twin.dashboard.viser_compat import rename_tab, set_theme
 from tsd_twin.lie import Array
 from tsd_twin.motion import TwistLimiter
 

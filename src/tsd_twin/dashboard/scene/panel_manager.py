@@ -8,11 +8,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 import viser
 
-from tsd_twin.client.connection import Snapshot
-from tsd_twin.dashboard.scene.appearance import ViewSettings
+from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.panel import Panel, SliderMode
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.viser_compat import (
+from tsd_twin.dashboard.scene.viser_compat import (
     has_no_gpu,
     is_disconnected,
     is_viewer,
@@ -20,6 +19,7 @@ from tsd_twin.dashboard.viser_compat import (
     prefers_dark,
     set_theme,
 )
+from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import Array
 
 OnPanelMoved: TypeAlias = Callable[

@@ -11,9 +11,9 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 import viser
 
-from tsd_twin.client.connection import Snapshot
-from tsd_twin.dashboard.scene.appearance import ViewSettings
+from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape
+from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import SO3, Array
 
 MAX_DISTANCE_M = 60.0

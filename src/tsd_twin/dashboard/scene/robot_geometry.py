@@ -16,7 +16,7 @@ import numpy.typing as npt
 from tsd_twin.dashboard.scene.appearance import Rgb
 from tsd_twin.kinematics import Joint, JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.ros import JointState
+from tsd_twin.messages.cdr import JointState
 from tsd_twin.models import (
     JointType,
     KinematicTree,

@@ -13,14 +13,14 @@ import numpy as np
 import viser
 from manifold3d import CrossSection
 
-from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
+from tsd_twin.client.connection import SentCommand
+from tsd_twin.client.monitor import RoundTrips, Snapshot
 from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
     ALTERNATIVE_POSES,
     ROUTES,
     TRAILS,
     TRUE_POSES,
-    Layer,
     overlay_node,
     robot_node,
 )
@@ -34,13 +34,14 @@ from tsd_twin.dashboard.scene.overlays import (
 )
 from tsd_twin.dashboard.scene.picking import OnClick, add_click_target
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, LinkPoses, RobotShape, Surface
+from tsd_twin.dashboard.wire.view import Layer
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array, wrap
-from tsd_twin.messages.ros import ODOM, Odometry
+from tsd_twin.messages.cdr import ODOM, Odometry
+from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.status import Status
 from tsd_twin.motion.prediction import PendingCommand, Predictor
 from tsd_twin.robots import RobotDescription
-from tsd_twin.safety import Mode
 
 MIN_DELAY_S = 0.05
 """Minimum delay for showing a predicted pose."""

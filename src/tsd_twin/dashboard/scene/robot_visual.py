@@ -13,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
+from tsd_twin.client.connection import SentCommand
+from tsd_twin.client.monitor import RoundTrips, Snapshot
 from tsd_twin.client.motions import kinematics_in_force
-from tsd_twin.dashboard.scene.appearance import Layer, TiltFactor, overlay_node, robot_node
+from tsd_twin.dashboard.scene.appearance import overlay_node, robot_node
 from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape, commanded_joints
 from tsd_twin.dashboard.scene.robot_overlays import (
@@ -25,7 +26,8 @@ from tsd_twin.dashboard.scene.robot_overlays import (
     RobotOverlays,
     SetpointRings,
 )
-from tsd_twin.dashboard.viser_compat import scale_instances
+from tsd_twin.dashboard.scene.viser_compat import scale_instances
+from tsd_twin.dashboard.wire.view import Layer, TiltFactor
 from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link

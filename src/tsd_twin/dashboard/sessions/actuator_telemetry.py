@@ -7,9 +7,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tsd_twin.client.connection import Snapshot
-from tsd_twin.dashboard.server.messages_from_page import Triple
-from tsd_twin.dashboard.server.messages_to_page import (
+from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.wire.from_page import Triple
+from tsd_twin.dashboard.wire.to_page import (
     EstimateDifference,
     GimbalState,
     JointInfo,
@@ -20,7 +20,7 @@ from tsd_twin.dashboard.server.messages_to_page import (
 )
 from tsd_twin.kinematics import Joint, JointKind, OmniKinematics, SphereKinematics
 from tsd_twin.lie import SO3, Array, wrap
-from tsd_twin.messages.ros import Odometry
+from tsd_twin.messages.cdr import Odometry
 from tsd_twin.robots import (
     RPM,
     ImportedDescription,

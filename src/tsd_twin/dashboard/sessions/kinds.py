@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from tsd_twin.dashboard.server.messages_to_page import StudentWheel
 from tsd_twin.dashboard.sessions.actuator_telemetry import (
     ActuatorTelemetry,
     GimbalTelemetry,
@@ -21,6 +20,7 @@ from tsd_twin.dashboard.sessions.student_wheels import (
     roller_wheels,
     sphere_wheels,
 )
+from tsd_twin.dashboard.wire.to_page import StudentWheel
 from tsd_twin.lie import Array
 from tsd_twin.registry import KindTable
 from tsd_twin.robots import (

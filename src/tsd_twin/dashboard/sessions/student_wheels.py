@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from tsd_twin.dashboard.server.messages_from_page import Triple
-from tsd_twin.dashboard.server.messages_to_page import StudentWheel
+from tsd_twin.dashboard.wire.from_page import Triple
+from tsd_twin.dashboard.wire.to_page import StudentWheel
 from tsd_twin.lie import Array
 from tsd_twin.robots import (
     RPM,

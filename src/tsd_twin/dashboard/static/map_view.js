@@ -4,7 +4,7 @@
 const SPANS_M = [1, 2, 4, 8, 16, 32, 64]; // Along the smaller side.
 const USUAL_SPAN_M = 4;
 const CALM = 0.25; // Maximum offset of the robot from the centre, relative to the smaller side.
-const TRAIL_SPACING_M = 0.05; // As in server/map_data.py, like the next two.
+const TRAIL_SPACING_M = 0.05; // As in sessions/map_data.py, like the next two.
 const TRAIL_JUMP_M = 0.5;
 const TRAIL_POINTS = 800;
 

@@ -1,5 +1,5 @@
 // Generated from tsd_twin/messages/sentences.py by
-// python -m tsd_twin.dashboard.server.sentences_script
+// python -m tsd_twin.dashboard.gateway.sentences_script
 
 /** @type {Record<string, string>} */
 export const TEMPLATES = {

@@ -1,0 +1,1 @@
+"""Studies that are not of the papers; they are not in the wheel."""

@@ -1,0 +1,369 @@
+"""Sources of the Foxglove server: live robots with an operator per client, and recordings."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import importlib
+import math
+import secrets
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from tsd_twin import robots
+from tsd_twin.adapters.cmd_vel import CmdVelOperator, decode_cmd_vel
+from tsd_twin.adapters.cmd_vel_bridge import RobotDriver
+from tsd_twin.adapters.fleet import (
+    LONGEST_OPERATOR,
+    Fleet,
+    MeshFiles,
+    RobotSource,
+    frames_of,
+    package_of,
+)
+from tsd_twin.adapters.foxglove.gateway import Access, Front
+from tsd_twin.adapters.foxglove.sdk import Playback, SdkServer
+from tsd_twin.adapters.ros_messages import (
+    CMD_VEL,
+    PUBLISHED,
+    SERVICES,
+    SOURCES,
+    RobotMapping,
+    RosMessage,
+    RosNames,
+    namespaces,
+)
+from tsd_twin.bus import Bus
+from tsd_twin.client.bus_port import BusLink
+from tsd_twin.errors import RecordingError, TwinError
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.services import Description
+from tsd_twin.messages.topics import Service
+from tsd_twin.models import robot_urdf
+from tsd_twin.recording.channels import RAW, Entry, robot_of, topic_of
+from tsd_twin.recording.index import RecordingIndex
+
+_WATCH_S = 0.05
+
+
+class FoxgloveSource(RobotSource):
+    """Robot on the bus, as channels and services of the SDK."""
+
+    def __init__(self, server: SdkServer, services: bool, operator: str, link: BusLink) -> None:
+        """If `services` is set, the robot can be driven."""
+        self._server, self._services = server, services
+        super().__init__(link, operator)
+
+    async def show(self, names: RosNames) -> None:
+        """Declare channels, services and meshes."""
+        self._server.declare([(row, names.topic(row.name)) for row in PUBLISHED], self.id)
+        self._server.set_assets(self.mesh_uri(names), self.meshes.get)
+        if self._services:
+            self._server.add_services([names.topic(name) for name in SERVICES])
+
+    async def withdraw(self, names: RosNames) -> None:
+        """Withdraw everything that `show` declared."""
+        self._server.forget([names.topic(row.name) for row in PUBLISHED], self.id)
+        self._server.set_assets(self.mesh_uri(names), None)
+        if self._services:
+            self._server.remove_services([names.topic(name) for name in SERVICES])
+
+    def mesh_uri(self, names: RosNames) -> str:
+        """Return the URI prefix of mesh files."""
+        return package_of(names)
+
+    def wants(self, topic: str) -> bool:
+        """Return whether a topic has a subscriber."""
+        return self._server.wants(topic)
+
+    def publish(self, message: RosMessage) -> None:
+        """Send a message to all subscribers."""
+        self._server.log(message, self.id)
+
+
+class LiveOperator:
+    """Operator of a client, with a driver for each robot that it drives."""
+
+    def __init__(
+        self,
+        fleet: Fleet[FoxgloveSource],
+        operator: str,
+        say: Callable[[str], None],
+        trip_s: Callable[[], float],
+    ) -> None:
+        """Create the operator of a client.
+
+        Args:
+            fleet: All robots.
+            operator: Name prefix; random digits are appended.
+            say: Sends the client a notice.
+            trip_s: Returns the client's round-trip time.
+        """
+        self._fleet, self._say, self._trip_s = fleet, say, trip_s
+        self._name = f"{operator}-{secrets.token_hex(4)}"
+        self._drivers: dict[str, tuple[FoxgloveSource, RobotDriver]] = {}
+        self._unread_s = -math.inf
+        self._closing: asyncio.Task[None] | None = None
+
+    def publish(
+        self, topic: str, encoding: str, schema: str, payload: bytes, sent_after_s: float
+    ) -> None:
+        """Handle a twist."""
+        now_s = time.monotonic()
+        found = self._robot_of(topic)
+        if found is None or found[1] != CMD_VEL.name:
+            known = [each.names for each in self._fleet.sources.values() if each.names]
+            names = ", ".join(each.topic(CMD_VEL.name) for each in known) or "no robot is there"
+            self._say(f"nothing reads {topic[:100]}; publish to {names}")
+            self._unread_s = now_s
+            for _, driver in self._drivers.values():
+                driver.machine.on_unread(now_s)
+            return
+        source, _ = found
+        try:
+            message = decode_cmd_vel(encoding, schema, payload)
+        except MessageError as error:
+            self._say(str(error)[:200])
+            return
+        if source.names is not None and message.frame in frames_of(source.names):
+            message = replace(message, frame=frames_of(source.names)[message.frame])
+        self._driver(source).on_cmd_vel(message, now_s, sent_after_s)
+
+    async def call(self, service: str) -> tuple[bool, str]:
+        """Call a service; return whether it succeeded, and a message."""
+        found = self._robot_of(service)
+        if found is None:
+            return False, f"there is no service {service}"
+        return await self._driver(found[0]).call(found[1])
+
+    async def close(self) -> None:
+        """Stop and release all driven robots."""
+        drivers, self._drivers = self._drivers, {}
+        await asyncio.gather(*(driver.close() for _, driver in drivers.values()))
+
+    def _driver(self, source: FoxgloveSource) -> RobotDriver:
+        made = self._drivers.get(source.id)
+        if made is None or made[0] is not source:
+            say = partial(self._tell, source.id)
+            if made is None:
+                machine = CmdVelOperator(self._name)
+                machine.on_unread(self._unread_s)
+            else:  # The robot was restarted or unreachable.
+                machine = made[1].machine
+                self._closing = asyncio.create_task(made[1].close())
+            driver = RobotDriver(source.client, machine, say, self._trip_s)
+            if made is not None:
+                driver.connected()
+            made = self._drivers[source.id] = source, driver
+        return made[1]
+
+    def _robot_of(self, topic: str) -> tuple[FoxgloveSource, str] | None:
+        """Return the robot that a topic or service belongs to, and its relative name."""
+        for source in self._fleet.sources.values():
+            if source.names is not None:
+                for name in (CMD_VEL.name, *SERVICES):
+                    if topic == source.names.topic(name):
+                        return source, name
+        return None
+
+    def _tell(self, robot: str, text: str) -> None:
+        self._say(f"{robot}: {text}")
+
+
+async def serve_live(
+    open_bus: Callable[[], Bus],
+    address: tuple[str, int],
+    access: Access,
+    stop: threading.Event,
+    ready: Callable[[int], None],
+    *,
+    operator: str,
+    may_drive: bool = True,
+    only: Collection[str] = (),
+) -> None:
+    """Serve all robots on the bus until `stop` is set.
+
+    Raises:
+        TwinError: If the SDK is missing, or the address or the access settings cannot be used.
+    """
+    access.check(address[0])
+    server = SdkServer("tsd-twin", may_drive=may_drive)
+    operator = operator[:LONGEST_OPERATOR]
+    make_source = partial(FoxgloveSource, server, may_drive, operator)
+    fleet = Fleet(make_source, open_bus, only)
+    make = partial(LiveOperator, fleet, operator) if may_drive else None
+    front = Front(access, make, server.port, server.trust)
+    bus = await asyncio.to_thread(open_bus)
+    try:
+        await front.start(*address)
+        fleet.watch(bus)
+        ready(front.port)
+        while not stop.is_set():
+            await asyncio.sleep(_WATCH_S)
+    finally:
+        await front.stop()
+        await fleet.close()
+        bus.close()
+        server.close()
+
+
+SLOWEST, FASTEST = 0.01, 100.0
+"""Range of playback speeds."""
+_STEP_S = 0.02
+_LATEST_NS = (1 << 63) - 1
+
+
+class RecordingPlayback:
+    """Playback of a recording; thread-safe."""
+
+    def __init__(self, path: Path, name: str) -> None:
+        """Open a recording and serve it.
+
+        Raises:
+            RecordingError: If the file is not a recording, or none of its robots can be shown.
+            MissingExtraError: If the SDK is not installed.
+        """
+        self._index = RecordingIndex(path)
+        self._lock = threading.RLock()
+        self._playing, self._speed = False, 1.0
+        self._at_ns = self._index.start_ns
+        self._clock_s = 0.0
+        self._entries: Iterator[Entry] | None = None
+        self._pending: Entry | None = None
+        start_ns, end_ns = self._index.start_ns, self._index.end_ns
+        self.server = SdkServer(name, playback=Playback(start_ns, end_ns, self.on_request))
+        self._web: Any = importlib.import_module("foxglove.websocket")
+        self._mappings: dict[str, RobotMapping] = {}
+        self._show_robots(path)
+        self._topics = {
+            topic
+            for topic in self._index.topics
+            if topic_of(topic) in SOURCES
+            and robot_of(topic) in self._mappings
+            and not topic.endswith(RAW)
+        }
+        self._seek(start_ns)
+
+    def close(self) -> None:
+        """Close the file and all connections."""
+        self.server.close()
+        self._index.close()
+
+    def _show_robots(self, path: Path) -> None:
+        found = {robot_of(topic) for topic in self._index.topics} - {"", "*"}
+        unknown: list[str] = []
+        for robot, names in namespaces(found).items():
+            try:
+                description = self._description(robot)
+                meshes = MeshFiles(robots.parse_description(description.robot, robot))
+                text = description.urdf or robot_urdf(meshes.robot)
+                mapping = RobotMapping(robot, names, text, package_of(names))
+            except TwinError as error:
+                unknown.append(str(error))
+                continue
+            self._mappings[robot] = mapping
+            self.server.declare([(row, names.topic(row.name)) for row in PUBLISHED], robot)
+            self.server.set_assets(package_of(names), meshes.get)
+            for message in mapping.static():
+                self.server.log(message, robot)
+        if not self._mappings:
+            reasons = "; ".join(unknown) or "there is no robot in it"
+            raise RecordingError(f"{path} cannot be shown: {reasons}")
+
+    def _description(self, robot: str) -> Description:
+        for entry in self._index.newest_first(Service.DESC.key(robot), _LATEST_NS):
+            with contextlib.suppress(msgspec.DecodeError):
+                return msgspec.json.decode(entry.data, type=Description)
+        raise RecordingError(f"there is no description of '{robot}'")
+
+    # Called on SDK threads.
+
+    def on_request(self, request: Any) -> Any:
+        """Handle a client request; return the playback state."""
+        with self._lock:
+            sought = request.seek_time is not None
+            if sought:
+                self._seek(request.seek_time)
+            speed = float(request.playback_speed)
+            if math.isfinite(speed):
+                self._speed = min(max(speed, SLOWEST), FASTEST)
+            self._playing = request.playback_command == self._web.PlaybackCommand.Play
+            self._clock_s = time.monotonic()
+            return self._state(sought=sought, request_id=request.request_id)
+
+    def _state(self, *, sought: bool = False, request_id: str | None = None) -> Any:
+        status = self._web.PlaybackStatus
+        now = status.Playing if self._playing else status.Paused
+        if self._at_ns >= self._index.end_ns:
+            now = status.Ended
+        return self._web.PlaybackState(now, self._at_ns, self._speed, sought, request_id)
+
+    # Timing.
+
+    def advance(self) -> None:
+        """Send all messages due by now."""
+        with self._lock:
+            now_s = time.monotonic()
+            step_ns = round(1e9 * self._speed * (now_s - self._clock_s))
+            self._clock_s = now_s
+            if not self._playing or self._entries is None:
+                return
+            self._at_ns = min(self._at_ns + step_ns, self._index.end_ns)
+            while (entry := self._pending) is not None and entry.log_ns <= self._at_ns:
+                self._send(entry)
+                self._pending = next(self._entries, None)
+            self.server.server.broadcast_time(self._at_ns)
+            if self._at_ns >= self._index.end_ns:
+                self._playing = False
+                self.server.server.broadcast_playback_state(self._state())
+
+    def _seek(self, at_ns: int) -> None:
+        """Show the latest message of each stream at a time."""
+        self._at_ns = min(max(at_ns, self._index.start_ns), self._index.end_ns)
+        for topic in sorted(self._topics):
+            for entry in self._index.newest_first(topic, self._at_ns):
+                self._send(entry, self._at_ns)
+                break
+        self._entries = self._index.entries(self._topics, self._at_ns)
+        self._pending = next(self._entries, None)
+
+    def _send(self, entry: Entry, log_ns: int | None = None) -> None:
+        topic, robot = topic_of(entry.topic), robot_of(entry.topic)
+        if topic is None:
+            return
+        with contextlib.suppress(MessageError):
+            for message in self._mappings[robot].convert(topic, entry.data, self.server.wants):
+                self.server.log(message, robot, log_ns or entry.log_ns)
+
+
+async def serve_recording(
+    path: Path,
+    address: tuple[str, int],
+    access: Access,
+    stop: threading.Event,
+    ready: Callable[[int], None],
+) -> None:
+    """Serve a recording until `stop` is set; nothing can be driven.
+
+    Raises:
+        TwinError: If the SDK is missing, or file, address or access settings cannot be used.
+    """
+    access.check(address[0])
+    playback = RecordingPlayback(path, path.name)
+    front = Front(access, None, playback.server.port, playback.server.trust)
+    try:
+        await front.start(*address)
+        ready(front.port)
+        while not stop.is_set():
+            await asyncio.to_thread(playback.advance)
+            await asyncio.sleep(_STEP_S)
+    finally:
+        await front.stop()
+        playback.close()

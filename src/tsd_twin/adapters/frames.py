@@ -1,0 +1,198 @@
+"""Coordinate frames for `/tf` and `/tf_static` from a robot's URDF and joints (pure)."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from tsd_twin.messages.errors import MessageError
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+"""(w, x, y, z), unit length."""
+IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
+FOOTPRINT = "base_footprint"
+"""Root frame of every URDF."""
+_MOVING = frozenset({"revolute", "continuous"})
+_RINGS = ("_yaw", "_pitch", "_roll")
+"""Suffixes of the joints that represent a ball joint."""
+_LONGEST_STEP_S = 0.1
+"""Maximum time step for integrating wheel speeds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Transform:
+    """Pose of frame `child` in frame `parent`."""
+
+    parent: str
+    child: str
+    position_m: Vector
+    turn: Quaternion
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfJoint:
+    """URDF joint: its frame in the parent frame, and its axis."""
+
+    name: str
+    origin: Transform
+    axis: Vector | None
+    """None for fixed joints."""
+
+    def at(self, angle_rad: float) -> Transform:
+        """Return the transform at an angle."""
+        if self.axis is None:
+            return self.origin
+        half = 0.5 * angle_rad
+        x, y, z = (math.sin(half) * part for part in self.axis)
+        turn = product(self.origin.turn, (math.cos(half), x, y, z))
+        return Transform(self.origin.parent, self.origin.child, self.origin.position_m, turn)
+
+
+@dataclass(frozen=True, slots=True)
+class UrdfTree:
+    """All joints of a URDF."""
+
+    joints: Mapping[str, UrdfJoint]
+    ball: str | None
+    """Name of the ball joint if the robot turns a sphere, with ring joints `<name>_yaw` etc."""
+
+    @property
+    def fixed(self) -> list[Transform]:
+        """Constant transforms."""
+        return [joint.origin for joint in self.joints.values() if joint.axis is None]
+
+    @property
+    def ball_frame(self) -> str | None:
+        """Frame of the sphere, or None."""
+        return None if self.ball is None else self.joints[self.ball].origin.child
+
+    def moving(self, angles_rad: Mapping[str, float]) -> list[Transform]:
+        """Return the transforms of moving joints with finite angles."""
+        return [
+            self.joints[name].at(angle)
+            for name, angle in angles_rad.items()
+            if name in self.joints and self.joints[name].axis and math.isfinite(angle)
+        ]
+
+    def ring_angles(self, turn: Quaternion) -> dict[str, float]:
+        """Return the ring angles of the ball joint for an orientation of the sphere."""
+        if self.ball is None:
+            return {}
+        return {
+            self.ball + ring: angle
+            for ring, angle in zip(_RINGS, yaw_pitch_roll(turn), strict=True)
+        }
+
+
+def parse_urdf(text: str) -> UrdfTree:
+    """Parse the joints of a URDF.
+
+    Raises:
+        MessageError: If the URDF is invalid (`shape`).
+    """
+    try:
+        root = ET.fromstring(text)  # noqa: S314  Python's expat limits entity expansion.
+        joints = [_joint(element) for element in root.iter("joint")]
+    except (ET.ParseError, ValueError, KeyError, TypeError) as error:
+        raise MessageError("shape", f"not a URDF: {error}") from error
+    named = {joint.name: joint for joint in joints}
+    balls = [name for name in named if all(name + ring in named for ring in _RINGS)]
+    return UrdfTree(named, balls[0] if balls else None)
+
+
+def _joint(element: ET.Element) -> UrdfJoint:
+    parent, child = element.find("parent"), element.find("child")
+    if parent is None or child is None:
+        raise ValueError("a joint has no parent or no child")
+    origin, axis = element.find("origin"), element.find("axis")
+    xyz = _three(origin.get("xyz") if origin is not None else None)
+    turn = from_roll_pitch_yaw(*_three(origin.get("rpy") if origin is not None else None))
+    place = Transform(parent.attrib["link"], child.attrib["link"], xyz, turn)
+    if element.get("type") not in _MOVING:
+        return UrdfJoint(element.attrib["name"], place, None)
+    about = _three(axis.get("xyz") if axis is not None else "1 0 0")
+    length = math.hypot(*about)
+    if not length > 0.0:
+        raise ValueError("an axis has no direction")
+    x, y, z = (part / length for part in about)
+    return UrdfJoint(element.attrib["name"], place, (x, y, z))
+
+
+def _three(text: str | None) -> Vector:
+    x, y, z = (float(part) for part in (text or "0 0 0").split())
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ValueError("a number is not finite")
+    return x, y, z
+
+
+class WheelAngles:
+    """Joint angles; unmeasured ones are integrated from speed.
+
+    Wheels report only speed. Their angles are for display, with an arbitrary offset.
+    """
+
+    def __init__(self) -> None:
+        self._angles: dict[str, float] = {}
+        self._stamp_ns: int | None = None
+
+    def update(
+        self,
+        names: Sequence[str],
+        position_rad: Sequence[float],
+        velocity_rad_per_s: Sequence[float],
+        stamp_ns: int,
+    ) -> dict[str, float]:
+        """Return the angle of each joint, NaN if neither angle nor speed is known."""
+        step_s = 0.0 if self._stamp_ns is None else 1e-9 * (stamp_ns - self._stamp_ns)
+        step_s = min(max(step_s, 0.0), _LONGEST_STEP_S)
+        self._stamp_ns = stamp_ns
+        angles: dict[str, float] = {}
+        for name, position, velocity in zip(names, position_rad, velocity_rad_per_s, strict=True):
+            if math.isfinite(position):
+                angles[name] = position
+            elif math.isfinite(velocity):
+                before = self._angles.get(name, 0.0)
+                angles[name] = math.remainder(before + velocity * step_s, math.tau)
+                self._angles[name] = angles[name]
+            else:
+                angles[name] = math.nan
+        return angles
+
+
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the product `a b` (rotation `b`, then `a`)."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def rotated_back(turn: Quaternion, vector: Vector) -> Vector:
+    """Rotate a vector into the axes of a frame with orientation `turn`."""
+    w, x, y, z = turn
+    _, *rotated = product(product((w, -x, -y, -z), (0.0, *vector)), turn)
+    return rotated[0], rotated[1], rotated[2]
+
+
+def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Return the orientation for a URDF `rpy` (rotations about fixed X, then Y, then Z)."""
+    about_x = (math.cos(0.5 * roll), math.sin(0.5 * roll), 0.0, 0.0)
+    about_y = (math.cos(0.5 * pitch), 0.0, math.sin(0.5 * pitch), 0.0)
+    about_z = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
+    return product(product(about_z, about_y), about_x)
+
+
+def yaw_pitch_roll(turn: Quaternion) -> Vector:
+    """Return the intrinsic Z-Y-X angles (yaw, pitch, roll) of an orientation."""
+    w, x, y, z = turn
+    pitch = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - x * z))))
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return yaw, pitch, roll

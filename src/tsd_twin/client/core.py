@@ -1,0 +1,473 @@
+"""Interface shared by the synchronous and asyncio clients.
+
+Methods that wait for the robot are declared here once: in `RobotControl` they block and return
+None, in `AsyncRobotControl` they must be awaited.
+"""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any, Generic, TypeVar
+
+from tsd_twin.client import motions, procedures
+from tsd_twin.client.arguments import (
+    check_duration,
+    check_numbers,
+    check_optional,
+    check_text,
+)
+from tsd_twin.client.bus_port import Link
+from tsd_twin.client.errors import ClientError
+from tsd_twin.client.motions import goal_along, goal_at
+from tsd_twin.client.port import Procedure
+from tsd_twin.client.protocol import ControlProtocol
+from tsd_twin.client.state import RobotState
+from tsd_twin.lie import SE2
+from tsd_twin.messages.cdr import BASE
+from tsd_twin.messages.pose import PoseStamped, encode_pose
+from tsd_twin.robots import RobotDescription
+
+QUEUE = 64
+"""Maximum number of states or events queued for a slow consumer."""
+_SHORTEST_SLEEP_S = 0.001
+
+DoneT = TypeVar("DoneT")
+"""Return type of methods that wait for the robot: None or an awaitable."""
+LinkT = TypeVar("LinkT", bound=Link)
+ControlT = TypeVar("ControlT", bound="BaseControl[Any, Any]")
+
+
+def _usable(link: LinkT, process: int) -> LinkT:
+    """Return the link if this process opened it; its threads do not survive a fork."""
+    if os.getpid() != process and not link.virtual:
+        raise ClientError(
+            f"this connection to {link.id} belongs to the parent of this process: connect again in "
+            "the child, or start it with the method 'spawn'",
+            "connection_of_parent",
+        )
+    return link
+
+
+class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
+    """Robot client: latest state and operations that need no lease."""
+
+    def __init__(self, link: LinkT, operator: str) -> None:
+        """`operator` is the default name of `control`."""
+        self._own_link, self._process = link, os.getpid()
+        self._operator = operator
+        self._controls: list[ControlT] = []
+
+    def __repr__(self) -> str:
+        state = "closed" if self.link.closed else repr(self.state)
+        return f"<{type(self).__name__} {self.id}: {state}>"
+
+    @property
+    def link(self) -> LinkT:
+        """Connection, for internal use.
+
+        Raises:
+            ClientError: If called in a forked child of the process that connected.
+        """
+        return _usable(self._own_link, self._process)
+
+    @property
+    def id(self) -> str:
+        """Robot id on the bus."""
+        return self.link.id
+
+    @property
+    def description(self) -> RobotDescription:
+        """Robot description with limits and kinematics."""
+        return self.link.robot
+
+    @property
+    def state(self) -> RobotState:
+        """Latest state."""
+        return self.link.state()
+
+    @property
+    def time_s(self) -> float:
+        """Monotonic time, or virtual time for simulated robots."""
+        return self.link.now_s()
+
+    def stop(self, reason: str = "") -> DoneT:
+        """Stop and latch the robot (software stop); any client may call this.
+
+        Raises:
+            RobotSilent: If no acknowledgement arrives.
+        """
+        check_text(reason=reason)
+        return self._perform(lambda: procedures.stop(self.id, self._operator, reason))
+
+    def reset(self) -> DoneT:
+        """Unlatch a stopped or faulty robot without arming it, holding the lease only briefly.
+
+        Raises:
+            RequestRefused: If it is not latched or still receives commands.
+            ControlDenied: If another operator has control.
+        """
+        held = [control for control in self._controls if control.is_held]
+        return held[0].reset() if held else self._perform(self._reset)
+
+    def _reset(self) -> Procedure[None]:
+        protocol = ControlProtocol(self.id, self.description, self._operator)
+        self.link.attach(protocol)
+        try:
+            yield from procedures.reset_without_control(protocol, self.time_s)
+        finally:
+            self.link.detach(protocol)
+
+    def publish_pose(
+        self, x_m: float, y_m: float, heading_rad: float, *, stamp_s: float | None = None
+    ) -> None:
+        """Publish a measured pose in `odom`, for the robot to fuse.
+
+        `stamp_s` is the measurement time on the robot's wall clock, as in `state.odom.stamp_s`; by
+        default now.
+        """
+        check_numbers(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
+        check_optional(stamp_s=stamp_s)
+        stamp_ns = self.link.wall_ns() if stamp_s is None else round(stamp_s * 1e9)
+        pose = SE2.identity()
+        pose.xy_heading[:] = x_m, y_m, heading_rad
+        self.link.send_pose(encode_pose(PoseStamped.planar(pose, stamp_ns)))
+
+    def control(
+        self,
+        operator: str | None = None,
+        *,
+        take_over: bool = False,
+        max_age_s: float | None = None,
+        reason: str = "",
+        arm: bool = True,
+    ) -> ControlT:
+        """Return a control to use in `with`, which acquires the lease and arms.
+
+        On exit it commands zero, disarms and releases. `take_over` takes the lease from its holder,
+        with a public `reason`. `max_age_s` accepts older commands on a slow link, at a lower speed
+        limit. Without `arm`, call `arm` yourself. For `AsyncRobotClient`, use `async with`.
+        """
+        check_optional(max_age_s=max_age_s)
+        check_text(operator=operator, reason=reason)
+        wish = {"take_over": bool(take_over), "max_age_s": max_age_s, "reason": reason}
+        return self._new_control(operator or self._operator, arm, wish, None)
+
+    def request_control(
+        self,
+        operator: str | None = None,
+        *,
+        timeout_s: float = 15.0,
+        max_age_s: float | None = None,
+        arm: bool = True,
+    ) -> ControlT:
+        """Return a control like `control`, which requests the lease from its holder on entry.
+
+        The holder has `timeout_s` to respond, at most 15 s.
+        """
+        check_optional(max_age_s=max_age_s)
+        check_duration(timeout_s=timeout_s)
+        check_text(operator=operator)
+        wish = {"max_age_s": max_age_s}
+        return self._new_control(operator or self._operator, arm, wish, timeout_s)
+
+    def add_control(self, control: ControlT, *, active: bool) -> None:
+        """Register or unregister a control (internal)."""
+        self._controls = [each for each in self._controls if each is not control]
+        if active:
+            self._controls.append(control)
+
+    @abstractmethod
+    def _new_control(
+        self, operator: str, arm: bool, wish: dict[str, Any], ask_s: float | None
+    ) -> ControlT: ...
+
+    @abstractmethod
+    def _perform(self, begin: Callable[[], Procedure[None]]) -> DoneT: ...
+
+
+class BaseControl(ABC, Generic[LinkT, DoneT]):
+    """Control of a robot by one operator: modes, motions, settings, handover."""
+
+    def __init__(
+        self,
+        link: LinkT,
+        operator: str,
+        arm: bool,
+        wish: dict[str, Any],
+        ask_s: float | None,
+    ) -> None:
+        self._own_link, self._process = link, os.getpid()
+        self._protocol = ControlProtocol(link.id, link.robot, operator)
+        self._arm, self._wish, self._ask_s = arm, wish, ask_s
+
+    def __repr__(self) -> str:
+        held = "has control of" if self.is_held else "has no control of"
+        return f"<{type(self).__name__}: {self.operator} {held} {self._link.id}>"
+
+    @property
+    def operator(self) -> str:
+        """Operator name in the lease."""
+        return self._protocol.operator
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the lease is held, as far as the client knows."""
+        return self._protocol.has_lease
+
+    @property
+    def lost_reason(self) -> str:
+        """Reason why the lease ended, or "" if it was never held."""
+        return self._protocol.lost_reason
+
+    @property
+    def asked_by(self) -> str | None:
+        """Operator requesting control, if any."""
+        return self._link.state().lease.asked_by
+
+    # Handover and modes.
+
+    def hand_over(self, asker: str | None = None) -> DoneT:
+        """Transfer control to the requesting operator; the robot stops and stays armed.
+
+        Raises:
+            RequestRefused: If there is no request, or it is from another operator.
+        """
+        check_text(asker=asker)
+        return self._perform(
+            lambda: procedures.answer_request(self._protocol, grant=True, asker=asker)
+        )
+
+    def deny(self, asker: str | None = None) -> DoneT:
+        """Deny the pending request for control.
+
+        Raises:
+            RequestRefused: If there is no request, or it is from another operator.
+        """
+        check_text(asker=asker)
+        return self._perform(
+            lambda: procedures.answer_request(self._protocol, grant=False, asker=asker)
+        )
+
+    def arm(self) -> DoneT:
+        """Arm and wait until the robot is ready (about 3 s).
+
+        Raises:
+            RequestRefused: If the robot refuses or aborts arming.
+            RobotStopped: If it is latched and needs a reset first.
+        """
+        return self._perform(lambda: procedures.arm(self._protocol, self._now_s))
+
+    def disarm(self) -> DoneT:
+        """Disarm: stop if driving, then spin the wheels down."""
+        return self._perform(lambda: procedures.disarm(self._protocol, self._now_s))
+
+    def stop(self, reason: str = "") -> DoneT:
+        """Stop and latch the robot (software stop)."""
+        check_text(reason=reason)
+        return self._perform(lambda: procedures.stop(self._link.id, self.operator, reason))
+
+    def reset(self) -> DoneT:
+        """Unlatch a stopped or faulty robot; it is then disarmed."""
+        return self._perform(lambda: procedures.reset(self._protocol, self._now_s))
+
+    # Motions.
+
+    def drive(
+        self,
+        *,
+        vx_mps: float = 0.0,
+        vy_mps: float = 0.0,
+        omega_rad_per_s: float = 0.0,
+        duration_s: float,
+        frame: str = BASE,
+    ) -> DoneT:
+        """Drive for `duration_s`, then stop; return once the robot is at rest.
+
+        `frame` is `base_link` for robot axes or `odom` for floor axes.
+
+        Raises:
+            ControlLost: If the lease ends.
+            RobotStopped: If the robot is not ready, is stopped or stops automatically.
+            RobotSilent: If the robot sends no status.
+        """
+        protocol = self._protocol
+        return self._perform(
+            lambda: motions.drive(
+                protocol,
+                self._now_s,
+                protocol.planar(vx_mps, vy_mps, omega_rad_per_s),
+                duration_s,
+                frame,
+            )
+        )
+
+    def turn(
+        self,
+        *,
+        wx_rad_per_s: float = 0.0,
+        wy_rad_per_s: float = 0.0,
+        wz_rad_per_s: float = 0.0,
+        duration_s: float,
+        frame: str = BASE,
+    ) -> DoneT:
+        """Turn a sphere in place for `duration_s`, then stop; see `drive`."""
+        protocol = self._protocol
+        return self._perform(
+            lambda: motions.drive(
+                protocol,
+                self._now_s,
+                protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s),
+                duration_s,
+                frame,
+            )
+        )
+
+    def set_velocity(
+        self,
+        *,
+        vx_mps: float = 0.0,
+        vy_mps: float = 0.0,
+        omega_rad_per_s: float = 0.0,
+        frame: str = BASE,
+        given_s: float | None = None,
+    ) -> None:
+        """Set a velocity for up to 0.2 s and return immediately.
+
+        The library sends it at 50 Hz. Without a refresh it is replaced by zero before the robot
+        would reject it as too old. `given_s` is the time of the original input on the clock of
+        `robot.time_s`; by default now.
+
+        Raises:
+            ControlLost: If the lease has ended.
+            RobotStopped: If the robot is not ready, was stopped or stopped automatically.
+            RobotSilent: If the robot sends no status.
+        """
+        twist = self._protocol.planar(vx_mps, vy_mps, omega_rad_per_s)
+        self._set_velocity(twist, frame, given_s)
+
+    def set_turn_rate(
+        self,
+        *,
+        wx_rad_per_s: float = 0.0,
+        wy_rad_per_s: float = 0.0,
+        wz_rad_per_s: float = 0.0,
+        frame: str = BASE,
+        given_s: float | None = None,
+    ) -> None:
+        """Set an angular velocity of a sphere for up to 0.2 s; see `set_velocity`."""
+        twist = self._protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s)
+        self._set_velocity(twist, frame, given_s)
+
+    def rest(self) -> DoneT:
+        """Stop the robot and return once it is at rest; it stays armed.
+
+        Ends any other motion of this control.
+        """
+        return self._perform(lambda: motions.rest(self._protocol, self._now_s))
+
+    def go_to(
+        self,
+        *,
+        x_m: float,
+        y_m: float,
+        heading_rad: float | None = None,
+        speed_mps: float | None = None,
+    ) -> DoneT:
+        """Drive straight to a point in `odom` (closed loop); return once at rest there.
+
+        Without `heading_rad`, the heading is kept. `speed_mps` lowers the speed limit.
+
+        Raises:
+            PathError: If no such path exists.
+            MotionFailed: If the robot leaves the path or misses the goal. It is then at rest.
+            ClientError: As for `drive`.
+        """
+        return self._perform(
+            lambda: motions.follow(
+                self._protocol, self._now_s, goal_at(x_m, y_m, heading_rad), speed_mps
+            )
+        )
+
+    def follow_path(
+        self,
+        points: Sequence[Sequence[float]],
+        *,
+        heading_rad: float | None = None,
+        speed_mps: float | None = None,
+    ) -> DoneT:
+        """Follow a smooth path through `points` of (x, y) in metres and stop at the last one.
+
+        Raises:
+            PathError, MotionFailed, ClientError: As for `go_to`.
+        """
+        return self._perform(
+            lambda: motions.follow(
+                self._protocol, self._now_s, goal_along(points, heading_rad), speed_mps
+            )
+        )
+
+    # Settings.
+
+    def set_pose(self, *, x_m: float, y_m: float, heading_rad: float = 0.0) -> DoneT:
+        """Set the pose estimate; the robot must be at rest.
+
+        Raises:
+            RequestRefused: If the robot moves or a number is not finite.
+        """
+        check_numbers(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
+        return self._perform(lambda: procedures.set_pose(self._protocol, x_m, y_m, heading_rad))
+
+    def set_orientation(
+        self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, w: float = 1.0
+    ) -> DoneT:
+        """Set the orientation estimate (quaternion) of a sphere; the robot must be at rest."""
+        check_numbers(x=x, y=y, z=z, w=w)
+        return self._perform(lambda: procedures.set_orientation(self._protocol, x, y, z, w))
+
+    def set_wheel_speed(self, rpm: float) -> DoneT:
+        """Set the speed of continuously spinning wheels until they are switched off.
+
+        Raises:
+            RequestRefused: If the robot has no such wheels or `rpm` is out of range.
+        """
+        check_numbers(rpm=rpm)
+        return self._perform(lambda: procedures.set_wheel_speed(self._protocol, rpm))
+
+    # Internals.
+
+    @property
+    def _link(self) -> LinkT:
+        return _usable(self._own_link, self._process)
+
+    @property
+    def _now_s(self) -> float:
+        return self._link.now_s()
+
+    def _acquire_lease(self) -> Procedure[None]:
+        if self._ask_s is None:
+            return procedures.acquire(self._protocol, **self._wish)
+        return procedures.ask_for_control(self._protocol, self._now_s, self._ask_s, **self._wish)
+
+    def _set_velocity(self, twist: Sequence[float], frame: str, given_s: float | None) -> None:
+        check_optional(given_s=given_s)
+        with self._link.lock:
+            command = self._protocol.set_velocity(twist, frame, self._now_s, given_s)
+            if command is not None:
+                self._link.send(command)
+            self._wake_sender()
+
+    def _send_due(self) -> float:
+        """Send a due setpoint; return the time of the next one. Requires the lock."""
+        now_s = self._now_s
+        command = self._protocol.due(now_s)
+        if command is not None:
+            self._link.send(command)
+        return max(self._protocol.next_due_s, now_s + _SHORTEST_SLEEP_S)
+
+    @abstractmethod
+    def _perform(self, begin: Callable[[], Procedure[None]]) -> DoneT: ...
+
+    @abstractmethod
+    def _wake_sender(self) -> None: ...

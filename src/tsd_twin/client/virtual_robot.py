@@ -1,0 +1,163 @@
+"""Simulated robot that a caller steps through virtual time."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Mapping
+
+import msgspec
+import numpy as np
+
+from tsd_twin.client.protocol import ControlProtocol
+from tsd_twin.client.virtual import PERIOD_S
+from tsd_twin.control import RobotController
+from tsd_twin.errors import TwinError
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.cdr import BASE, Odometry
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.services import LeaseReply
+from tsd_twin.messages.status import LoopStatus, Status
+from tsd_twin.messages.topics import Service, twist_key
+from tsd_twin.robots import RobotDescription
+from tsd_twin.simulation import SimRobot
+
+_STATUS_EVERY = 5
+"""Status every 5 periods (20 Hz)."""
+
+
+VOLT_STEP = 0.1
+"""Resolution of the supply voltage reported by an MX-64 (Robotis e-Manual, present voltage)."""
+_LAB = "lab"
+_ARMING_S = 60.0
+_ANY_M = 1000.0
+
+
+class VirtualRobot:
+    """Robot controller and simulator in virtual time, driven by twists, without a bus.
+
+    The rules of the real robot apply: arming, limits, command gate. Poses are relative to a mark,
+    set where the robot became ready. A simulation that was used before continues from `start_s`.
+
+    Raises:
+        TwinError: If the robot turns a sphere or does not become ready.
+    """
+
+    def __init__(self, robot: RobotDescription, simulated: SimRobot, start_s: float = 0.0) -> None:
+        ids = itertools.count(1)
+        # The lease need not cap the speed, because virtual links cannot fail.
+        limits = msgspec.structs.replace(robot.limits, stop_allowance_m=_ANY_M)
+        robot = msgspec.structs.replace(robot, limits=limits)
+        self.controller = RobotController(robot, lambda: next(ids).to_bytes(16, "big"))
+        self.simulated = simulated
+        self.now_s = start_s
+        self.spin_share = 1.0
+        """True wheel speed relative to the controller's; commands are divided by it."""
+        self._periods = itertools.count()
+        self._status_seq = 0
+        self._mark = SE2.identity()
+        self._step(None)
+        self._true_pose()
+        self._protocol = ControlProtocol(robot.name, robot, _LAB)
+        self._lease = self._acquire()
+        self._arm()
+        self.mark()
+
+    def mark(self) -> None:
+        """Set the mark to the current true pose and the estimate to zero."""
+        self._mark = self._true_pose()
+        self._call_service(Service.SET_POSE, {"lease": self._lease} | _xyh(0.0, 0.0, 0.0))
+
+    def choose_drive_speed(self, spin_rpm: float) -> None:
+        """Set the speed of continuously spinning wheels.
+
+        Raises:
+            TwinError: If the robot has no such wheels or the speed is out of range.
+        """
+        self._call_service(Service.SPEED, {"lease": self._lease, "cruise_speed_rpm": spin_rpm})
+
+    def drive(self, twist: Array) -> None:
+        """Run one control period with the command `twist` (3,) in the body frame."""
+        self._step(twist / self.spin_share)
+
+    @property
+    def truth(self) -> SE2:
+        """True pose relative to the mark."""
+        return self._mark.inverse() @ self._true_pose()
+
+    @property
+    def true_twist(self) -> Array:
+        """(3,): true twist in the body frame."""
+        return self.simulated.truth(self.now_s).twist
+
+    def odometry(self) -> Odometry:
+        """Return the robot's odometry relative to the mark."""
+        return self.controller.odometry(round(self.now_s * 1e9))
+
+    def status(self) -> Status:
+        """Return the robot status."""
+        return self.controller.status(self.now_s, LoopStatus(), {})
+
+    def _true_pose(self) -> SE2:
+        pose = self.simulated.truth(self.now_s).pose
+        if not isinstance(pose, SE2):
+            raise TwinError(
+                f"{self.controller.robot.name} turns a sphere in place: it follows no path"
+            )
+        return pose
+
+    def _arm(self) -> None:
+        self._call_service(Service.ARM, {"lease": self._lease})
+        end_s = self.now_s + _ARMING_S
+        while self.controller.supervisor.mode is not Mode.READY:
+            self._step(np.zeros(3))
+            if self.now_s > end_s:
+                raise TwinError(
+                    f"the robot does not get ready: {self.controller.supervisor.reason}"
+                )
+
+    def _step(self, twist: Array | None) -> None:
+        self.now_s += PERIOD_S
+        samples = [] if twist is None else [self._sample(twist)]
+        mode = self.controller.supervisor.mode
+        setpoint = self.controller.step(self.now_s, self.simulated.read(self.now_s), samples)
+        self.simulated.write(setpoint, self.now_s)
+        # Like the node, send a status at each mode change, because older ones may no longer be
+        # echoed.
+        if next(self._periods) % _STATUS_EVERY == 0 or self.controller.supervisor.mode is not mode:
+            self._status_seq += 1
+            self.controller.record_status_sent(self._status_seq, self.now_s)
+
+    def _sample(self, twist: Array) -> Sample:
+        self._protocol.status_seq = self._status_seq
+        command = self._protocol.command(twist, BASE, self.now_s)
+        key = twist_key(self.controller.robot.name, _LAB)
+        return Sample(key, command.payload, command.attachment)
+
+    def _acquire(self) -> str:
+        reply = self.controller.serve(
+            Service.LEASE, json.dumps({"op": "acquire", "operator": _LAB}).encode(), self.now_s
+        )
+        if not isinstance(reply, LeaseReply):
+            raise TwinError(f"{Service.LEASE}: {reply.reason}")
+        self._protocol.grant(reply, self.now_s)
+        return self._protocol.lease_hex
+
+    def _call_service(self, service: Service, request: Mapping[str, object]) -> None:
+        reply = self.controller.serve(service, json.dumps(request).encode(), self.now_s)
+        if not (getattr(reply, "ok", True) and getattr(reply, "granted", True)):
+            raise TwinError(f"{service.value}: {reply.reason}")
+
+
+def _xyh(x_m: float, y_m: float, heading_rad: float) -> dict[str, object]:
+    return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad}
+
+
+def voltage_share(robot: VirtualRobot) -> float:
+    """Return the wheel speed relative to nominal voltage, from the voltage reported by servos."""
+    nominal_v = robot.controller.robot.battery.nominal_v
+    battery_v = robot.simulated.hardware().get("battery_v")
+    if not isinstance(battery_v, float):
+        return 1.0
+    return VOLT_STEP * round(battery_v / VOLT_STEP) / nominal_v

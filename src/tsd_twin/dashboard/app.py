@@ -1,0 +1,190 @@
+"""Dashboard process: wiring of robot discovery, scene, panels, HTTP server and update loop."""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
+from pathlib import Path
+
+from tsd_twin.bus import Bus
+from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.discovery import RobotDiscovery
+from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
+from tsd_twin.dashboard.gateway.server import HttpServer
+from tsd_twin.dashboard.recorded.pages import RecordedPages
+from tsd_twin.dashboard.scene import viser_compat
+from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.sessions.session_manager import SessionManager
+from tsd_twin.dashboard.update_loop import BackgroundWorker, UpdateLoop
+from tsd_twin.dashboard.wire.view import ViewSettings
+from tsd_twin.lie import Array
+from tsd_twin.messages.events import Event
+
+_M_MMAP_THRESHOLD = -3
+"""From glibc's `malloc.h`."""
+_MMAP_THRESHOLD_BYTES = 65536
+
+
+def tune_malloc() -> bool:
+    """Let glibc give blocks of 64 KiB and more back to the system as soon as they are freed.
+
+    Each page that opens makes the dashboard take and free many of them. glibc raises its own bound
+    between heap and maps, up to 32 MiB, to the size of whatever is freed; blocks below it then come
+    from heaps of many threads, in the holes between what stays, and a day of visits leaves a
+    fragmented heap that is never returned. A bound that is set is not raised.
+
+    Returns:
+        Whether the C library took it; one that is not glibc needs none of this.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    return mallopt is not None and mallopt(_M_MMAP_THRESHOLD, _MMAP_THRESHOLD_BYTES) == 1
+
+
+TITLE = "tsd-twin"
+_STOP_POLL_S = 0.2
+_SWITCH_S = 0.001
+"""A busy thread keeps the others waiting for so long; a stop passes through four of them."""
+
+
+async def run(
+    bus: Bus,
+    host: str,
+    port: int,
+    stop: threading.Event,
+    on_ready: Callable[[int], None],
+    rules: AccessSettings,
+    first: Sequence[str] = (),
+    recordings: Path | None = None,
+) -> None:
+    """Serve the page until `stop` is set; `on_ready` is called with the port.
+
+    `recordings` is a folder whose recordings pages may show.
+
+    `rules` are the access settings; `first` are ids of the robots that come first in the menu.
+
+    Raises:
+        TwinError: the address cannot be used, or not with these rules.
+    """
+    rules.check(host)
+    sys.setswitchinterval(_SWITCH_S)
+    loop = asyncio.get_running_loop()
+    discovery = RobotDiscovery(bus)
+    # Panels wait for a frame to be drawn; the event loop that forwards commands must not.
+    worker = BackgroundWorker("panels")
+
+    def on_released(page: str) -> None:
+        worker.submit_latest(("reset", page), lambda: panels.reset_sliders(page))
+
+    def on_chosen(page: str, robot_id: str) -> None:
+        worker.submit_latest(("choose", page), lambda: panels.select_robot(page, robot_id))
+
+    server = viser_compat.start_server(TITLE)
+    try:
+        roster = RobotRoster(first)
+        scene = Scene(server, roster)
+        # The two know each other by callbacks only: neither waits for the other's thread.
+        scene_executor = SceneExecutor(worker, scene, lambda: panels)
+        sessions = SessionManager(
+            discovery,
+            on_released,
+            on_chosen,
+            scene_executor,
+            on_opened=lambda: ticker.wake(),
+            roster=roster,
+        )
+        gateway = HttpServer(
+            sessions,
+            server.get_port(),
+            auth=AuthMiddleware(rules),
+            recorded=RecordedPages(recordings, sessions.stop_all) if recordings else None,
+        )
+        panels = PanelManager(
+            server,
+            scene,
+            sessions.on_panel,
+            sessions.select_robot,
+            sessions.on_sphere_click,
+            robot_of=sessions.robot_of,
+            on_view=sessions.on_view,
+            view_of=sessions.view_of,
+        )
+        scene.on_trails_cleared = sessions.on_trails_cleared
+
+        def on_status(robot_id: str) -> None:
+            loop.call_soon_threadsafe(sessions.on_status, robot_id)
+
+        def on_event(robot_id: str, event: Event) -> None:
+            loop.call_soon_threadsafe(sessions.on_event, robot_id, event)
+
+        async def on_client(_client: object) -> None:
+            ticker.wake()
+
+        ended = threading.Event()
+        ticker = UpdateLoop(
+            discovery,
+            scene,
+            on_status,
+            on_event,
+            is_watched=lambda: sessions.any_open or bool(server.get_clients()),
+        )
+        server.on_client_connect(on_client)
+        await gateway.start(host, port)
+        thread = threading.Thread(target=ticker.run, args=(ended,), name="ticker")
+        thread.start()
+        try:
+            on_ready(gateway.port)
+            while not stop.is_set():  # Set by a signal handler, which cannot wake a loop safely.
+                await asyncio.sleep(_STOP_POLL_S)
+        finally:
+            await gateway.stop()
+            ended.set()
+            ticker.wake()
+            await asyncio.to_thread(thread.join)
+    finally:
+        worker.close()
+        server.stop()
+
+
+class SceneExecutor:
+    """Scene operations of pages, run one after the other on a thread off the event loop."""
+
+    def __init__(
+        self, worker: BackgroundWorker, scene: Scene, panels: Callable[[], PanelManager]
+    ) -> None:
+        self._worker, self._scene, self._panels = worker, scene, panels
+
+    def pick_floor(self, page: str, shares: Array) -> Future[Array]:
+        """Floor points (m, 2) in `odom` at screen positions `shares` of a page."""
+        return self._worker.submit(lambda: self._panels().pick_floor(page, shares))
+
+    def show_route(self, robot_id: str, poses: Array | None) -> None:
+        """Show the planned path of a robot on all pages; None removes it."""
+        self._worker.submit_latest(
+            ("route", robot_id), lambda: self._scene.show_route(robot_id, poses)
+        )
+
+    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
+        """Apply the view settings of a page; `look` turns its camera to the robot."""
+        self._worker.submit_latest(
+            ("view", page), lambda: self._panels().set_view(page, settings, look=look)
+        )
+
+    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
+        """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
+        self._worker.submit_latest(
+            ("past", page), lambda: self._panels().show_past(page, past, ago_s)
+        )
+
+    def envelope(self, robot_id: str) -> Array | None:
+        """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""
+        return self._scene.envelope(robot_id)
+
+    def reach_m(self, robot_id: str) -> float:
+        """Radius of a robot around its base; 0 while it is not in the scene."""
+        return self._scene.reach_m(robot_id)

@@ -1,0 +1,291 @@
+"""Authentication and request checks: hosts, origins, proxies and logins."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import re
+import ssl
+import time
+from collections.abc import Collection, Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from aiohttp import web
+from aiohttp.typedefs import Handler
+
+from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY, Principal, bus_identity_of
+from tsd_twin.errors import TwinError
+from tsd_twin.security import Identity, Logins, Users
+from tsd_twin.security.web_access import is_loopback, origin_refusal
+
+_CONTENT_SOURCES = {
+    "default-src": "'self'",
+    # viser unpacks its client in the page itself, compiles WebAssembly and starts workers from
+    # blobs; its Plotly widget needs eval.
+    "script-src": "'self' 'unsafe-inline' 'unsafe-eval' blob: data:",
+    "worker-src": "blob: data:",
+    "connect-src": "'self' data: blob:",
+    "style-src": "'self' 'unsafe-inline'",
+    "img-src": "'self' data: blob:",
+    "font-src": "'self' data:",
+    "object-src": "'none'",
+    "base-uri": "'none'",
+    "form-action": "'none'",
+    "frame-ancestors": "'none'",
+}
+
+HEADERS = {
+    "Content-Security-Policy": "; ".join(
+        f"{key} {value}" for key, value in _CONTENT_SOURCES.items()
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Server": "tsd-twin",
+}
+"""Headers of every response. Framing is forbidden because a framed page can be used for
+clickjacking.
+"""
+
+
+FORWARDING_HEADERS = ("X-Forwarded-For", "X-Forwarded-Proto", "X-Forwarded-Prefix")
+"""Forwarding headers set by a reverse proxy."""
+_PREFIX = re.compile(r"(/[A-Za-z0-9._~-]+)*")
+
+
+@dataclass(frozen=True, slots=True)
+class ClientAddress:
+    """Address, transport security and path of a request as the browser sees them."""
+
+    address: str
+    """Rate-limit key for logins: the IPv4 address or the IPv6 /64 network."""
+    secure: bool
+    """Whether the request used TLS."""
+    path: str
+    """Path of the dashboard's pages as the browser sees it, used for the login cookie."""
+
+
+def resolve_client_address(
+    peer: str, headers: Mapping[str, str], *, tls: bool, proxy: str | None
+) -> ClientAddress | str:
+    """Return the client address of a request, or the reason for refusing it.
+
+    Forwarding headers are used only if the TCP peer `peer` is the configured reverse proxy at
+    address `proxy`, because any client can forge them. `headers` contains each header once, with
+    repeated values joined by commas.
+    """
+    if proxy is None:
+        return ClientAddress(subscriber_network(peer), tls, "/")
+    if not is_proxy(peer, proxy):
+        return "Requests come through the proxy in front of this gateway."
+    if headers.get("X-Forwarded-Proto") != "https":
+        return "The proxy has to speak TLS to browsers and to say so: X-Forwarded-Proto: https."
+    # Each proxy appends the address that it saw, some of them as an additional header. A browser
+    # can forge everything before that.
+    seen = headers.get("X-Forwarded-For", peer).rpartition(",")[2].strip()
+    prefix = headers.get("X-Forwarded-Prefix", "").rstrip("/")
+    path = prefix if prefix and _PREFIX.fullmatch(prefix) else "/"
+    return ClientAddress(subscriber_network(seen), secure=True, path=path)
+
+
+def is_proxy(peer: str, proxy: str | None) -> bool:
+    """Return whether a peer is the proxy, or might be, because it is on the dashboard's machine."""
+    return proxy is not None and (is_loopback(peer) or _is_same_address(peer, proxy))
+
+
+def _is_same_address(peer: str, proxy: str) -> bool:
+    try:
+        return _parse_address(peer) == _parse_address(proxy)
+    except ValueError:
+        return False
+
+
+def subscriber_network(address: str) -> str:
+    """Return the rate-limit key of an address: for IPv6 the subscriber's /64 network."""
+    try:
+        parsed = _parse_address(address)
+    except ValueError:
+        return "unknown"
+    if parsed.version == 4:
+        return str(parsed)
+    return str(ipaddress.ip_network((parsed, 64), strict=False))
+
+
+def _parse_address(address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    parsed = ipaddress.ip_address(address)
+    mapped = parsed.ipv4_mapped if parsed.version == 6 else None
+    return mapped or parsed
+
+
+LOGGED_OUT_CODE = 4401
+"""Close code of a socket whose login has ended; codes from 4000 are for applications."""
+_PRINCIPAL = web.RequestKey("_PRINCIPAL", Principal)
+_CLIENT_ADDRESS = web.RequestKey("_CLIENT_ADDRESS", ClientAddress)
+_LOGIN_PATH = "/login"
+_EXPIRY_CHECK_S = 1.0
+_CLOSE_TIMEOUT_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class AccessSettings:
+    """Access settings: users, TLS, proxy and allowed hosts."""
+
+    owner: Identity = DEFAULT_IDENTITY
+    """Identity of the dashboard on the bus."""
+    users: Users | None = None
+    """Users who may log in; None if no login is required."""
+    tls: ssl.SSLContext | None = None
+    proxy: str | None = None
+    """Address of the proxy that forwards all requests; a loopback address for this machine."""
+    allowed_hosts: Collection[str] = ()
+    """Accepted values of the `Host` header in addition to this machine's names."""
+
+    def check(self, host: str) -> None:
+        """Check the settings for unauthenticated network access and unencrypted passwords.
+
+        Raises:
+            TwinError: If the settings are unsafe.
+        """
+        if self.users is not None:
+            for name in self.users.names:
+                bus_identity_of(self.users.user(name), self.owner)
+        elif self.proxy is not None or not is_loopback(host):
+            what = host if self.proxy is None else "a dashboard behind a proxy"
+            raise TwinError(
+                f"{what} can be reached by other machines and has no login: name who may come in "
+                "with --users FILE, which tsd-users makes"
+            )
+        proxied = self.proxy is not None and not is_loopback(self.proxy)
+        if not (is_loopback(host) or self.tls is not None or proxied):
+            raise TwinError(
+                f"passwords would cross the network for everybody to read: {host} needs --tls-cert "
+                "and --tls-key, or --behind-proxy with the address of one that speaks TLS"
+            )
+
+
+@dataclass(slots=True)
+class AuthMiddleware:
+    """Middleware that checks each request and closes the sockets of ended logins."""
+
+    rules: AccessSettings
+    logins: Logins = field(default_factory=Logins)
+    cookie: str = ""
+    _port: int = 0
+    _accepts_addresses: bool = False
+    _allowed_hosts: frozenset[str] = frozenset()
+    _sockets: dict[str, set[web.WebSocketResponse]] = field(
+        default_factory=dict[str, set[web.WebSocketResponse]]
+    )
+
+    def set_address(self, host: str, port: int) -> None:
+        """Set the address that the server listens on."""
+        self._port = port
+        # Browsers share cookies between ports, so each dashboard on a machine needs its own cookie
+        # name.
+        self.cookie = f"tsd-login-{port}"
+        self._accepts_addresses = not is_loopback(host)
+        names = set(self.rules.allowed_hosts)
+        self._allowed_hosts = frozenset(
+            names | {f"{name}:{port}" for name in names if ":" not in name}
+        )
+
+    @web.middleware
+    async def authenticate(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Check a request before its handler runs or its socket is upgraded."""
+        headers = {
+            name: ", ".join(request.headers.getall(name))  # Invalid if repeated.
+            for name in (*FORWARDING_HEADERS, "Host", "Origin")
+            if name in request.headers
+        }
+        client = resolve_client_address(
+            request.remote or "",
+            headers,
+            tls=self.rules.tls is not None,
+            proxy=self.rules.proxy,
+        )
+        if isinstance(client, str):
+            raise web.HTTPForbidden(text=client)
+        reason = origin_refusal(
+            headers.get("Host"),
+            headers.get("Origin"),
+            self._port,
+            self._allowed_hosts,
+            addresses=self._accepts_addresses,
+            secure=client.secure,
+        )
+        if reason is not None:
+            raise web.HTTPForbidden(text=reason)
+        request[_CLIENT_ADDRESS] = client
+        principal = self.principal_of_request(request)
+        if principal is not None:
+            request[_PRINCIPAL] = principal
+        elif request.path == "/" and request.method == "GET":
+            raise web.HTTPFound(_LOGIN_PATH[1:])  # Relative: a proxy may add a prefix.
+        elif request.path != _LOGIN_PATH:
+            raise web.HTTPUnauthorized(text="Log in first.")
+        return await handler(request)
+
+    def principal_of_request(self, request: web.Request) -> Principal | None:
+        """Return the principal of a request, or None if a login is required."""
+        owner = self.rules.owner
+        if self.rules.users is None:
+            return Principal(owner, may_stop=True)
+        login = self.logins.find(request.cookies.get(self.cookie), time.monotonic())
+        if login is None:
+            return None
+        return Principal(bus_identity_of(login.user, owner), login.user.may_stop, login)
+
+    @contextmanager
+    def close_on_logout(
+        self, principal: Principal, socket: web.WebSocketResponse
+    ) -> Generator[None]:
+        """Context in which a socket is closed when its login ends."""
+        if principal.key is None:
+            yield
+            return
+        sockets = self._sockets.setdefault(principal.key, set())
+        sockets.add(socket)
+        try:
+            yield
+        finally:
+            sockets.discard(socket)
+            if not sockets and self._sockets.get(principal.key) is sockets:
+                del self._sockets[principal.key]
+
+    async def end_login(self, login_id: str) -> None:
+        """End a login and close its sockets, so that a robot driven through them stops."""
+        self.logins.close(login_id)
+        await asyncio.gather(*(_close_socket(socket) for socket in self._sockets.get(login_id, ())))
+
+    async def expire_logins(self) -> None:
+        """Check for expired login sessions once a second; runs until cancelled."""
+        while True:
+            await asyncio.sleep(_EXPIRY_CHECK_S)
+            self.logins.sweep(set(self._sockets), time.monotonic())
+            for login_id in list(self._sockets):
+                if not self.logins.is_open(login_id):
+                    await self.end_login(login_id)
+
+
+def principal_of(request: web.Request) -> Principal:
+    """Return the principal of an authenticated request."""
+    return request[_PRINCIPAL]
+
+
+def principal_or_none(request: web.Request) -> Principal | None:
+    """Return the principal of a request, or None if a login is required."""
+    return request.get(_PRINCIPAL)
+
+
+def client_address_of(request: web.Request) -> ClientAddress:
+    """Return the client address of an authenticated request."""
+    return request[_CLIENT_ADDRESS]
+
+
+async def _close_socket(socket: web.WebSocketResponse) -> None:
+    with contextlib.suppress(TimeoutError, ConnectionError):
+        async with asyncio.timeout(_CLOSE_TIMEOUT_S):
+            await socket.close(code=LOGGED_OUT_CODE, message=b"logged out")

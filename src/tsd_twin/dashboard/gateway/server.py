@@ -1,0 +1,235 @@
+"""HTTP server of the dashboard: routes, sockets, static files and TLS."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import cast
+
+import msgspec
+from aiohttp import web
+
+from tsd_twin.dashboard.gateway.auth import (
+    HEADERS,
+    AccessSettings,
+    AuthMiddleware,
+    is_proxy,
+    principal_of,
+)
+from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quiet_log
+from tsd_twin.dashboard.gateway.pages import STATIC, IndexPage, LoginRoutes
+from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
+from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
+from tsd_twin.dashboard.recorded.pages import RecordedPages
+from tsd_twin.dashboard.recorded.view import RecordedView
+from tsd_twin.dashboard.sessions.principal import Principal
+from tsd_twin.dashboard.sessions.session_manager import SessionManager
+from tsd_twin.errors import TwinError
+
+_MAX_BODY_BYTES = 2048
+_MAX_MESSAGE_BYTES = 16 * 2**10
+"""The longest message of a page is a drawn line; all others have fewer than 200 bytes."""
+_HEARTBEAT_S = 5.0
+_CLOSE_TIMEOUT_S = 0.5
+_SHUTDOWN_TIMEOUT_S = 3.0
+_LINGER_S = 2.0
+"""Timeout for reading the rest of a request body after the response."""
+
+
+class HttpServer:
+    """HTTP server on an asyncio event loop."""
+
+    def __init__(
+        self,
+        sessions: SessionManager,
+        viser_port: int,
+        *,
+        auth: AuthMiddleware | None = None,
+        recorded: RecordedPages | None = None,
+    ) -> None:
+        """Load viser's page; `recorded` serves the pages that show recordings.
+
+        Without `auth`, all requests from this machine are accepted, and no others.
+
+        Raises:
+            TwinError: If viser's page cannot be used.
+        """
+        self.sessions = sessions
+        """Sessions of the open pages."""
+        self._index = IndexPage()
+        self._auth = AuthMiddleware(AccessSettings()) if auth is None else auth
+        self._login_routes = LoginRoutes(self._auth)
+        self._reader = SocketReader()
+        self._proxy = ViserProxy(viser_port, self._reader)
+        self._connection_limiter = ConnectionLimiter(
+            lambda peer: is_proxy(peer, self._auth.rules.proxy)
+        )
+        self._recorded = recorded
+        self._runner: web.AppRunner | None = None
+        self._background_tasks: list[asyncio.Task[None]] = []
+        self.port = 0
+        """Port of the server, once started."""
+
+    async def start(self, host: str = "127.0.0.1", port: int = 8080) -> None:
+        """Start listening; port 0 selects a free port.
+
+        Raises:
+            TwinError: If the port is in use, or the settings allow network access without a login
+                or without encryption.
+        """
+        self._auth.rules.check(host)
+        self.sessions.open()
+        app = web.Application(
+            middlewares=[self._auth.authenticate, self._connection_limiter.admit],
+            client_max_size=_MAX_BODY_BYTES,
+        )
+        app.on_response_prepare.append(_add_headers)
+        app.router.add_get("/", self._index.serve)
+        app.router.add_get("/healthz", self._serve_health)
+        app.router.add_get("/teleop", self._serve_page_socket)
+        app.router.add_get("/viser/{page}", self._serve_viser)
+        if self._recorded is None:
+            app.router.add_get("/recordings", _serve_no_recordings)
+        else:
+            app.router.add_get("/recordings", self._recorded.serve_list)
+            app.router.add_get("/recordings/{name}/path", self._recorded.serve_path)
+            app.router.add_get("/recorded/{name}/{page}", self._serve_recorded_viser)
+        self._login_routes.add_to(app.router)
+        app.router.add_static("/static", STATIC)
+        runner = web.AppRunner(
+            app,
+            access_log=None,
+            logger=quiet_log(),
+            lingering_time=_LINGER_S,
+            shutdown_timeout=_SHUTDOWN_TIMEOUT_S,
+        )
+        await runner.setup()
+        server = cast("Callable[[], asyncio.Protocol]", runner.server)
+        try:
+            await self._connection_limiter.open(server, host, port, self._auth.rules.tls)
+        except OSError as error:
+            await runner.cleanup()
+            raise TwinError(f"port {port} of {host} cannot be used: choose another") from error
+        self.port = self._connection_limiter.port
+        self._auth.set_address(host, self.port)
+        self._runner = runner
+        sessions = self.sessions
+        measuring = sessions.directory.measure_round_trips(lambda: sessions.any_open)
+        watching = (measuring, self._auth.expire_logins())
+        self._background_tasks = [asyncio.create_task(work) for work in watching]
+
+    async def stop(self) -> None:
+        """Release all robots, close all sockets and stop listening."""
+        if self._runner is None:
+            return
+        for task in self._background_tasks:
+            task.cancel()
+        await self.sessions.close_sockets()
+        await self._proxy.close()
+        if self._recorded is not None:
+            await self._recorded.close()
+        await self._connection_limiter.close()
+        await self._runner.cleanup()
+        self._runner = None
+        self.sessions.close()
+        self._login_routes.close()
+
+    async def _serve_health(self, request: web.Request) -> web.StreamResponse:
+        del request
+        directory = self.sessions.directory
+        refused = {
+            "messages": self.sessions.rejected,
+            "viser": self._proxy.dropped,
+            "beyond_limits": self._reader.dropped,
+            "cut_off": self._reader.cut_off.count,
+        }
+        body = msgspec.json.encode(
+            {"ready": directory.has_live_robot(), "robots": directory.health(), "refused": refused}
+        )
+        return web.Response(
+            body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
+        )
+
+    async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
+        page, principal = self._page_of(request, request.match_info["page"]), principal_of(request)
+        await self._reader.admit(request, principal.key or page)
+        return await self._proxy.serve(
+            request, page, principal, lambda socket: self._auth.close_on_logout(principal, socket)
+        )
+
+    async def _serve_recorded_viser(self, request: web.Request) -> web.StreamResponse:
+        assert self._recorded is not None  # noqa: S101  Or there is no such route.
+        page, principal = self._page_of(request, request.match_info["page"]), principal_of(request)
+        await self._reader.admit(request, principal.key or page)
+        async with self._recorded.view(page, request.match_info["name"], principal) as view:
+            return await self._proxy.serve(
+                request,
+                page,
+                principal,
+                lambda socket: self._auth.close_on_logout(principal, socket),
+                port=view.viser_port,
+            )
+
+    async def _serve_page_socket(self, request: web.Request) -> web.StreamResponse:
+        page, principal = (
+            self._page_of(request, request.query.get("page", "")),
+            principal_of(request),
+        )
+        key = principal.key or page
+        await self._reader.admit(request, key)
+        recording = request.query.get("recording")
+        if recording is None:
+            return await self._run_page(request, page, principal, key, None)
+        if self._recorded is None:
+            raise web.HTTPNotFound(text="This dashboard shows no recordings.")
+        async with self._recorded.view(page, recording, principal) as view:
+            return await self._run_page(request, page, principal, key, view)
+
+    async def _run_page(
+        self,
+        request: web.Request,
+        page: str,
+        principal: Principal,
+        key: str,
+        view: RecordedView | None,
+    ) -> web.StreamResponse:
+        socket = web.WebSocketResponse(
+            timeout=_CLOSE_TIMEOUT_S,
+            compress=False,
+            max_msg_size=_MAX_MESSAGE_BYTES,
+            heartbeat=_HEARTBEAT_S,
+            autoping=False,
+        )
+        await socket.prepare(request)
+        messages = self._reader.messages(request, socket, TELEOP, key)
+        holding = self._auth.close_on_logout(principal, socket)
+        name = request.query.get("name", "")
+        if view is None or self._recorded is None:
+            await self.sessions.run_session(page, principal, socket, messages, holding, name=name)
+        else:
+            await self._recorded.run_session(
+                page, view, principal, socket, messages, holding, name=name
+            )
+        await self._reader.close_cut_off(request, socket)
+        return socket
+
+    def _page_of(self, request: web.Request, page: str) -> str:
+        """Return the page id of a socket; refuse an invalid id or another login's page."""
+        if not PAGE_ID.fullmatch(page):
+            raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
+        owner = self.sessions.principal_of(page)
+        if owner is not None and owner.key != principal_of(request).key:
+            raise web.HTTPForbidden(text="This page belongs to another login.")
+        return page
+
+
+async def _serve_no_recordings(_request: web.Request) -> web.StreamResponse:
+    """Answer `GET recordings` with 204, so that the page has no timeline."""
+    return web.Response(status=204, headers={"Cache-Control": "no-store"})
+
+
+async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
+    if "Content-Security-Policy" not in response.headers:  # The login page has a stricter policy.
+        response.headers.update(HEADERS)
+    if request.path.startswith("/static/"):
+        response.headers["Cache-Control"] = "no-cache"

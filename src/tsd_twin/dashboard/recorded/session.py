@@ -1,0 +1,361 @@
+"""Session of a page that shows a recording; it can view, annotate, and stop the live robots."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections.abc import Awaitable, Callable, Coroutine
+from typing import Any, cast
+
+import msgspec
+
+from tsd_twin.client.monitor import RobotMonitor
+from tsd_twin.dashboard.recorded.view import RecordedView
+from tsd_twin.dashboard.scene.picking import EmptyPageScene
+from tsd_twin.dashboard.sessions.map_data import MapData
+from tsd_twin.dashboard.sessions.principal import Principal
+from tsd_twin.dashboard.sessions.session import VIEWER_REFUSAL, PageSession
+from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
+from tsd_twin.dashboard.wire.from_page import (
+    AddMark,
+    PageHeartbeat,
+    Pause,
+    Play,
+    RecordedPageMessage,
+    Seek,
+    SelectPlotFields,
+    SelectRobot,
+    SetView,
+    ShowMap,
+    ShowShadow,
+    StepStatus,
+    StopCommand,
+    StudentRequest,
+    decode_page_message,
+)
+from tsd_twin.dashboard.wire.to_page import (
+    ActionReply,
+    Cursor,
+    HeartbeatReply,
+    PastStates,
+    RobotName,
+    RobotState,
+    SessionInfo,
+    Timeline,
+    TimelineEvent,
+    ViewChanged,
+    encode_message,
+)
+from tsd_twin.dashboard.wire.view import ViewSettings
+from tsd_twin.errors import RecordingError
+from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.services import Reply
+from tsd_twin.recording.events import Mark, RecordedEvent, add_mark
+from tsd_twin.recording.player import Player, RecordedRobot
+from tsd_twin.security import Role
+
+PAST_S, PAST_HZ = 20.0, 5.0
+"""Duration and rate of the past states sent for plots after a jump."""
+_SETTLED_S = 0.25
+"""Time after the last jump before past states are sent."""
+REFUSAL = because(Code.RECORDING_SHOWN)
+_DECODER = msgspec.json.Decoder(RecordedPageMessage)
+_STATE_EVERY = 2
+"""Frames per state."""
+_GROWN_S = 5.0
+"""Growth after which the timeline of an unfinished recording is sent again."""
+
+
+class _ViewScene(EmptyPageScene):
+    """Scene of a recorded view, as the map data uses it."""
+
+    def __init__(self, view: RecordedView) -> None:
+        self._scene = view.scene
+
+    def envelope(self, robot_id: str) -> Array | None:
+        """Return the drawn stop envelope (n, 2) in the robot's frame; None at rest."""
+        return self._scene.envelope(robot_id)
+
+    def reach_m(self, robot_id: str) -> float:
+        """Return the radius of a robot around its base."""
+        return self._scene.reach_m(robot_id)
+
+
+class RecordedSession(PageSession):
+    """Session for a page with a recorded view; event loop only."""
+
+    def __init__(
+        self,
+        page: str,
+        view: RecordedView,
+        stop_all: Callable[[str], Awaitable[Reply]],
+        *,
+        principal: Principal,
+        name: str = "",
+    ) -> None:
+        """`stop_all` stops all live robots on behalf of an operator."""
+        super().__init__(page, principal, name)
+        self._view = view
+        self._stop_all = stop_all
+        self._telemetry = {
+            # A recorded robot has every attribute of a live one that telemetry uses.
+            robot.id: RobotTelemetry(cast("RobotMonitor", robot))
+            for robot in view.player.robots.values()
+        }
+        self._numbers = itertools.count(1)
+        self._frames = itertools.count()
+        self._loop = asyncio.get_running_loop()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._cursor = Cursor(t_s=-1.0, playing=False, speed=1.0)
+        self._jumps = 0
+        self._past_player: Player | None = None
+        self._past_lock = asyncio.Lock()
+        self._settling: asyncio.TimerHandle | None = None
+        self._marking = False
+        self._told_s = 0.0
+        self._map_data = MapData(
+            lambda: cast("dict[str, RobotMonitor]", view.player.robots),
+            _ViewScene(view),
+            lambda: None,
+            clock=lambda: view.player.t_s,
+        )
+
+    async def open(self) -> None:
+        """Send the page the recording's data, and start showing it."""
+        roster = self._view.roster
+        self._send(
+            SessionInfo(
+                operator=self._operator,
+                role=Role.VIEWER,
+                user=self.principal.user,
+                may_stop=self.principal.may_stop,
+                robots=[
+                    RobotName(
+                        id=robot.id,
+                        title=robot.robot.title,
+                        colour="#{:02x}{:02x}{:02x}".format(*roster.colour(robot.id)),
+                    )
+                    for robot in self._view.player.robots.values()
+                ],
+                robot=self._view.robot_id,
+            )
+        )
+        self._send(self._telemetry[self._view.robot_id].info())
+        await self._send_timeline()
+        self._view.on_shown = self._on_shown
+
+    def close(self) -> None:
+        """End the session."""
+        self._view.on_shown = lambda _jumped: None
+        if self._settling is not None:
+            self._settling.cancel()
+        for task in self._tasks:
+            task.cancel()
+
+    # Messages from the page.
+
+    def receive(self, text: str | bytes) -> None:
+        """Handle a message; messages that would move a robot are refused."""
+        try:
+            message: RecordedPageMessage = _DECODER.decode(text)
+        except (msgspec.DecodeError, UnicodeError, RecursionError):
+            self._refuse(text)
+            return
+        match message:
+            case PageHeartbeat():
+                self.send_queue.acknowledge(message.seen)
+                self._send(HeartbeatReply(sent_ms=message.sent_ms))
+            case StopCommand():
+                self._stop()
+            case AddMark():
+                self._mark(message.note)
+            case StudentRequest():
+                self._send(ActionReply(to="student", ok=False, why=REFUSAL))
+            case SelectRobot() | SelectPlotFields() | ShowMap() | SetView():
+                self._show_otherwise(message)
+            case ShowShadow():
+                pass  # A shadow twin cannot follow jumps; use `tsd-lab health` for recordings.
+            case Seek() | Play() | Pause() | StepStatus():
+                self._move(message)
+
+    def _show_otherwise(self, message: SelectRobot | SelectPlotFields | ShowMap | SetView) -> None:
+        match message:
+            case SelectRobot():
+                self.select_robot(message.id)
+            case SelectPlotFields():
+                self._plot_fields = message.names
+            case ShowMap():
+                self._shows_map = message.on
+                self._settle()
+            case SetView():
+                self._view.set_view(self.page, message.settings, look=message.look)
+
+    def _move(self, message: Seek | Play | Pause | StepStatus) -> None:
+        if isinstance(message, Seek | StepStatus):
+            self._settle()
+        match message:
+            case Seek():
+                self._view.seek(message.t_s)
+            case Play():
+                self._view.play(message.speed)
+            case Pause():
+                self._view.pause()
+            case StepStatus():
+                self._view.step(back=message.back)
+
+    def select_robot(self, robot_id: str) -> None:
+        """Select another robot of the recording."""
+        if robot_id in self._telemetry and robot_id != self._view.robot_id:
+            self._plot_fields = ()
+            self._view.select_robot(self.page, robot_id)
+            self.send_queue.drop_states()
+            self._send(self._telemetry[robot_id].info())
+
+    def on_view(self, settings: ViewSettings) -> None:
+        """Send view settings changed in the panel, which the page should store."""
+        self._send(ViewChanged(settings=settings))
+
+    def _refuse(self, text: str | bytes) -> None:
+        try:
+            message = decode_page_message(text)
+        except MessageError as error:
+            self.reject(error)
+            return
+        tag = str(message.__struct_config__.tag)
+        self._send(ActionReply(to=tag, ok=False, why=REFUSAL))
+
+    def _stop(self) -> None:
+        if self.principal.may_stop:
+            self._acknowledge_stop(lambda: self._stop_all(self._operator))
+        else:
+            self._refuse_stop()
+
+    def _mark(self, note: str) -> None:
+        refusal = because(Code.MARK_UNDER_WAY) if self._marking else None
+        if self.principal.identity.role is Role.VIEWER:
+            refusal = VIEWER_REFUSAL
+        if refusal:
+            self._send(ActionReply(to="mark", ok=False, why=refusal))
+            return
+        self._marking = True
+        self._start(self._add_mark(note))
+
+    async def _add_mark(self, note: str) -> None:
+        player = self._view.player
+        log_ns = player.start_ns + round(1e9 * player.t_s)
+        try:
+            await asyncio.to_thread(add_mark, player.path, Mark(log_ns, note, self._operator))
+        except RecordingError as error:
+            self._send(ActionReply(to="mark", ok=False, why=because(Code.TEXT, text=str(error))))
+            return
+        finally:
+            self._marking = False
+        self._send(ActionReply(to="mark", ok=True))
+        await self._send_timeline()
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    # Messages to the page.
+
+    async def _send_timeline(self) -> None:
+        player = self._view.player
+        self._told_s = player.duration_s
+        events = await asyncio.to_thread(player.reader.events)
+        marks = await asyncio.to_thread(player.reader.marks)
+        self._send(
+            Timeline(
+                name=player.path.name,
+                start_ms=player.start_ns // 1_000_000,
+                duration_s=player.duration_s,
+                events=[*map(_event, events)]
+                + [
+                    TimelineEvent(1e-9 * (mark.log_ns - player.start_ns), "", "mark", mark.note, 1)
+                    for mark in marks
+                ],
+            )
+        )
+
+    def _settle(self) -> None:
+        """Schedule sending the past states after the last of several jumps."""
+        self._jumps += 1
+        jump = self._jumps
+        if self._settling is not None:
+            self._settling.cancel()
+        self._settling = self._loop.call_later(
+            _SETTLED_S, lambda: self._start(self._send_past(jump))
+        )
+
+    async def _send_past(self, jump: int) -> None:
+        async with self._past_lock:
+            if jump != self._jumps:
+                return
+            states = await asyncio.to_thread(self._past)
+        self._send(PastStates(states=states))
+        self._map_data.clear_trails()
+        for state in states:
+            if state.pose is not None:
+                self._map_data.extend_trail(self._view.robot_id, *state.pose[:2])
+        if self._shows_map:
+            self._send(self._map_data.lines(trails=True))
+
+    def _past(self) -> list[RobotState]:
+        """Return past states of the selected robot, read with a separate player."""
+        view, robot_id = self._view, self._view.robot_id
+        if self._past_player is None or robot_id not in self._past_player.robots:
+            self._past_player = Player(view.player.path, robot_id, view.player.reader)
+        robot = self._past_player.robots[robot_id]
+        telemetry = RobotTelemetry(cast("RobotMonitor", robot))
+        states: list[RobotState] = []
+        end_s = view.player.t_s
+        for i in range(round(PAST_S * PAST_HZ), 0, -1):
+            self._past_player.seek(end_s - i / PAST_HZ)
+            if end_s >= i / PAST_HZ and (state := self._state(telemetry, robot)) is not None:
+                states.append(state)
+        return states
+
+    def _state(self, telemetry: RobotTelemetry, robot: RecordedRobot) -> RobotState | None:
+        snapshot = robot.snapshot
+        if snapshot.status is None or not robot.alive:
+            return None
+        now_s = self._view.player.t_s
+        state = telemetry.state(
+            snapshot, snapshot.status, now_s, mode_age_s=0.0, round_trips=robot.round_trips
+        )
+        plot = telemetry.plot_fields.values(self._plot_fields, snapshot)
+        return msgspec.structs.replace(state, plot=plot)
+
+    def _on_shown(self, jumped: bool) -> None:
+        """Schedule an update for the page; called on the view's thread."""
+        if (next(self._frames) % _STATE_EVERY == 0 or jumped) and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._show)
+
+    def _show(self) -> None:
+        view, robot_id = self._view, self._view.robot_id
+        playback = view.playback
+        cursor = Cursor(
+            t_s=round(view.player.t_s, 4), playing=playback.playing, speed=playback.speed
+        )
+        if cursor != self._cursor:
+            self._cursor = cursor
+            self.send_queue.put_panel(encode_message(cursor))
+        if abs(view.player.duration_s - self._told_s) > _GROWN_S:
+            self._start(self._send_timeline())
+        self._map_data.on_status(robot_id)
+        robot = view.player.robots[robot_id]
+        state = self._state(self._telemetry[robot_id], robot)
+        if state is not None:
+            # Use a separate number, because updates continue while the recording is paused.
+            number = next(self._numbers)
+            shown = self._map_data.state(robot_id) if self._shows_map else None
+            state = msgspec.structs.replace(state, seen=number, map=shown)
+            self.send_queue.put_state(number, encode_message(state))
+
+
+def _event(event: RecordedEvent) -> TimelineEvent:
+    return TimelineEvent(event.t_s, event.robot, event.kind, event.text, event.count)

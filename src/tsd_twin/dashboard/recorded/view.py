@@ -1,0 +1,169 @@
+"""View of a recording for one page: a scene of its own, drawn at the time that is shown.
+
+Its viser server has the recorded robots and no others, so that neither can be taken for the other,
+and no live robot can be reached through it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from tsd_twin.dashboard.scene import viser_compat
+from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.wire.view import ViewSettings
+from tsd_twin.errors import RecordingError
+from tsd_twin.recording.player import Playback, Player
+from tsd_twin.recording.remote import RemoteReader
+
+RATE_HZ = 30.0
+STALE_S = 0.3
+"""As of a live robot."""
+_REFRESH_S = 1.0
+_LOG = logging.getLogger(__name__)
+
+
+class RecordedView:
+    """View of one recording; a thread of its own draws it."""
+
+    def __init__(
+        self,
+        path: Path,
+        reader: RemoteReader,
+        on_robot: Callable[[str, str], None],
+        on_view: Callable[[str, ViewSettings], None],
+    ) -> None:
+        """Start to show the start of a recording; takes a second. `reader` is closed with it.
+
+        `on_robot` is called with page and robot when one is chosen in the panel, `on_view` with
+        page and settings when the view is changed there, both on threads of viser.
+
+        Raises:
+            RecordingError: it is none.
+        """
+        self.player = Player(path, reader=reader)
+        self.robot_id = next(iter(self.player.robots))
+        """Robot that is selected."""
+        self.roster = RobotRoster()
+        self.playback = Playback(self.player.duration_s, time.monotonic())
+        self.on_shown: Callable[[bool], None] = _ignore
+        """Called on the thread of the view after each frame, with whether its time has jumped."""
+        self._requests: queue.SimpleQueue[Callable[[float], None]] = queue.SimpleQueue()
+        self._stop = threading.Event()
+        self._refreshed_s = 0.0
+        self._jumped = False
+        self._server = viser_compat.start_server(path.name)
+        try:
+            self.scene = Scene(self._server, self.roster)
+            self.panels = PanelManager(
+                self._server,
+                self.scene,
+                _ignore,
+                on_robot,
+                _ignore,
+                robot_of=lambda _page: self.robot_id,
+                on_view=on_view,
+            )
+            for robot in self.player.robots.values():
+                self.scene.add(robot)
+        except BaseException:
+            self._server.stop()
+            self.player.close()
+            raise
+        self._thread = threading.Thread(target=self._run, name="recording")
+        self._thread.start()
+
+    @property
+    def viser_port(self) -> int:
+        """Port of its viser server on the loopback."""
+        return self._server.get_port()
+
+    def close(self) -> None:
+        """End; blocks for a moment."""
+        self._stop.set()
+        self._requests.put(_ignore)
+        self._thread.join()
+        self._server.stop()
+        self.player.close()
+
+    # From any thread.
+
+    def play(self, speed: float) -> None:
+        """Play."""
+        self._requests.put(lambda now_s: self.playback.play(speed, now_s))
+
+    def pause(self) -> None:
+        """Stand still."""
+        self._requests.put(self.playback.pause)
+
+    def seek(self, t_s: float) -> None:
+        """Show a time."""
+        self._requests.put(lambda now_s: self._seek(t_s, now_s))
+
+    def select_robot(self, page: str, robot_id: str) -> None:
+        """Show another robot of the recording in the panel of a page."""
+        self.robot_id = robot_id
+        self._requests.put(lambda _now_s: self.panels.select_robot(page, robot_id))
+
+    def set_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
+        """Apply the view settings of a page; `look` turns its camera to the robot."""
+        self._requests.put(lambda _now_s: self.panels.set_view(page, settings, look=look))
+
+    def step(self, *, back: bool) -> None:
+        """Show the next status of the selected robot, or the one before; pauses."""
+
+        def step(now_s: float) -> None:
+            self.playback.pause(now_s)
+            self.player.step(self.robot_id, back=back)
+            self._seek(self.player.t_s, now_s)
+
+        self._requests.put(step)
+
+    # On the thread of the view.
+
+    def _seek(self, t_s: float, now_s: float) -> None:
+        self.playback.seek(t_s, now_s)
+        self._jumped = True
+
+    def _run(self) -> None:
+        problem = ""
+        while not self._stop.is_set():
+            try:
+                with contextlib.suppress(queue.Empty):  # What is asked for is shown at once.
+                    self._requests.get(timeout=1.0 / RATE_HZ)(time.monotonic())
+                self._frame(time.monotonic())
+            except RecordingError as error:  # Damaged at this place: others can be shown.
+                self.playback.pause(time.monotonic())
+                if str(error) != problem:
+                    problem = str(error)
+                    _LOG.warning("%s", problem)
+            except Exception:  # A frame that fails must not end the view.
+                _LOG.exception("a frame was lost")
+
+    def _frame(self, now_s: float) -> None:
+        while not self._requests.empty():
+            self._requests.get()(now_s)
+        if now_s - self._refreshed_s > _REFRESH_S:
+            self._refreshed_s = now_s
+            self.player.refresh()
+            self.playback.duration_s = self.player.duration_s
+        self.player.seek(self.playback.t_s(now_s))
+        jumped, self._jumped = self._jumped, False
+        if jumped:
+            self.scene.clear_trails()
+        for robot in self.player.robots.values():
+            age_s = self.player.t_s - robot.snapshot.received_s
+            self.scene.set_stale(robot.id, age_s > STALE_S or not robot.alive)
+        self.scene.draw()
+        self.on_shown(jumped)
+
+
+def _ignore(*_: object) -> None:
+    """Do nothing: no control of this scene moves anything."""

@@ -1,0 +1,143 @@
+"""Map data: robot poses, trails, planned paths and the stop envelope."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+
+from tsd_twin.client.monitor import RobotMonitor, Snapshot
+from tsd_twin.dashboard.scene.picking import DashboardScene
+from tsd_twin.dashboard.wire.to_page import FloorPoint, MapLines, MapRobot, MapState
+from tsd_twin.dashboard.wire.view import ViewSettings
+from tsd_twin.lie import SE2, Array
+
+TRAIL_SPACING_M = 0.05
+TRAIL_JUMP_M = 0.5
+"""A longer step means that the pose was set. `static/map_trail.js` uses the same two constants."""
+TRAIL_POINTS = 800
+"""The last 40 m."""
+STALE_S = 0.3
+"""An older pose is shown as stale, as in the scene."""
+
+
+class MapTrail:
+    """Path of an estimate, thinned for the map."""
+
+    def __init__(self) -> None:
+        self.points: deque[FloorPoint | None] = deque(maxlen=TRAIL_POINTS)
+        """Oldest first; None separates discontinuous parts."""
+        self._last: FloorPoint | None = None
+
+    def add(self, x_m: float, y_m: float) -> None:
+        """Append a position if it is far enough from the last one."""
+        here = round(x_m, 3), round(y_m, 3)
+        step_m = math.inf if self._last is None else math.dist(here, self._last)
+        if step_m < TRAIL_SPACING_M:
+            return
+        if TRAIL_JUMP_M <= step_m < math.inf:
+            self.points.append(None)
+        self.points.append(here)
+        self._last = here
+
+    def clear(self) -> None:
+        """Clear the path."""
+        self.points.clear()
+        self._last = None
+
+
+class MapData:
+    """Map data and the scene of its pages; event loop only.
+
+    Planned paths pass through this class to the scene, so that both show the same ones.
+    """
+
+    def __init__(
+        self,
+        links: Callable[[], Mapping[str, RobotMonitor]],
+        scene: DashboardScene,
+        on_lines: Callable[[], None],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """`links` returns the clients of all robots; `on_lines` is called when a path has changed;
+        `clock` must be the clock of the states' receive times.
+        """
+        self._links, self._scene, self._on_lines = links, scene, on_lines
+        self._clock = clock
+        self._trails: dict[str, MapTrail] = {}
+        self._routes: dict[str, list[FloorPoint]] = {}
+
+    def on_status(self, robot_id: str) -> None:
+        """Extend the trail of a robot after a new state."""
+        pose = self._pose(robot_id)
+        if pose is not None:
+            self.extend_trail(robot_id, float(pose[0]), float(pose[1]))
+
+    def extend_trail(self, robot_id: str, x_m: float, y_m: float) -> None:
+        """Extend the trail of a robot to a position in `odom`."""
+        self._trails.setdefault(robot_id, MapTrail()).add(x_m, y_m)
+
+    def on_robots_changed(self) -> None:
+        """Remove the data of disconnected robots."""
+        for kept in (self._trails, self._routes):
+            for robot_id in kept.keys() - self._links().keys():
+                del kept[robot_id]
+
+    def clear_trails(self) -> None:
+        """Clear the trails of all robots."""
+        for trail in self._trails.values():
+            trail.clear()
+
+    def state(self, shown: str) -> MapState:
+        """Return the moving elements of the map; the page shows robot `shown`."""
+        now_s = self._clock()
+        robots: list[MapRobot] = []
+        for robot_id, link in self._links().items():
+            if (pose := self._pose(robot_id)) is None:
+                continue
+            x, y, heading = (round(float(number), 4) for number in pose)
+            stale = now_s - link.snapshot.received_s > STALE_S
+            reach_m = round(self._scene.reach_m(robot_id), 3)
+            robots.append(MapRobot(robot_id, (x, y, heading), reach_m, stale))
+        envelope = self._scene.envelope(shown)
+        return MapState(robots, None if envelope is None else _points(envelope))
+
+    def lines(self, *, trails: bool) -> MapLines:
+        """Return planned paths and, if requested, trails."""
+        points = {robot_id: list(trail.points) for robot_id, trail in self._trails.items()}
+        return MapLines(routes=self._routes, trails=points if trails else None)
+
+    def _pose(self, robot_id: str) -> Array | None:
+        link = self._links().get(robot_id)
+        if link is None or link.snapshot.odom is None or link.kinematics.pose_type is not SE2:
+            return None
+        return link.snapshot.odom.xy_heading
+
+    # Scene of the pages.
+
+    def pick_floor(self, page: str, shares: Array) -> Future[Array]:
+        """Return floor points (m, 2) in `odom` at screen positions; see `floor_points`."""
+        return self._scene.pick_floor(page, shares)
+
+    def show_route(self, robot_id: str, poses: Array | None) -> None:
+        """Show a planned path, poses (n, 3) in `odom`, on all pages; None removes it."""
+        if poses is None:
+            self._routes.pop(robot_id, None)
+        else:
+            self._routes[robot_id] = _points(poses)
+        self._scene.show_route(robot_id, poses)
+        self._on_lines()
+
+    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
+        """Apply the view settings of a page; `look` turns its camera to the robot."""
+        self._scene.apply_view(page, settings, look=look)
+
+    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
+        """Draw the past pose of a page's robot next to the live one; None removes it."""
+        self._scene.show_past(page, past, ago_s)
+
+
+def _points(rows: Array) -> list[FloorPoint]:
+    return [(round(float(row[0]), 3), round(float(row[1]), 3)) for row in rows]

@@ -1,0 +1,240 @@
+"""State, events, health and round-trip times of all discovered robots."""
+
+from __future__ import annotations
+
+import asyncio
+import bisect
+import itertools
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from operator import attrgetter
+from typing import Protocol
+
+from tsd_twin.client import procedures
+from tsd_twin.client.monitor import RobotMonitor, Snapshot
+from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.sessions.lease import RpcExecutor
+from tsd_twin.dashboard.sessions.shadow_monitor import ShadowMonitor
+from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
+from tsd_twin.dashboard.wire.from_page import LOOK_BACK_S
+from tsd_twin.dashboard.wire.to_page import RobotName, RobotState
+from tsd_twin.messages.events import Event
+from tsd_twin.shadow import ShadowReport
+
+SPACING_S = 0.1
+_SLACK_S = 1.0
+"""Extra history, so that the oldest time a page can request is still stored."""
+
+
+class StateHistory:
+    """Snapshots of a robot, at least `SPACING_S` apart."""
+
+    def __init__(self) -> None:
+        self._kept: deque[Snapshot] = deque()
+
+    def add(self, snapshot: Snapshot) -> None:
+        """Store a snapshot if enough time has passed since the last stored one."""
+        now_s = snapshot.received_s
+        # Allow for the jitter of the status period.
+        if self._kept and now_s - self._kept[-1].received_s < SPACING_S - 0.01:
+            return
+        self._kept.append(snapshot)
+        while self._kept[0].received_s < now_s - LOOK_BACK_S - _SLACK_S:
+            self._kept.popleft()
+
+    def at(self, received_s: float) -> Snapshot | None:
+        """Return the latest snapshot up to a time, or None if the history starts later."""
+        count = bisect.bisect_right(self._kept, received_s, key=attrgetter("received_s"))
+        return self._kept[count - 1] if count else None
+
+
+MAX_ROBOTS = 64
+MAX_EVENTS = 30
+"""Maximum number of past events sent to a new page."""
+LIVE_TIMEOUT_S = 1.0
+"""A robot is not live after this time without a state."""
+_PING_PERIOD_S = 0.25
+_OPERATOR = "gateway"
+_IDLE_PINGS = 4
+"""Ping interval while no page is open, in periods."""
+
+
+class RobotClients(Protocol):
+    """Robot clients by id, with a change notification."""
+
+    @property
+    def links(self) -> Mapping[str, RobotMonitor]:
+        """Clients of all robots, by id."""
+        ...
+
+    def on_change(self, call: Callable[[], None]) -> None:
+        """Register a callback for added or removed robots; it may run on any thread."""
+        ...
+
+
+class RobotDirectory:
+    """All robots with their latest states and events; event loop only."""
+
+    def __init__(
+        self, discovery: RobotClients, executor: RpcExecutor, roster: RobotRoster | None = None
+    ) -> None:
+        self._discovery = discovery
+        self._executor = executor
+        self._roster = roster or RobotRoster()
+        self._telemetry: dict[str, RobotTelemetry] = {}
+        self._shadows: dict[str, tuple[RobotMonitor, ShadowMonitor]] = {}
+        self._events: dict[str, deque[tuple[float, Event]]] = {}
+        self._modes: dict[str, tuple[str, float]] = {}
+        self._histories: dict[str, tuple[RobotMonitor, StateHistory]] = {}
+        self._measuring: set[asyncio.Task[None]] = set()
+
+    def robot_names(self) -> list[RobotName]:
+        """Return the entries of the robot menu; a new page selects the first."""
+        links, roster = self._discovery.links, self._roster
+        return [
+            RobotName(
+                id=robot_id,
+                title=links[robot_id].robot.title,
+                colour="#{:02x}{:02x}{:02x}".format(*roster.colour(robot_id)),
+            )
+            for robot_id in roster.in_order(links)
+        ]
+
+    def view(self, robot_id: str | None) -> RobotTelemetry | None:
+        """Return the telemetry of a robot; a new object after the robot has restarted."""
+        link = self._discovery.links.get(robot_id) if robot_id is not None else None
+        if link is None:
+            return None
+        if link.id not in self._telemetry or self._telemetry[link.id].link is not link:
+            self._telemetry[link.id] = RobotTelemetry(link)
+        return self._telemetry[link.id]
+
+    def state(self, robot_id: str | None) -> RobotState | None:
+        """Return the state of a robot, or None before its first status."""
+        view = self.view(robot_id)
+        if view is None:
+            return None
+        snapshot = view.link.snapshot
+        if snapshot.status is None:
+            return None
+        now_s = time.monotonic()
+        return view.state(
+            snapshot,
+            snapshot.status,
+            now_s,
+            mode_age_s=now_s - self._mode_since_s(view.link.id, snapshot.status.mode),
+            round_trips=view.link.round_trips,
+        )
+
+    def shadow(self, robot_id: str | None) -> ShadowReport | None:
+        """Return the comparison of a robot with its shadow twin; calls keep the twin running."""
+        view = self.view(robot_id)
+        if view is None:
+            return None
+        known = self._shadows.get(view.link.id)
+        if known is None or known[0] is not view.link:
+            if known is not None:
+                known[1].end()  # The robot has restarted.
+            self._shadows[view.link.id] = known = (view.link, ShadowMonitor(view.link))
+        return known[1].report()
+
+    def close(self) -> None:
+        """End all shadow twins."""
+        for _, monitor in self._shadows.values():
+            monitor.close()
+
+    def add_event(self, robot_id: str, event: Event) -> None:
+        """Store an event, which may arrive before its robot is discovered."""
+        if robot_id not in self._events and len(self._events) >= MAX_ROBOTS:
+            return  # Robot ids on the bus are not authenticated.
+        events = self._events.setdefault(robot_id, deque(maxlen=MAX_EVENTS))
+        events.append((time.monotonic(), event))
+
+    def events(self, robot_id: str) -> list[tuple[float, Event]]:
+        """Return the latest events of a robot with their ages in seconds, oldest first."""
+        now_s = time.monotonic()
+        return [(now_s - came_s, event) for came_s, event in self._events.get(robot_id, ())]
+
+    def health(self) -> dict[str, dict[str, str | float | None]]:
+        """Return the mode and state age of each robot; null before its first status."""
+        health: dict[str, dict[str, str | float | None]] = {}
+        for robot_id, link in list(self._discovery.links.items()):
+            status, age_s = link.snapshot.status, _state_age_s(link)
+            health[robot_id] = {
+                "mode": status.mode if status else None,
+                "age_s": round(age_s, 3) if math.isfinite(age_s) else None,
+            }
+        return health
+
+    def has_live_robot(self) -> bool:
+        """Return whether a robot has sent a state recently."""
+        return any(
+            _state_age_s(link) < LIVE_TIMEOUT_S for link in list(self._discovery.links.values())
+        )
+
+    def note_status(self, robot_id: str) -> None:
+        """Record the latest state in the robot's history, and the time of its last mode change."""
+        link = self._discovery.links.get(robot_id)
+        if link is None or link.snapshot.status is None:
+            return
+        self._mode_since_s(robot_id, link.snapshot.status.mode)
+        if robot_id not in self._histories or self._histories[robot_id][0] is not link:
+            known = self._discovery.links  # Drop the history of robots that have left or restarted.
+            self._histories = {
+                each: kept for each, kept in self._histories.items() if each in known
+            }
+            self._histories[robot_id] = link, StateHistory()
+        self._histories[robot_id][1].add(link.snapshot)
+
+    def past(self, robot_id: str, ago_s: float) -> Snapshot | None:
+        """Return a past snapshot of a robot, or None if no page was open at that time."""
+        link, history = self._histories.get(robot_id, (None, None))
+        if link is None or history is None or link is not self._discovery.links.get(robot_id):
+            return None
+        return history.at(link.snapshot.received_s - ago_s)
+
+    def links_to_stop(self, robot_id: str | None) -> list[RobotMonitor]:
+        """Return the robots to stop, for a page that has a robot selected.
+
+        These are all live robots if the page shows a recording or no robot. Replays cannot be
+        stopped.
+        """
+        links = list(self._discovery.links.values())
+        shown = [link for link in links if link.id == robot_id and not link.is_recording]
+        return shown or [link for link in links if not link.is_recording]
+
+    async def measure_round_trips(self, is_watched: Callable[[], bool] = lambda: True) -> None:
+        """Measure the round-trip times of robots; runs until cancelled.
+
+        Measures four times a second, or once a second while `is_watched` returns False.
+        """
+        for period in itertools.count():
+            await asyncio.sleep(_PING_PERIOD_S)
+            if period % _IDLE_PINGS and not is_watched():
+                continue
+            self._measuring = {task for task in self._measuring if not task.done()}
+            busy = {task.get_name() for task in self._measuring}
+            for link in list(self._discovery.links.values()):
+                answers = not link.has_duplicate and _state_age_s(link) < LIVE_TIMEOUT_S
+                if answers and link.id not in busy:
+                    self._measuring.add(asyncio.create_task(self._measure(link), name=link.id))
+
+    def _mode_since_s(self, robot_id: str, mode: str) -> float:
+        """Return when a robot was first seen in its current mode."""
+        known = self._modes.get(robot_id)
+        if known is None or known[0] != mode:
+            self._modes[robot_id] = known = (mode, time.monotonic())
+        return known[1]
+
+    async def _measure(self, link: RobotMonitor) -> None:
+        took_s = await self._executor.measure(link, procedures.peek(_OPERATOR))
+        if took_s is None:
+            link.round_trips.clear()
+        else:
+            link.round_trips.add(took_s)
+
+
+def _state_age_s(link: RobotMonitor) -> float:
+    return time.monotonic() - link.snapshot.received_s

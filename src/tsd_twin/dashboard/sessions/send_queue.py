@@ -1,0 +1,82 @@
+"""Queue of messages to one page, which drops old states."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from typing import Protocol
+
+MAX_QUEUED = 64
+"""Maximum number of replies and events queued for a slow page; the oldest are dropped first."""
+MAX_UNACKNOWLEDGED = 12
+"""Maximum number of unacknowledged states; further states wait for an acknowledgement."""
+
+
+class Socket(Protocol):
+    """Sending side of a WebSocket."""
+
+    async def send_str(self, data: str) -> None:
+        """Send a text frame; waits while the socket is full."""
+        ...
+
+
+class SendQueue:
+    """Per-page send queue, which keeps only the latest state; event loop only.
+
+    Back pressure is not sufficient, because the kernel buffers seconds of old states. The page
+    acknowledges states, so at most `MAX_UNACKNOWLEDGED` are in flight.
+    """
+
+    def __init__(self) -> None:
+        self._messages: deque[str] = deque(maxlen=MAX_QUEUED)
+        self._panel: str | None = None
+        self._state: tuple[int, str] | None = None
+        self._unacknowledged: deque[int] = deque()
+        self._wake = asyncio.Event()
+
+    def put(self, text: str) -> None:
+        """Queue a reply or an event."""
+        self._messages.append(text)
+        self._wake.set()
+
+    def put_panel(self, text: str) -> None:
+        """Queue the slider positions, replacing any that are waiting."""
+        self._panel = text
+        self._wake.set()
+
+    def put_state(self, number: int, text: str) -> None:
+        """Queue a state, replacing any that is waiting."""
+        self._state = (number, text)
+        self._wake.set()
+
+    def acknowledge(self, number: int) -> None:
+        """Record that the page has received the state with this number."""
+        if number in self._unacknowledged:
+            while self._unacknowledged.popleft() != number:
+                pass
+            self._wake.set()
+
+    def drop_states(self) -> None:
+        """Discard waiting states after another robot is selected, because its numbers restart."""
+        self._state = None
+        self._unacknowledged.clear()
+
+    async def run(self, socket: Socket) -> None:
+        """Send queued messages until the socket is closed."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            while (text := self._next()) is not None:
+                await socket.send_str(text)
+
+    def _next(self) -> str | None:
+        if self._messages:
+            return self._messages.popleft()
+        if self._panel is not None:
+            text, self._panel = self._panel, None
+            return text
+        if self._state is not None and len(self._unacknowledged) < MAX_UNACKNOWLEDGED:
+            (number, text), self._state = self._state, None
+            self._unacknowledged.append(number)
+            return text
+        return None

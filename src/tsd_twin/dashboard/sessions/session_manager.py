@@ -1,0 +1,254 @@
+"""Session manager: one session per connected page, on one event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from typing import Literal
+
+from aiohttp import WSMessage, WSMsgType, web
+
+from tsd_twin.client import procedures
+from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.scene.picking import DashboardScene, EmptyPageScene
+from tsd_twin.dashboard.sessions.lease import RpcExecutor
+from tsd_twin.dashboard.sessions.map_data import MapData
+from tsd_twin.dashboard.sessions.principal import Principal
+from tsd_twin.dashboard.sessions.robot_directory import RobotClients, RobotDirectory
+from tsd_twin.dashboard.sessions.session import Session
+from tsd_twin.dashboard.wire.to_page import PanelSliders, SphereClick, encode_message
+from tsd_twin.dashboard.wire.view import ViewSettings
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.events import Event
+from tsd_twin.messages.services import Reply
+
+
+def _ignore(*_args: str) -> None:
+    pass
+
+
+class SessionManager:
+    """Sessions of all connected pages, on one event loop.
+
+    `on_status` and `on_event` belong to that loop; `on_panel`, `on_sphere_click`,
+    `on_view`, `on_trails_cleared` and `select_robot` may be called from any thread.
+    """
+
+    def __init__(
+        self,
+        discovery: RobotClients,
+        on_released: Callable[[str], None] = _ignore,
+        on_chosen: Callable[[str, str], None] = _ignore,
+        page_scene: DashboardScene | None = None,
+        *,
+        on_opened: Callable[[], None] = _ignore,
+        roster: RobotRoster | None = None,
+    ) -> None:
+        """Initialise the manager without sessions.
+
+        Callbacks run on the event loop: `on_released(page)` centres the sliders of the page's
+        panel, `on_chosen(page, robot_id)` selects a robot in it, and `on_opened` reports a new
+        page. `page_scene` is the scene for picking and drawing; `roster` defines the order and
+        colours of robots.
+        """
+        self._executor = RpcExecutor()
+        self.directory = RobotDirectory(discovery, self._executor, roster)
+        """All robots visible to pages."""
+        self._on_released, self._on_chosen = on_released, on_chosen
+        self._on_opened = on_opened
+        self._map_data = MapData(
+            lambda: discovery.links, page_scene or EmptyPageScene(), self._on_map_lines
+        )
+        self._sessions: dict[str, Session] = {}
+        self._sockets: dict[str, web.WebSocketResponse] = {}
+        self._rejected = 0
+        self._loop: asyncio.AbstractEventLoop | None = None
+        discovery.on_change(lambda: self._call_soon(self._on_robots_changed))
+
+    def open(self) -> None:
+        """Start on the running event loop and accept calls from other threads."""
+        self._loop = asyncio.get_running_loop()
+
+    def close(self) -> None:
+        """Stop, after the last session has ended."""
+        self._loop = None
+        self.directory.close()
+        self._executor.close()
+
+    async def close_sockets(self) -> None:
+        """Close the sockets of all pages."""
+        goodbyes = (
+            socket.close(code=1001, message=b"the dashboard ends")
+            for socket in self._sockets.values()
+        )
+        await asyncio.gather(*goodbyes)
+
+    @property
+    def any_open(self) -> bool:
+        """Whether a page is open; thread-safe."""
+        return bool(self._sessions)
+
+    @property
+    def rejected(self) -> int:
+        """Number of invalid messages from pages."""
+        return self._rejected + sum(session.rejected for session in self._sessions.values())
+
+    async def stop_all(self, operator: str) -> Reply:
+        """Publish stops to all live robots, then repeat them until each acknowledges."""
+        links = self.directory.links_to_stop(None)
+        for link in links:
+            link.send_stop(procedures.stop_payload(operator))
+        return await self._executor.stop_all(links, operator)
+
+    # State and events to the pages.
+
+    def on_status(self, robot_id: str) -> None:
+        """Handle a robot's new status in all sessions that have it selected, then show it."""
+        self._map_data.on_status(robot_id)
+        self.directory.note_status(robot_id)
+        if not (sessions := self._sessions_showing(robot_id)):
+            return
+        if (state := self.directory.state(robot_id)) is None:
+            return
+        for session in sessions:
+            session.decide(state.status)
+        for session in sessions:
+            session.show(state)
+
+    def on_event(self, robot_id: str, event: Event) -> None:
+        """Store an event, and send it to all pages that have the robot selected."""
+        self.directory.add_event(robot_id, event)
+        for session in self._sessions_showing(robot_id):
+            session.send_event(event)
+
+    def on_panel(
+        self,
+        page: str,
+        vx: float,
+        vy: float,
+        omega: float,
+        mode: Literal["preview", "drive"],
+        latch: bool,
+    ) -> None:
+        """Send a page the slider positions of its panel, m/s and rad/s; thread-safe.
+
+        The page sends them as commands, subject to the same dead-man switch as its stick.
+        """
+        message = PanelSliders(vx=vx, vy=vy, omega=omega, mode=mode, latch=latch)
+        self._with_session(
+            page, lambda session: session.send_queue.put_panel(encode_message(message))
+        )
+
+    def on_sphere_click(self, page: str, robot_id: str, at: tuple[float, float, float]) -> None:
+        """Send a page the clicked point of a sphere; thread-safe.
+
+        The page commands the motion, subject to the same dead-man switch as its stick.
+        """
+        message = SphereClick(robot=robot_id, at=at)
+        self._with_session(page, lambda session: session.send_queue.put(encode_message(message)))
+
+    def on_view(self, page: str, settings: ViewSettings) -> None:
+        """Send a page the view settings changed in its panel; thread-safe."""
+        self._with_session(page, lambda session: session.on_view(settings))
+
+    def on_trails_cleared(self) -> None:
+        """Clear the trails on all maps; thread-safe."""
+        self._call_soon(self._clear_trails)
+
+    def select_robot(self, page: str, robot_id: str) -> None:
+        """Select a robot on a page, for its panel; thread-safe."""
+        self._with_session(page, lambda session: session.select_robot(robot_id))
+
+    def _sessions_showing(self, robot_id: str) -> list[Session]:
+        return [each for each in self._sessions.values() if each.robot_id == robot_id]
+
+    def _with_session(self, page: str, act: Callable[[Session], None]) -> None:
+        def call() -> None:
+            if (session := self._sessions.get(page)) is not None:
+                act(session)
+
+        self._call_soon(call)
+
+    def _on_map_lines(self, *, trails: bool = False) -> None:
+        for session in self._sessions.values():
+            session.send_map_lines(trails=trails)
+
+    def _clear_trails(self) -> None:
+        self._map_data.clear_trails()
+        self._on_map_lines(trails=True)
+
+    def _on_robots_changed(self) -> None:
+        self._map_data.on_robots_changed()
+        for session in self._sessions.values():
+            session.on_robots_changed()
+
+    def _call_soon(self, call: Callable[[], None]) -> None:
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # The loop may have closed.
+                self._loop.call_soon_threadsafe(call)
+
+    # Pages that connect and disconnect.
+
+    def robot_of(self, page: str) -> str | None:
+        """Return the id of the robot selected on a page; thread-safe."""
+        session = self._sessions.get(page)
+        return None if session is None else session.robot_id
+
+    def view_of(self, page: str) -> ViewSettings | None:
+        """Return the view settings of a page, if it has sent any; thread-safe."""
+        session = self._sessions.get(page)
+        return None if session is None else session.view
+
+    def principal_of(self, page: str) -> Principal | None:
+        """Return the principal of a page, or None if the page is not open."""
+        session = self._sessions.get(page)
+        return None if session is None else session.principal
+
+    async def run_session(
+        self,
+        page: str,
+        principal: Principal,
+        socket: web.WebSocketResponse,
+        messages: AsyncIterator[WSMessage],
+        holding: contextlib.AbstractContextManager[None],
+        *,
+        name: str = "",
+    ) -> None:
+        """Run the session of a page while its socket is open, within `holding`.
+
+        `messages` are the messages of the socket; `name` is the name typed by the operator.
+        """
+        if (before := self._sockets.get(page)) is not None:  # The old connection was lost silently.
+            await before.close(code=1001, message=b"the page has come back")
+        session = Session(
+            page,
+            self.directory,
+            self._executor,
+            self._on_released,
+            self._on_chosen,
+            principal=principal,
+            map_data=self._map_data,
+            name=name,
+        )
+        self._sessions[page], self._sockets[page] = session, socket
+        self._on_opened()
+        delivering = asyncio.create_task(session.send_queue.run(socket))
+        try:
+            with holding:
+                session.on_robots_changed()
+                async for message in messages:
+                    if message.type is WSMsgType.TEXT:
+                        session.receive(message.data)
+                    else:
+                        session.reject(MessageError("shape", "messages are text"))
+        finally:
+            delivering.cancel()
+            await asyncio.gather(delivering, return_exceptions=True)
+            await self._end(session, socket)
+
+    async def _end(self, session: Session, socket: web.WebSocketResponse) -> None:
+        await session.close()
+        self._rejected += session.rejected
+        if self._sockets.get(session.page) is socket:
+            del self._sessions[session.page], self._sockets[session.page]

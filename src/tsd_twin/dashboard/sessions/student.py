@@ -1,0 +1,194 @@
+"""Figures for the Student tab: a built-in robot with modified parameters.
+
+`answer` is pure, without bus, clock or robot. `robots` and `kinematics` provide the mathematics.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
+from tsd_twin.dashboard.sessions.kinds import view_of
+from tsd_twin.dashboard.sessions.lease import RpcExecutor
+from tsd_twin.dashboard.sessions.student_wheels import short, triple
+from tsd_twin.dashboard.sessions.variants import knobs_of, variant, variant_toml
+from tsd_twin.dashboard.wire.from_page import StudentRequest
+from tsd_twin.dashboard.wire.to_page import (
+    ShippedRobot,
+    StudentFigure,
+    StudentFigures,
+    StudentKnob,
+    StudentOutline,
+    StudentReply,
+    TwistAxisInfo,
+)
+from tsd_twin.errors import RobotFileError
+from tsd_twin.kinematics import Kinematics
+from tsd_twin.kinematics.base import largest_twist, section, shadow
+from tsd_twin.lie import SE2, Array
+from tsd_twin.models import check_room
+from tsd_twin.robots import RobotDescription, load_robot, robot_names
+
+_OUTLINE_POINTS = 60
+_PLANES = ((0, 1), (0, 2), (1, 2))
+_DIRECTIONS = 360
+"""Number of directions without turning in which the fastest and slowest are searched."""
+_LARGEST = 1e6
+"""Limit of twist components in m/s or rad/s, which avoids overflow."""
+
+
+class StudentSession:
+    """Per-page student requests, computed one at a time; only the latest waits.
+
+    Event loop only; the computation runs on the planning thread.
+    """
+
+    def __init__(self, executor: RpcExecutor, send_message: Callable[[Any], None]) -> None:
+        self._executor = executor
+        self._send_message = send_message
+        self._next: StudentRequest | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    def request(self, request: StudentRequest) -> None:
+        """Answer a request, unless a newer one replaces it while it waits."""
+        self._next = request
+        if self._task is None:
+            self._task = asyncio.create_task(self._answer())
+
+    def close(self) -> None:
+        """Stop answering requests."""
+        self._next = None
+        if self._task is not None:
+            self._task.cancel()
+
+    async def _answer(self) -> None:
+        try:
+            while self._next is not None:
+                request, self._next = self._next, None
+                self._send_message(await self._executor.plan(answer, request))
+        finally:
+            self._task = None
+
+
+def answer(request: StudentRequest) -> StudentReply:
+    """Return the figures of a variant and, if it is impossible, the problem."""
+    knobs: list[StudentKnob] = []
+    figures, toml, problem = None, None, ""
+    try:
+        changed = dict(request.knobs)
+        knobs = _knobs(request.base, changed)
+        robot = variant(request.base, changed)
+        figures = figures_of(robot, np.array(request.twist))
+        check_room(robot)  # Figures do not require a valid body, but the file does.
+        if request.toml:
+            toml = variant_toml(request.base, changed)
+    except RobotFileError as error:
+        problem = error.problem
+    return StudentReply(
+        number=request.number,
+        base=request.base,
+        bases=_bases(),
+        knobs=knobs,
+        figures=figures,
+        problem=problem,
+        toml=toml,
+    )
+
+
+def figures_of(robot: RobotDescription, twist: Array) -> StudentFigures:
+    """Return the figures of a robot, and its wheels at `twist` (3,)."""
+    drive = robot.kinematics()
+    asked = np.clip(np.nan_to_num(twist), -_LARGEST, _LARGEST)
+    share = float(drive.joint_utilization(asked))
+    reached = asked / max(1.0, share)
+    return StudentFigures(
+        axes=[TwistAxisInfo(one.name, one.symbol, one.unit) for one in twist_axes_of(drive)],
+        tops=triple(np.diag(largest_twist(drive, np.eye(3)))),
+        figures=_figures(robot, drive),
+        outlines=[_outline(drive, plane) for plane in _PLANES],
+        twist=triple(reached),
+        utilization=short(share),
+        wheels=view_of(robot).student_wheels(robot, reached),
+        radius_m=drive.wheel_radius_m,
+    )
+
+
+@cache
+def _bases() -> list[ShippedRobot]:
+    return [ShippedRobot(name, load_robot(name).title) for name in robot_names()]
+
+
+def _knobs(base: str, changed: dict[str, float]) -> list[StudentKnob]:
+    return [
+        StudentKnob(
+            key=key,
+            label=label,
+            unit=knob.unit,
+            value=changed.get(key, value),
+            usual=value,
+            least=knob.least,
+            most=knob.most,
+            step=knob.step,
+        )
+        for key, (knob, label, value) in knobs_of(variant(base, {})).items()
+    ]
+
+
+def _figures(robot: RobotDescription, drive: Kinematics[Any]) -> list[StudentFigure]:
+    axes = twist_axes_of(drive)
+    tops = np.diag(largest_twist(drive, np.eye(3)))
+    if drive.pose_type is not SE2:
+        return [
+            StudentFigure(f"Top rate {one.symbol}", short(top), one.unit)
+            for one, top in zip(axes, tops, strict=True)
+        ]
+    angles = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
+    directions = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
+    speeds: Array = np.linalg.norm(largest_twist(drive, directions), axis=-1)
+    speeds = np.round(speeds, 9)  # Among equal speeds, the first one is reported.
+    slow, fast = int(speeds.argmin()), int(speeds.argmax())
+    figures = [
+        StudentFigure("Top speed forward", short(tops[0]), "m/s"),
+        StudentFigure("Top speed to the left", short(tops[1]), "m/s"),
+        StudentFigure("Slowest direction", short(speeds[slow]), "m/s", _towards(slow)),
+        StudentFigure("Fastest direction", short(speeds[fast]), "m/s", _towards(fast)),
+        StudentFigure("Top turn rate", short(tops[2]), "rad/s"),
+    ]
+    if (wheel_speeds := robot.wheel_speed_range) is not None:
+        rim_mps = wheel_speeds.kinematics.wheel_radius_m * wheel_speeds.kinematics.spin_rad_per_s
+        step_mps = rim_mps * wheel_speeds.servo_step_rad
+        turn = step_mps / float(np.max(wheel_speeds.kinematics.pivot_radius_m))
+        figures += [
+            StudentFigure("Speed for one servo step", short(1000.0 * step_mps), "mm/s"),
+            StudentFigure("Turn rate for one servo step", short(turn), "rad/s"),
+            StudentFigure("Servo steps to the top speed", short(tops[0] / step_mps), ""),
+        ]
+    limits = robot.limits
+    return [
+        *figures,
+        StudentFigure("Speed limit of the description", limits.speed_mps, "m/s", "[limits]"),
+        StudentFigure("Turn limit", limits.turn_rate_rad_per_s, "rad/s", "[limits]"),
+    ]
+
+
+def _towards(degrees: int) -> str:
+    turned = degrees - 360 if degrees > 180 else degrees
+    return f"towards {turned}°"
+
+
+def _outline(drive: Kinematics[Any], plane: tuple[int, int]) -> StudentOutline:
+    return StudentOutline(
+        axes=plane,
+        section=_drawn(section(drive, plane, _OUTLINE_POINTS)),
+        shadow=_drawn(shadow(drive, plane, _OUTLINE_POINTS)),
+    )
+
+
+def _drawn(points: Array) -> list[tuple[float, float]]:
+    """Round points (k, 2) to the four digits a drawing needs."""
+    return [(float(f"{a:.4g}"), float(f"{b:.4g}")) for a, b in points]

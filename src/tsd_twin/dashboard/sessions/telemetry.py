@@ -1,0 +1,115 @@
+"""Telemetry for pages: robot info and state."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tsd_twin.client.monitor import RobotMonitor, RoundTrips, Snapshot
+from tsd_twin.dashboard.scene.robot_geometry import commanded_joints, twist_axes_of
+from tsd_twin.dashboard.sessions.actuator_telemetry import ActuatorTelemetry, rounded
+from tsd_twin.dashboard.sessions.kinds import view_of
+from tsd_twin.dashboard.sessions.plot_fields import PlotFields
+from tsd_twin.dashboard.wire.from_page import Triple
+from tsd_twin.dashboard.wire.to_page import RobotInfo, RobotState, SpeedLimits, TwistAxisInfo
+from tsd_twin.kinematics import JointKind
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.cdr import JointState, Odometry
+from tsd_twin.messages.status import Status
+
+SPEED_LEVELS_PERCENT = (20, 50, 80, 100)
+"""Selectable speeds in percent of the limits."""
+
+
+class RobotTelemetry:
+    """Telemetry of a robot: `RobotInfo` and `RobotState` of its client."""
+
+    def __init__(self, link: RobotMonitor) -> None:
+        self.link = link
+        self._kinematics = link.kinematics
+        self._order = [joint.name for joint in link.kinematics.joints]
+        self._is_angle = np.array([j.kind is JointKind.POSITION for j in link.kinematics.joints])
+        self._actuators: ActuatorTelemetry = view_of(link.robot).telemetry(link.robot)
+        has_alternative = self._actuators.info().get("alternative_estimate") is not None
+        self.plot_fields = PlotFields(link, has_alternative=has_alternative)
+        """Values for plots, on request."""
+
+    def info(self) -> RobotInfo:
+        """Return the constant data."""
+        robot = self.link.robot
+        return RobotInfo(
+            id=self.link.id,
+            title=robot.title,
+            limits=SpeedLimits(robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s),
+            levels=SPEED_LEVELS_PERCENT,
+            space="floor" if self._kinematics.pose_type is SE2 else "sphere",
+            twist_axes=[
+                TwistAxisInfo(one.name, one.symbol, one.unit)
+                for one in twist_axes_of(self._kinematics)
+            ],
+            twist_scale_m=self._kinematics.twist_scale_m,
+            sideways=robot.drives_sideways,
+            plot_fields=self.plot_fields.names,
+            **self._actuators.info(),
+        )
+
+    def state(
+        self,
+        snapshot: Snapshot,
+        status: Status,
+        now_s: float,
+        *,
+        mode_age_s: float,
+        round_trips: RoundTrips,
+    ) -> RobotState:
+        """Return the latest state; null for messages not yet received."""
+        typical_s, jitter_s = round_trips.median_s(), round_trips.jitter_s()
+        joints = self._joint_vector(snapshot.joints)
+        setpoint = self._joint_vector(snapshot.setpoint)
+        odom, truth = snapshot.odom, snapshot.truth
+        figures: dict[str, Any] = {}
+        if joints is not None and setpoint is not None:
+            figures = self._actuators.state(joints, setpoint, snapshot)
+        return RobotState(
+            seen=snapshot.status_seq,
+            robot_s=round(snapshot.status_robot_s, 6),
+            age_ms=round(1000.0 * (now_s - snapshot.received_s), 1),
+            source=snapshot.source,
+            status=status,
+            mode_age_s=round(mode_age_s, 1),
+            you=False,
+            robot_ms=_milliseconds(typical_s),
+            robot_jitter_ms=_milliseconds(jitter_s),
+            pose=self._planar_pose(odom),
+            twist=rounded(odom.twist) if odom else None,
+            commanded=self._commanded(setpoint, joints),
+            truth=self._planar_pose(truth),
+            **figures,
+        )
+
+    def _commanded(self, setpoint: Array | None, joints: Array | None) -> Triple | None:
+        if setpoint is None:
+            return None
+        if joints is not None:
+            setpoint = commanded_joints(self._kinematics, setpoint, joints)
+        return rounded(self._kinematics.forward(setpoint).twist)
+
+    def _planar_pose(self, said: Odometry | None) -> Triple | None:
+        """Return the planar pose of a robot, or None for a sphere."""
+        return None if said is None or said.wxyz is not None else rounded(said.xy_heading)
+
+    def _joint_vector(self, state: JointState | None) -> Array | None:
+        """Return a joint vector (n,), or None if a joint of this robot is missing."""
+        if state is None:
+            return None
+        place = {name: i for i, name in enumerate(state.names)}
+        if not all(name in place for name in self._order):
+            return None
+        rows = [place[name] for name in self._order]
+        joints = np.where(self._is_angle, state.position_rad[rows], state.velocity_rad_per_s[rows])
+        return joints if np.isfinite(joints).all() else None
+
+
+def _milliseconds(seconds: float | None) -> float | None:
+    return None if seconds is None else round(1000.0 * seconds, 2)

@@ -1,0 +1,164 @@
+"""Update loop of the scene, and the worker thread beside it."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable, Hashable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from typing import Protocol, TypeVar
+
+from tsd_twin.client.monitor import RobotMonitor
+from tsd_twin.dashboard.discovery import RobotDiscovery
+from tsd_twin.messages.events import Event
+
+_WORKER_LOG = logging.getLogger(__name__)
+_Answer = TypeVar("_Answer")
+
+
+class BackgroundWorker:
+    """Worker thread with a queue of tasks; thread-safe."""
+
+    def __init__(self, name: str) -> None:
+        self._pool = ThreadPoolExecutor(1, name)
+        self._lock = threading.Lock()
+        self._waiting: dict[Hashable, Callable[[], None]] = {}
+
+    @property
+    def waiting(self) -> int:
+        """Number of tasks that wait under a key."""
+        with self._lock:
+            return len(self._waiting)
+
+    def submit_latest(self, key: Hashable, work: Callable[[], None]) -> None:
+        """Queue `work`; it replaces a waiting task with the same key."""
+        with self._lock:
+            waits = key in self._waiting
+            self._waiting[key] = work
+            if not waits:
+                self._pool.submit(self._do, key)
+
+    def submit(self, work: Callable[[], _Answer]) -> Future[_Answer]:
+        """Queue `work`, and return its future result."""
+        return self._pool.submit(work)
+
+    def close(self) -> None:
+        """Finish queued tasks, and accept no more."""
+        self._pool.shutdown()
+
+    def _do(self, key: Hashable) -> None:
+        with self._lock:
+            work = self._waiting.pop(key)
+        try:
+            work()
+        except Exception:  # The next task belongs to another page.
+            _WORKER_LOG.exception("%s was not done", key)
+
+
+_LOG = logging.getLogger(__name__)
+
+RATE_HZ = 60.0
+STALE_S = 0.3
+"""An older state must not look live."""
+IDLE_PERIOD_S = 0.2
+"""Time between two polls of the statuses while no page is open."""
+LINGER_S = 10.0
+"""The picture goes on for so long after the last page has closed: a page that reloads finds it."""
+
+
+class RobotDisplay(Protocol):
+    """Interface of a display of robots, such as the scene."""
+
+    def add(self, link: RobotMonitor) -> None:
+        """Add a robot."""
+        ...
+
+    def draw(self) -> None:
+        """Draw all changes."""
+        ...
+
+    def set_stale(self, robot_id: str, stale: bool) -> None:
+        """Show a robot as stale, or as live."""
+        ...
+
+
+class UpdateLoop:
+    """Polls all robots on a thread of its own: at 60 Hz while it is watched, else five times a
+    second and their statuses only.
+    """
+
+    def __init__(
+        self,
+        discovery: RobotDiscovery,
+        display: RobotDisplay,
+        on_status: Callable[[str], None],
+        on_event: Callable[[str, Event], None],
+        is_watched: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """`on_status` and `on_event` are called on the thread of the loop and must not block.
+
+        `is_watched` says whether a page is open; call `wake` when one opens.
+        """
+        self._discovery = discovery
+        self._display = display
+        self._on_status = on_status
+        self._on_event = on_event
+        self._is_watched = is_watched
+        self._watched_s = -math.inf
+        self._active = False
+        self._wake = threading.Event()
+        self._stale: dict[str, bool] = {}
+
+    def wake(self) -> None:
+        """Look at once whether a page is open, or whether to end; from any thread."""
+        self._wake.set()
+
+    def run(self, stop: threading.Event) -> None:
+        """Run until `stop` is set."""
+        # New meshes take a second to draw: robots already shown are polled meanwhile.
+        with ThreadPoolExecutor(1, "canvas") as drawing:
+            while not stop.is_set():
+                if self._active:
+                    stop.wait(1.0 / RATE_HZ)
+                else:
+                    self._wake.wait(IDLE_PERIOD_S)
+                    self._wake.clear()
+                try:
+                    self._tick(time.monotonic(), drawing)
+                except Exception:  # A frame that fails must not end the display for all pages.
+                    _LOG.exception("a frame was lost")
+            drawing.shutdown(wait=False, cancel_futures=True)
+
+    def _add(self, link: RobotMonitor) -> None:
+        try:
+            self._display.add(link)
+        except Exception:  # Descriptions come from the bus; the others are drawn all the same.
+            _LOG.exception("robot %s cannot be drawn", link.id)
+        self._stale.pop(link.id, None)  # A new robot in the scene looks live.
+
+    def _tick(self, now_s: float, drawing: Executor) -> None:
+        if self._is_watched():
+            self._watched_s = now_s
+        self._active = now_s - self._watched_s < LINGER_S
+        for robot_id in self._discovery.refresh():
+            drawing.submit(self._add, self._discovery.links[robot_id])
+        for robot_id, event in self._discovery.take_events():
+            self._on_event(robot_id, event)
+        for robot_id, link in self._discovery.links.items():
+            link.set_streaming(self._active)
+            # Pages receive a status before the scene does: its number is already in use for
+            # commands.
+            before = link.snapshot
+            news = link.poll(now_s)
+            if news or (before.odom is None and link.snapshot.odom is not None):
+                self._on_status(robot_id)  # Also with the first pose: a page waits for it.
+            if not self._active:
+                continue
+            stale = now_s - link.snapshot.received_s > STALE_S
+            if stale is not self._stale.get(robot_id):
+                self._stale[robot_id] = stale
+                self._display.set_stale(robot_id, stale)
+        if self._active:
+            self._display.draw()

@@ -1,0 +1,471 @@
+"""Messages from the dashboard server to the page, specified in `docs/teleop.md`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, TypeAlias
+
+import msgspec
+
+from tsd_twin.client.connection import Source
+from tsd_twin.dashboard.wire.from_page import Message, Triple
+from tsd_twin.dashboard.wire.view import ViewSettings
+from tsd_twin.messages.codes import Reason
+from tsd_twin.messages.commands import why_of
+from tsd_twin.messages.events import Event
+from tsd_twin.messages.status import Status
+from tsd_twin.security import Role
+from tsd_twin.shadow import ShadowReport
+
+FloorPoint: TypeAlias = tuple[float, float]
+"""Metres on the floor."""
+
+
+def encode_message(message: Any) -> str:
+    """Encode a message as a text frame; NaN and infinity become null."""
+    return msgspec.json.encode(message).decode()
+
+
+class SpeedLimits(msgspec.Struct, frozen=True):
+    """Speed limits of the description."""
+
+    speed_mps: float
+    turn_rate_rad_per_s: float
+
+
+class TwistAxisInfo(msgspec.Struct, frozen=True):
+    """Component of a twist: name, symbol and unit."""
+
+    name: str
+    symbol: str
+    unit: str
+
+
+class WheelSpeedLimits(msgspec.Struct, frozen=True):
+    """Speed range of continuously spinning wheels, and the resulting limits."""
+
+    least_rpm: int
+    most_rpm: int
+    usual_rpm: int
+    """Wheel speed from the description."""
+    wheel_radius_m: float
+    servo_step_deg: float
+
+
+class JointInfo(msgspec.Struct, frozen=True):
+    """Row of the panel `joints`."""
+
+    name: str
+    unit: str
+
+
+class RobotInfo(Message, frozen=True, tag="robot"):
+    """Constant data of a robot."""
+
+    id: str
+    title: str
+    limits: SpeedLimits
+    levels: Sequence[int]
+    space: Literal["floor", "sphere"]
+    """Pose type: a robot on a floor, or a sphere rotating in place."""
+    twist_axes: Sequence[TwistAxisInfo]
+    """Components of `drive`, `twist` and `commanded`, in this order."""
+    twist_scale_m: float
+    """Metres per second per unit of the first two components; speed limits are in m/s."""
+    sideways: bool
+    """Whether it can move sideways; otherwise the controls request no sideways motion."""
+    panel: Literal["gimbals", "wheels", "sphere", "twist", "joints"]
+    """Kind of the actuator tab; `joints` is a list for kinds without a separate panel."""
+    max_tilt_deg: float | None = None
+    modules: Sequence[str] = ()
+    """Names of the gimbals."""
+    wheel_speed_limits: WheelSpeedLimits | None = None
+    """For robots with gimbals."""
+    wheels: Sequence[str] = ()
+    """Names of the rolling wheels."""
+    max_rpm: float | None = None
+    """Maximum speed of the rolling wheels."""
+    joints: Sequence[JointInfo] = ()
+    """Rows of the panel `joints`."""
+    alternative_estimate: str | None = None
+    """Source of the alternative estimate, if the robot has one."""
+    not_promised: Sequence[str] = ()
+    """Safety rules that cannot be guaranteed without our node on the robot, one sentence each."""
+    plot_fields: Sequence[str] = ()
+    """Names of the values available for plots; each ends with its unit."""
+
+
+class GimbalState(msgspec.Struct, frozen=True):
+    """State of a gimbal; angles in degrees."""
+
+    alpha: float
+    beta: float
+    tilt: float
+    radius_mm: float
+    rpm: float
+    set_alpha: float
+    set_beta: float
+    axle: tuple[float, float]
+    """Tilt direction of the axle in `base_link`, seen from above; length 1 is the tilt limit."""
+    set_axle: tuple[float, float]
+    spinning: bool
+
+
+class WheelState(msgspec.Struct, frozen=True):
+    """State of a rolling wheel."""
+
+    rpm: float
+    set_rpm: float
+    residual_mps: float
+    """Rim speed not explained by the robot's motion."""
+
+
+class JointValue(msgspec.Struct, frozen=True):
+    """Measured and commanded value in a row of the panel `joints`."""
+
+    value: float | None
+    setpoint: float | None = None
+
+
+class SphereState(msgspec.Struct, frozen=True):
+    """State of a sphere rotating in place; angular velocities in rad/s."""
+
+    wxyz: tuple[float, float, float, float]
+    """Orientation."""
+    ideal: Triple
+    """Angular velocity for ideal wheel contacts, midway between the rows of rollers."""
+    dual: Triple | None
+    """Angular velocity for the actual row contacts."""
+    angle_deg: float | None
+    """Angle between the two angular velocities."""
+    magnitude_percent: float | None
+    """Amount by which `ideal` is smaller than `dual`, in percent of `dual`."""
+    rows: Sequence[int]
+    """Row of rollers in contact per wheel, 1 or 2; 0 if unknown."""
+
+
+class EstimateDifference(msgspec.Struct, frozen=True):
+    """Difference between the alternative estimate and the estimate."""
+
+    metres: float
+    degrees: float
+
+
+class RouteState(msgspec.Struct, frozen=True):
+    """Planned path of this page and its progress."""
+
+    number: int
+    phase: Literal["planning", "planned", "going", "arrived", "ended"]
+    length_m: float
+    time_s: float
+    """Duration at the planned speed level."""
+    done_m: float = 0.0
+    off_mm: float = 0.0
+    """Distance between the robot and its planned position."""
+    why: Reason | None = None
+    """Reason why the run has ended."""
+
+
+class MapRobot(msgspec.Struct, frozen=True):
+    """Robot on the map."""
+
+    id: str
+    pose: Triple
+    """Estimate in `odom`."""
+    reach_m: float
+    """Radius around the base."""
+    stale: bool
+    """Whether the pose is outdated because the robot is silent."""
+
+
+class MapState(msgspec.Struct, frozen=True):
+    """Moving elements of the map."""
+
+    robots: Sequence[MapRobot]
+    """All robots that drive on the floor."""
+    envelope: Sequence[FloorPoint] | None
+    """Stop envelope of the selected robot in its frame; null at rest."""
+
+
+class PastState(msgspec.Struct, frozen=True):
+    """Past state of the robot while it is drawn."""
+
+    ago_s: float
+    mode: str
+    pose: Triple | None
+    twist: Triple | None
+
+
+class RobotState(Message, frozen=True, tag="state"):
+    """State of the robot."""
+
+    seen: int
+    robot_s: float
+    """Monotonic time of the robot when it sent the status."""
+    age_ms: float
+    source: Source
+    """Only states from a `robot` confirm that it has stopped."""
+    status: Status
+    mode_age_s: float
+    """Time in the current mode, as observed by the gateway."""
+    you: bool
+    robot_ms: float | None
+    """Median recent round-trip time between the gateway and the robot."""
+    robot_jitter_ms: float | None
+    """95th percentile minus median of the recent round-trip times."""
+    pose: Triple | None
+    twist: Triple | None
+    commanded: Triple | None
+    truth: Triple | None
+    modules: Sequence[GimbalState] = ()
+    wheels: Sequence[WheelState] = ()
+    joints: Sequence[JointValue] = ()
+    """Values of the rows `joints` of the robot's info."""
+    sphere: SphereState | None = None
+    estimate_difference: EstimateDifference | None = None
+    route: RouteState | None = None
+    plot: Mapping[str, float | None] = {}
+    """Values that this page has requested for its plots."""
+    map: MapState | None = None
+    """Present while the page shows the map."""
+    past: PastState | None = None
+    """Present while the page draws the past state."""
+    shadow: ShadowReport | None = None
+    """Present while the page shows the comparison."""
+
+
+class MapLines(Message, frozen=True, tag="map_lines"):
+    """Lines of the map, sent when it is opened and when the planned paths change."""
+
+    routes: Mapping[str, Sequence[FloorPoint]]
+    """Planned paths of all pages, in `odom`, by robot."""
+    trails: Mapping[str, Sequence[FloorPoint | None]] | None
+    """Paths of the estimates by robot, with null between discontinuous parts.
+
+    The page extends them; null leaves the current ones unchanged.
+    """
+
+
+class ViewChanged(Message, frozen=True, tag="view"):
+    """View settings changed in the panel, which the page should store."""
+
+    settings: ViewSettings
+
+
+class RobotName(msgspec.Struct, frozen=True):
+    """Entry of the robot menu."""
+
+    id: str
+    title: str
+    colour: str
+    """Colour of the robot in the scene, as `#rrggbb`."""
+
+
+class SessionInfo(Message, frozen=True, tag="welcome"):
+    """Operator id and role of the page, and the list of robots."""
+
+    operator: str
+    role: Role
+    user: str | None
+    """Logged-in user, or None if no login is required."""
+    may_stop: bool
+    robots: Sequence[RobotName]
+    robot: str | None
+
+
+class PanelSliders(Message, frozen=True, tag="panel_sliders"):
+    """Positions of the sliders of the viser panel."""
+
+    vx: float
+    vy: float
+    omega: float
+    mode: Literal["preview", "drive"]
+    latch: bool
+
+
+class SphereClick(Message, frozen=True, tag="sphere_click"):
+    """Click on the point of the sphere that should turn to the top."""
+
+    robot: str
+    at: Triple
+    """Unit vector to the point, along the axes painted on the ball."""
+
+
+class ControlsReleased(Message, frozen=True, tag="released"):
+    """The server has released the controls; the page must centre them before they act again."""
+
+    why: Reason
+
+
+class ActionReply(Message, frozen=True, tag="reply"):
+    """Reply to a request of the page."""
+
+    to: str
+    ok: bool
+    why: Reason | None = None
+    """Why it was refused."""
+
+
+class RobotEvent(Message, frozen=True, tag="event"):
+    """Event of the robot."""
+
+    kind: str
+    text: str
+    why: Reason
+    robot_s: float
+    past: bool = False
+    """Whether it happened before the page selected the robot."""
+    age_s: float = 0.0
+    """Time since the dashboard received it; pages convert all times to their own clock."""
+
+    @classmethod
+    def of(cls, event: Event, *, past: bool = False, age_s: float = 0.0) -> RobotEvent:
+        """Return the displayed part of an event."""
+        return cls(
+            kind=event.kind,
+            text=event.text,
+            why=why_of(event) or Reason(event.kind),
+            robot_s=round(event.robot_s, 3),
+            past=past,
+            age_s=round(age_s, 3),
+        )
+
+
+class StudentKnob(msgspec.Struct, frozen=True):
+    """Adjustable number of a description."""
+
+    key: str
+    label: str
+    unit: str
+    value: float
+    usual: float
+    """Value in the built-in description."""
+    least: float
+    most: float
+    step: float
+
+
+class StudentFigure(msgspec.Struct, frozen=True):
+    """Number derived from the description."""
+
+    name: str
+    value: float
+    unit: str
+    note: str = ""
+
+
+class StudentOutline(msgspec.Struct, frozen=True):
+    """Outline of the reachable twists in two of their components."""
+
+    axes: tuple[int, int]
+    """Indices of the components."""
+    section: Sequence[tuple[float, float]]
+    """Boundary of the twists whose third component is zero."""
+    shadow: Sequence[tuple[float, float]]
+    """Boundary of the projection of all twists."""
+
+
+class StudentWheel(msgspec.Struct, frozen=True):
+    """Wheel of a variant at the requested twist, along the axes of the robot."""
+
+    at: tuple[float, float]
+    """Contact point, metres."""
+    push: tuple[float, float]
+    """Velocity of the contact point, m/s."""
+    direction_deg: float | None
+    """Drive direction of a forward-turning wheel; None for wheels on gimbals."""
+    rpm: float
+    gimbal: Triple | None = None
+    """alpha, beta and tilt in degrees."""
+    axle: tuple[float, float] | None = None
+    """Horizontal part of the unit vector along the axle."""
+    effective_radius_mm: float | None = None
+
+
+class StudentFigures(msgspec.Struct, frozen=True):
+    """All figures derived from a description and a twist."""
+
+    axes: Sequence[TwistAxisInfo]
+    tops: Triple
+    """Maximum of each component alone."""
+    figures: Sequence[StudentFigure]
+    outlines: Sequence[StudentOutline]
+    twist: Triple
+    """Requested twist, scaled down to the joint limits if necessary."""
+    utilization: float
+    """Fraction of the joint limits needed by the requested twist; above 1 the twist is scaled."""
+    wheels: Sequence[StudentWheel]
+    radius_m: float
+    """Wheel radius."""
+
+
+class ShippedRobot(msgspec.Struct, frozen=True):
+    """Entry of the robot menu of the Student tab."""
+
+    id: str
+    title: str
+
+
+class StudentReply(Message, frozen=True, tag="student"):
+    """Reply to `StudentRequest`; an impossible description has a problem and usually no figures."""
+
+    number: int
+    base: str
+    bases: Sequence[ShippedRobot]
+    knobs: Sequence[StudentKnob]
+    figures: StudentFigures | None
+    problem: str
+    toml: str | None
+
+
+class HeartbeatReply(Message, frozen=True, tag="heartbeat"):
+    """Reply to a heartbeat."""
+
+    sent_ms: float
+
+
+# Messages to a page that shows a recording.
+
+
+class TimelineEvent(msgspec.Struct, frozen=True):
+    """Event or annotation on the timeline."""
+
+    t_s: float
+    robot: str
+    kind: str
+    text: str
+    count: int
+
+
+class Timeline(Message, frozen=True, tag="timeline"):
+    """Timeline of the recording."""
+
+    name: str
+    start_ms: int
+    """Wall-clock time of the recorder at the start."""
+    duration_s: float
+    events: Sequence[TimelineEvent]
+
+
+class RecordedPath(msgspec.Struct, frozen=True):
+    """Path of a robot for the preview in the list of recordings."""
+
+    robot: str
+    colour: str
+    """As `#rrggbb`."""
+    points: Sequence[FloorPoint]
+    """Positions at equal time intervals in `odom`; empty for a sphere."""
+
+
+class PastStates(Message, frozen=True, tag="past"):
+    """States before the current time of the recording, sent after a jump for the plots."""
+
+    states: Sequence[RobotState]
+
+
+class Cursor(Message, frozen=True, tag="cursor"):
+    """Current time of the recording."""
+
+    t_s: float
+    playing: bool
+    speed: float

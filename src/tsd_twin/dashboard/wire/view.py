@@ -1,0 +1,68 @@
+"""Settings of the view of a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+
+class Layer(StrEnum):
+    """Layers that clients can hide; the values are the labels in the panel."""
+
+    SETPOINT = "set-point"
+    TRUTH = "true pose"
+    OTHER = "other estimate"
+    TRAIL = "trail"
+    ROUTE = "planned path"
+    ARROWS = "thrust arrows"
+    REGION = "region of the pose"
+    PREDICTED = "predicted pose"
+    ENVELOPE = "stop envelope"
+    LABELS = "labels"
+
+
+class CameraPreset(StrEnum):
+    """Camera presets; the values are the labels in the panel."""
+
+    ISO = "3-D"
+    TOP = "top"
+    CHASE = "chase"
+    """Behind the robot; while following, the view turns with the robot."""
+
+
+class TruePoseDisplay(StrEnum):
+    """When the true pose is displayed; the values are the labels in the panel."""
+
+    DIFFERS = "when it differs"
+    ALWAYS = "always"
+    NEVER = "never"
+
+
+class TiltFactor(StrEnum):
+    """Exaggeration of the displayed tilt; the values are the labels in the panel."""
+
+    TRUE = "x1"
+    THREE = "x3"
+    TEN = "x10"
+
+    @property
+    def number(self) -> int:
+        """Exaggeration factor."""
+        return int(self.value[1:])
+
+
+class ViewSettings(msgspec.Struct, frozen=True):
+    """View settings stored by a page."""
+
+    camera: CameraPreset = CameraPreset.ISO
+    follow: bool = True
+    """Whether the camera moves with the robot."""
+    hidden: Annotated[Sequence[Layer], Meta(max_length=len(Layer))] = ()
+    true_pose: TruePoseDisplay = TruePoseDisplay.DIFFERS
+    tilt: TiltFactor = TiltFactor.TRUE
+    dark: bool | None = None
+    """Dark or light colours; None follows the browser's preference."""

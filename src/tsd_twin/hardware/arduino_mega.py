@@ -1,0 +1,404 @@
+"""Robot whose controller board (Arduino Mega) drives motors and servos: cycle, telemetry, fault."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tsd_twin.hardware.board_faults import BoardFaults
+from tsd_twin.hardware.controller_board import (
+    READ_DELAY,
+    REST_COMMAND,
+    SETTLE_S,
+    ArmSwitch,
+    handshake,
+    restart_reason,
+    wiring_faults,
+)
+from tsd_twin.hardware.dynamixel.blocks import Command, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.control_table import (
+    BOARD_ID,
+    ESCS,
+    SERVOS,
+    ZERO_THROTTLE,
+    BoardMode,
+    ReceiverKind,
+)
+from tsd_twin.hardware.dynamixel.packets import Status, protocol2
+from tsd_twin.hardware.joints import (
+    CENTRE,
+    JointCommand,
+    JointConverter,
+    Receiver,
+    ServoCalibration,
+    ThrottleLaw,
+    check_radio_geometry,
+    padded,
+    padded_ids,
+)
+from tsd_twin.hardware.serial_transport import (
+    SILENT_S,
+    DeviceThread,
+    LinkHealth,
+    SerialTransport,
+    chip_warning,
+    connection_fault,
+)
+from tsd_twin.lie import Array
+from tsd_twin.messages.codes import Code, Reason, Type, because
+from tsd_twin.messages.sentences import WORDS, sentence
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.robots.description import Battery
+from tsd_twin.safety import Heartbeat
+
+_LOG = logging.getLogger(__name__)
+BAUD = 1_000_000
+ANSWER_S = 0.04
+"""Response timeout of a cycle; two lost responses stay below `SILENT_S`."""
+_LEAVING = 5
+_RECOVERED_V = 0.3
+"""Warning hysteresis: an unloaded battery recovers by about this voltage."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoardReport:
+    """Latest telemetry of the board and its time of receipt."""
+
+    telemetry: Telemetry
+    heard_s: float
+    lost: Reason | None
+    """Reason why the board is disarmed although it should be armed, or None."""
+
+
+class ControllerBoard:
+    """Controller board as the device of a `DeviceThread`.
+
+    Other threads write `command`, and read `report` and `disconnect_reason`. These are replaced as
+    a whole, so that no thread sees a partial update.
+    """
+
+    name = WORDS[Type.DEVICE]["board"]
+    device = "board"
+
+    def __init__(
+        self,
+        joints: JointConverter,
+        calibration: ServoCalibration,
+        battery: Battery,
+        *,
+        servos: bool = True,
+        baud: int = BAUD,
+    ) -> None:
+        """`servos`: whether the board drives the servos too, or only the speed controllers."""
+        self._battery = battery
+        self.missed = [0] * SERVOS
+        """Missing or invalid responses per servo since the start."""
+        self.battery_warning = ""
+        """Warning while the battery is low, or ""."""
+        self.baud = baud
+        self.health = LinkHealth("board")
+        self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
+        self.report: BoardReport | None = None
+        self.disconnect_reason = ""
+        """Reason of a lost connection, or ""."""
+        self.wiring_faults: dict[str, str] = {}
+        """Wiring faults detected so far, by a short name; replaced as a whole."""
+        self._was_connected = False
+        self._joints = joints
+        self._servos = servos
+        self._switch = ArmSwitch()
+        reverse = [sign < 0 for sign in calibration.signs(joints.names)]
+        sticks = calibration.receiver or Receiver()
+        self._setup = Setup(
+            padded_ids(calibration.ids(joints.names)),
+            padded(calibration.neutral(joints.names), SERVOS, CENTRE),
+            sum(1 << i for i, turned in enumerate(reverse) if turned),
+            joints.goal_limit,
+            joints.servos if servos else 0,
+            round(1000.0 * battery.arm_v),
+            round(1000.0 * battery.stop_v),
+            calibration.bandgap_mv,
+            int(calibration.receiver is not None),
+            stick_low=sticks.low_us,
+            stick_centre=sticks.centre_us,
+            stick_high=sticks.high_us,
+            stick_dead=sticks.dead_us,
+            receiver_kind=ReceiverKind[sticks.kind.upper()],
+            receiver_map=sticks.map,
+            pulse_low=_half_us(calibration.speed_controllers.low_us),
+            pulse_high=_half_us(calibration.speed_controllers.high_us),
+            throttle_limit=padded(joints.throttle_limit, ESCS, ZERO_THROTTLE),
+            throttle_rise=joints.throttle_rise,
+        )
+        self.receiver_expected = calibration.receiver is not None
+
+    def connect(self, transport: SerialTransport) -> None:
+        """Check model and control table version, and configure the board.
+
+        Raises:
+            HardwareError: If it is another device or does not respond.
+        """
+        telemetry = handshake(transport, self._setup, self.baud)
+        self._find_wiring_faults(telemetry, opened=self.report is None)
+        self._warn("usb chip", chip_warning(transport.name, self.baud))
+        self._was_connected = True
+        self.report = BoardReport(telemetry, time.monotonic(), self._switch.lost)
+        self.disconnect_reason = ""
+
+    def cycle(self, transport: SerialTransport) -> bool:
+        """Write the command and read telemetry in one exchange; return whether it succeeded.
+
+        The echoed heartbeat shows that the response belongs to this request.
+
+        Raises:
+            HardwareError: If the port is gone, or the board restarted and failed the handshake.
+        """
+        began_s = time.monotonic()
+        before, broken = self.report, transport.broken
+        command = self._board_command(self.command, began_s)
+        request = protocol2.write(BOARD_ID, Command.ADDRESS, command.pack()) + READ_DELAY
+        answers = transport.request(request, 2, ANSWER_S)
+        now_s = time.monotonic()
+        telemetry, corrupt = _telemetry(answers), transport.broken > broken
+        if telemetry is None or telemetry.beat != command.heartbeat:
+            self.health.add_timeout()
+            self._add_cycle(corrupt, now_s)
+            # Drain late responses, or all later ones would be late too.
+            if answers and not corrupt:
+                transport.drain(SETTLE_S)
+            return False
+        self.health.add_round_trip(now_s - began_s)
+        if before is not None and _restarted(before.telemetry, telemetry):
+            reason = restart_reason(telemetry.reset_cause)
+            _LOG.warning("%s", sentence(reason))
+            self._switch.mark_lost(reason)
+            self.connect(transport)
+        elif before is not None:
+            pairs = zip(before.telemetry.servo_missed, telemetry.servo_missed, strict=True)
+            self.missed = [
+                count + (after - was) % 256
+                for count, (was, after) in zip(self.missed, pairs, strict=True)
+            ]
+            corrupt = corrupt or _has_receive_errors(before.telemetry, telemetry)
+        self._add_cycle(corrupt, now_s)
+        self._switch.update(telemetry)
+        self._find_wiring_faults(telemetry, opened=False)
+        self._watch_battery(telemetry.battery_mv / 1000.0)
+        self.report = BoardReport(telemetry, now_s, self._switch.lost)
+        return True
+
+    def disconnected(self, reason: str) -> None:
+        """Record a lost connection; the board stays disarmed after it reconnects."""
+        self._switch.mark_lost(because(Code.BOARD_LOST))
+        self.report, self.disconnect_reason = None, reason
+        self.health.reconnects += 1
+
+    def rest(self, transport: SerialTransport) -> None:
+        """Disarm the board, retrying if it does not respond."""
+        for _ in range(_LEAVING):
+            request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack())
+            if transport.request(request, 1, ANSWER_S):
+                return
+
+    def _find_wiring_faults(self, telemetry: Telemetry, *, opened: bool) -> None:
+        found = wiring_faults(telemetry, opened=opened, returned=self._was_connected)
+        for name, text in found.items():
+            self._warn(name, text)
+
+    def _warn(self, name: str, text: str) -> None:
+        if text and name not in self.wiring_faults:
+            _LOG.warning("%s", text)
+            self.wiring_faults = {**self.wiring_faults, name: text}
+
+    def _watch_battery(self, volts: float) -> None:
+        warn_v = self._battery.warn_v
+        if volts < warn_v and not self.battery_warning:
+            self.battery_warning = sentence(because(Code.BATTERY_LOW, volts=warn_v))
+            _LOG.warning("%s", self.battery_warning)
+        elif volts > warn_v + _RECOVERED_V:
+            self.battery_warning = ""
+
+    def _add_cycle(self, corrupt: bool, now_s: float) -> None:
+        errors = self.health.packet_errors
+        errors.add_cycle(corrupt, now_s)
+        if errors.fault is not None:
+            self._switch.mark_lost(errors.fault)
+
+    def _board_command(self, wanted: JointCommand, now_s: float) -> Command:
+        if not wanted.in_force(now_s):
+            self._switch.mark_lost(because(Code.NODE_HANGS))
+            return REST_COMMAND
+        arm = self._switch.turn(wanted.heartbeat.armed, stop=wanted.heartbeat.stopped)
+        goals = self._joints.goals(wanted.setpoint) if self._servos else ()
+        return Command(
+            heartbeat=wanted.heartbeat.counter & 0xFFFF,
+            arm=arm,
+            throttle=padded(self._joints.throttles(wanted.setpoint), ESCS, ZERO_THROTTLE),
+            goal=padded(goals, SERVOS, 0),
+            session=self.report.telemetry.nonce if self.report else (0, 0),
+        )
+
+
+def _half_us(pulses_us: Sequence[float]) -> tuple[int, ...]:
+    return tuple(round(2.0 * pulse_us) for pulse_us in pulses_us)
+
+
+def _telemetry(answers: list[Status]) -> Telemetry | None:
+    """Return the telemetry if the responses are from one write and one read."""
+    if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
+        return None
+    return Telemetry.unpack(answers[1].data)
+
+
+def _restarted(before: Telemetry, after: Telemetry) -> bool:
+    """Return whether the board was reset since the last cycle; its clock wraps after 50 days."""
+    back_ms = before.millis - after.millis
+    return after.resets != before.resets or 0 < back_ms < 1 << 31
+
+
+def _has_receive_errors(before: Telemetry, after: Telemetry) -> bool:
+    """Return whether the board counted receive errors since the last cycle."""
+    return (before.crc_errors, before.rx_errors) != (after.crc_errors, after.rx_errors)
+
+
+_COUNTERS = ("crc_errors", "rx_errors", "servo_errors", "overruns", "trips", "resets")
+_UNEXPECTED_RECEIVER = (
+    "the calibration has no receiver, and one sends pulses: the next time the board has power it "
+    "arms without it; run 'tsd-bridge --setup'"
+)
+MODES: dict[int, str] = {
+    BoardMode.DISARMED: "disarmed",
+    BoardMode.ARMED: "armed",
+    BoardMode.RC: "radio control",
+}
+
+
+class MegaHardware:
+    """`RobotIO` for a robot on one serial line, with a command watchdog.
+
+    All methods return immediately; an I/O thread exchanges data using the latest command.
+    """
+
+    def __init__(
+        self,
+        robot: SingularityDescription,
+        port: str,
+        throttle: ThrottleLaw,
+        calibration: ServoCalibration | None = None,
+        *,
+        servos: bool = True,
+        baud: int = BAUD,
+    ) -> None:
+        """Connect; without `servos`, the board drives the speed controllers only.
+
+        Raises:
+            HardwareError: If the board is missing, another device, does not respond, has too few
+                channels, or radio control would use another geometry.
+        """
+        self._joints = JointConverter(robot, throttle)
+        calibration = calibration or ServoCalibration()
+        calibration.check_joints(self._joints.names)
+        if servos and calibration.receiver is not None:
+            check_radio_geometry(robot)
+        self._board = ControllerBoard(
+            self._joints, calibration, robot.battery, servos=servos, baud=baud
+        )
+        self._speed_controllers = calibration.speed_controllers
+        self._expected = self._joints.servos if servos else 0
+        self._faults = BoardFaults(
+            self._joints,
+            self._expected,
+            arm_mv=round(1000.0 * robot.battery.arm_v),
+            receiver_expected=self._board.receiver_expected,
+        )
+        self._heartbeat = Heartbeat(False, 0)
+        self._read_s = 0.0
+        self._thread = DeviceThread(port, self._board)
+
+    def read(self, now_s: float) -> Array | None:
+        """Return newly measured joints (n,), NaN where unmeasured; None without a measurement."""
+        report = self._board.report
+        if report is None or report.heard_s <= self._read_s or now_s - report.heard_s > SILENT_S:
+            return None
+        self._read_s = report.heard_s
+        return self._joints.measured(report.telemetry.position, report.telemetry.servo_alive)
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Pass the latest setpoint (n,) to the I/O thread.
+
+        Raises:
+            ValueError: If the setpoint has the wrong shape or a value is not finite.
+        """
+        self._board.command = JointCommand(self._joints.checked(setpoint), self._heartbeat, now_s)
+        self._thread.cycle()
+
+    def set_heartbeat(self, heartbeat: Heartbeat) -> None:
+        """Set the heartbeat to send with the next setpoint."""
+        self._heartbeat = heartbeat
+
+    def fault(self, now_s: float) -> Reason | None:
+        """Return the fault of the board or its devices, or None."""
+        report = self._board.report
+        fault = connection_fault(self._board, report and report.heard_s, now_s)
+        if fault is not None or report is None:
+            return fault
+        return self._faults.fault(report.telemetry, report.lost)
+
+    def battery_v(self, now_s: float) -> float | None:
+        """Return the latest battery voltage, or None if unknown."""
+        report = self._board.report
+        if report is None or now_s - report.heard_s > SILENT_S:
+            return None
+        return report.telemetry.battery_mv / 1000.0
+
+    def servo_c(self, now_s: float) -> float | None:
+        """Return the latest temperature of the hottest servo, or None if unknown."""
+        report = self._board.report
+        if report is None or now_s - report.heard_s > SILENT_S or not self._expected:
+            return None
+        return float(max(report.telemetry.temperature[: len(self._joints.names)]))
+
+    def hardware(self) -> dict[str, Any]:
+        """Return the hardware section of the status, JSON-serializable."""
+        board, report = self._board, self._board.report
+        status: dict[str, Any] = {"kind": "mega", "connected": report is not None}
+        if report is not None:
+            status |= self._status(report.telemetry)
+            told = [board.battery_warning] if board.battery_warning else []
+            if any(report.telemetry.rc) and not board.receiver_expected:
+                told.append(_UNEXPECTED_RECEIVER)
+            status["warnings"] = [*told, *board.wiring_faults.values()]
+            status["age_ms"] = round(1000.0 * (time.monotonic() - report.heard_s), 1)
+        return status | {"link": board.health.status()}
+
+    def close(self) -> None:
+        """Disarm the board and close the line."""
+        self._thread.close()
+
+    def _status(self, board: Telemetry) -> dict[str, Any]:
+        status: dict[str, Any] = {
+            "board": MODES.get(board.mode, board.mode),
+            "last_trip": self._faults.last_trip(board),
+            "battery_v": round(board.battery_mv / 1000.0, 2),
+            "drive_v": round(board.drive_mv / 1000.0, 2),
+            "supply_v": round(board.supply_mv / 1000.0, 2),
+            "esc_armed": bool(board.esc_ready),
+            "pulse_us": self._speed_controllers.pulses_us(board.throttle_out),
+            "rc_us": list(board.rc),
+            "counters": {name: getattr(board, name) for name in _COUNTERS},
+        }
+        if self._expected:
+            count = len(self._joints.names)
+            status["servos"] = {
+                "alive": [bool(board.servo_alive >> i & 1) for i in range(count)],
+                "missed": self._board.missed[:count],
+                "voltage_v": [v / 10.0 for v in board.voltage[:count]],
+                "temperature_c": list(board.temperature[:count]),
+                "current_a": [round(i / 1000.0, 2) for i in board.current[:count]],
+            }
+        return status

@@ -1,0 +1,1 @@
+"""Sensors: a module has the table of one, and its simulation."""

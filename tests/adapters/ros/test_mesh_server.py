@@ -1,0 +1,24 @@
+"""The server of mesh files writes nothing on the terminal when a client goes away."""
+
+from __future__ import annotations
+
+from http.server import BaseHTTPRequestHandler
+
+import pytest
+
+from tsd_twin.adapters.ros.adapter import QuietServer
+
+
+@pytest.mark.parametrize(
+    ("error", "printed"),
+    [(BrokenPipeError(), False), (ConnectionResetError(), False), (ValueError("a bug"), True)],
+)
+def test_a_failed_connection_is_silent_and_a_mistake_of_ours_is_not(
+    error: Exception, printed: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with QuietServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as server:
+        try:
+            raise error
+        except Exception:
+            server.handle_error(None, ("127.0.0.1", 1))
+    assert bool(capfd.readouterr().err) is printed

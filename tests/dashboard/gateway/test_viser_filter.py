@@ -1,0 +1,196 @@
+"""What passes to viser is what viser reads, and no more than the role allows."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from typing import Any, cast
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from viser import _messages as messages
+
+from tests.support.viser_client import CAMERA
+from tsd_twin.dashboard.gateway.viewport import MAX_MESSAGE_BYTES, filter_message
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.security import Role
+
+ROLES = [Role.OPERATOR, Role.VIEWER]
+SLIDER = {"type": "GuiUpdateMessage", "uuid": "u", "updates": {"value": 0.5}}
+ALL_KINDS = sorted(kind.__name__ for kind in messages.Message.get_subclasses())
+values = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**31), 2**31) | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=5,
+)
+
+
+def through(message: Any, role: Role) -> Any:
+    frame = filter_message(msgspec.msgpack.encode(message), role)
+    return None if frame is None else msgspec.msgpack.decode(frame)
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_everybody_may_look_around(role: Role) -> None:
+    assert through(CAMERA, role) == CAMERA
+
+
+def test_an_operator_may_move_a_control_and_a_viewer_may_not() -> None:
+    assert through(SLIDER, Role.OPERATOR) == SLIDER
+    assert through(SLIDER, Role.VIEWER) is None
+
+
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize(
+    "kind", [k for k in ALL_KINDS if k not in (CAMERA["type"], SLIDER["type"])]
+)
+def test_of_all_that_viser_knows_nothing_else_passes(kind: str, role: Role) -> None:
+    with contextlib.suppress(MessageError):  # What no page says ends the connection.
+        assert filter_message(msgspec.msgpack.encode({"type": kind, "uuid": "u"}), role) is None
+
+
+@given(st.dictionaries(st.text(max_size=8) | st.just("value"), values, max_size=3))
+def test_of_a_control_only_the_value_can_be_set(updates: dict[str, Any]) -> None:
+    result = through({**SLIDER, "updates": updates}, Role.OPERATOR)
+    assert (result is not None) == (list(updates) == ["value"] and is_plain(updates["value"]))
+    if result is not None:
+        assert result == {**SLIDER, "updates": updates}
+
+
+def is_plain(value: Any) -> bool:
+    """Tell whether it is what a slider, a box or a menu of ours can have."""
+    if isinstance(value, str):
+        return len(value) <= 200
+    return isinstance(value, bool) or (isinstance(value, int | float) and abs(value) <= 1e9)
+
+
+@pytest.mark.parametrize("role", ROLES)
+@given(st.sampled_from(sorted(CAMERA)), values)
+def test_a_camera_passes_as_browsers_send_it_or_not_at_all(
+    role: Role, field: str, value: Any
+) -> None:
+    if field == "type":
+        return
+    result = through({**CAMERA, field: value}, role)
+    if result is None:
+        return
+    assert set(result) == set(CAMERA)
+    shapes = [[type(n) for n in flat(each)] for each in (result, CAMERA)]
+    assert shapes[0] == shapes[1]
+    assert all(math.isfinite(number) for number in flat(result))
+
+
+def flat(camera: dict[str, Any]) -> list[float]:
+    """Return all numbers of a camera, in the order of its fields."""
+    values: list[Any] = [camera[field] for field in sorted(camera) if field != "type"]
+    return [
+        number
+        for value in values
+        for number in (cast("list[float]", value) if isinstance(value, list) else [value])
+    ]
+
+
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"look_at": "x" * 4000},
+        {"look_at": [0.0, 0.0]},
+        {"look_at": [0.0] * 4},
+        {"position": [math.nan, 0.0, 0.0]},
+        {"position": [0.0, 0.0, math.inf]},
+        {"position": [0.0, 0.0, 1e300]},
+        {"position": [0.0, 0.0, "1"]},
+        {"position": [0.0, 0.0, True]},
+        {"up_direction": {"x": 0.0}},
+        {"wxyz": [0.0, 0.0, 0.0, 0.0]},
+        {"wxyz": [1e200, 0.0, 0.0, 0.0]},
+        {"fov": 0.0},
+        {"fov": math.nan},
+        {"near": None},
+        {"image_height": -1},
+        {"image_width": 2**63},
+        {"image_width": "1280"},
+        {"more": 0},
+    ],
+)
+def test_a_camera_with_one_wrong_field_is_dropped(wrong: dict[str, Any], role: Role) -> None:
+    assert through({**CAMERA, **wrong}, role) is None
+
+
+@pytest.mark.parametrize("missing", [field for field in CAMERA if field != "type"])
+def test_a_camera_without_a_field_is_dropped(missing: str) -> None:
+    assert through({k: v for k, v in CAMERA.items() if k != missing}, Role.VIEWER) is None
+
+
+CLICK = {
+    "type": "SceneNodeClickMessage",
+    "name": "/w/r/ball-1/x",
+    "ray_origin": [0.0, 0.0, 1.0],
+    "ray_direction": [0.0, 0.0, -1.0],
+    "instance_index": None,
+    "screen_pos": [0.5, 0.5],
+    "modifier": None,
+    "owner": "",
+}
+
+
+def test_a_click_on_a_sphere_passes_for_an_operator() -> None:
+    assert through(CLICK, Role.OPERATOR) == CLICK
+    assert through(CLICK, Role.VIEWER) is None
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"name": "/w/r/ball-1"},
+        {"name": "/w/r/ball-1/x\n"},
+        {"name": "x/w/r/ball-1/x"},
+        {"ray_origin": [math.nan, 0.0, 0.0]},
+        {"ray_direction": [0.0]},
+        {"screen_pos": ["x", "y"]},
+        {"instance_index": 0.5},
+        {"modifier": "hyper"},
+        {"owner": "x" * 100},
+        {"more": 1},
+    ],
+)
+def test_a_click_with_one_wrong_field_is_dropped(wrong: dict[str, Any]) -> None:
+    assert through({**CLICK, **wrong}, Role.OPERATOR) is None
+
+
+@given(st.sampled_from(["ViewerCameraMessage", "GuiUpdateMessage"]), values)
+def test_a_type_that_is_said_twice_is_judged_as_viser_reads_it(first: str, value: Any) -> None:
+    """One map with two keys `type`: who looks at the first one only would be fooled."""
+    packed = msgspec.msgpack.encode
+    for kinds in ((first, "ShareUrlRequest"), ("ShareUrlRequest", first)):
+        body = b"".join(packed("type") + packed(kind) for kind in kinds)
+        frame = b"\x83" + body + packed("updates") + packed({"value": value})
+        result = filter_message(frame, Role.OPERATOR)
+        if result is not None:
+            read = msgspec.msgpack.decode(result)
+            assert read["type"] == first
+            assert result.count(b"type") == 1
+
+
+@pytest.mark.parametrize("role", ROLES)
+@given(st.binary(max_size=300))
+def test_whatever_is_sent_passes_is_dropped_or_is_an_error_of_theirs(
+    role: Role, frame: bytes
+) -> None:
+    try:
+        result = filter_message(frame, role)
+    except MessageError:
+        return
+    assert result is None or msgspec.msgpack.decode(result)["type"] in (
+        CAMERA["type"],
+        SLIDER["type"],
+    )
+
+
+def test_deep_and_large_frames_are_errors_of_theirs() -> None:
+    for frame in (b"\x91" * 10_000, b"\x81\xa4type" * 3000, bytes(MAX_MESSAGE_BYTES + 1)):
+        with pytest.raises(MessageError):
+            filter_message(frame, Role.OPERATOR)

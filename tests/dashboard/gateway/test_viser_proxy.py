@@ -1,0 +1,89 @@
+"""viser's socket, through the gateway, to a real viser."""
+
+from __future__ import annotations
+
+import http.client
+import queue
+from collections.abc import Generator
+
+import pytest
+import viser
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
+from tests.support.page_client import PATIENCE_S, Site, site
+from tests.support.viser_client import CAMERA, ViserClient
+from tsd_twin.dashboard.scene.viser_compat import page_of
+
+PAGE = "0123456789abcdef"
+VISER = f"viser-v{viser.__version__}"
+
+
+@pytest.fixture(scope="module")
+def served(server: viser.ViserServer) -> Generator[Site]:
+    with site(server.get_port()) as made:
+        yield made
+
+
+def open_socket(port: int, protocol: str = VISER, look: str = "dark-rich") -> ClientConnection:
+    return connect(
+        f"ws://127.0.0.1:{port}/viser/{PAGE}?look={look}",
+        subprotocols=[Subprotocol("other"), Subprotocol(protocol)],
+        max_size=None,
+        open_timeout=PATIENCE_S,
+    )
+
+
+def test_a_client_of_viser_works_through_the_gateway_both_ways(
+    server: viser.ViserServer, served: Site
+) -> None:
+    slider = server.gui.add_slider("through", 0.0, 1.0, 0.1, 0.0)
+    moved: queue.SimpleQueue[tuple[float, str | None]] = queue.SimpleQueue()
+
+    @slider.on_update
+    async def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
+        assert event.client_id is not None
+        moved.put((event.target.value, page_of(server, event.client_id)))
+
+    server.scene.add_frame("/seen")
+    socket = open_socket(served.port)
+    assert socket.subprotocol == VISER
+    viewer = ViserClient(socket)
+    try:
+        viewer.send(CAMERA)
+        viewer.until(lambda: viewer.node("/seen"))
+        viewer.set("through", 0.5)
+        assert moved.get(timeout=PATIENCE_S) == (0.5, PAGE)
+    finally:
+        viewer.join()
+
+
+@pytest.mark.parametrize(
+    ("look", "dark", "plain"),
+    [("dark-rich", "1", "0"), ("light-plain", "0", "1"), ("dark-plain", "1", "1"), ("", "0", "0")],
+)
+def test_viser_learns_which_look_the_browser_wants(
+    server: viser.ViserServer, served: Site, look: str, dark: str, plain: str
+) -> None:
+    with open_socket(served.port, look=look) as socket:
+        socket.recv(timeout=PATIENCE_S)
+        connections = server._websock_server._live_connections.values()
+        told = [c.request.headers for c in connections if c.request]
+        assert (dark, plain) in [(each["X-Tsd-Dark"], each["X-Tsd-Plain"]) for each in told]
+
+
+def test_a_client_of_another_version_is_told_so(served: Site) -> None:
+    socket = open_socket(served.port, "viser-v0.0.0")
+    with pytest.raises(ConnectionClosed) as closed:
+        socket.recv(timeout=PATIENCE_S)
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.code == 1002
+
+
+def test_without_a_viser_the_answer_is_a_sentence() -> None:
+    with site(viser_port=1) as lonely:
+        with pytest.raises(InvalidStatus) as refused:
+            open_socket(lonely.port)
+        assert refused.value.response.status_code == http.client.SERVICE_UNAVAILABLE
+        assert b"viser does not answer" in (refused.value.response.body or b"")

@@ -1,0 +1,68 @@
+"""What is drawn from any thread wakes viser's loop, and touches nothing that belongs to it."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+from tests.support.robot_node import PATIENCE_S
+from tests.support.viser_client import viser_client
+from tsd_twin.dashboard.scene import viser_compat
+
+FRAMES = 400
+PAUSE_S = 0.05
+
+
+class Waiters(deque[Any]):
+    """Who waits for an event, and the threads that looked for them."""
+
+    def __init__(self, before: deque[Any]) -> None:
+        super().__init__(before)
+        self.threads: set[int] = set()
+        self.looked = threading.Event()
+
+    def __iter__(self) -> Iterator[Any]:
+        self.threads.add(threading.get_ident())
+        self.looked.set()
+        return super().__iter__()
+
+
+def watched(server: Any, event: Any) -> tuple[Waiters, int]:
+    """Who waits for an event of the server's loop from now on, and the thread of that loop."""
+    found: list[tuple[Waiters, int]] = []
+    done = threading.Event()
+
+    def swap() -> None:
+        event._waiters = Waiters(event._waiters)
+        found.append((event._waiters, threading.get_ident()))
+        done.set()
+
+    server._websock_server._background_event_loop.call_soon_threadsafe(swap)
+    assert done.wait(PATIENCE_S)
+    return found[0]
+
+
+def test_only_the_loop_looks_for_who_waits_whoever_fills_a_queue() -> None:
+    server = viser_compat.start_server("test")
+    come: queue.Queue[Any] = queue.Queue()
+    server.on_client_connect(come.put)
+    try:
+        with viser_client(server.get_port()):
+            client = come.get(timeout=PATIENCE_S)
+            for filled, draw in (
+                (server._websock_server._broadcast_buffer, server.scene.add_frame),
+                (client._websock_connection.get_message_buffer(), client.scene.add_frame),
+            ):
+                waiters, loop_thread = watched(server, filled.message_event)
+                # Longer apart than viser takes to send one, so that the loop waits for the next.
+                for i in range(FRAMES):
+                    draw(f"/frame{i}")
+                    if waiters.looked.wait(PAUSE_S):
+                        break
+                assert waiters.looked.is_set(), "the loop was never woken"
+                assert waiters.threads == {loop_thread}
+    finally:
+        server.stop()

@@ -1,0 +1,94 @@
+"""What waits for a slow page is bounded, and of pictures it gets the newest."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tsd_twin.dashboard.sessions.send_queue import MAX_QUEUED, MAX_UNACKNOWLEDGED, SendQueue
+
+
+class Pipe:
+    """A socket that takes frames as long as its gate is open."""
+
+    def __init__(self) -> None:
+        self.sent_commands: list[str] = []
+        self.gate = asyncio.Event()
+        self.gate.set()
+
+    async def send_str(self, data: str) -> None:
+        await self.gate.wait()
+        self.sent_commands.append(data)
+
+
+def deliver(act: Callable[[SendQueue, Pipe], None]) -> list[str]:
+    """What reaches the socket when `act` has been done and everything has come to rest."""
+
+    async def run() -> list[str]:
+        queue, pipe = SendQueue(), Pipe()
+        task = asyncio.create_task(queue.run(pipe))
+        act(queue, pipe)
+        pipe.gate.set()
+        for _ in range(4 * MAX_QUEUED):  # More turns of the loop than there can be messages.
+            await asyncio.sleep(0)
+        task.cancel()
+        return pipe.sent_commands
+
+    return asyncio.run(run())
+
+
+@given(st.integers(0, 3 * MAX_QUEUED))
+def test_answers_keep_their_order_and_the_oldest_give_way(count: int) -> None:
+    messages = [str(i) for i in range(count)]
+
+    def act(queue: SendQueue, _pipe: Pipe) -> None:
+        for message in messages:
+            queue.put(message)
+
+    assert deliver(act) == messages[-MAX_QUEUED:]
+
+
+@given(st.integers(1, 50))
+def test_of_states_that_wait_only_the_newest_is_sent(count: int) -> None:
+    def act(queue: SendQueue, _pipe: Pipe) -> None:
+        for number in range(count):
+            queue.put_state(number, str(number))
+
+    assert deliver(act) == [str(count - 1)]
+
+
+def test_a_page_that_confirms_nothing_is_sent_no_more_states_until_it_does() -> None:
+    async def run() -> tuple[list[str], list[str]]:
+        queue, pipe = SendQueue(), Pipe()
+        task = asyncio.create_task(queue.run(pipe))
+
+        async def send(numbers: range) -> None:
+            for number in numbers:
+                queue.put_state(number, str(number))
+                await asyncio.sleep(0)
+                await asyncio.sleep(0)
+
+        await send(range(100))
+        before = list(pipe.sent_commands)
+        queue.acknowledge(5)
+        await asyncio.sleep(0)
+        await asyncio.sleep(0)
+        await send(range(100, 200))
+        task.cancel()
+        return before, pipe.sent_commands[len(before) :]
+
+    before, after = asyncio.run(run())
+    assert before == [str(number) for number in range(MAX_UNACKNOWLEDGED)]
+    # Six of twelve were confirmed, so six may follow, the first of them the newest that waited.
+    assert after == ["99", *(str(number) for number in range(100, 105))]
+
+
+def test_a_confirmation_of_what_was_never_sent_changes_nothing() -> None:
+    def act(queue: SendQueue, _pipe: Pipe) -> None:
+        queue.acknowledge(7)
+        queue.put_state(1, "state")
+
+    assert deliver(act) == ["state"]

@@ -1,0 +1,221 @@
+"""What page and gateway say to each other, over real sockets, a real bus and a real node."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Generator
+from typing import Any
+
+import pytest
+
+from tests.support.page_client import Page, Site, site
+from tests.support.recorders import CommandRecorder, settle
+from tsd_twin.dashboard.sessions.send_queue import MAX_UNACKNOWLEDGED
+from tsd_twin.messages.events import Event
+
+OTHER = "fedcba9876543210"
+
+
+@pytest.fixture(scope="module")
+def served() -> Generator[Site]:
+    with site() as made:
+        yield made
+
+
+def test_a_page_learns_who_it_is_which_robots_there_are_and_how_its_robot_is(served: Site) -> None:
+    with served.page() as page:
+        page.until(lambda: page.state)
+        welcome, robot = page.last("welcome"), page.last("robot")
+        assert welcome["operator"] == "web-01234567"
+        assert welcome["robots"] == [
+            {"id": "tsd", "title": "Triple singularity drive", "colour": "#0b84d8"}
+        ]
+        assert welcome["robot"] == "tsd" == robot["id"]
+        assert robot["modules"] == ["module1", "module2", "module3"]
+        assert robot["limits"] == {"speed_mps": 1.0, "turn_rate_rad_per_s": 3.0}
+        page.until(lambda: len(page.all("state")) >= 5)
+        numbers = [state["seen"] for state in page.all("state")]
+        assert numbers == sorted(set(numbers))
+        assert len(page.state["modules"]) == 3
+        assert page.state["truth"] is not None
+
+
+def test_the_round_trip_to_the_robot_is_measured(served: Site) -> None:
+    with served.page() as page:
+        assert 0.0 < page.until(lambda: page.state["robot_ms"]) < 1000.0
+
+
+def test_a_beat_comes_back(served: Site) -> None:
+    with served.page() as page:
+        page.beats = False
+        page.send(t="heartbeat", seen=0, sent_ms=1234.5, focus=True)
+        page.until(lambda: page.last("heartbeat")["sent_ms"] == 1234.5)
+
+
+def test_anybody_may_stop_and_it_takes_a_reset_and_arming_to_go_on(served: Site) -> None:
+    with served.page() as page, served.page(OTHER) as bystander:
+        page.make_ready()
+        page.drive()
+        assert bystander.answer("stop", t="stop")["ok"]
+        page.until(lambda: page.mode == "stopped")
+        assert page.state["status"]["stop"]["params"]["by"] == bystander.operator
+        page.until(lambda: page.last("released"))
+        settle(page)
+        assert page.mode == "stopped"
+        page.holds = None
+        page.send(t="release")
+        assert not page.answer("arm", t="arm")["ok"]
+        page.make_ready()
+
+
+def test_stops_that_come_in_a_flood_are_all_heard_and_answered(served: Site) -> None:
+    with served.page() as page:
+        page.until(lambda: page.state)
+        for _ in range(200):
+            page.send(t="stop")
+        page.until(lambda: page.mode == "stopped")
+        settle(page)
+        answers = [reply for reply in page.all("reply") if reply["to"] == "stop"]
+        assert answers
+        assert all(reply["ok"] for reply in answers)
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        "",
+        "{",
+        "[]",
+        "null",
+        '{"t": "fly"}',
+        '{"t": "drive"}',
+        '{"t": "drive", "vx": NaN, "vy": 0, "omega": 0, "seen": 1}',
+        '{"t": "drive", "vx": 1e999, "vy": 0, "omega": 0, "seen": 1}',
+        '{"t": "drive", "vx": "1", "vy": 0, "omega": 0, "seen": 1}',
+        '{"t": "drive", "vx": 1, "vy": 0, "omega": 0, "seen": -1}',
+        '{"t": "drive", "vx": 1, "vy": 0, "omega": 0, "seen": 18446744073709551616}',
+        '{"t": "drive", "vx": 1, "vy": 0, "omega": 0, "seen": 1, "frame": "map"}',
+        '{"t": "lease", "op": "steal"}',
+        '{"t": "robot", "id": 5}',
+        "\x00\ud7ff",
+        b"\x00\xff",
+        "[" * 8000,
+        '{"t": "drive", "a": ' + '{"a": ' * 2000,
+    ],
+)
+def test_what_is_no_message_is_counted_and_answered_once(
+    served: Site, garbage: str | bytes
+) -> None:
+    with served.page() as page:
+        page.make_ready()
+        commands = CommandRecorder(served, page)
+        before = served.sessions.rejected
+        times = 50 if len(garbage) < 1000 else 10  # More bytes than that are a flood.
+        for _ in range(times):
+            page.send_raw(garbage)
+        page.until(lambda: served.sessions.rejected == before + times)
+        settle(page)
+        assert [reply["to"] for reply in page.all("reply")].count("message") == 1
+        assert commands.take() == []
+        assert page.closed is None
+        page.drive()  # It is none the worse for it.
+
+
+def test_a_message_of_unreasonable_length_closes_the_socket(served: Site) -> None:
+    with served.page() as page:
+        page.until(lambda: page.state)
+        page.send_raw(json.dumps({"t": "robot", "id": "x" * 100_000}))
+        assert page.until(lambda: page.closed) == 1009
+
+
+def test_an_unknown_robot_is_refused(served: Site) -> None:
+    with served.page() as page:
+        page.until(lambda: page.state)
+        refusal = page.answer("robot", t="robot", id="nobody")
+        assert refusal["why"] == {"code": "unknown_robot", "params": {"robot": "nobody"}}
+
+
+def test_a_panel_whose_choice_is_refused_turns_back_to_the_robot_that_it_drives(
+    served: Site,
+) -> None:
+    """Else its sliders would have the limits of one robot and move another."""
+    with served.page() as page:
+        page.until(lambda: page.last("robot"))
+        served.chosen.clear()
+        served.choose(page.name, "bob", "carol")  # The second while the first is under way.
+        page.until(lambda: len([m for m in page.all("reply") if m["to"] == "robot"]) == 2)
+        assert served.chosen == [(page.name, "tsd")] * 2
+
+
+def test_a_page_that_comes_back_takes_the_place_of_its_lost_socket(served: Site) -> None:
+    with served.page() as lost:
+        lost.make_ready()
+        with served.page() as back:
+            back.until(lambda: back.state)
+            assert lost.until(lambda: lost.closed) == 1001
+            back.until(lambda: back.state["status"]["lease"]["holder"] is None)
+            assert not back.state["you"]
+
+
+def test_a_page_that_does_not_say_what_it_has_seen_gets_a_handful_of_states_only(
+    served: Site,
+) -> None:
+    with served.page(OTHER) as witness, served.page(acknowledge=False) as page:
+        page.until(lambda: page.state)
+        count = len(witness.all("state"))
+        witness.until(lambda: len(witness.all("state")) > count + 2 * MAX_UNACKNOWLEDGED)
+        assert len(page.all("state")) == MAX_UNACKNOWLEDGED
+
+
+def test_sliders_reach_their_own_page_only_and_from_any_thread(served: Site) -> None:
+    with served.page() as page, served.page(OTHER) as other:
+        page.until(lambda: page.state)
+        other.until(lambda: other.state)
+        arguments = (page.name, 0.1, 0.2, 0.3, "drive", True)
+        thread = threading.Thread(target=served.sessions.on_panel, args=arguments)
+        thread.start()
+        thread.join()
+        panel = page.until(lambda: page.last("panel_sliders"))
+        assert panel == {
+            "t": "panel_sliders",
+            "vx": 0.1,
+            "vy": 0.2,
+            "omega": 0.3,
+            "mode": "drive",
+            "latch": True,
+        }
+        settle(other)
+        assert other.all("panel_sliders") == []
+
+
+def test_sliders_that_are_let_go_are_told_to_spring_back(served: Site) -> None:
+    with served.page() as page:
+        page.until(lambda: page.state)
+        served.released.clear()
+        page.send(t="panel_released")
+        settle(page)
+        assert served.released == [page.name]
+
+
+def test_events_reach_those_who_watch_and_those_who_come_later(served: Site) -> None:
+    def told(page: Page, text: str) -> Any:
+        return next((e for e in page.all("event") if e["text"] == text), None)
+
+    with served.page() as page:
+        page.until(lambda: page.state)
+        served.tell("tsd", Event("test", "It rains.", robot_s=1.5))
+        event = page.until(lambda: told(page, "It rains."))
+        assert event == {
+            "t": "event",
+            "kind": "test",
+            "text": "It rains.",
+            "why": {"code": "text", "params": {"text": "It rains."}},
+            "robot_s": 1.5,
+            "past": False,
+            "age_s": 0.0,
+        }
+    with served.page() as page:
+        event = page.until(lambda: told(page, "It rains."))
+        assert event["past"] is True
+        assert 0.0 < event["age_s"] < 60.0
