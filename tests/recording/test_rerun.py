@@ -296,6 +296,18 @@ def test_a_state_from_another_person_runs_no_code(
     assert capsys.readouterr().out == ""
 
 
+def test_state_of_another_version_is_refused() -> None:
+    ids = LeaseIds(bytes)
+    controller = RobotController(robots.load_robot("tsd"), ids)
+    load_state(dump_state(controller, ids, frozenset()), bytes)
+    for owner in (controller, controller.supervisor):
+        name, value = list(vars(owner).items())[-1]
+        delattr(owner, name)
+        with pytest.raises(TwinError, match=f"{name} and is of another version"):
+            load_state(dump_state(controller, ids, frozenset()), bytes)
+        setattr(owner, name, value)
+
+
 def test_a_log_without_lease_ids_runs_all_the_same() -> None:
     run = run_of("tsd")
     ids = {call.id for call in run.calls if isinstance(call, LeaseDrawn)}

@@ -224,9 +224,21 @@ def load_state(state: bytes, draw: Callable[[], bytes]) -> RobotController:
         ids.draw, ids.drawn = draw, []
         controller = RobotController.__new__(RobotController)
         vars(controller).update(attributes)
+        _check_attributes(controller, RobotController(controller.robot, draw))
     except Exception as error:  # Damaged data can raise anything.
         raise TwinError(f"the state of the controller cannot be read: {error}") from error
     return controller
+
+
+def _check_attributes(restored: object, new: object) -> None:
+    """Refuse a state that lacks attributes of this version, in the object or its components."""
+    for name, value in vars(new).items():
+        if name not in vars(restored):
+            raise ValueError(f"it has no {type(new).__name__}.{name} and is of another version")
+        component = vars(restored)[name]
+        is_component = isinstance(new, RobotController) and hasattr(value, "__dict__")
+        if is_component and type(component) is type(value):
+            _check_attributes(component, value)
 
 
 class _Reader(pickle.Unpickler):
