@@ -54,7 +54,7 @@ _MODELS = KindTable[_Import](
         SingularityDescription: _module("singularity"),
         OmniDescription: _module("omni"),
         SphereDescription: _module("sphere"),
-        ImportedDescription: _module("imported"),
+        ImportedDescription: _module("external"),
     },
     lambda kind: kind.model,
     _module("box"),
