@@ -10,8 +10,7 @@ import pytest
 
 from tests.support.markdown_pages import page, quoted, section, tables
 from tests.support.source_table import documented
-from tsd_twin import control
-from tsd_twin.control import RobotController
+from tsd_twin.control import RobotController, monitors
 from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.commands import Sample, encode_attachment
 from tsd_twin.messages.modes import LATCHED, Mode
@@ -45,7 +44,7 @@ def test_the_times_are_those_of_the_code_and_the_shipped_robot() -> None:
         "motor": ROBOT.motor,
         "lease": lease,
         "supervisor": supervisor,
-        "faults": control.faults,
+        "monitors": monitors,
         "loop_watch": loop_watch,
     }
     for _, value, where in rows:

@@ -17,6 +17,7 @@ from tests.support.markdown_pages import code, page, quoted, section, tables
 from tsd_twin import errors, robots
 from tsd_twin.client import errors as client_errors
 from tsd_twin.errors import RobotFileError, TwinError
+from tsd_twin.messages import errors as message_errors
 from tsd_twin.robots import parse_description, read_description
 
 TUTORIAL = page("own_robot.md")
@@ -109,10 +110,13 @@ def test_every_error_is_on_its_page() -> None:
     shown = {quoted(row[0])[0] for row in tables(page("reference/errors.md"))[1]}
     named = {
         name
-        for name, kind in vars(errors).items()
+        for module in (errors, client_errors, message_errors)
+        for name, kind in vars(module).items()
         if isinstance(kind, type)
         and issubclass(kind, TwinError)
         and kind is not TwinError
-        and client_errors.ClientError not in kind.__mro__[1:]
+        and not {client_errors.ClientError, message_errors.MessageError}.intersection(
+            kind.__mro__[1:]
+        )
     }
     assert shown == named | {"LinkError", "HardwareError"}
