@@ -20,7 +20,7 @@ import numpy as np
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, as_client, client_config, from_file
 from tsd_twin.client import RobotClient, RobotControl
 from tsd_twin.client.bus_port import BusLink
-from tsd_twin.client.connect import robots_on
+from tsd_twin.client.discovery import robots_on
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 from tsd_twin.robots import RobotDescription

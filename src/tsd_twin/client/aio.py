@@ -15,8 +15,8 @@ from typing import Any, Self, TypeAlias, TypeVar
 from tsd_twin.client import procedures
 from tsd_twin.client.arguments import check_numbers, check_optional
 from tsd_twin.client.bus_port import BusLink
-from tsd_twin.client.connect import open_link
 from tsd_twin.client.core import QUEUE, BaseClient, BaseControl
+from tsd_twin.client.discovery import open_link
 from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.port import (
     Call,

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tsd_twin.bus import Bus
-from tsd_twin.client.connect import instances_on, open_bus, robots_among, robots_on
+from tsd_twin.client.discovery import instances_on, open_bus, robots_among, robots_on
 from tsd_twin.client.errors import NoRobotFound, StopNotConfirmed
 from tsd_twin.client.instances import is_ok, stop_instances
 from tsd_twin.client.procedures import STOP_ANSWER_S, STOP_TRIES, stop_payload

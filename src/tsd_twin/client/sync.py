@@ -17,8 +17,8 @@ from typing import Any, Self, TypeVar
 from tsd_twin.client import motions, procedures
 from tsd_twin.client.arguments import check_duration, check_frame, check_numbers, check_optional
 from tsd_twin.client.bus_port import Link
-from tsd_twin.client.connect import open_link
 from tsd_twin.client.core import QUEUE, BaseClient, BaseControl
+from tsd_twin.client.discovery import open_link
 from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.motions import TwistSource
 from tsd_twin.client.port import Procedure, Sleep, run, run_stepwise
