@@ -588,7 +588,7 @@ MUTANTS = (
         "zero throttle is 1 ms for all speed controllers",
         "esc.c",
         "half_us[i] = table.pulse_low[i];",
-        "half_us[i] = throttle[i];",
+        "half_us[i] = throttle;",
         "pulses_end_where_the_setup_says",
     ),
     Mutant(

@@ -506,12 +506,16 @@ def servos_are_not_blamed_for_a_disturbed_line(bench: Bench) -> None:
 
 
 def a_disturbance_of_the_line_is_over_after_50_ms(bench: Bench) -> None:
-    for pause_s, trip in ((0.02, Trip.SERVO), (0.0, Trip.LINE)):
+    # A servo counts as silent 50 to 60 ms after it died.
+    for dies_s, disturbed_s, trip in ((0.02, 0.0, Trip.SERVO), (0.0, 0.02, Trip.LINE)):
         pilot = bench.pilot().get_driving()
-        pilot.simulation.board.send(b"\xff\xff\xfd\x00\xc8\x05\x00\x02\0\0\0\0")
-        pilot.simulation.run(0.002)
-        pilot.simulation.run(pause_s)
-        pilot.simulation.servos[4].dead = True
+        for event_s in sorted((dies_s, disturbed_s)):
+            pilot.simulation.run(event_s)
+            if event_s == dies_s:
+                pilot.simulation.servos[4].dead = True
+            else:
+                pilot.simulation.board.send(b"\xff\xff\xfd\x00\xc8\x05\x00\x02\0\0\0\0")
+                pilot.simulation.run(0.002)
         assert pilot.drive(0.1).trip == trip
 
 
@@ -686,7 +690,8 @@ def the_channels_of_the_receiver_are_those_of_the_setup(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True)
     # Kill and speed have changed places, as have forward and left.
     pilot.get_ready(Setup(receiver_map=0x534201, receiver_expected=1))
-    assert pilot.telemetry().rc[3:5] == pytest.approx((1900, 1100), abs=2)
+    # An edge waits for a running interrupt, of up to 103 cycles of 16 MHz.
+    assert pilot.telemetry().rc[3:5] == pytest.approx((1900, 1100), abs=7)
     assert pilot.arm().refusal == Refusal.KILL, "its channel is short"
     pilot.simulation.set_sticks(0.5, 0.0, 0.0, 1.0)
     pilot.simulation.run(0.1)
@@ -842,12 +847,17 @@ def questions_are_answered_at_once(bench: Bench) -> None:
     for servo in pilot.simulation.servos:
         servo.dead = True  # Answers of servos take their time too, on the chip.
     pilot.simulation.run(0.1)
+    at_once = 0
     for _ in range(20):
         pilot.simulation.board.receive()
         pilot.simulation.board.send(PING)
         pilot.simulation.run(0.00058)
-        assert len(pilot.simulation.board.receive()) == 14
-        pilot.simulation.run(0.00037)
+        early = len(pilot.simulation.board.receive())
+        at_once += early == 14
+        pilot.simulation.run(0.00042)  # The rules and the servos' cycle may be in between.
+        assert early + len(pilot.simulation.board.receive()) == 14
+        pilot.simulation.run(0.00095)
+    assert at_once >= 12, "a board that waits for its next millisecond has 7"
 
 
 def servos_have_the_ids_of_the_setup(bench: Bench) -> None:
