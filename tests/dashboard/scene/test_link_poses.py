@@ -6,6 +6,7 @@ import io
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import yourdfpy
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tsd_twin import robots
-from tsd_twin.dashboard.scene.robot_geometry import JointReader, LinkPoses, Skeleton
+from tsd_twin.dashboard.scene.robot_geometry import JointReader, LinkPoses, Skeleton, robot_shape
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.cdr import JointState
 from tsd_twin.models import kinematic_tree, load_parts, urdf
@@ -152,3 +153,10 @@ def test_a_joint_vector_has_angles_of_gimbals_and_speeds_of_wheels(more: tuple[s
 
 def test_joints_of_another_robot_are_not_taken_for_ours() -> None:
     assert JointReader(TSD.joints).vector(message({"module1_alpha": "elbow"})) is None
+
+
+def test_equal_descriptions_share_one_shape_however_often_they_are_read() -> None:
+    shapes = [robot_shape(robots.load_robot("kiwi")) for _ in range(3)]
+    assert shapes[0] is shapes[1] is shapes[2]
+    renamed = msgspec.structs.replace(robots.load_robot("kiwi"), name="another")
+    assert robot_shape(renamed) is not shapes[0]

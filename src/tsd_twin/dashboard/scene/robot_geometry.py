@@ -5,11 +5,12 @@ footprint.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import manifold3d
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -341,6 +342,29 @@ class RobotShape:
     def reach_m(self) -> float:
         """Planar radius of the robot about its centre."""
         return float(np.hypot(*self.footprint.T).max())
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    """Description compared by its encoding, because descriptions are not hashable."""
+
+    encoding: bytes
+    robot: RobotDescription = field(compare=False)
+
+
+@lru_cache(maxsize=8)
+def _shape_of(drawing: _Drawing) -> RobotShape:
+    return RobotShape(drawing.robot)
+
+
+def robot_shape(robot: RobotDescription) -> RobotShape:
+    """Return the shape of a robot, shared by all scenes; building a new one takes a second.
+
+    Raises:
+        RobotFileError: As in `load_parts`.
+        MeshError: As in `load_parts`.
+    """
+    return _shape_of(_Drawing(msgspec.json.encode(robot), robot))
 
 
 def _tinted(drawn: Iterable[Part], colour: Rgb) -> list[Part]:

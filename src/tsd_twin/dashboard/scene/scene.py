@@ -22,7 +22,7 @@ from tsd_twin.dashboard.scene.appearance import (
     RobotRoster,
 )
 from tsd_twin.dashboard.scene.picking import OnClick
-from tsd_twin.dashboard.scene.robot_geometry import RobotShape
+from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.dashboard.scene.robot_overlays import RobotOverlays
 from tsd_twin.dashboard.scene.robot_visual import BatchedRobotMeshes, RobotSource, RobotVisual
 from tsd_twin.lie import Array
@@ -183,8 +183,7 @@ class Scene:
     def add(self, link: RobotSource) -> None:
         """Add a robot, or replace the one with the same id; new meshes take a second."""
         key = msgspec.json.encode(link.robot)
-        known = self._meshes.get(key)
-        shape = known.shape if known else RobotShape(link.robot)  # Slow, so outside the lock.
+        shape = robot_shape(link.robot)  # Slow for a new robot, so outside the lock.
         with self.lock:
             meshes = self._meshes.setdefault(key, BatchedRobotMeshes(self.server.scene, shape))
             if link.id in self._visuals:
