@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
 import typing
 from collections.abc import Iterator, Sequence
 from importlib import resources
@@ -112,7 +111,9 @@ def description_of_tables(tables: Any, file: str) -> RobotDescription:
     try:
         robot = msgspec.convert(tables, kind)
     except msgspec.ValidationError as error:
-        raise RobotFileError(file, *_explain(str(error), kind)) from error
+        raise RobotFileError(
+            file, *(_schema_problem(tables, kind, "") or (str(error), ""))
+        ) from error
     except RecursionError as error:
         raise RobotFileError(file, "tables or lists are nested too deeply") from error
     _check(robot, file)
@@ -168,43 +169,64 @@ def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
             yield from _numbers(item, f"{path}[{i}]")
 
 
-def _explain(message: str, kind: type[RobotDescription]) -> Problem:
-    """Convert a message of msgspec to a sentence and a list of valid values."""
-    found = re.fullmatch(r"(?P<what>.*?)(?: - at `\$(?P<path>.*)`)?", message, re.DOTALL)
-    what, path = (found["what"], (found["path"] or "").lstrip(".")) if found else (message, "")
-    unknown = re.search(r"unknown field `(.+)`", what)
-    missing = re.search(r"missing required field `(.+)`", what)
-    table = f"[{path}]" if path else "the top level"
-    if unknown:
-        keys = _keys(path, kind)
-        return (
-            f"unknown key '{unknown[1]}' in {table}{_closest(unknown[1], keys)}",
-            f"valid here: {', '.join(keys)}",
-        )
-    if missing:
-        keys = _keys(path, kind)
-        return f"key '{missing[1]}' is missing in {table}", f"valid here: {', '.join(keys)}"
-    plain = what[0].lower() + what[1:].replace("`", "")
-    return f"{path or 'the file'}: {plain}", ""
+def _schema_problem(value: Any, hint: Any, path: str) -> Problem | None:
+    """Return the first problem of `value` with its type, deepest first, or None."""
+    problem: Problem | None = None
+    table = _table(hint)
+    if table is not None and isinstance(value, dict):
+        problem = _table_problem(typing.cast("dict[str, Any]", value), table, path)
+    elif isinstance(value, list):
+        items = enumerate(typing.cast("list[Any]", value))
+        found = (_schema_problem(one, _item_hint(hint, i), f"{path}[{i}]") for i, one in items)
+        problem = next(filter(None, found), None)
+    if problem is not None or hint is None:
+        return problem
+    try:
+        msgspec.convert(value, hint)
+    except msgspec.ValidationError as error:
+        text = str(error)
+        return f"{path or 'the file'}: {text[0].lower()}{text[1:].replace('`', '')}", ""
+    return None
 
 
-def _keys(path: str, kind: type[RobotDescription]) -> list[str]:
-    """Return the valid keys of the table at `path` for this kind."""
-    table: Any = kind
-    for part in filter(None, path.split(".")):
-        key = re.sub(r"\[.*", "", part)
-        names = {each.encode_name: each.name for each in msgspec.structs.fields(table)}
-        table = _table(typing.get_type_hints(table).get(names.get(key, key)))
+def _table_problem(values: dict[str, Any], table: type[Table], path: str) -> Problem | None:
+    fields = {field.encode_name: field for field in msgspec.structs.fields(table)}
     tag = table.__struct_config__.tag_field
-    return [*filter(None, [tag]), *(f.encode_name for f in msgspec.structs.fields(table))]
+    keys = [*filter(None, [tag]), *fields]
+    place, valid = f"[{path}]" if path else "the top level", f"valid here: {', '.join(keys)}"
+    for key in values:
+        if key not in keys:
+            return f"unknown key '{key}' in {place}{_closest(key, keys)}", valid
+    for key, field in fields.items():
+        if key in values:
+            below = f"{path}.{key}" if path else key
+            problem = _schema_problem(values[key], field.type, below)
+            if problem:
+                return problem
+        elif field.required:
+            return f"key '{key}' is missing in {place}", valid
+    return None
 
 
-def _table(hint: Any) -> Any:
-    """Return the table class in a type hint, possibly inside a list or an optional."""
-    if isinstance(hint, type) and issubclass(hint, Table):
-        return hint
+def _table(hint: Any) -> type[Table] | None:
+    """Return the table class of a type hint, also of an optional one."""
+    if isinstance(hint, type):
+        return hint if issubclass(hint, Table) else None
+    if typing.get_origin(hint) in (list, tuple):
+        return None
     inside = (_table(part) for part in typing.get_args(hint))
     return next((table for table in inside if table is not None), None)
+
+
+def _item_hint(hint: Any, index: int) -> Any:
+    """Return the type of an item of a list or tuple, also of an optional one; None if neither."""
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if origin is list:
+        return parts[0]
+    if origin is tuple:
+        return parts[min(index, len(parts) - 1)]
+    inside = (_item_hint(part, index) for part in parts)
+    return next((each for each in inside if each is not None), None)
 
 
 def _closest(word: str, valid: list[str]) -> str:
