@@ -23,6 +23,8 @@ bool clock_tick(void) {
   return tick;
 }
 
+bool clock_waiting(void) { return pending; }
+
 uint16_t clock_half_us(void) {
   uint16_t now = 0;
   // Interrupts read the same timer through the same hidden byte.

@@ -9,6 +9,8 @@ void clock_start(void);
 
 // Takes a pending tick. Ticks are not lost if the main loop is late.
 bool clock_tick(void);
+// Whether a tick is pending.
+bool clock_waiting(void);
 
 // Half microseconds; wraps after 32 ms. Compare only differences smaller than that.
 uint16_t clock_half_us(void);

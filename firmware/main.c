@@ -15,14 +15,35 @@
 #include "table.h"
 #include "watchdog.h"
 
-static void tick(void) {
-  table.millis++;
-  receiver_tick();
-  servos_tick();
-  host_tick();
-  power_tick();
-  setup_tick();
-  safety_tick();
+enum { BEGIN, SENSE, DECIDE, FOLLOW, PUT_OUT, SERVOS, DONE };
+static uint8_t stage = DONE;
+
+// One stage of a tick; between stages, the lines are served.
+static void run_stage(void) {
+  switch (stage) {
+    case BEGIN:
+      table.millis++;
+      receiver_tick();
+      host_tick();
+      break;
+    case SENSE:
+      power_tick();
+      setup_tick();
+      break;
+    case DECIDE:
+      safety_tick();
+      break;
+    case FOLLOW:
+      safety_follow();
+      break;
+    case PUT_OUT:
+      safety_put_out();
+      break;
+    default:
+      servos_tick();  // A cycle of the servos begins with the goals of this tick.
+      break;
+  }
+  stage++;
 }
 
 void main_start(void) {
@@ -44,8 +65,11 @@ void main_start(void) {
 void main_turn(void) {
   bool more = host_poll();
   servos_poll();
-  while (clock_tick()) tick();
-  if (!more) hal_sleep();
+  do {  // Ticks that are late are not interrupted.
+    if (stage == DONE && clock_tick()) stage = BEGIN;
+    if (stage != DONE) run_stage();
+  } while (clock_waiting());
+  if (stage == DONE && !more) hal_sleep();
 }
 
 #ifdef __AVR__

@@ -289,9 +289,15 @@ void safety_tick(void) {
   trip_code_t reason = table.mode == BOARD_DISARMED ? TRIP_NONE : reason_to_trip();
   if (reason) trip(reason);
   look_at_switch(reason == TRIP_RC_TOOK_OVER);
+}
+
+void safety_follow(void) {
   following_tick(table.mode != BOARD_DISARMED);
   if (table.mode == BOARD_RC) manual_tick();
   limit_throttles();
+}
+
+void safety_put_out(void) {
   put_out();
   table.setup_known = setup_known();
   table.drive_on = power_drive();

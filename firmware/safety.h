@@ -15,7 +15,11 @@ bool safety_command(const control_table_t *wanted);
 // Whether no source is active and the wheels have run down, so that the setup may be written.
 bool safety_at_rest(void);
 
-// Call every millisecond: trips, applies permitted commands, and kicks the watchdog.
+// Call these every millisecond, in this order: trips and changes of the source;
 void safety_tick(void);
+// following errors, the radio control and throttle limits;
+void safety_follow(void);
+// then apply permitted commands, and kick the watchdog.
+void safety_put_out(void);
 
 #endif

@@ -74,9 +74,10 @@ static bool send(uint8_t length) {
 
 static bool send_goals(const protocol_t *to, uint8_t mask) {
   uint16_t goals[CT_SERVOS];
+  uint8_t those = mask & table.servo_found & servo_command.torque;
+  if (!those) return false;
   for (uint8_t i = 0; i < CT_SERVOS; i++) goals[i] = gimbals_goal(i, servo_command.goal[i]);
   protocol = to;
-  uint8_t those = mask & table.servo_found & servo_command.torque;
   return send(to->set_goals(servo_line_request(), those, goals));
 }
 

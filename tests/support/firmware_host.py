@@ -87,11 +87,7 @@ class FirmwareHost:
         self.simulation.board.receive()
         self.simulation.board.send(request)
         self.simulation.run(0.005)
-        received = self.simulation.board.receive()
-        answer = protocol2.parse(received)
-        if answer is None:  # The radio control computes for some milliseconds in each period.
-            self.simulation.run(0.005)
-            answer = protocol2.parse(received + self.simulation.board.receive())
+        answer = protocol2.parse(self.simulation.board.receive())
         assert answer is not None, "no answer"
         ident, instruction, parameters = answer
         assert (ident, instruction) == (BOARD_ID, protocol2.STATUS)

@@ -391,8 +391,8 @@ MUTANTS = (
     Mutant(
         "the rules wait until the line pauses",
         "main.c",
-        "while (clock_tick()) tick();",
-        "while (!more && clock_tick()) tick();",
+        "if (stage == DONE && clock_tick())",
+        "if (!more && stage == DONE && clock_tick())",
         "a_flood_does_not_keep_the_rules_waiting",
     ),
     Mutant(

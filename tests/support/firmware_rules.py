@@ -770,7 +770,8 @@ def zero_throttle_changes_without_power_only(bench: Bench) -> None:
 def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_driving()
     pilot.simulation.set_switches(manual=True)
-    seen = pilot.drive(0.1, goal=TILTED)
+    # A frame of the receiver, and gimbals that the PC has tilted become upright.
+    seen = pilot.drive(0.15, goal=TILTED)
     assert seen.mode == BoardMode.RC
     assert seen.throttle_out == ZERO, "its stick for the speed is at zero"
     assert [servo.goal for servo in pilot.simulation.servos] == NEUTRAL_GOALS
@@ -847,17 +848,12 @@ def questions_are_answered_at_once(bench: Bench) -> None:
     for servo in pilot.simulation.servos:
         servo.dead = True  # Answers of servos take their time too, on the chip.
     pilot.simulation.run(0.1)
-    at_once = 0
     for _ in range(20):
         pilot.simulation.board.receive()
         pilot.simulation.board.send(PING)
-        pilot.simulation.run(0.00058)
-        early = len(pilot.simulation.board.receive())
-        at_once += early == 14
-        pilot.simulation.run(0.00042)  # The rules and the servos' cycle may be in between.
-        assert early + len(pilot.simulation.board.receive()) == 14
-        pilot.simulation.run(0.00095)
-    assert at_once >= 12, "a board that waits for its next millisecond has 7"
+        pilot.simulation.run(0.00062)
+        assert len(pilot.simulation.board.receive()) == 14, "it waits for its next millisecond"
+        pilot.simulation.run(0.00133)
 
 
 def servos_have_the_ids_of_the_setup(bench: Bench) -> None:
