@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 
 from tsd_twin.cli import flags, node_program, program
-from tsd_twin.hardware.arduino_mega import BAUD, MegaHardware
+from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
 from tsd_twin.hardware.joints import ServoCalibration
 from tsd_twin.hardware.receiver_setup import set_up_receiver
 from tsd_twin.hardware.robot_io import RobotIO
 from tsd_twin.hardware.serial_transport import HardwareError, serial_ports
-from tsd_twin.hardware.u2d2 import U2D2Hardware
+from tsd_twin.hardware.u2d2 import U2D2IO
 from tsd_twin.robots import RobotDescription, SingularityDescription, description_of_kind
 from tsd_twin.simulation import Motors
 
@@ -45,8 +45,8 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
     machine = description_of_kind(robot, SingularityDescription)
     motors = Motors.of(machine)
     if args.servos:
-        return U2D2Hardware(machine, args.port, args.servos, motors, calibration, baud=args.baud)
-    return MegaHardware(machine, args.port, motors, calibration, baud=args.baud)
+        return U2D2IO(machine, args.port, args.servos, motors, calibration, baud=args.baud)
+    return ArduinoMegaIO(machine, args.port, motors, calibration, baud=args.baud)
 
 
 class _List(argparse.Action):

@@ -30,7 +30,7 @@ from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
 
 ANY_PORTS = range(20_000, 30_000)
 """Search range for free ports, below the ephemeral ports that operating systems assign."""
-PATIENCE_S = 30.0
+START_TIMEOUT_S = 30.0
 """Timeout for a program to become ready."""
 BUS_PORT = 7447
 PAGE_PORT = 8080
@@ -218,14 +218,14 @@ def wait_for_robots(url: str, count: int, stop: threading.Event) -> None:
     Raises:
         TwinError: If this takes too long.
     """
-    end_s = time.monotonic() + PATIENCE_S
+    end_s = time.monotonic() + START_TIMEOUT_S
     while not stop.wait(0.05):
         with urllib.request.urlopen(f"{url}healthz") as answer:  # noqa: S310  Our own page.
             health = json.load(answer)
             if health["ready"] and len(health["robots"]) >= count:
                 return
         if time.monotonic() > end_s:
-            raise TwinError(f"the dashboard did not see every robot within {PATIENCE_S:g} s")
+            raise TwinError(f"the dashboard did not see every robot within {START_TIMEOUT_S:g} s")
 
 
 class Subprocess:
@@ -246,10 +246,10 @@ class Subprocess:
         Raises:
             TwinError: If the program ended or took too long.
         """
-        if not self._ready.wait(PATIENCE_S):
-            raise TwinError(f"{self._name} was not ready within {PATIENCE_S:g} s")
+        if not self._ready.wait(START_TIMEOUT_S):
+            raise TwinError(f"{self._name} was not ready within {START_TIMEOUT_S:g} s")
         if not self._line:
-            if self._process.wait(PATIENCE_S) == 0:
+            if self._process.wait(START_TIMEOUT_S) == 0:
                 sys.exit(0)  # Ended by a signal while starting, such as Ctrl-C.
             raise TwinError(f"{self._name} ended before it was ready; see above")
         return self._line

@@ -21,7 +21,7 @@ from tsd_twin.messages.cdr import decode_odometry
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.robots import RobotDescription
 from tsd_twin.sensors.camera import Camera, CameraNoise
-from tsd_twin.simulation import BoardModel, StuckJoint, Wear, WornRobot
+from tsd_twin.simulation import BoardModel, DegradedRobot, StuckJoint, Wear
 from tsd_twin.simulation.wear import USUAL_LEAN_DEG
 
 _LOOK_S = 0.01
@@ -88,7 +88,7 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
     pose = pose_at(robot, args)
     jams = [StuckJoint.parse(text, robot) for text in args.jam]
     wear = [Wear.parse(text, robot) for text in args.wear]
-    simulated = WornRobot(
+    simulated = DegradedRobot(
         robot,
         wear,
         jams=jams,

@@ -24,8 +24,8 @@ from tsd_twin.errors import TwinError, needs_extra
 from tsd_twin.recording import (
     ALLOWED,
     EVERYTHING,
+    Annotation,
     Catalogue,
-    Mark,
     Recorder,
     RecordingFolder,
     add_mark,
@@ -37,7 +37,7 @@ from tsd_twin.recording.reader import FolderReader
 
 GB = 1_000_000_000
 
-PATIENCE_S = 3.0
+START_TIMEOUT_S = 3.0
 """Timeout of a connection attempt."""
 
 PARSER = program.parser(
@@ -92,8 +92,8 @@ def sessions(args: argparse.Namespace) -> list[Config]:
         TwinError: If a configuration cannot be used.
     """
     if args.zenoh_config:
-        return clients_of(from_file(args.zenoh_config), PATIENCE_S)
-    return clients_of(client_config(args.connect or [DEFAULT_ENDPOINT]), PATIENCE_S)
+        return clients_of(from_file(args.zenoh_config), START_TIMEOUT_S)
+    return clients_of(client_config(args.connect or [DEFAULT_ENDPOINT]), START_TIMEOUT_S)
 
 
 class Tap:
@@ -141,7 +141,7 @@ def export_file(args: argparse.Namespace) -> None:
         raise TwinError(
             "export: --out FILE.mcap, --csv FOLDER, --html FILE or --picture FILE is needed"
         )
-    part = export.Part(Path(args.file), args.start_s, args.end_s, args.robot)
+    part = export.RecordingSlice(Path(args.file), args.start_s, args.end_s, args.robot)
     if args.out:
         print(export.to_mcap(part, Path(args.out)))
     if args.csv:
@@ -190,7 +190,7 @@ def mark(args: argparse.Namespace) -> None:
     at_s = duration_s if args.at_s is None else args.at_s
     if at_s > duration_s:
         raise TwinError(f"--at {at_s:g} is no part of {duration_s:.1f} s")
-    add_mark(index.path, Mark(index.start_ns + round(at_s * 1e9), args.note))
+    add_mark(index.path, Annotation(index.start_ns + round(at_s * 1e9), args.note))
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ from tsd_twin.recording import Recording, Replay, open_recording, play
 
 SUFFIX = "-replay"
 LONGEST_ID = 32
-PATIENCE_S = 3.0
+START_TIMEOUT_S = 3.0
 
 PARSER = program.parser(
     "tsd-replay",
@@ -49,7 +49,7 @@ def session(args: argparse.Namespace) -> Bus:
     """Open a bus, or join the bus of a running robot."""
     if args.connect:
         # A client sees a robot's peers, and they see the client.
-        return Bus(as_client(client_config([args.connect]), PATIENCE_S))
+        return Bus(as_client(client_config([args.connect]), START_TIMEOUT_S))
     return Bus(node_config([args.listen]))
 
 

@@ -16,11 +16,11 @@ from tsd_twin.adapters.ros import (
     ADAPTER,
     DdsPort,
     Endpoints,
-    ImportedRobot,
-    ImportLimits,
-    Inputs,
+    ExternalLimits,
+    ExternalRobot,
     MeshServer,
     OpenPort,
+    PortCallbacks,
     RosPort,
     ZenohPort,
     check_ros,
@@ -34,7 +34,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
 from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
-from tsd_twin.robots import ImportedDescription, description_of_kind, parse_description
+from tsd_twin.robots import ExternalDescription, description_of_kind, parse_description
 from tsd_twin.security import Role
 
 OPERATOR = "ros"
@@ -43,7 +43,7 @@ ROUTER = "tcp/127.0.0.1:7447"
 NODE_ENDPOINT = "tcp/127.0.0.1:7448"
 """Default endpoint of an imported robot's bus, next to the router's port."""
 _PATIENCE_S = 3.0
-_USUAL = ImportLimits()
+_USUAL = ExternalLimits()
 _LAST_DOMAIN = 232
 
 PARSER = program.parser(
@@ -114,7 +114,7 @@ def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
     name = topics.checked(args.imported)
     if args.view_only:
         raise TwinError("--view-only does not go with --import: who does not arm it only looks on")
-    limits = ImportLimits(
+    limits = ExternalLimits(
         args.import_speed, args.import_turn_rate, args.import_acceleration,
         sideways=args.import_drive == "omni",
     )  # fmt: skip
@@ -123,12 +123,12 @@ def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
     open_port, where, _ = ports(args, domain, endpoints(stamped=args.stamped))
     names = RosNames(args.import_namespace.strip("/"), shared=bool(args.import_namespace))
 
-    def opened(robot: ImportedRobot) -> RosPort:
+    def opened(robot: ExternalRobot) -> RosPort:
         return open_port(names, robot)
 
     with (
         contextlib.closing(
-            ImportedRobot(
+            ExternalRobot(
                 opened,
                 names,
                 args.import_timeout,
@@ -139,7 +139,7 @@ def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
         program.node_bus(args) as bus,
     ):
         text = describe(name, robot_io.urdf, limits)
-        robot = description_of_kind(parse_description(text, name), ImportedDescription)
+        robot = description_of_kind(parse_description(text, name), ExternalDescription)
         robot_io.configure(robot)
         shown = Description(text, models.robot_urdf(robot))
         node = RobotNode(bus, name, robot, robot_io, shown)
@@ -183,7 +183,7 @@ def ports(
             "with --ros-connect"
         ) from error
 
-    def open_port(names: RosNames, inputs: Inputs | None) -> ZenohPort:
+    def open_port(names: RosNames, inputs: PortCallbacks | None) -> ZenohPort:
         return ZenohPort(Bus(config), domain, names, inputs, ends)
 
     return open_port, config.where, lambda: None

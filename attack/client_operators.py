@@ -22,7 +22,7 @@ from tests.app.conftest import Program
 from tsd_twin.adapters.cmd_vel import PAUSE_S, TWIST
 from tsd_twin.adapters.foxglove.sdk import SUBPROTOCOL
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 
 PERIOD_S = 0.02
 _ASK_S = 0.5
@@ -76,7 +76,7 @@ class ScriptOperator:
 class FoxgloveOperator:
     """Client of a `tsd-foxglove` process, over an emulated link."""
 
-    def __init__(self, endpoint: str, turning: bool, status: Callable[[], Status]) -> None:
+    def __init__(self, endpoint: str, turning: bool, status: Callable[[], RobotStatus]) -> None:
         self._status, self._axis = status, "angular" if turning else "linear"
         self._adapter = Program(["tsd_foxglove", "--connect", endpoint, "--port", "0"])
         self.pid = self._adapter.process.pid

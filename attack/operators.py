@@ -21,7 +21,7 @@ from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.errors import BusError
 from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, decode_json
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.messages.topics import Service
 
 PERIOD_S = 0.02
@@ -66,7 +66,7 @@ class UncheckedOperator:
         self._thread.start()
 
     @property
-    def status(self) -> Status | None:
+    def status(self) -> RobotStatus | None:
         """Latest status."""
         return self._link.snapshot.status
 

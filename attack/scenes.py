@@ -15,7 +15,7 @@ from tests.app.conftest import Program
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.lie import SO3
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.robots import RobotDescription
 
 ANY_PORT = "tcp/127.0.0.1:0"
@@ -27,7 +27,7 @@ class Scene:
 
     track: DistanceLog
     operator: Operator
-    status: Callable[[], Status]
+    status: Callable[[], RobotStatus]
     max_age_s: float
     link: LinkEmulator | None = None
     node: Callable[[], Program] | None = None
@@ -88,8 +88,8 @@ def with_board(
         yield scene
 
 
-def _silence() -> Status:
-    return Status("silent")
+def _silence() -> RobotStatus:
+    return RobotStatus("silent")
 
 
 class NoOperator:

@@ -15,7 +15,7 @@ from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import decode_odometry
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.status import Status, decode_stamp, decode_status
+from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status
 
 AT_REST_MPS = 1e-3
 PATIENCE_S = 20.0
@@ -119,7 +119,7 @@ class TruthRecorder:
 
     def __init__(self, bus: Bus, robot_id: str, drive: Kinematics[Any]) -> None:
         self.track = DistanceLog()
-        self.status = Status("disarmed")
+        self.status = RobotStatus("disarmed")
         self._odometer = Odometer(drive)
         self._turning = drive.pose_type is SO3
         bus.subscribe(topics.TRUTH.key(robot_id), self._on_truth)

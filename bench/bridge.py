@@ -15,7 +15,7 @@ import psutil
 from bench.table import Row
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
-from tsd_twin.messages.status import Status, decode_status
+from tsd_twin.messages.status import RobotStatus, decode_status
 
 _SETTLE_S = 2.0
 _MEASURED_S = 10.0
@@ -43,7 +43,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     yield Row("bridge at 100 Hz", share, _SHARE, "% core", "node, bus and line together")
 
 
-def _watch(pid: int, endpoint: str, measured_s: float) -> tuple[float, Status]:
+def _watch(pid: int, endpoint: str, measured_s: float) -> tuple[float, RobotStatus]:
     """Return a bridge's CPU load, and its latest status."""
     latest: list[bytes] = []
     with Bus(client_config([endpoint])) as bus:

@@ -22,7 +22,7 @@ from bench.table import Row, percentile
 from tsd_twin import robots
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import JointState, Odometry, encode_joints, encode_odometry
-from tsd_twin.messages.status import LimitStatus, Status, encode_status
+from tsd_twin.messages.status import LimitStatus, RobotStatus, encode_status
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording.channels import CDR, JSON, Entry
 from tsd_twin.recording.mcap_file import RecordingFile
@@ -118,8 +118,13 @@ class RecordedPage:
     def _until(self, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         while True:
             message = msgspec.json.decode(self._socket.recv(timeout=_PATIENCE_S))
-            if message["t"] == "state" and message["seen"] % 4 == 0:
-                beat = {"t": "heartbeat", "seen": message["seen"], "sent_ms": 0.0, "focus": True}
+            if message["t"] == "state" and message["status_seq"] % 4 == 0:
+                beat = {
+                    "t": "heartbeat",
+                    "status_seq": message["status_seq"],
+                    "sent_ms": 0.0,
+                    "focus": True,
+                }
                 self._socket.send(msgspec.json.encode(beat).decode())
             if condition(message):
                 return message
@@ -168,4 +173,4 @@ def _messages(
     for topic in (topics.JOINTS, topics.SETPOINT):
         yield topic, encode_joints(JointState(joints, noise[0], noise[1], log_ns))
     if period % 2 == 0:
-        yield topics.STATUS, encode_status(Status("driving", limits=_LIMITS))
+        yield topics.STATUS, encode_status(RobotStatus("driving", limits=_LIMITS))

@@ -51,7 +51,7 @@ FULL = Size()
 SMALLEST = Size(1, 50, 20, 20, 1, 0.1, 6.0, 2.0)
 
 
-class VirtualRobot:
+class BenchRobot:
     """Controller and simulated robot in virtual time, without a bus."""
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ class VirtualRobot:
 def rows(*, smallest: bool = False) -> Iterator[Row]:
     """Measure a robot, a batch, the core alone, squares, and memory growth."""
     size = SMALLEST if smallest else FULL
-    robot = VirtualRobot()
+    robot = BenchRobot()
     twist = np.array([0.6, 0.1, 0.0, 0.0, 0.0, 0.8])
     rounds = [drive(robot, twist, size.steps) for _ in range(size.rounds)]
     # Use the best round, because noise on a shared machine only adds.
@@ -120,7 +120,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     yield Row(what, left, 500, "", comparison)
 
 
-def drive(robot: VirtualRobot, twist: Array, steps: int) -> tuple[float, float]:
+def drive(robot: BenchRobot, twist: Array, steps: int) -> tuple[float, float]:
     """Return the time per period in the core alone, and with the plant, while driving."""
     in_core_s = 0.0
     start = time.perf_counter()
@@ -167,7 +167,7 @@ def idle(duration_s: float) -> float:
 
 def plant_alone(drives: int) -> float:
     """Return the real-time factor of simulated joints that follow twists without a controller."""
-    robot = VirtualRobot()  # Armed, because its wheels spin.
+    robot = BenchRobot()  # Armed, because its wheels spin.
     simulated, kinematics = robot.io, robot.controller.kinematics
     periods = round(_DRIVE_S / PERIOD_S)
     start = time.process_time()
@@ -209,7 +209,7 @@ def squares(runs: int) -> float:
     return time.perf_counter() - start
 
 
-def growth(robot: VirtualRobot, twist: Array, size: Size) -> int:
+def growth(robot: BenchRobot, twist: Array, size: Size) -> int:
     """Return the number of objects that a long drive adds after its first part."""
     early = 0
     for step in range(round(size.driven_s / PERIOD_S)):

@@ -91,7 +91,7 @@ async def operate(
     teleop: ClientConnection, tally: Tally, driving: asyncio.Event, *, drives: bool
 ) -> None:
     """Send heartbeats like a page, and drive a circle if `drives`."""
-    seen: dict[str, Any] = {"seen": 0, "mode": "", "you": False}
+    seen: dict[str, Any] = {"status_seq": 0, "mode": "", "has_control": False}
     asked: set[str] = set()
 
     async def send(**message: Any) -> None:
@@ -107,8 +107,8 @@ async def operate(
                 await send(t="release")  # Like a page whose controls have sprung back.
             if message["t"] != "state":
                 continue
-            seen["seen"], seen["mode"] = message["seen"], message["status"]["mode"]
-            seen["you"] = message["you"]
+            seen["status_seq"], seen["mode"] = message["status_seq"], message["status"]["mode"]
+            seen["has_control"] = message["has_control"]
             if seen["mode"] == "driving":
                 driving.set()
             elif drives and (request := next_request(message, asked)) is not None:
@@ -123,17 +123,17 @@ async def send_commands(
     """Send heartbeats at 10 Hz and commands at 50 Hz."""
     for tick in itertools.count():
         if tick % 5 == 0:
-            await send(t="heartbeat", seen=seen["seen"], sent_ms=0.0, focus=True)
-        if drives and seen["you"] and seen["mode"] in ("ready", "driving"):
-            await send(t="drive", vx=0.4, vy=0.1, omega=0.8, seen=seen["seen"])
+            await send(t="heartbeat", status_seq=seen["status_seq"], sent_ms=0.0, focus=True)
+        if drives and seen["has_control"] and seen["mode"] in ("ready", "driving"):
+            await send(t="drive", vx=0.4, vy=0.1, omega=0.8, status_seq=seen["status_seq"])
         await asyncio.sleep(0.02)
 
 
 def next_request(state: dict[str, Any], asked: set[str]) -> dict[str, Any] | None:
     """Return the next request towards driving, each only once."""
     for wanted, request in (
-        (not state["you"], {"t": "lease", "op": "acquire"}),
-        (state["you"] and state["status"]["mode"] == "disarmed", {"t": "arm"}),
+        (not state["has_control"], {"t": "lease", "op": "acquire"}),
+        (state["has_control"] and state["status"]["mode"] == "disarmed", {"t": "arm"}),
     ):
         if wanted and request["t"] not in asked:
             asked.add(request["t"])

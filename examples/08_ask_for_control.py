@@ -17,10 +17,10 @@ other = threading.Thread(target=bob)
 with tsd_twin.connect(*sys.argv[1:]) as robot, robot.control("alice") as base:
     print(f"{base.operator} has control")
     other.start()
-    while base.asked_by is None:
+    while base.requested_by is None:
         base.set_velocity(vx_mps=0.3)
         robot.sleep(0.05)
-    print(f"{base.asked_by} asks for control")
+    print(f"{base.requested_by} asks for control")
     base.rest()
     base.hand_over()
     other.join()

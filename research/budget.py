@@ -36,7 +36,7 @@ _NO_LAG = 1e6
 class ErrorSet:
     """Error parameters of n robots; all default to zero."""
 
-    spin_share: Array
+    speed_scale_error: Array
     """(n, k): relative error of each wheel speed."""
     zero_rad: Array
     """(n, g): zero offset of each gimbal."""
@@ -67,7 +67,7 @@ class ErrorSet:
         phase = phase[rows] if isinstance(phase, np.ndarray) else phase
         return replace(
             self,
-            spin_share=self.spin_share[rows],
+            speed_scale_error=self.speed_scale_error[rows],
             zero_rad=self.zero_rad[rows],
             phase_rad=phase,
         )
@@ -98,7 +98,7 @@ def drive_open_loop(
     is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
     servos = _servos_with(robot, errors)
     plant = KinematicPlant(drive)
-    runs = len(errors.spin_share)
+    runs = len(errors.speed_scale_error)
     surface = WheelSurface(
         robot.kinematics(), errors.layer_m, np.zeros((runs, 1)) + errors.phase_rad
     )
@@ -112,7 +112,7 @@ def drive_open_loop(
     # The model is time-invariant, so a delayed robot has the state of the earlier time.
     references = trajectory.at(t_s + STEP_S + errors.delay_s).pose[:, :2]
     nodes = np.empty((3, runs, len(is_angle)))
-    nodes[..., ~is_angle] = setpoints[0, ~is_angle] * (1.0 + errors.spin_share)
+    nodes[..., ~is_angle] = setpoints[0, ~is_angle] * (1.0 + errors.speed_scale_error)
     play = np.zeros_like(errors.zero_rad)
     angles, pose = errors.zero_rad.copy(), SE2(np.tile(trajectory.at(0.0).pose, (runs, 1)))
     squared, worst, error_m, off_line = (np.zeros(runs) for _ in range(4))
@@ -192,13 +192,13 @@ def _draw_zero(robot: SingularityDescription, random: np.random.Generator, runs:
 
 def _draw_spin(robot: SingularityDescription, random: np.random.Generator, runs: int) -> ErrorSet:
     none = _no_errors(robot, runs)
-    share = robot.noise.spin_share * random.standard_normal(none.spin_share.shape)
-    return replace(none, spin_share=share)
+    share = robot.noise.speed_scale_sigma * random.standard_normal(none.speed_scale_error.shape)
+    return replace(none, speed_scale_error=share)
 
 
 def _draw_line(robot: SingularityDescription, _random: np.random.Generator, runs: int) -> ErrorSet:
     none = _no_errors(robot, runs)
-    return replace(none, spin_share=none.spin_share + spin_error_of_line(robot))
+    return replace(none, speed_scale_error=none.speed_scale_error + spin_error_of_line(robot))
 
 
 def _draw_battery(
@@ -206,12 +206,12 @@ def _draw_battery(
 ) -> ErrorSet:
     none = _no_errors(robot, runs)
     share = robot.errors.battery_share * random.standard_normal((runs, 1))
-    return replace(none, spin_share=none.spin_share + share)
+    return replace(none, speed_scale_error=none.speed_scale_error + share)
 
 
 def _draw_layers(robot: SingularityDescription, random: np.random.Generator, runs: int) -> ErrorSet:
     none = _no_errors(robot, runs)
-    phase = random.uniform(0.0, 2.0 * np.pi, none.spin_share.shape)
+    phase = random.uniform(0.0, 2.0 * np.pi, none.speed_scale_error.shape)
     return replace(none, layer_m=robot.errors.layer_m, phase_rad=phase)
 
 

@@ -32,7 +32,7 @@ NEEDED = (
     "tsd_programs.py",
     "tsd_twin/py.typed",
     "tsd_twin/robots/tsd.toml",
-    "tsd_twin/dashboard/static/overlay.js",
+    "tsd_twin/dashboard/static/main.js",
     "tsd_twin/dashboard/static/vendor/uPlot.iife.min.js",
     "tsd_twin/dashboard/static/vendor/uPlot.LICENSE",
     "tsd_twin/meshes/tsd/tsd.urdf",

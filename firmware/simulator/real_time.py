@@ -37,7 +37,7 @@ class RealTimeSimulation:
         self._ends: tuple[int, int] | None = None
         self._frozen_until_s = 0.0
         self._unplugged_until_s = 0.0
-        self._heard_s = -math.inf
+        self._received_s = -math.inf
         self._locked = False
         simulation.run(_START_S)
         self._due_s = time.monotonic()
@@ -77,7 +77,7 @@ class RealTimeSimulation:
         now_s = time.monotonic()
         if self._ends is None and now_s >= self._unplugged_until_s:
             self._plug_in()
-        if now_s - self._heard_s > _OPENED_S:
+        if now_s - self._received_s > _OPENED_S:
             self._unlock()
         frozen = now_s < self._frozen_until_s
         if frozen or now_s - self._due_s > _BEHIND_S:
@@ -111,9 +111,9 @@ class RealTimeSimulation:
             data = os.read(master, 4096)
             now_s = time.monotonic()
             # Opening a pty cannot be detected, so the first byte counts as opening.
-            if now_s - self._heard_s > _OPENED_S:
+            if now_s - self._received_s > _OPENED_S:
                 self.simulation.open_port()
-            self._heard_s = now_s
+            self._received_s = now_s
             self._locked = True
             self.simulation.board.send(data)
         except OSError as error:

@@ -232,7 +232,7 @@ def test_a_motion_that_the_robot_has_ended_begins_again_only_after_a_pause() -> 
 
 def test_a_person_who_asks_gets_control_when_no_twist_moves_the_robot() -> None:
     operator = holder()
-    asked = RobotView("driving", ME, asked_by="bob")
+    asked = RobotView("driving", ME, requested_by="bob")
     for i in range(1, 40):
         operator.on_twist(PUSH, PERIOD_S * i, asked, PERIOD_S * i)
         assert not operator.poll(PERIOD_S * i, asked), "not in the middle of a motion"

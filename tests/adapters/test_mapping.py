@@ -43,7 +43,7 @@ from tsd_twin.messages.status import (
     ConsistencyStatus,
     LeaseStatus,
     LoopStatus,
-    Status,
+    RobotStatus,
     encode_status,
 )
 from tsd_twin.messages.topics import Topic
@@ -230,7 +230,7 @@ def test_status_becomes_diagnostics_and_battery_once_a_second_and_when_the_mode_
         at_ns = STAMP_NS + period * 50_000_000
         odom = encode_odometry(Odometry(np.zeros(3), np.zeros(3), EYE, EYE, at_ns))
         list(it.convert(topics.ODOM, odom))
-        status = Status(
+        status = RobotStatus(
             mode,
             stop_reason="a gimbal is stuck" if mode == "fault" else "",
             lease=LeaseStatus(holder="alice"),
@@ -260,7 +260,7 @@ def test_twists_that_are_refused_are_an_error_of_the_diagnostics_at_once() -> No
     problem = ""
     urdf = urdf_file("tsd").read_text("utf-8")
     it = RobotMapping("left", ALONE, urdf, "package://left/", lambda: problem)
-    status = encode_status(Status("ready"))
+    status = encode_status(RobotStatus("ready"))
     levels: list[tuple[int, str]] = []
     for problem in ("", "it must pause", "it must pause", ""):  # noqa: B007  The function reads it.
         for message in decoded(it.convert(topics.STATUS, status)).values():

@@ -45,7 +45,7 @@ RUN = """async () => {
 }"""
 POINTER_PX, FINGER_PX = 24, 44
 UNCONFIRMED = "STOP NOT CONFIRMED. Press the hardware stop."
-ASKED = {"holder": "bob", "asked_by": OPERATOR, "asks_for_s": 9.0}
+ASKED = {"holder": "bob", "requested_by": OPERATOR, "request_expires_in_s": 9.0}
 
 
 def findings(page: Page) -> list[str]:
@@ -157,7 +157,9 @@ def test_nothing_serious_while_control_changes_hands(browser: Browser, scheme: s
         press(page, "Take over…")
         expect(page.get_by_role("alertdialog")).to_be_visible()
         found["asking for control, with the question before a take-over"] = findings(page)
-        stage.show(state("driving", you=True, lease={"asked_by": "bob", "asks_for_s": 9.0}))
+        stage.show(
+            state("driving", you=True, lease={"requested_by": "bob", "request_expires_in_s": 9.0})
+        )
         expect(page.get_by_role("button", name="Hand over")).to_be_visible()
         found["asked for control"] = findings(page)
     assert not any(found.values()), report(found)

@@ -147,7 +147,7 @@ def test_its_camera_tells_the_robot_where_it_is(start: Start) -> None:
 
     def look(sample: Sample) -> None:
         pose_sensor = decode_status(sample.payload).pose_sensor
-        if pose_sensor is not None and pose_sensor.used > 5 and pose_sensor.late_s is not None:
+        if pose_sensor is not None and pose_sensor.used > 5 and pose_sensor.latency_s is not None:
             seen.set()
 
     with Bus(client_config([endpoint])) as bus:

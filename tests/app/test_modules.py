@@ -27,7 +27,7 @@ from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import decode_joints
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.status import Status, decode_stamp, decode_status
+from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
@@ -63,7 +63,7 @@ class Watcher:
     def __init__(self, bus: Bus) -> None:
         self._news = threading.Condition()
         self._set_deg = 0.0
-        self.status: Status | None = None
+        self.status: RobotStatus | None = None
         self.visible_ns = self.named_ns = 0
         self.named_ms = 0.0
         bus.subscribe(topics.SETPOINT.key("tsd"), self._on_setpoint)
@@ -92,7 +92,7 @@ class Watcher:
         joints = decode_joints(sample.payload)
         return float(np.degrees(joints.position_rad[list(joints.names).index(STUCK)]))
 
-    def until(self, condition: Callable[[Status], bool]) -> Status:
+    def until(self, condition: Callable[[RobotStatus], bool]) -> RobotStatus:
         with self._news:
             assert self._news.wait_for(
                 lambda: self.status is not None and condition(self.status), PATIENCE_S
@@ -109,7 +109,7 @@ def choose_speed(page: Page, watcher: Watcher) -> None:
     spins.fill("3000")
     spins.press("Enter")
     watcher.until(
-        lambda status: status.wheel_speed is not None and status.wheel_speed.wanted_rpm == 3000.0
+        lambda status: status.wheel_speed is not None and status.wheel_speed.requested_rpm == 3000.0
     )
     expect(figures).to_contain_text(
         "3,000 rpm: up to 6.3 m/s by tilt 30°, one servo step = 19 mm/s, 1 m/s needs 4.6° tilt",
@@ -122,13 +122,13 @@ def choose_speed(page: Page, watcher: Watcher) -> None:
     )
     page.get_by_role("slider", name="Drive speed").press("ArrowLeft")
     watcher.until(
-        lambda status: status.wheel_speed is not None and status.wheel_speed.wanted_rpm == 2950.0
+        lambda status: status.wheel_speed is not None and status.wheel_speed.requested_rpm == 2950.0
     )
     top = page.get_by_role("spinbutton", name="Drive speed, up to m/s")
     top.fill("4.5")
     top.press("Tab")  # 4.5 m/s at 30 degrees is a rim of 9 m/s, with 40 mm 2,148.6 rpm.
     watcher.until(
-        lambda status: status.wheel_speed is not None and status.wheel_speed.wanted_rpm == 2149.0
+        lambda status: status.wheel_speed is not None and status.wheel_speed.requested_rpm == 2149.0
     )
 
 
@@ -177,9 +177,9 @@ def test_an_operator_chooses_the_drive_speed_and_is_told_which_module_sticks(
             == "module2"
         )
         late_ms = page.evaluate("window.shownMs") - watcher.named_ms
-        robot_ms = (watcher.named_ns - watcher.visible_ns) / 1e6
+        rtt_ms = (watcher.named_ns - watcher.visible_ns) / 1e6
         sys.stdout.write(
-            f"\nnamed {robot_ms:.0f} ms after it had to move on, shown {late_ms:.0f} ms later\n"
+            f"\nnamed {rtt_ms:.0f} ms after it had to move on, shown {late_ms:.0f} ms later\n"
         )
         row = page.get_by_role("row").filter(has_text="suspect")
         press_tab(page, "Health")

@@ -62,16 +62,16 @@ def test_the_dashboard_of_an_operator_drives_under_her_name(start: Start, keys: 
         for number in range(_STATES):
             state = hear(page, "state")
             mode = state["status"]["mode"]
-            say(page, t="heartbeat", seen=state["seen"], sent_ms=0.0)
-            if not state["you"] or mode in ("disarmed", "fault"):
+            say(page, t="heartbeat", status_seq=state["status_seq"], sent_ms=0.0)
+            if not state["has_control"] or mode in ("disarmed", "fault"):
                 # Again every now and then: who is held up loses control, and so does the robot.
                 if number % _AGAIN == 0:
                     ask = {"t": "arm"} if mode == "disarmed" else {"t": "reset"}
-                    say(page, **(ask if state["you"] else {"t": "lease", "op": "acquire"}))
+                    say(page, **(ask if state["has_control"] else {"t": "lease", "op": "acquire"}))
             elif mode == "ready" and number % _AGAIN == 0:
                 say(page, t="release")
             elif mode in ("ready", "driving"):
-                say(page, t="drive", vx=0.3, vy=0.0, omega=0.0, seen=state["seen"])
+                say(page, t="drive", vx=0.3, vy=0.0, omega=0.0, status_seq=state["status_seq"])
             if state["twist"] is not None and state["twist"][0] > 0.2:
                 assert state["status"]["lease"]["holder"].startswith("alice-")
                 return
@@ -90,7 +90,9 @@ def test_the_dashboard_of_a_viewer_watches_and_stops(start: Start, keys: Path) -
         assert hear(page, "reply")["ok"]
         for _ in range(_STATES):
             state = hear(page, "state")
-            say(page, t="heartbeat", seen=state["seen"], sent_ms=0.0)  # Or none would follow.
+            say(
+                page, t="heartbeat", status_seq=state["status_seq"], sent_ms=0.0
+            )  # Or none would follow.
             if state["status"]["mode"] == "stopped":
                 return
     pytest.fail("it did not stop")

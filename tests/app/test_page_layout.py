@@ -47,14 +47,16 @@ LONG_TEXT = "the wheel of module 2 does not follow its set-point by more than 1 
 STOPPED_BY = {"code": "stop_requested", "params": {"by": "web-01234567"}}
 LONG = {"code": "hardware", "params": {"text": LONG_TEXT}}
 REFUSED = {"t": "reply", "to": "arm", "ok": False}
-SUSPECT = {"residual_mps": 0.1, "level": 3.0, "suspect": "module2", "explained": {}}
-MINE: dict[str, Any] = {"you": True}
-ASKED = {"lease": {"holder": "bob", "asked_by": OPERATOR, "asks_for_s": 9.0}}
+SUSPECT = {"residual_mps": 0.1, "level": 3.0, "suspect": "module2", "contributions": {}}
+MINE: dict[str, Any] = {"has_control": True}
+ASKED = {"lease": {"holder": "bob", "requested_by": OPERATOR, "request_expires_in_s": 9.0}}
 STATES: dict[str, dict[str, Any]] = {
     "disarmed": state(),
     "another drives": state("driving", lease={"holder": "bob-with-a-rather-long-name"}),
     "asked": state("driving", **ASKED),
-    "is asked": state("driving", lease={"asked_by": "bob", "asks_for_s": 9.0}, **MINE),
+    "is asked": state(
+        "driving", lease={"requested_by": "bob", "request_expires_in_s": 9.0}, **MINE
+    ),
     "mine, disarmed": state(**MINE),
     "arming": state("arming", status={"arming": {"phase": "hold", "progress": 0.4}}, **MINE),
     "ready": state("ready", **MINE),

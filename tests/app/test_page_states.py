@@ -30,7 +30,7 @@ pytestmark = [
 ]
 
 BOB = {"holder": "bob"}
-ASKED = {"holder": "bob", "asked_by": OPERATOR, "asks_for_s": 9.0}
+ASKED = {"holder": "bob", "requested_by": OPERATOR, "request_expires_in_s": 9.0}
 COVERED = """() => {
   const steps = overlay().querySelector(".steps");
   const buttons = [...overlay().querySelectorAll("button, .pad, .track")];
@@ -120,9 +120,9 @@ def test_the_first_steps_say_what_the_button_says_and_cover_no_control(
             state(lease=BOB),
             state(lease=ASKED),
             state(you=True),
-            state(you=True, lease={"asked_by": "bob", "asks_for_s": 9.0}),
+            state(you=True, lease={"requested_by": "bob", "request_expires_in_s": 9.0}),
             state("ready", you=True),
-            state("ready", you=True, lease={"asked_by": "bob", "asks_for_s": 9.0}),
+            state("ready", you=True, lease={"requested_by": "bob", "request_expires_in_s": 9.0}),
         ):
             stage.show(shown)
             assert stage.page.evaluate(COVERED) == [], shown

@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Page, expect
 from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS, QUICK
 from tests.support.recorded_drives import START_NS, recorded_circle
-from tsd_twin.recording.events import Mark, add_mark
+from tsd_twin.recording.events import Annotation, add_mark
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(240)]
 
@@ -26,7 +26,7 @@ NOTE = "here it slipped </script><b>"
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = recorded_circle(tmp_path_factory.mktemp("drives") / "drive.mcap", SECONDS)
-    add_mark(path, Mark(START_NS + 7_000_000_000, NOTE, "alice"))
+    add_mark(path, Annotation(START_NS + 7_000_000_000, NOTE, "alice"))
     return path
 
 

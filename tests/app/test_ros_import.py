@@ -125,7 +125,7 @@ def until_quiet(stage: Stage) -> None:
 
 def test_it_is_shown_as_its_topics_say(stage: Stage, robot: RobotClient) -> None:
     description = robot.description
-    assert isinstance(description, tsd_twin.robots.ImportedDescription)
+    assert isinstance(description, tsd_twin.robots.ExternalDescription)
     names = [joint.name for joint in description.drive.joints]
     assert names == ["left_wheel", "right_wheel", "lift"]
     assert any("meshes" in text.lower() for text in description.not_promised)

@@ -16,7 +16,7 @@ import tsd_twin
 from tests.app.conftest import Program
 from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode, press_until
 from tests.support.recorded_drives import START_NS, recorded_circle
-from tsd_twin.recording.events import Mark, add_mark, read_marks
+from tsd_twin.recording.events import Annotation, add_mark, read_marks
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
@@ -78,7 +78,7 @@ def test_a_recording_is_looked_at_while_the_live_robot_drives_and_is_stopped(
     browser: Browser, start: Callable[..., Program], tmp_path: Path
 ) -> None:
     path = recorded_circle(tmp_path / NAME, SECONDS)
-    add_mark(path, Mark(START_NS + round(MARK_S * 1e9), "here <b>"))
+    add_mark(path, Annotation(START_NS + round(MARK_S * 1e9), "here <b>"))
     demo = start(
         *("tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0"),
         *("--record-dir", str(tmp_path)),

@@ -22,7 +22,7 @@ from tsd_twin.calibration.zeroing import twist_by_zero_offsets
 from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.status import LearnedError
+from tsd_twin.messages.status import BiasStatus
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.sensors.camera import Camera, CameraNoise
 
@@ -58,7 +58,7 @@ class Stage:
         self.robot = VirtualRobot(ROBOT, self.machine)
         self.tour = plan_route(ROBOT, ROOM_M, self.speed_mps)
         self.guide = CalibrationDriver(ROBOT, self.tour)
-        noise = CameraNoise(late_s=self.late_s)
+        noise = CameraNoise(latency_s=self.late_s)
         self.camera = Camera(noise, np.random.default_rng(1))
 
     def run(self, longest_s: float = 60.0) -> None:
@@ -124,8 +124,8 @@ def test_the_fit_starts_from_what_the_robot_has_learned(is_measured: bool) -> No
     run = Recording(np.arange(2.0), np.zeros((2, 6)), told, spins, np.arange(2.0), poses)
     problem = CalibrationProblem(ROBOT.kinematics(), [run])
     shares = np.array([0.02, 0.01, 0.0])
-    learned = {f"module{i + 1}_wheel_share": LearnedError(shares[i], 0.001) for i in range(3)}
-    learned |= {"module2_beta_rad": LearnedError(0.003, 0.001), "creep_x_mps": LearnedError(1, 1)}
+    learned = {f"module{i + 1}_wheel_share": BiasStatus(shares[i], 0.001) for i in range(3)}
+    learned |= {"module2_beta_rad": BiasStatus(0.003, 0.001), "creep_x_mps": BiasStatus(1, 1)}
     start = problem.corrections(problem.start(learned))
     assert start.offset_rad == pytest.approx(np.array([[0.0, 0.0], [0.0, 0.003], [0.0, 0.0]]))
     assert start.wheel_radius == pytest.approx(1.01)

@@ -29,7 +29,7 @@ from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import JointState, encode_joints
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
-from tsd_twin.messages.status import Status, encode_stamp, encode_status
+from tsd_twin.messages.status import RobotStatus, encode_stamp, encode_status
 from tsd_twin.recording.channels import EntryMaker
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.robots import SingularityDescription
@@ -94,7 +94,7 @@ def written(path: Path, *modes: tuple[float, str], robots_in_it: int = 1) -> Pat
     for now_s, sample in samples():
         log_ns = round((now_s + AHEAD_S) * 1e9)
         mode = [mode for since_s, mode in modes if since_s <= now_s][-1]
-        status = Status(mode, hardware={"battery_v": 10.8})
+        status = RobotStatus(mode, hardware={"battery_v": 10.8})
         stamp = encode_stamp(1, round(now_s * 1e9))
         for number in range(robots_in_it):
             name = "tsd" if number == 0 else f"tsd-{number}"

@@ -154,7 +154,7 @@ def test_control_is_asked_for_and_handed_over(patient: RunningNode) -> None:
         with robot.control("alice") as base:
             asking = threading.Thread(target=bob)
             asking.start()
-            wait_for(lambda: base.asked_by == "bob")
+            wait_for(lambda: base.requested_by == "bob")
             base.hand_over()
             assert not base.is_held
             asking.join(PATIENCE_S)
@@ -170,7 +170,7 @@ def test_control_that_is_kept_is_denied_at_once(node: RunningNode) -> None:
     ):
 
         def keep() -> None:
-            wait_for(lambda: base.asked_by == "bob")
+            wait_for(lambda: base.requested_by == "bob")
             base.deny()
 
         keeping = threading.Thread(target=keep)
@@ -183,7 +183,7 @@ def test_control_that_is_kept_is_denied_at_once(node: RunningNode) -> None:
         with pytest.raises(ControlDenied):
             other.request_control("bob", timeout_s=0.3).acquire()
         assert base.is_held
-        wait_for(lambda: base.asked_by is None)
+        wait_for(lambda: base.requested_by is None)
 
 
 def test_a_robot_that_falls_silent_ends_a_drive_and_is_named_when_left() -> None:

@@ -18,22 +18,22 @@ from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.protocol import (
     COMMAND_PERIOD_S,
     SETPOINT_TIMEOUT_S,
-    SILENCE_S,
+    STATUS_TIMEOUT_S,
     ControlProtocol,
     TwistCommand,
 )
 from tsd_twin.messages.cdr import decode_twist
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import LeaseReply, LeaseRequest
-from tsd_twin.messages.status import CommandStatus, LeaseStatus, Status
+from tsd_twin.messages.status import CommandStatus, LeaseStatus, RobotStatus
 
 ROBOT = robots.load_robot("tsd")
 LEASE = "0f" * 16
 TWIST = (0.3, 0.0, 0.0)
 
 
-def status(mode: str = "ready", holder: str | None = "alice", **fields: Any) -> Status:
-    return Status(mode=mode, lease=LeaseStatus(holder=holder), **fields)
+def status(mode: str = "ready", holder: str | None = "alice", **fields: Any) -> RobotStatus:
+    return RobotStatus(mode=mode, lease=LeaseStatus(holder=holder), **fields)
 
 
 def granted(now_s: float = 0.0) -> ControlProtocol:
@@ -95,7 +95,7 @@ def test_a_set_point_moves_the_robot_for_no_longer_than_its_time_out(
             refreshed_s = now_s
             command = protocol.set_velocity(TWIST, "base_link", now_s)
         else:
-            command = protocol.due(now_s)
+            command = protocol.poll_command(now_s)
         if command is not None and speed(command) > 0.0:
             assert now_s - refreshed_s < SETPOINT_TIMEOUT_S
 
@@ -107,7 +107,7 @@ def test_the_caller_cannot_flood_the_robot(gaps_s: list[float]) -> None:
     for gap_s in gaps_s:
         now_s += gap_s
         protocol.receive_status(status("driving" if protocol.in_motion else "ready"), 2, now_s)
-        if protocol.due(now_s) is not None:
+        if protocol.poll_command(now_s) is not None:
             assert now_s - sent_s > 0.0199
             sent_s = now_s
         if protocol.set_velocity(TWIST, "base_link", now_s) is not None:
@@ -121,7 +121,7 @@ def test_a_refresh_at_50_hz_goes_out_at_once() -> None:
     for tick in range(1, 50):
         now_s = 0.021 * tick
         protocol.receive_status(status("driving" if protocol.in_motion else "ready"), tick, now_s)
-        protocol.due(now_s)
+        protocol.poll_command(now_s)
         assert protocol.set_velocity((0.001 * tick, 0.0, 0.0), "base_link", now_s) is not None
 
 
@@ -137,7 +137,7 @@ def test_a_set_point_that_expires_ends_in_zeros_until_the_robot_rests() -> None:
         protocol.receive_status(
             status("ready" if rested else "driving", command=shown), 1 + tick, now_s
         )
-        command = protocol.due(now_s)
+        command = protocol.poll_command(now_s)
         if command is not None and now_s >= SETPOINT_TIMEOUT_S:
             assert speed(command) == 0.0
             zeros.append(command)
@@ -157,7 +157,7 @@ def test_a_set_point_that_expires_ends_in_zeros_until_the_robot_rests() -> None:
         (status("ready", holder=None), ControlLost),
     ],
 )
-def test_what_ends_a_motion(news: Status, error: type[ClientError]) -> None:
+def test_what_ends_a_motion(news: RobotStatus, error: type[ClientError]) -> None:
     protocol = granted()
     protocol.begin_motion(1.0 - 0.9)
     protocol.receive_status(news, 2, 1.0)
@@ -170,8 +170,8 @@ def test_a_failed_set_point_sends_nothing_and_raises_once() -> None:
     protocol = granted()
     protocol.set_velocity(TWIST, "base_link", 0.0)
     protocol.receive_status(status("stopping", stops=1, stop_reason="held up"), 2, 0.05)
-    assert protocol.due(0.05) is None
-    assert protocol.due(0.1) is None
+    assert protocol.poll_command(0.05) is None
+    assert protocol.poll_command(0.1) is None
     protocol.receive_status(status("ready", stops=1), 3, 0.15)
     with pytest.raises(RobotStopped, match="held up"):
         protocol.set_velocity(TWIST, "base_link", 0.15)
@@ -181,9 +181,9 @@ def test_a_failed_set_point_sends_nothing_and_raises_once() -> None:
 def test_silence_ends_a_motion() -> None:
     protocol = granted()
     protocol.begin_motion(0.0)
-    protocol.check_motion(SILENCE_S)
+    protocol.check_motion(STATUS_TIMEOUT_S)
     with pytest.raises(RobotSilent):
-        protocol.check_motion(SILENCE_S + 0.01)
+        protocol.check_motion(STATUS_TIMEOUT_S + 0.01)
 
 
 def test_a_status_from_before_the_grant_does_not_lose_the_lease() -> None:
@@ -268,5 +268,5 @@ def test_without_the_lease_nothing_is_sent() -> None:
         protocol.command(TWIST, "base_link", 0.0)
     with pytest.raises(ControlLost):
         protocol.set_velocity(TWIST, "base_link", 0.0)
-    assert protocol.due(COMMAND_PERIOD_S) is None
+    assert protocol.poll_command(COMMAND_PERIOD_S) is None
     assert protocol.renewal(10.0) is None

@@ -147,7 +147,7 @@ REFUSED: dict[str, tuple[Callable[[SimulatedRobot, tsd_twin.RobotControl], objec
         "the same call with finite numbers",
     ),
     "a wheel speed": (lambda _, base: base.set_wheel_speed(1e6), "base.set_wheel_speed("),
-    "hand over to nobody": (lambda _, base: base.hand_over(), "base.asked_by"),
+    "hand over to nobody": (lambda _, base: base.hand_over(), "base.requested_by"),
     "turn a robot on a floor": (
         lambda _, base: base.turn(wx_rad_per_s=0.1, duration_s=0.1),
         "base.drive(",

@@ -163,12 +163,12 @@ def test_the_state_says_what_the_robot_would_refuse() -> None:
     with SimulatedRobot("tsd") as robot:
         free = robot.state.status.refusals
         assert free is not None
-        assert free.arm == free.without_lease == "take control first"
+        assert free.arm == free.no_lease == "take control first"
         with robot.control("alice") as base:
             held = robot.state.status.refusals
             assert held is not None
             assert (held.drive, held.disarm) == (None, None)
-            assert held.without_lease == "alice has control"
+            assert held.no_lease == "alice has control"
             assert held.reset is not None
             with pytest.raises(RequestRefused, match=held.reset):
                 base.reset()
@@ -244,7 +244,7 @@ def test_pose_and_wheel_speed_can_be_set() -> None:
         robot.sleep(5.0)
         wheels = robot.state.status.wheel_speed
         assert wheels is not None
-        assert wheels.wanted_rpm == pytest.approx(3000.0)
+        assert wheels.requested_rpm == pytest.approx(3000.0)
         base.go_to(x_m=2.3, y_m=-1.0)
         assert robot.state.odom.pose.x_m == pytest.approx(2.3, abs=0.03)
 

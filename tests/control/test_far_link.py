@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.controller_harness import ControllerHarness, HarnessOperator
 from tsd_twin.link_emulation import LinkSpec
-from tsd_twin.link_emulation.link import Link
+from tsd_twin.link_emulation.link import LinkModel
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
 
@@ -24,10 +24,10 @@ class Far:
     ) -> None:
         self.rig, self.pilot = rig, pilot
         parsed = LinkSpec.parse(spec)
-        self.up: Link[Sample]
-        self.down: Link[int]
+        self.up: LinkModel[Sample]
+        self.down: LinkModel[int]
         self.up, self.down = (
-            Link(parsed, np.random.default_rng([seed, way]), rig.now_s, 1e9) for way in (0, 1)
+            LinkModel(parsed, np.random.default_rng([seed, way]), rig.now_s, 1e9) for way in (0, 1)
         )
         self.seen = self._sent = rig.status_seq
         self._ticks = itertools.count()

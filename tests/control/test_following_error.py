@@ -8,14 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
-from tsd_twin.control.monitors import ASIDE_RAD, PATIENCE_S, REMEMBERED_S, FollowingErrorMonitor
+from tsd_twin.control.monitors import (
+    ASIDE_RAD,
+    FOLLOWING_ERROR_TIMEOUT_S,
+    REMEMBERED_S,
+    FollowingErrorMonitor,
+)
 from tsd_twin.messages.codes import Code
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import Mode
 from tsd_twin.simulation import RobotWithStuckJoint, SimRobot, StuckJoint
 
 PERIOD_S = 0.01
-LONGEST_S = PATIENCE_S + REMEMBERED_S + 0.1
+LONGEST_S = FOLLOWING_ERROR_TIMEOUT_S + REMEMBERED_S + 0.1
 
 
 def faults(rig: ControllerHarness) -> list[Event]:
@@ -92,7 +97,7 @@ def test_what_stays_away_is_one_after_its_patience_and_not_before(off: float, at
     if abs(off) <= ASIDE_RAD:
         assert late == []
     else:
-        assert late[0] == pytest.approx(PATIENCE_S, abs=1.5 * PERIOD_S)
+        assert late[0] == pytest.approx(FOLLOWING_ERROR_TIMEOUT_S, abs=1.5 * PERIOD_S)
         assert said[-1].code == Code.FOLLOWING_ERROR
         assert said[-1].params["joint"] == "ab"[at]
 

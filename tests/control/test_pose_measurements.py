@@ -76,11 +76,11 @@ def test_a_late_pose_is_fused_and_the_status_says_how_many_and_how_late(
     pose_sensor = rig.status().pose_sensor
     assert pose_sensor is not None
     assert (pose_sensor.used, pose_sensor.hz, pose_sensor.found) == (48, 25.0, 0)
-    assert pose_sensor.late_s == pytest.approx(0.09, abs=1e-6)
+    assert pose_sensor.latency_s == pytest.approx(0.09, abs=1e-6)
     rig.wait(1.1)
     pose_sensor = rig.status().pose_sensor
     assert pose_sensor is not None
-    assert (pose_sensor.used, pose_sensor.hz, pose_sensor.late_s) == (48, 0.0, None)
+    assert (pose_sensor.used, pose_sensor.hz, pose_sensor.latency_s) == (48, 0.0, None)
 
 
 def test_what_is_not_used_is_counted_under_exactly_one_reason(rig: ControllerHarness) -> None:

@@ -140,7 +140,7 @@ class RandomOperators:
         """Fields of a request that is refused by the state of the robot only."""
         if key == "speed":
             speed = self.rig.status().wheel_speed
-            return {"cruise_speed_rpm": speed.wanted_rpm if speed else 1000.0}
+            return {"cruise_speed_rpm": speed.requested_rpm if speed else 1000.0}
         if key == "set_pose" and self.rig.controller.kinematics.pose_type is SE2:
             return {"x_m": 1.0, "y_m": 2.0, "heading_rad": 0.5}
         return {}
@@ -184,7 +184,7 @@ class RandomOperators:
         for key, service in HOLDER_SERVICES.items():
             for said, lease_hex in (
                 (why.get(key), held),
-                (why["without_lease"], "cd" * 16),
+                (why["no_lease"], "cd" * 16),
             ):
                 answer = self.answer(said, service, lease=lease_hex, **self.fields(key))
                 assert answer == said, (key, self.done)
@@ -202,14 +202,14 @@ def test_the_status_says_what_each_service_answers_at_that_moment(name: str) -> 
         operators.act()
         refusals = operators.check()
         modes.add(operators.rig.mode)
-        for key in ("lease", "without_lease", *HOLDER_SERVICES, "drive"):
+        for key in ("lease", "no_lease", *HOLDER_SERVICES, "drive"):
             seen[key].add(encoded(refusals.why.get(key)))
     stands = operators.rig.controller.robot.wheel_speed_range is None
     for key in ("lease", *HOLDER_SERVICES, "drive"):
         accepted = key != "speed" or not stands
         assert (None in seen[key]) == accepted, (key, "never accepted or never refused")
         assert len(seen[key]) > 1, (key, "always the same")
-    assert seen["without_lease"] == {
+    assert seen["no_lease"] == {
         encoded(because(Code.TAKE_CONTROL_FIRST)),
         *(encoded(because(Code.HELD_BY, holder=name)) for name in OPERATORS),
     }
@@ -228,7 +228,7 @@ def test_the_reason_of_a_fault_is_said_before_arming_is_requested() -> None:
     assert rig.status().refusals == Refusals.of(
         {
             "lease": because(Code.DRIVEN_BY, holder="alice"),
-            "without_lease": because(Code.HELD_BY, holder="alice"),
+            "no_lease": because(Code.HELD_BY, holder="alice"),
             "reset": because(Code.NOT_LATCHED, mode="disarmed"),
             "drive": because(Code.ARM_FIRST),
         }

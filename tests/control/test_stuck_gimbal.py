@@ -33,7 +33,7 @@ def test_one_jammed_gimbal_is_named_within_a_fifth_of_a_second(
     consistency = rig.status().consistency
     assert consistency.suspect == f"module{module}"
     assert consistency.level > 1.0
-    assert set(consistency.explained) == {"module1", "module2", "module3"}
+    assert set(consistency.contributions) == {"module1", "module2", "module3"}
     (event,) = [event for event in rig.controller.take_events() if event.kind == "consistency"]
     assert event.why == because(Code.ACTUATOR_SUSPECT, actuator=f"module{module}")
 

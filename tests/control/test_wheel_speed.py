@@ -77,14 +77,17 @@ def test_the_wheels_come_to_the_speed_that_was_chosen_and_show_it(rpm: float) ->
     pilot = rig.get_ready()
     wheel_speed = rig.status().wheel_speed
     assert wheel_speed is not None
-    assert (wheel_speed.wanted_rpm, wheel_speed.spin_rpm) == (USUAL, pytest.approx(USUAL, rel=0.03))
+    assert (wheel_speed.requested_rpm, wheel_speed.spin_rpm) == (
+        USUAL,
+        pytest.approx(USUAL, rel=0.03),
+    )
     rig.drive(pilot, (0.8, 0.0, 0.0), 0.5)
     choose(rig, pilot, rpm)
     rig.drive(pilot, (0.8, 0.0, 0.0), 10.0)
     np.testing.assert_allclose(spins(rig), rpm, rtol=0.01)
     wheel_speed = rig.status().wheel_speed
     assert wheel_speed is not None
-    assert (wheel_speed.wanted_rpm, wheel_speed.spin_rpm) == (rpm, pytest.approx(rpm, rel=0.01))
+    assert (wheel_speed.requested_rpm, wheel_speed.spin_rpm) == (rpm, pytest.approx(rpm, rel=0.01))
     # By rolling: v = r_w spin sin(tilt).
     joints = rig.setpoint.reshape(-1, 3)
     leaning = np.arccos(np.cos(joints[:, 0]) * np.cos(joints[:, 1]))
@@ -253,7 +256,7 @@ def test_a_new_holder_finds_spinning_wheels_as_they_are_and_standing_ones_as_des
     rig.tick()
     wheel_speed = rig.status().wheel_speed
     assert wheel_speed is not None
-    assert wheel_speed.wanted_rpm == USUAL
+    assert wheel_speed.requested_rpm == USUAL
     choose(rig, bob, 3000.0)
     rig.ask(Service.ARM, lease=bob.lease)
     rig.drive(bob, (0, 0, 0), 4.0)

@@ -14,8 +14,8 @@ from tsd_twin.dashboard.html_export import LONGEST_S, build, to_html, to_picture
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.events import Event
 from tsd_twin.recording.channels import JSON, Entry
-from tsd_twin.recording.events import Mark, add_mark
-from tsd_twin.recording.export import Part
+from tsd_twin.recording.events import Annotation, add_mark
+from tsd_twin.recording.export import RecordingSlice
 from tsd_twin.recording.mcap_file import RecordingFile
 
 SPITEFUL = "</script><script>alert(1)</script><!-- \u2028"
@@ -35,7 +35,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     drive.wait(1.0)
     file.close()
     for t_s in (0.5, 3.5):
-        add_mark(path, Mark(START_NS + round(t_s * 1e9), SPITEFUL, "bob"))
+        add_mark(path, Annotation(START_NS + round(t_s * 1e9), SPITEFUL, "bob"))
     return path
 
 
@@ -46,7 +46,7 @@ def about(html: str) -> dict[str, Any]:
 
 
 def test_a_page_has_the_events_marks_and_modes_of_its_part(recording: Path) -> None:
-    html = build(Part(recording, 2.0))
+    html = build(RecordingSlice(recording, 2.0))
     assert len(html) < 5_000_000
     data = about(html)
     assert data["start_ms"] == START_NS // 1_000_000 + 2000
@@ -65,29 +65,29 @@ def test_a_page_has_the_events_marks_and_modes_of_its_part(recording: Path) -> N
 
 
 def test_a_page_of_one_robot_has_that_one_only(recording: Path) -> None:
-    data = about(build(Part(recording, 0.0, 0.4, "other")))
+    data = about(build(RecordingSlice(recording, 0.0, 0.4, "other")))
     assert [robot["id"] for robot in data["robots"]] == ["other"]
     assert data["events"] == []
 
 
 def test_what_cannot_be_exported_is_refused_in_a_sentence(recording: Path, tmp_path: Path) -> None:
     with pytest.raises(TwinError, match="is there already"):
-        to_html(Part(recording), recording)
+        to_html(RecordingSlice(recording), recording)
     with pytest.raises(TwinError, match="is there already"):
-        to_picture(Part(recording, 0.0, 1.0), _touched(tmp_path / "there.gif"))
+        to_picture(RecordingSlice(recording, 0.0, 1.0), _touched(tmp_path / "there.gif"))
     with pytest.raises(TwinError, match=r"ends with \.webp or \.gif"):
-        to_picture(Part(recording), tmp_path / "drive.mp4")
+        to_picture(RecordingSlice(recording), tmp_path / "drive.mp4")
     with pytest.raises(TwinError, match="is no part"):
-        to_html(Part(recording, 100.0), tmp_path / "a.html")
+        to_html(RecordingSlice(recording, 100.0), tmp_path / "a.html")
     with pytest.raises(TwinError, match="has no robot 'bob'"):
-        to_html(Part(recording, robot="bob"), tmp_path / "a.html")
+        to_html(RecordingSlice(recording, robot="bob"), tmp_path / "a.html")
     with pytest.raises(TwinError, match="cannot be written"):
-        to_html(Part(recording, 0.0, 0.1), tmp_path / "missing" / "a.html")
+        to_html(RecordingSlice(recording, 0.0, 0.1), tmp_path / "missing" / "a.html")
     file = RecordingFile(tmp_path / "longer.mcap")
     for log_ns in (1, round(1e9 * (LONGEST_S + 2.0))):
         file.add(Entry("twin/tsd/alive", JSON, "", log_ns, log_ns, 1, b'{"alive":true}'))
     file.close()
-    for part in (Part(file.path), Part(file.path, 1.0)):
+    for part in (RecordingSlice(file.path), RecordingSlice(file.path, 1.0)):
         with pytest.raises(TwinError, match="at most 600 s"):
             to_html(part, tmp_path / "a.html")
         with pytest.raises(TwinError, match="at most 30 s"):

@@ -26,7 +26,7 @@ from tsd_twin.dashboard.discovery import (
 )
 from tsd_twin.messages import topics
 from tsd_twin.messages.events import duplicate_id_text
-from tsd_twin.messages.status import Status, encode_stamp, encode_status
+from tsd_twin.messages.status import RobotStatus, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
 
 MANY = 1000
@@ -174,7 +174,7 @@ def test_no_more_robots_are_shown_than_there_is_room_for() -> None:
 
 
 def say(status: Publisher, number: int, mode: str) -> None:
-    status.put(encode_status(Status(mode=mode)), encode_stamp(number, 0))
+    status.put(encode_status(RobotStatus(mode=mode)), encode_stamp(number, 0))
 
 
 def test_two_robots_with_one_id_are_shown_as_a_fault_without_flicker() -> None:

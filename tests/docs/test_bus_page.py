@@ -24,7 +24,7 @@ from tsd_twin.messages.cdr import decode_odometry
 from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.services import decode_request
-from tsd_twin.messages.status import DropCounts, PoseSensorDrops, Status, encode_stamp
+from tsd_twin.messages.status import DropCounts, PoseSensorDrops, RobotStatus, encode_stamp
 from tsd_twin.messages.topics import TOPICS, Service
 
 PAGE = page("bus.md")
@@ -66,10 +66,10 @@ def test_every_service_is_shown_with_a_request_and_an_answer_that_can_be_read() 
         if "of a sphere" in name:
             kind = services.SetOrientationRequest
         decode_request(quoted(request)[0].encode(), kind)
-        assert set(json.loads(quoted(request)[0])) <= set(kind.__struct_fields__)
+        assert set(json.loads(quoted(request)[0])) <= set(kind.__struct_encode_fields__)
         if quoted(answer):
             reply = ANSWERS.get(quoted(name)[0], services.Reply)
-            assert set(json.loads(quoted(answer)[0])) <= set(reply.__struct_fields__)
+            assert set(json.loads(quoted(answer)[0])) <= set(reply.__struct_encode_fields__)
             msgspec.json.decode(quoted(answer)[0], type=reply)
     assert {quoted(row[0])[0] for row in rows} == {service.value for service in Service}
     shown = {key for row in rows for cell in row[1:] for c in quoted(cell) for key in json.loads(c)}
@@ -80,12 +80,12 @@ def test_every_service_is_shown_with_a_request_and_an_answer_that_can_be_read() 
         services.SetOrientationRequest,
         services.SpeedRequest,
     ):
-        assert set(kind.__struct_fields__) <= shown
+        assert set(kind.__struct_encode_fields__) <= shown
 
 
 def test_the_reasons_for_dropping_are_those_that_are_counted() -> None:
     (rows,) = tables(section(PAGE, "## Why a command does not count"))
-    assert {quoted(row[0])[0] for row in rows} == set(DropCounts.__struct_fields__)
+    assert {quoted(row[0])[0] for row in rows} == set(DropCounts.__struct_encode_fields__)
 
 
 def leaves(kind: type[msgspec.Struct], path: str = "") -> Iterator[str]:
@@ -101,12 +101,12 @@ def leaves(kind: type[msgspec.Struct], path: str = "") -> Iterator[str]:
 
 def test_every_field_of_the_status_is_explained() -> None:
     (rows,) = tables(section(PAGE, "## Status"))
-    assert [field for row in rows for field in quoted(row[0])] == list(leaves(Status))
+    assert [field for row in rows for field in quoted(row[0])] == list(leaves(RobotStatus))
 
 
 def test_the_event_that_is_shown_is_one() -> None:
     shown = json.loads(quoted(section(PAGE, "## Events").splitlines()[-1])[0])
-    assert set(shown) == set(events.Event.__struct_fields__)
+    assert set(shown) == set(events.Event.__struct_encode_fields__)
 
 
 def test_the_client_needs_zenoh_and_rosbags_only() -> None:

@@ -131,7 +131,7 @@ def test_the_residuals_of_one_module_that_is_off() -> None:
     slowed[0, 2] *= 0.9
     assert f"{DRIVE.forward(slowed.reshape(-1)).twist[2]:.2f} rad/s unseen" in TEXT
     noise = ROBOT.noise
-    sigma = np.tile([np.radians(noise.gimbal_angle_deg)] * 2 + [noise.spin_share * SPIN], 3)
+    sigma = np.tile([np.radians(noise.gimbal_angle_deg)] * 2 + [noise.speed_scale_sigma * SPIN], 3)
     nudge = 1e-6 * np.eye(9)
     ends = [DRIVE.forward(joints.reshape(-1) + sign * nudge).residual for sign in (1.0, -1.0)]
     shift = sigma[:, None] * (ends[0] - ends[1]) / 2e-6

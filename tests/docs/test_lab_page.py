@@ -47,5 +47,7 @@ def test_the_loops_and_their_noise_are_those_of_the_code() -> None:
     assert list(rows) == [loop.value for loop in Loop]
     gyro, camera = Gyro(), CameraNoise()
     assert f"{gyro.noise_rad_per_s} rad/s, offset {gyro.bias_rad_per_s} rad/s" in rows["gyro"]
-    assert f"{camera.rate_hz:g} frames a second, {1000 * camera.late_s:g} ms late" in rows["camera"]
+    assert (
+        f"{camera.rate_hz:g} frames a second, {1000 * camera.latency_s:g} ms late" in rows["camera"]
+    )
     assert f"{1000 * camera.sigma_m:g} mm and {camera.sigma_rad} rad" in rows["camera"]

@@ -13,7 +13,7 @@ from tests.support.markdown_pages import code, page, quoted, section, tables
 from tests.support.scripts import mock_endpoint, run_script
 from tsd_twin import __all__
 from tsd_twin.bus import DEFAULT_ENDPOINT
-from tsd_twin.client.protocol import SETPOINT_TIMEOUT_S, SILENCE_S
+from tsd_twin.client.protocol import SETPOINT_TIMEOUT_S, STATUS_TIMEOUT_S
 
 PAGE = page("python.md")
 SCRIPTS = code(PAGE, "python")
@@ -60,5 +60,5 @@ def test_the_figures_are_those_in_force() -> None:
     assert f"expires after {SETPOINT_TIMEOUT_S:g} s" in PAGE
     assert f"`limits.command_timeout_s` ({limits.command_timeout_s:g} s)" in PAGE
     assert f"`{DEFAULT_ENDPOINT}`" in PAGE
-    assert SILENCE_S == 1.0
+    assert STATUS_TIMEOUT_S == 1.0
     assert "no status for a second" in PAGE

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from tests.support.markdown_pages import ROOT
 from tsd_twin.hardware.dynamixel import control_table
 from tsd_twin.hardware.dynamixel.__main__ import files, main
-from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Radio, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Radio, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import ADDRESS, BLOCKS
 
-BLOCK_TYPES = (Identity, Setup, Command, Telemetry, Radio)
+BLOCK_TYPES = (BoardIdentity, Setup, BoardCommand, Telemetry, Radio)
 
 
 @pytest.mark.parametrize("name", sorted(files()))

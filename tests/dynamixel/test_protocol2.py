@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.support.packet_strategies import DATA, IDS, PACKETS
 from tests.support.sdk_port import BytesPort
-from tsd_twin.hardware.dynamixel.packets import Instruction, Packet, Status, crc16, protocol2
+from tsd_twin.hardware.dynamixel.packets import Instruction, Packet, StatusPacket, crc16, protocol2
 
 SDK: Any = Protocol2PacketHandler()
 
@@ -103,6 +103,8 @@ def test_the_size_of_a_frame_stands_in_its_head(head: str, size: int | None) -> 
 
 
 def test_an_answer_has_an_error_and_data() -> None:
-    assert protocol2.as_status(Packet(1, Instruction.STATUS, b"\x04ab")) == Status(1, 4, b"ab")
+    assert protocol2.as_status(Packet(1, Instruction.STATUS, b"\x04ab")) == StatusPacket(
+        1, 4, b"ab"
+    )
     assert protocol2.as_status(Packet(1, Instruction.PING)) is None
     assert protocol2.as_status(Packet(1, Instruction.STATUS)) is None

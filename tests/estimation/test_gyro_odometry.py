@@ -21,7 +21,7 @@ ROBOT = msgspec.structs.replace(TSD, gyro=GYRO)
 
 
 def wrong_wheels() -> SingularityDescription:
-    noise = msgspec.structs.replace(TSD.noise, spin_share=0.05)
+    noise = msgspec.structs.replace(TSD.noise, speed_scale_sigma=0.05)
     return msgspec.structs.replace(ROBOT, noise=noise)
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tsd_twin import robots
 from tsd_twin.estimation import FusedEstimate, FusionResult, PlanarOdometry, exponential_error
-from tsd_twin.estimation.pose_fusion import MOST_NEWER
+from tsd_twin.estimation.pose_fusion import MAX_REPLAYED
 from tsd_twin.lie import SE2, Array, wrap
 
 ROBOT = robots.load_robot("tsd")
@@ -115,7 +115,7 @@ def test_what_is_refused_changes_nothing(seed: int, size: float, late: float, tu
     for k in range(12):
         away = SE2(ride.truth.xy_heading + np.array([size * np.cos(k), size * np.sin(k), turn]))
         expected = (
-            {FusionResult.FAR}
+            {FusionResult.GATED}
             if late < 0.99
             else {FusionResult.OLD}
             if late > 1.01
@@ -149,7 +149,7 @@ def test_no_more_are_kept_than_a_second_has_room_for() -> None:
         ride.estimate.fuse(ride.truth, ride.now_s - 0.005 * i, at_rest=True)
         for i in range(189, -1, -1)
     ]
-    assert fates == [FusionResult.USED] * 128 + [FusionResult.FLOOD] * 62
+    assert fates == [FusionResult.USED] * 128 + [FusionResult.QUEUE_FULL] * 62
     ride.steps(110)
     assert ride.estimate.fuse(ride.truth, ride.now_s, at_rest=True) is FusionResult.USED
 
@@ -165,8 +165,8 @@ def test_what_comes_after_many_that_are_newer_is_not_run_over_all_of_them(
     backwards = [
         ride.estimate.fuse(ride.truth, ride.now_s - 0.01 * i, at_rest=True) for i in range(90)
     ]
-    assert backwards == [FusionResult.USED] * (MOST_NEWER + 1) + [FusionResult.OLD] * (
-        89 - MOST_NEWER
+    assert backwards == [FusionResult.USED] * (MAX_REPLAYED + 1) + [FusionResult.OLD] * (
+        89 - MAX_REPLAYED
     )
     before = ride.estimate.pose.xy_heading.copy()
     late = SE2(ride.truth.xy_heading + np.array([size, 0.0, 0.0]))
@@ -221,7 +221,7 @@ def test_what_it_claims_is_right_while_all_is_wrong_as_described(mounting: float
             ride.step()
             errors = ride.odometry.errors
             white = np.linalg.cholesky(errors.white_per_s + 1e-18 * np.eye(3)) * np.sqrt(DT_S)
-            twist = ride.odometry.motion.twist + errors.by_constants @ constants
+            twist = ride.odometry.motion.twist + errors.bias_jacobian @ constants
             slip = white @ ride.random.standard_normal(3)
             ride.truth = DRIVE.integrate(before, twist + slip / DT_S, DT_S)
             ride.past[-1] = (ride.now_s, ride.truth)
@@ -259,10 +259,10 @@ def test_a_robot_at_rest_is_found_again_where_it_is_always_seen(turned: float) -
         ride.steps(4)
         fates.append(ride.estimate.fuse(ride.seen(elsewhere), ride.now_s - 0.08, at_rest=True))
     # Half a second of 25 frames a second.
-    first = fates.index(FusionResult.FOUND)
-    assert fates == [FusionResult.FAR] * first + [FusionResult.FOUND] + [FusionResult.USED] * (
-        14 - first
-    )
+    first = fates.index(FusionResult.RELOCALIZED)
+    assert fates == [FusionResult.GATED] * first + [FusionResult.RELOCALIZED] + [
+        FusionResult.USED
+    ] * (14 - first)
     assert first == 13
     off = ride.estimate.pose.xy_heading - elsewhere[1].xy_heading
     assert np.hypot(*off[:2]) < 0.03
@@ -279,7 +279,7 @@ def test_in_motion_or_by_poses_that_disagree_it_is_not_moved(
     for _ in range(100):
         ride.step()
         seen = SE2(np.array([3.0, -2.0, 0.0]) + scattered * random.standard_normal(3))
-        assert ride.estimate.fuse(seen, ride.now_s, at_rest=at_rest) is FusionResult.FAR
+        assert ride.estimate.fuse(seen, ride.now_s, at_rest=at_rest) is FusionResult.GATED
     np.testing.assert_allclose(ride.estimate.pose.xy_heading, 0.0, atol=1e-12)
 
 
@@ -323,7 +323,7 @@ def beside(by_m: float) -> Callable[[SE2], SE2]:
 
 def test_after_a_gap_poses_that_agree_are_believed_in_motion_and_one_that_jumps_is_not() -> None:
     ride = straight_ride(20.0)
-    assert drive_past(ride, 1, beside(0.5)) == [FusionResult.FAR]
+    assert drive_past(ride, 1, beside(0.5)) == [FusionResult.GATED]
     fates = drive_past(ride, 24, beside(0.1))
     first = fates.index(FusionResult.USED)
     assert first * 0.04 < 0.8
@@ -335,14 +335,14 @@ def test_after_a_gap_poses_that_agree_are_believed_in_motion_and_one_that_jumps_
 def test_after_a_gap_a_picture_that_stands_still_is_not_believed_in_motion() -> None:
     ride = straight_ride(20.0)
     frozen = ride.truth
-    assert set(drive_past(ride, 100, lambda _truth: frozen)) == {FusionResult.FAR}
+    assert set(drive_past(ride, 100, lambda _truth: frozen)) == {FusionResult.GATED}
 
 
 def test_a_shifted_picture_does_not_win_in_motion_however_uncertain_it_makes_the_estimate() -> None:
     """The covariance covers the shift after some seconds; the poses do not win by that."""
     ride = straight_ride(0.1)
     assert set(drive_past(ride, 20, beside(0.0))) == {FusionResult.USED}
-    assert set(drive_past(ride, 230, beside(0.3))) == {FusionResult.FAR}
+    assert set(drive_past(ride, 230, beside(0.3))) == {FusionResult.GATED}
     covariance = ride.estimate.pose_covariance
     assert covariance[1, 1] * 21.0 > 0.3**2
     # Once the picture is right again, a new majority wins.

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from tsd_twin import robots
-from tsd_twin.adapters.ros.external_robot import ImportLimits, describe
+from tsd_twin.adapters.ros.external_robot import ExternalLimits, describe
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.lie import SE2
-from tsd_twin.robots import ImportedDescription
+from tsd_twin.robots import ExternalDescription
 
-ROBOT = robots.parse_description(describe("cart", "", ImportLimits(sideways=True)), "cart")
+ROBOT = robots.parse_description(describe("cart", "", ExternalLimits(sideways=True)), "cart")
 DT_S = 0.01
 
 
 def test_the_pose_is_what_is_reported_and_jumps_with_it() -> None:
-    assert isinstance(ROBOT, ImportedDescription)
+    assert isinstance(ROBOT, ExternalDescription)
     estimator, random = StateEstimator(ROBOT), np.random.default_rng(1)
     for i in range(50):
         twist, pose = random.normal(size=3), random.normal(size=3)

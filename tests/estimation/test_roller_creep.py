@@ -15,7 +15,7 @@ from tsd_twin.lie import Array, wrap
 from tsd_twin.robots import OmniDescription
 from tsd_twin.robots.geared_motor import WheelNoise
 
-NO_NOISE = WheelNoise(spin_share=0.0, creep_m=0.0)
+NO_NOISE = WheelNoise(speed_scale_sigma=0.0, creep_m=0.0)
 
 
 def platform(name: str, friction: float = 0.6, mass: float = 1.0) -> OmniDescription:

@@ -171,7 +171,7 @@ def test_the_model_that_is_named_makes_the_estimate_and_the_other_stands_beside_
 def test_the_covariance_of_a_sphere_is_what_noise_makes_of_it() -> None:
     """Wheels that are wrong by a constant share."""
     robot = msgspec.structs.replace(
-        ATLAS, noise=msgspec.structs.replace(ATLAS.noise, spin_share=0.02)
+        ATLAS, noise=msgspec.structs.replace(ATLAS.noise, speed_scale_sigma=0.02)
     )
     drive, random = robot.kinematics(), np.random.default_rng(2)
     twist, runs = np.array([0.8, -0.4, 1.0]), 150

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin import robots
-from tsd_twin.estimation import SpinModel
+from tsd_twin.estimation import WheelSpeedModel
 from tsd_twin.robots import RPM
 
 ROBOT = robots.load_robot("tsd")
@@ -24,7 +24,7 @@ setpoints = st.sampled_from([0.0, CRUISE, 3000.0 * RPM, 1900.0 * RPM, 13_000.0 *
     )
 )
 def test_it_follows_the_differential_equation(script: list[tuple[list[float], float]]) -> None:
-    model = SpinModel(LAW, 3)
+    model = WheelSpeedModel(LAW, 3)
     euler, steps = np.zeros(3), 1000
     for wanted, dt_s in script:
         model.advance(np.array(wanted), dt_s)
@@ -37,7 +37,7 @@ def test_it_follows_the_differential_equation(script: list[tuple[list[float], fl
 
 @given(wanted=setpoints, first=setpoints, cut=st.floats(0.01, 0.99))
 def test_two_short_steps_are_one_long_step(wanted: float, first: float, cut: float) -> None:
-    whole, halves = SpinModel(LAW, 1), SpinModel(LAW, 1)
+    whole, halves = WheelSpeedModel(LAW, 1), WheelSpeedModel(LAW, 1)
     for model in (whole, halves):
         model.advance(np.array([first]), 0.1)
     whole.advance(np.array([wanted]), 0.3)
@@ -47,13 +47,13 @@ def test_two_short_steps_are_one_long_step(wanted: float, first: float, cut: flo
 
 
 def test_a_motor_told_less_than_it_can_turn_stands_still() -> None:
-    model = SpinModel(LAW, 1)
+    model = WheelSpeedModel(LAW, 1)
     assert model.advance(np.array([1999.0 * RPM]), 10.0)[0] == 0.0
     assert model.advance(np.array([2001.0 * RPM]), 10.0)[0] == pytest.approx(2001.0 * RPM)
 
 
 def test_wheels_speed_up_and_run_down_with_their_own_time_constants() -> None:
-    model = SpinModel(LAW, 1)
+    model = WheelSpeedModel(LAW, 1)
     up = model.advance(np.array([CRUISE]), MOTOR.time_constant_up_s)[0]
     assert up == pytest.approx(CRUISE * (1.0 - np.exp(-1.0)))
     model.advance(np.array([CRUISE]), 100.0)
@@ -62,7 +62,7 @@ def test_wheels_speed_up_and_run_down_with_their_own_time_constants() -> None:
 
 
 def test_speeds_that_are_settled_are_predicted_anew_for_another_set_point_or_time() -> None:
-    model = SpinModel(LAW, 1)
+    model = WheelSpeedModel(LAW, 1)
     set_point, other = np.array([300.0]), np.array([250.0])
     for _ in range(2000):
         model.advance(set_point, 0.01)

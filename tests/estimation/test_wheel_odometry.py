@@ -198,7 +198,7 @@ def test_doubt_of_what_is_new_in_each_sample_never_shrinks(script: list[Array]) 
 
 def test_what_a_wrong_spin_adds_on_the_way_out_it_takes_off_on_the_way_back() -> None:
     """The same twist forward and backward: a constant share of it cancels, to the last digit."""
-    odometry = new_odometry(JointErrors(spin_share=0.01, common_spin_share=0.02))
+    odometry = new_odometry(JointErrors(speed_scale_sigma=0.01, common_spin_share=0.02))
     drive_for(odometry, np.array([0.5, 0.0, 0.0]), 2.0)
     out_m = np.sqrt(np.diag(odometry.pose_covariance))
     assert out_m[0] == pytest.approx(np.hypot(0.01 / np.sqrt(3.0), 0.02), rel=0.01)
@@ -249,7 +249,7 @@ def test_what_joints_contradict_one_another_by_is_doubted_as_much(
 SPIN_RAD_PER_S = float(DRIVE.inverse(np.zeros(3))[2])
 FLOOR = FloorErrors(
     at_rad_per_s=SPIN_RAD_PER_S,
-    spin_share=0.01,
+    speed_scale_sigma=0.01,
     slip_lag_s=0.012,
     droop_s2_per_m2=0.08,
     restore_up_s=0.12,
@@ -283,8 +283,8 @@ def test_all_that_the_floor_does_at_a_start_adds_up_since_it_has_one_cause() -> 
         for floor in (
             # Without any lag there is no floor.
             replace(FLOOR, slip_lag_s=1e-9, droop_s2_per_m2=0.0),
-            replace(FLOOR, spin_share=0.0, droop_s2_per_m2=0.0),
-            replace(FLOOR, slip_lag_s=1e-9, spin_share=0.0),
+            replace(FLOOR, speed_scale_sigma=0.0, droop_s2_per_m2=0.0),
+            replace(FLOOR, slip_lag_s=1e-9, speed_scale_sigma=0.0),
         )
     ]
     assert alone[0] == pytest.approx(0.01 * DT_S * speeds.sum(), rel=0.05)
@@ -346,14 +346,14 @@ def test_without_noise_in_the_description_nothing_is_uncertain() -> None:
 def test_constant_errors_spread_as_far_as_is_claimed(twist: list[float], turned: float) -> None:
     """Robots with zeros and spins of their own for 10 s: means and shares of the claim."""
     random = np.random.default_rng(1)
-    noise = JointErrors(spin_share=0.01, common_spin_share=0.01, zero_rad=2e-4)
+    noise = JointErrors(speed_scale_sigma=0.01, common_spin_share=0.01, zero_rad=2e-4)
     joints, runs, seconds = DRIVE.inverse(np.array(twist)), 600, 10.0
     is_wheel = np.arange(9) % 3 == 2
     claim = new_odometry(noise)
     claim.set_pose(SE2(np.array([1.0, 2.0, turned])))
     start = claim.pose
     drive_for(claim, np.array(twist), seconds)
-    own = noise.spin_share * random.standard_normal((runs, 9))
+    own = noise.speed_scale_sigma * random.standard_normal((runs, 9))
     common = noise.common_spin_share * random.standard_normal((runs, 1))
     zeros = noise.zero_rad * random.standard_normal((runs, 9))
     wrong = joints + np.where(is_wheel, (own + common) * joints, zeros)

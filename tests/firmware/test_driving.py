@@ -10,7 +10,7 @@ import pytest
 from firmware.simulator.board import FIRMWARE
 from tests.support.firmware_host import CRUISE, CYCLE_S, Bench, read
 from tests.support.markdown_pages import section, tables
-from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import FW_VERSION, BoardMode, ResetCause, Trip
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
 from tsd_twin.simulation import Servos, SingularitySimulation
@@ -162,14 +162,14 @@ def test_throttles_are_put_out_to_half_a_microsecond(bench: Bench) -> None:
 def test_a_board_that_gets_power_says_who_it_is(bench: Bench) -> None:
     pilot = bench.pilot()
     pilot.simulation.run(0.01)
-    seen = Identity.unpack(pilot.ask(read_block(Identity))[1])
-    assert seen == Identity(fw=FW_VERSION)
+    seen = BoardIdentity.unpack(pilot.ask(read_block(BoardIdentity))[1])
+    assert seen == BoardIdentity(fw=FW_VERSION)
     assert Setup.unpack(pilot.ask(read_block(Setup))[1]) == Setup()
-    assert Command.unpack(pilot.ask(read_block(Command))[1]) == Command()
+    assert BoardCommand.unpack(pilot.ask(read_block(BoardCommand))[1]) == BoardCommand()
     assert pilot.telemetry().reset_cause == ResetCause.POWER_ON
 
 
-def read_block(block: type[Identity | Setup | Command | Telemetry]) -> bytes:
+def read_block(block: type[BoardIdentity | Setup | BoardCommand | Telemetry]) -> bytes:
     return read(block.ADDRESS, block.LAYOUT.size)
 
 

@@ -23,7 +23,7 @@ from tests.support.firmware_host import (
     read,
     write,
 )
-from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
     ADDRESS,
     COMMAND,
@@ -64,7 +64,7 @@ def test_each_value_is_taken_up_to_its_limits_and_refused_beyond(native_bench: B
     pilot = native_bench.pilot().get_ready()
     pilot.simulation.set_contactor(closed=False)  # With power there, the pulses must not change.
     pilot.simulation.run(0.5)
-    for block, size in ((Setup, SETUP.size), (Command, COMMAND.size)):
+    for block, size in ((Setup, SETUP.size), (BoardCommand, COMMAND.size)):
         items = SETUP.items if block is Setup else COMMAND.items
         for address, value, error in (edge for item in items for edge in edges(item)):
             if address == ADDRESS["arm"] and value in (b"\1", b"\2"):
@@ -74,7 +74,7 @@ def test_each_value_is_taken_up_to_its_limits_and_refused_beyond(native_bench: B
             if block is Setup:
                 whole = bytearray(Setup(servo_id=(11, 12, 13, 14, 15, 16)).pack())
             else:
-                whole = bytearray(Command(1, 0, 1, ZERO, (0,) * 6, pilot.session).pack())
+                whole = bytearray(BoardCommand(1, 0, 1, ZERO, (0,) * 6, pilot.session).pack())
             if address < ADDRESS["session"]:
                 at = address - block.ADDRESS
                 whole[at : at + len(value)] = value
@@ -367,7 +367,7 @@ def test_each_gimbal_has_to_be_within_the_neutral_band(native_bench: Bench) -> N
         pilot.get_ready(Setup(neutral=tuple(neutral)))
         seen = pilot.arm()
         assert seen.position[i] == off
-        refused = abs(off) > Identity().neutral_band
+        refused = abs(off) > BoardIdentity().neutral_band
         assert seen.mode == (BoardMode.DISARMED if refused else BoardMode.ARMED), (i, off)
         assert seen.refusal == (Refusal.NOT_NEUTRAL if refused else Refusal.NONE)
 

@@ -7,7 +7,7 @@ import pytest
 
 from firmware.simulator import protocol2
 from tests.support.firmware_host import PING, Bench, at, packets, read, write
-from tsd_twin.hardware.dynamixel.blocks import Command
+from tsd_twin.hardware.dynamixel.blocks import BoardCommand
 from tsd_twin.hardware.dynamixel.control_table import (
     BOARD_ID,
     FW_VERSION,
@@ -32,7 +32,7 @@ def good(random: np.random.Generator) -> bytes:
     if kind == 1:
         return protocol2.packet(BOARD_ID, protocol2.READ, random.bytes(4))
     goal = tuple(int(g) for g in random.integers(-1023, 1024, 6))
-    return write(Command.ADDRESS, Command(1, 1, 1, (2414,) * 3, goal).pack())
+    return write(BoardCommand.ADDRESS, BoardCommand(1, 1, 1, (2414,) * 3, goal).pack())
 
 
 def garbage(random: np.random.Generator) -> bytes:
@@ -151,9 +151,9 @@ def test_what_looks_like_a_header_inside_a_packet_is_stuffed_both_ways(bench: Be
     pilot = bench.pilot().get_ready()
     for goal in ((-1, -3, -1, -3, -1, -3), (-1, -1, -3, -3, -1, -513)):
         pilot.cycle(0, goal=goal)
-        error, data = pilot.ask(read(Command.ADDRESS, Command.LAYOUT.size))
+        error, data = pilot.ask(read(BoardCommand.ADDRESS, BoardCommand.LAYOUT.size))
         assert error == 0
-        assert Command.unpack(data).goal == goal
+        assert BoardCommand.unpack(data).goal == goal
 
 
 def test_others_are_not_answered_for_and_a_broadcast_ping_is(bench: Bench) -> None:

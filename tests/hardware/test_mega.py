@@ -15,11 +15,11 @@ import pytest
 
 from tests.support.faulty_devices import Peer, PretendBoard, plugged
 from tsd_twin import robots
-from tsd_twin.hardware.arduino_mega import MegaHardware
-from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup
+from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
+from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup
 from tsd_twin.hardware.dynamixel.control_table import BoardMode, ResetCause, Trip
 from tsd_twin.hardware.dynamixel.packets import protocol2
-from tsd_twin.hardware.joints import Receiver, ServoCalibration, SpeedControllers
+from tsd_twin.hardware.joints import EscCalibration, Receiver, ServoCalibration
 from tsd_twin.hardware.robot_io import HasBattery, HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S, HardwareError
 from tsd_twin.messages.codes import Code, Reason, because
@@ -55,7 +55,7 @@ def wrong(servo: str, setting: str, register: int, value: int, wanted: str) -> R
 class Bench:
     """A robot, its pretended board, and somebody who writes set-points as the node does."""
 
-    def __init__(self, board: PretendBoard, peer: Peer, robot: MegaHardware) -> None:
+    def __init__(self, board: PretendBoard, peer: Peer, robot: ArduinoMegaIO) -> None:
         self.board, self.peer, self.robot = board, peer, robot
         self.words = 0
 
@@ -83,7 +83,7 @@ class Bench:
         return self.fault.code if self.fault else ""
 
     @property
-    def told(self) -> Command:
+    def told(self) -> BoardCommand:
         return self.board.commands[-1]
 
     @property
@@ -110,7 +110,7 @@ class Bench:
 def bench(folder: Path, board: PretendBoard | None = None) -> Iterator[Bench]:
     board = board or PretendBoard()
     with plugged(folder, board) as peer:
-        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        robot = ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT))
         try:
             yield Bench(board, peer, robot)
         finally:
@@ -167,18 +167,21 @@ def test_the_heartbeat_is_the_count_of_words_and_nothing_else(it: Bench) -> None
 @pytest.mark.parametrize(
     ("identity", "words"),
     [
-        (Identity(table_version=99), "control table 99: this program needs model 2014 with table"),
-        (Identity(model=312), "is model 312"),
+        (
+            BoardIdentity(table_version=99),
+            "control table 99: this program needs model 2014 with table",
+        ),
+        (BoardIdentity(model=312), "is model 312"),
     ],
 )
 def test_another_board_or_table_is_refused_in_a_sentence(
-    tmp_path: Path, identity: Identity, words: str
+    tmp_path: Path, identity: BoardIdentity, words: str
 ) -> None:
     board = PretendBoard()
     board.identity = identity
     with plugged(tmp_path, board) as peer:
         with pytest.raises(HardwareError, match=words) as caught:
-            MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+            ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT))
         assert "flash the firmware that comes with it" in str(caught.value)
         assert not board.commands
 
@@ -190,7 +193,7 @@ def test_a_board_that_refuses_its_set_up_is_not_used(tmp_path: Path) -> None:
         plugged(tmp_path, board) as peer,
         pytest.raises(HardwareError, match="refuses its set-up: error 4"),
     ):
-        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT))
 
 
 def test_a_board_with_power_at_its_drive_refuses_another_zero_throttle_and_says_why(
@@ -203,18 +206,18 @@ def test_a_board_with_power_at_its_drive_refuses_another_zero_throttle_and_says_
         plugged(tmp_path, board) as peer,
         pytest.raises(HardwareError, match="error 7; open the contactor: it takes another zero"),
     ):
-        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT))
 
 
 def test_receiver_and_pulse_ends_of_the_calibration_are_told_to_the_board(tmp_path: Path) -> None:
     calibration = ServoCalibration(
         receiver=Receiver(kind="sbus", channels=(2, 1, 4, 3, 16, 6), dead_us=30),
-        speed_controllers=SpeedControllers((1000.0, 1060.0, 1200.0), (2000.0, 1940.5, 2200.0)),
+        speed_controllers=EscCalibration((1000.0, 1060.0, 1200.0), (2000.0, 1940.5, 2200.0)),
     )
     board = PretendBoard()
     board.telemetry = replace(board.telemetry, throttle_out=(2000, 3000, 4000))
     with plugged(tmp_path, board) as peer:
-        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), calibration)
+        robot = ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT), calibration)
         assert robot.hardware()["pulse_us"] == [1000.0, 1500.25, 2200.0]
         robot.close()
     told = board.setups[0]
@@ -230,17 +233,17 @@ def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
     board = PretendBoard()
     with plugged(tmp_path, board) as peer:
         for _ in range(2):
-            MegaHardware(ROBOT, peer.port, Motors.of(ROBOT)).close()
+            ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT)).close()
         assert len(board.setups) == 1, "told once: it says that it knows"
         board.obeys_arm = False
         board.telemetry = replace(board.telemetry, mode=BoardMode.RC)
-        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        robot = ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT))
         assert robot.fault(time.monotonic()) == because(Code.RADIO_CONTROL)
         robot.close()
         assert len(board.setups) == 1
         board.error = 7
         with pytest.raises(HardwareError, match="cannot be set up while the radio control has"):
-            MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), ServoCalibration({"module1_beta": 9}))
+            ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT), ServoCalibration({"module1_beta": 9}))
 
 
 def test_the_thresholds_of_the_battery_are_told_to_the_board_and_warned_of(
@@ -284,7 +287,7 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
     board.telemetry = replace(board.telemetry, rc=pulses)
     with plugged(tmp_path, board) as peer:
         calibration = ServoCalibration(receiver=receiver)
-        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), calibration)
+        robot = ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT), calibration)
         silent = because(Code.RECEIVER_SILENT, channels=channels) if channels else None
         assert robot.fault(time.monotonic()) == silent
         assert ("--setup" in "".join(robot.hardware()["warnings"])) == warned
@@ -411,12 +414,12 @@ def test_the_node_is_told_the_hottest_servo_and_75_degrees_are_a_fault(it: Bench
 
 def test_a_servo_with_the_id_of_the_board_is_not_told_to_flash_firmware(tmp_path: Path) -> None:
     board = PretendBoard()
-    board.identity = Identity(model=311)
+    board.identity = BoardIdentity(model=311)
     with (
         plugged(tmp_path, board) as peer,
         pytest.raises(HardwareError, match=r"is a servo, MX-64\(2.0\), with the id 200") as caught,
     ):
-        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT))
     assert "flash" not in str(caught.value)
 
 
@@ -444,14 +447,14 @@ def test_a_port_at_which_nobody_answers_is_named(
         plugged(tmp_path, board) as peer,
         pytest.raises(HardwareError, match="answers as a controller board at 1000000 Bd"),
     ):
-        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT))
 
 
 def test_turned_servos_and_other_neutrals_are_told_to_the_board(tmp_path: Path) -> None:
     board = PretendBoard()
     calibration = ServoCalibration({"module2_alpha": 2100}, ["module1_beta", "module3_beta"])
     with plugged(tmp_path, board) as peer:
-        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), calibration).close()
+        ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT), calibration).close()
     assert board.setups[0].neutral == (2048, 2048, 2100, 2048, 2048, 2048)
     assert board.setups[0].reverse == 0b100010
 
@@ -535,7 +538,7 @@ def test_a_mistake_in_the_wiring_is_recognised_when_it_connects(
     board = PretendBoard()
     board.telemetry = replace(board.telemetry, **change)
     with plugged(tmp_path, board) as peer:
-        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        robot = ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT))
         wiring = robot.hardware()["warnings"]
         robot.close()
     assert len(wiring) == bool(told)
@@ -655,7 +658,7 @@ def test_what_was_left_over_for_another_program_is_not_taken_for_an_answer(
             for _ in range(3):
                 killed.write(protocol2.read(200, 59, 95) + protocol2.ping(200))
             wait_until(lambda: board.asked >= 6, "answers that nobody reads")
-        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        robot = ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT))
         assert robot.fault(time.monotonic()) is None
         robot.close()
 
@@ -721,11 +724,11 @@ def test_closed_the_board_is_disarmed(tmp_path: Path) -> None:
     with bench(tmp_path) as made:
         made.arm(AHEAD)
         made.robot.close()
-        assert made.told == Command()
+        assert made.told == BoardCommand()
         made.robot.close()
 
 
 def test_two_on_one_port_is_refused_and_the_first_goes_on(it: Bench) -> None:
     with pytest.raises(HardwareError, match="in use by another program"):
-        MegaHardware(ROBOT, it.peer.port, Motors.of(ROBOT))
+        ArduinoMegaIO(ROBOT, it.peer.port, Motors.of(ROBOT))
     it.arm()

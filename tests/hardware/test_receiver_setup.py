@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.faulty_devices import PretendBoard, plugged
 from tsd_twin.hardware.dynamixel.blocks import Radio
-from tsd_twin.hardware.joints import Receiver, ServoCalibration, SpeedControllers
+from tsd_twin.hardware.joints import EscCalibration, Receiver, ServoCalibration
 from tsd_twin.hardware.receiver_setup import (
     ReceiverWatcher,
     ask_line,
@@ -132,7 +132,7 @@ def test_two_receivers_at_once_are_named() -> None:
 def test_pulse_ends_are_asked_for_and_checked() -> None:
     typed = iter(("", "1060 1940", "1100 1900.5"))
     learned = learn_pulse_ends(lambda _: next(typed))
-    assert learned == SpeedControllers((1000.0, 1060.0, 1100.0), (2000.0, 1940.0, 1900.5))
+    assert learned == EscCalibration((1000.0, 1060.0, 1100.0), (2000.0, 1940.0, 1900.5))
     assert learned.pulses_us((2000, 3000, 4000)) == [1000.0, 1500.0, 1900.5]
     for wrong in ("900 2000", "1500 2000", "1000 2300", "1000", "low high", "nan 2000"):
         with pytest.raises(HardwareError):
@@ -157,7 +157,7 @@ def test_the_file_keeps_what_else_it_has(tmp_path: Path) -> None:
         for low in (1100, 1120):
             receiver = Receiver(kind="sbus", channels=(1, 2, 3, 4, 16, 6), low_us=(low,) * 4)
             write_section("receiver", receiver, file)
-            write_section("speed_controllers", SpeedControllers((1000.0, low, 1000.0)), file)
+            write_section("speed_controllers", EscCalibration((1000.0, low, 1000.0)), file)
             read = ServoCalibration.read(str(file))
             assert read.receiver == receiver
             assert read.speed_controllers.low_us[1] == low

@@ -20,7 +20,7 @@ from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoSetting
 from tsd_twin.hardware.joints import ServoCalibration
 from tsd_twin.hardware.robot_io import HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.hardware.serial_transport import HardwareError
-from tsd_twin.hardware.u2d2 import U2D2Hardware
+from tsd_twin.hardware.u2d2 import U2D2IO
 from tsd_twin.messages.codes import Code, Reason, Value, because
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
@@ -60,17 +60,17 @@ class Bench:
         self.pauses = [Pauses(self.board.answer), Pauses(chain.answer)]
         self.wheels = Peer(folder / "board", self.pauses[0].answer)
         self.line = Peer(folder / "servos", self.pauses[1].answer)
-        self.robot: U2D2Hardware | None = None
+        self.robot: U2D2IO | None = None
         self.measured = np.full(9, np.nan)
         self._calibration = calibration
         self._words = 0
 
-    def connect(self) -> U2D2Hardware:
+    def connect(self) -> U2D2IO:
         """Connect, anew when a device says nothing: its thread here is held up at times."""
         ports, motors = (self.wheels.port, self.line.port), Motors.of(ROBOT)
         for left in reversed(range(CONNECTS)):
             try:
-                self.robot = U2D2Hardware(ROBOT, *ports, motors, self._calibration)
+                self.robot = U2D2IO(ROBOT, *ports, motors, self._calibration)
                 break
             except HardwareError as error:
                 if not left or not re.search("fell silent|does not answer", str(error)):
@@ -78,7 +78,7 @@ class Bench:
         return self.io
 
     @property
-    def io(self) -> U2D2Hardware:
+    def io(self) -> U2D2IO:
         assert self.robot is not None
         return self.robot
 

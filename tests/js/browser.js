@@ -177,10 +177,10 @@ const { Link } = await import("../../src/tsd_twin/dashboard/static/link.js");
 const ROBOT = { t: "robot", id: "tsd", panel: "gimbals", twist_scale_m: 1 };
 const STATE = {
   t: "state",
-  seen: 1,
+  status_seq: 1,
   age_ms: 0,
   source: "robot",
-  you: true,
+  has_control: true,
   status: { mode: "ready", limits: { speed_mps: 2, turn_rate_rad_per_s: 4 } },
 };
 
@@ -195,7 +195,7 @@ export function connect() {
   let seen = 0;
   /** Send a state; the fields of `status` replace those of a robot that is ready. */
   const state = (status = {}, fields = {}) =>
-    say({ ...STATE, seen: (seen += 1), ...fields, status: { ...STATE.status, ...status } });
+    say({ ...STATE, status_seq: (seen += 1), ...fields, status: { ...STATE.status, ...status } });
   say({ t: "welcome", operator: "ann", role: "operator", may_stop: true, robots: [], robot: null });
   say(ROBOT);
   state();

@@ -28,11 +28,11 @@ test("a long press acts after a second, and not when it ends before", () => {
 
 test("a refusal is shown at once, and a press that outlasts it acts", () => {
   const { button, calls, node } = made();
-  button.allow("Let go of the stick first.");
+  button.setDisabledReason("Let go of the stick first.");
   fire(node, "pointerdown", { button: 0 });
   assert.deepEqual(calls, ["Let go of the stick first."]);
   pass(400);
-  button.allow(null);
+  button.setDisabledReason(null);
   pass(600);
   assert.deepEqual(calls, ["Let go of the stick first.", "pressed"]);
 });
@@ -40,7 +40,7 @@ test("a refusal is shown at once, and a press that outlasts it acts", () => {
 test("a long press that is still refused when it ends does not act", () => {
   const { button, calls, node } = made();
   fire(node, "pointerdown", { button: 0 });
-  button.allow("Take control first.");
+  button.setDisabledReason("Take control first.");
   pass(1000);
   assert.deepEqual(calls, ["Take control first."]);
 });

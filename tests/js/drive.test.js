@@ -54,7 +54,9 @@ function driven() {
 test("a held control sends at once, then every 20 ms, and a release when it is let go", () => {
   const { push, letGo, state, take } = driven();
   push(1);
-  assert.deepEqual(take(), [{ t: "drive", vx: 1, vy: 0, omega: 0, frame: "base_link", seen: 1 }]);
+  assert.deepEqual(take(), [
+    { t: "drive", vx: 1, vy: 0, omega: 0, frame: "base_link", status_seq: 1 },
+  ]);
   for (let i = 0; i < 10; i += 1) {
     pass(100);
     state();
@@ -205,7 +207,7 @@ const TAKE_FIRST = "Take control first.";
 for (const [name, status, fields, notices] of [
   ["the robot is stopped, as its card says,", { mode: "stopped" }, {}, []],
   ["the robot comes to rest, as an event says,", { mode: "stopping" }, {}, []],
-  ["control is lost", { lease: { holder: "bob" } }, { you: false }, [TAKE_FIRST]],
+  ["control is lost", { lease: { holder: "bob" } }, { has_control: false }, [TAKE_FIRST]],
 ]) {
   test(`when ${name}, controls are released and do nothing until they are used anew`, () => {
     const { drive, push, stick, state, take, said } = driven();

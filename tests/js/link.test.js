@@ -5,7 +5,7 @@ import { connect, openPage, pass, stall } from "./browser.js";
 
 const STATIC = "../../src/tsd_twin/dashboard/static";
 const { Link } = await import(`${STATIC}/link.js`);
-const { notConnected, notTake } = await import(`${STATIC}/permission.js`);
+const { notConnected, acquireBlockedReason } = await import(`${STATIC}/blocked_reasons.js`);
 
 test("a listener hears messages of its types until its signal aborts", () => {
   const { link, state, say } = connect();
@@ -56,11 +56,11 @@ test("a page that loads is connecting, and without a connection for five seconds
   link.open();
   pass(4900);
   assert.equal(notConnected(link), "Connecting to the dashboard");
-  assert.equal(notTake(link), "Connecting to the dashboard.");
+  assert.equal(acquireBlockedReason(link), "Connecting to the dashboard.");
   pass(200);
-  assert.equal(notTake(link), "No connection to the dashboard.");
+  assert.equal(acquireBlockedReason(link), "No connection to the dashboard.");
   newestSocket().onopen();
-  assert.equal(notTake(link), "No robot is on the bus.");
+  assert.equal(acquireBlockedReason(link), "No robot is on the bus.");
 });
 
 test("a connection that is lost is said at once", () => {
@@ -73,7 +73,7 @@ test("a connection that is lost is said at once", () => {
   assert.ok(link.isLoading()); // No state has come.
   newestSocket().onclose();
   assert.ok(!link.isLoading());
-  assert.equal(notTake(link), "No connection to the dashboard.");
+  assert.equal(acquireBlockedReason(link), "No connection to the dashboard.");
 });
 
 test("a page that stalls reads what came meanwhile before it takes the connection for lost", () => {

@@ -26,21 +26,21 @@ const ROBOT = {
 };
 const STATE = {
   robot_s: 1,
-  robot_ms: null,
+  rtt_ms: null,
   pose: [1, 2, 0.5],
   twist: [0.1, 0.2, 0.3],
   commanded: [0.4, 0.5, 0.6],
   truth: null,
   modules: [
-    { alpha: 1, set_alpha: 2, tilt: 3, rpm: 2500, axle: [0.1, 0.2], spinning: true },
-    { alpha: 4, set_alpha: 5, tilt: 6, rpm: 2510, axle: [0.3, 0.4], spinning: true },
+    { alpha: 1, alpha_setpoint: 2, tilt: 3, rpm: 2500, axle: [0.1, 0.2], spinning: true },
+    { alpha: 4, alpha_setpoint: 5, tilt: 6, rpm: 2510, axle: [0.3, 0.4], spinning: true },
   ],
   wheels: [],
   sphere: null,
   plot: {},
 };
 const STATUS = {
-  consistency: { residual_mps: 0.012, suspect: null, level: 0.4, explained: { module1: 0.3 } },
+  consistency: { residual_mps: 0.012, suspect: null, level: 0.4, contributions: { module1: 0.3 } },
   hardware: { kind: "sim", battery_v: 12.3, pulse_us: [1500, 1501] },
 };
 
@@ -153,10 +153,10 @@ test("every number of a state is a field with unit, and its value is found by it
     "commanded.vy": ["m/s", 0.5, "Velocity"],
     "commanded.omega": ["rad/s", 0.6, "Turn rate"],
     "modules.module2.alpha": ["°", 4, "Alpha"],
-    "modules.module2.set_alpha": ["°", 5, "Alpha"],
+    "modules.module2.alpha_setpoint": ["°", 5, "Alpha"],
     "modules.module1.rpm": ["rpm", 2500, "Rpm"],
     "status.consistency.residual_mps": ["m/s", 0.012, "Consistency residual"],
-    "status.consistency.explained.module1": ["", 0.3, "Explained module1"],
+    "status.consistency.contributions.module1": ["", 0.3, "Contributions module1"],
     "status.hardware.battery_v": ["V", 12.3, "Hardware battery"],
     "status.hardware.pulse_us.2": ["µs", 1501, "Pulse us 2"],
     "link.round_trip_ms": ["ms", 12, "Link round trip"],
@@ -174,7 +174,7 @@ test("a set-point has plot and colour of the measured value, and a line of its o
   for (const [set, measured] of [
     ["commanded.vx", "twist.vx"],
     ["requested.vx_mps", "twist.vx"],
-    ["modules.module1.set_alpha", "modules.module1.alpha"],
+    ["modules.module1.alpha_setpoint", "modules.module1.alpha"],
   ]) {
     const [a, b] = [fields.get(set), fields.get(measured)];
     assert.deepEqual([a.title, a.unit, a.part], [b.title, b.unit, b.part]);

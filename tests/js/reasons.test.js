@@ -3,7 +3,7 @@ import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
 const {
-  againNotice,
+  retryNotice,
   isNotable,
   isToldElsewhere,
   keyOf,
@@ -57,7 +57,7 @@ test("a robot that comes to rest says once why, and what to do", () => {
 });
 
 test("without control, pushing again does not help", () => {
-  assert.equal(againNotice({ code: "take_control_first" }).text, "Take control first.");
+  assert.equal(retryNotice({ code: "take_control_first" }).text, "Take control first.");
   const cause = { code: "control_lost" };
   assert.equal(noticeOf({ kind: "mode", why: { ...STOPS, cause } }, true).again, false);
 });

@@ -19,7 +19,7 @@ from tests.support.random_kinematics import (
 from tsd_twin import robots
 from tsd_twin.kinematics import Kinematics, OmniKinematics, SphereKinematics
 from tsd_twin.lie import Array
-from tsd_twin.robots import DESCRIPTIONS, ImportedDescription
+from tsd_twin.robots import DESCRIPTIONS, ExternalDescription
 
 calm = settings(deadline=None, max_examples=60)
 
@@ -143,4 +143,4 @@ def test_blame_is_what_leaving_a_wheel_out_takes_off_the_residual(
 
 def test_every_kind_has_a_robot_and_every_robot_a_kind() -> None:
     shipped = {type(robots.load_robot(name)) for name in robots.robot_names()}
-    assert shipped == set(DESCRIPTIONS.values()) - {ImportedDescription}
+    assert shipped == set(DESCRIPTIONS.values()) - {ExternalDescription}

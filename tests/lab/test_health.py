@@ -12,7 +12,7 @@ import pytest
 from tests.support.experiment_runs import run
 from tests.support.recorded_drives import RecordedDrive
 from tsd_twin.errors import TwinError
-from tsd_twin.lab.health import Case, drive
+from tsd_twin.lab.health import WearScenario, drive
 from tsd_twin.recording.mcap_file import RecordingFile
 
 WITHIN_S = 5.0
@@ -39,7 +39,7 @@ def test_a_worn_part_is_named_in_time_and_no_other(
 ) -> None:
     # Steady motions show wheels in the pose; starts and stops show servos, and measured speeds.
     manoeuvre = "arc" if camera else "full stick"
-    case = Case(robot, plant, errors, 800, manoeuvre, 13.0, camera, wear, 8.0)
+    case = WearScenario(robot, plant, errors, 800, manoeuvre, 13.0, camera, wear, 8.0)
     result = drive(case)
     assert result.found_s <= WITHIN_S, result.named
     assert result.wrong == [], result.named
@@ -48,7 +48,7 @@ def test_a_worn_part_is_named_in_time_and_no_other(
 def test_a_slow_servo_is_told_from_the_lean_of_a_robot_that_slides() -> None:
     # Servos give way later than the simulated robot accelerates: that must not count against it.
     result = drive(
-        Case("tsd", "mujoco", 0.0, 825, "full stick", 13.0, False, "module2_beta=-30%", 8.0)
+        WearScenario("tsd", "mujoco", 0.0, 825, "full stick", 13.0, False, "module2_beta=-30%", 8.0)
     )
     assert result.found_s <= WITHIN_S, result.named
     assert result.wrong == [], result.named
@@ -64,7 +64,7 @@ def test_a_slow_servo_is_told_from_the_lean_of_a_robot_that_slides() -> None:
     ],
 )
 def test_nothing_is_named_of_a_sound_robot(plant: str, errors: float, manoeuvre: str) -> None:
-    result = drive(Case("tsd", plant, errors, 810, manoeuvre, 12.0, camera=True))
+    result = drive(WearScenario("tsd", plant, errors, 810, manoeuvre, 12.0, camera=True))
     assert result.named == []
     assert result.compared_s > 11.0
 

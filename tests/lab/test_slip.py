@@ -51,7 +51,7 @@ def test_bodies_on_a_floor_move_so_and_their_wheels_slow_down_so() -> None:
         before = here
         off.append(slip.advance(rolling, DT_S) - simulation.twist())
         by_rolling.append(slip.rest_share * rolling - simulation.twist())
-        spins.append(slip.spin_share * DRIVE.spin_rad_per_s / here[WHEELS])
+        spins.append(slip.speed_fraction * DRIVE.spin_rad_per_s / here[WHEELS])
     sliding, only_rolling = (np.abs(np.array(each))[:, :2].max() for each in (off, by_rolling))
     assert only_rolling > 0.06, "m/s, else nothing slid"
     assert sliding < 0.01
@@ -80,7 +80,7 @@ def test_pushing_undoes_sliding(seed: int) -> None:
         assert np.linalg.norm(force, axis=1).max() < 0.8 * 9.81
         off.append(sliding.advance(pseudo_inverse @ rolled.ravel(), dt_s) - twist)
     assert np.abs(off).max() < 0.03
-    np.testing.assert_allclose(pushing.spin_share, sliding.spin_share, atol=0.01)
+    np.testing.assert_allclose(pushing.speed_fraction, sliding.speed_fraction, atol=0.01)
 
 
 def test_more_than_friction_gives_stays_finite() -> None:

@@ -25,7 +25,7 @@ TIMED = {"drive", "turn"}
 """Methods that command a motion for a time; others have these names, too."""
 KEY = r"\S*/cmd/[^*\s]\S*"
 """Key of a command, without patterns."""
-MADE = {"RobotDriver", "JointCommand", "TwistCommand"}
+MADE = {"CmdVelBridge", "JointCommand", "TwistCommand"}
 """Classes used only to command a robot."""
 
 

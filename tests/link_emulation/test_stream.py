@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.support.link_runs import ROUNDING_S, Sent, journeys, link, paced, specs, travel
 from tsd_twin.link_emulation import LinkSpec
-from tsd_twin.link_emulation.link import MAX_TIMEOUT_S, Link, Segment, Stream
+from tsd_twin.link_emulation.link import MAX_TIMEOUT_S, LinkModel, Segment, Stream
 
 unhurried = settings(deadline=None)
 
@@ -20,7 +20,7 @@ class Connection:
     """A stream over a link of its own, in virtual time."""
 
     def __init__(self, spec: LinkSpec) -> None:
-        self.link: Link[Segment[Sent]] = Link(spec, np.random.default_rng(spec.seed), 0.0)
+        self.link: LinkModel[Segment[Sent]] = LinkModel(spec, np.random.default_rng(spec.seed), 0.0)
         self.released: list[tuple[Sent, float]] = []
         self.lost_at_first: set[int] = set()
         self._now_s = 0.0
@@ -193,7 +193,7 @@ def test_what_waits_is_counted_in_bytes(sizes: list[int]) -> None:
 
 
 def test_streams_on_one_link_share_its_bandwidth_and_not_their_losses() -> None:
-    shared: Link[Segment[int]] = Link(
+    shared: LinkModel[Segment[int]] = LinkModel(
         LinkSpec(bandwidth_bit_per_s=8000.0), np.random.default_rng(0), 0.0
     )
     released: list[tuple[str, int]] = []

@@ -13,15 +13,15 @@ from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.status import (
     ArmingStatus,
+    BiasStatus,
     CommandStatus,
     ConsistencyStatus,
     DropCounts,
-    LearnedError,
     LeaseStatus,
     LimitStatus,
     LoopStatus,
     Refusals,
-    Status,
+    RobotStatus,
     decode_stamp,
     decode_status,
     encode_stamp,
@@ -33,9 +33,9 @@ counts = st.integers(0, 2**62)
 texts = st.text(max_size=20)
 params = st.dictionaries(texts, texts | finite, max_size=3)
 reasons = st.builds(Reason, texts, params, st.none() | st.builds(Reason, texts, params))
-refused = st.dictionaries(st.sampled_from(["arm", "drive", "without_lease"]), reasons)
+refused = st.dictionaries(st.sampled_from(["arm", "drive", "no_lease"]), reasons)
 statuses = st.builds(
-    Status,
+    RobotStatus,
     mode=texts,
     stop_reason=texts,
     stop=reasons,
@@ -57,29 +57,29 @@ statuses = st.builds(
         finite,
         st.dictionaries(texts, finite, max_size=4),
     ),
-    learned=st.none() | st.dictionaries(texts, st.builds(LearnedError, finite, finite), max_size=4),
+    learned=st.none() | st.dictionaries(texts, st.builds(BiasStatus, finite, finite), max_size=4),
     loop=st.builds(LoopStatus, finite, counts, finite),
     hardware=st.dictionaries(texts, st.none() | texts | finite | st.lists(finite), max_size=4),
 )
 
 
 @given(status=statuses)
-def test_a_status_survives_the_bus(status: Status) -> None:
+def test_a_status_survives_the_bus(status: RobotStatus) -> None:
     assert decode_status(encode_status(status)) == status
 
 
 def test_a_status_has_the_fields_that_others_rely_on() -> None:
-    plain = json.loads(encode_status(Status("ready")))
+    plain = json.loads(encode_status(RobotStatus("ready")))
     assert plain["mode"] == "ready"
     assert plain["stop_reason"] == ""
     assert plain["stops"] == 0
     assert plain["lease"] == {
         "holder": None,
         "remaining_s": 0.0,
-        "asked_by": None,
-        "asks_for_s": 0.0,
+        "requested_by": None,
+        "request_expires_in_s": 0.0,
         "reserved_for": None,
-        "reserved_s": 0.0,
+        "reservation_expires_in_s": 0.0,
     }
     reasons = ("stale", "lease", "order", "nonfinite", "key", "shape")
     assert plain["command"] == {
@@ -93,7 +93,7 @@ def test_a_status_has_the_fields_that_others_rely_on() -> None:
         "residual_mps": 0.0,
         "suspect": None,
         "level": 0.0,
-        "explained": {},
+        "contributions": {},
     }
     assert plain["loop"] == {
         "hz": 0.0,
@@ -105,17 +105,17 @@ def test_a_status_has_the_fields_that_others_rely_on() -> None:
 
 
 def test_fields_of_a_later_version_are_ignored() -> None:
-    plain = json.loads(encode_status(Status("ready"))) | {"new": {"a": 1}}
-    assert decode_status(json.dumps(plain).encode()) == Status("ready")
+    plain = json.loads(encode_status(RobotStatus("ready"))) | {"new": {"a": 1}}
+    assert decode_status(json.dumps(plain).encode()) == RobotStatus("ready")
 
 
 def test_a_status_says_why_each_request_is_refused() -> None:
     why = because(Code.WRONG_MODE, mode="ready")
-    status = Status("ready", refusals=Refusals.of({"arm": why, "disarm": None}))
+    status = RobotStatus("ready", refusals=Refusals.of({"arm": why, "disarm": None}))
     plain = json.loads(encode_status(status))
     assert plain["refusals"] == {
         "lease": None,
-        "without_lease": "",
+        "no_lease": "",
         "arm": "the robot is ready already",
         "disarm": None,
         "reset": None,
@@ -127,10 +127,10 @@ def test_a_status_says_why_each_request_is_refused() -> None:
 
 
 def test_texts_of_a_robot_without_codes_are_reasons() -> None:
-    old = Status(
+    old = RobotStatus(
         "fault",
         stop_reason="it broke",
-        refusals=Refusals(without_lease="take control", arm="it broke"),
+        refusals=Refusals(no_lease="take control", arm="it broke"),
         limits=LimitStatus(reason="it is hot"),
     )
     status = decode_status(encode_status(old))
@@ -138,14 +138,14 @@ def test_texts_of_a_robot_without_codes_are_reasons() -> None:
     assert status.stop == broke
     assert status.refusals is not None
     assert status.refusals.why == {
-        "without_lease": Reason("text", {"text": "take control"}),
+        "no_lease": Reason("text", {"text": "take control"}),
         "arm": broke,
     }
     assert status.limits.why == (Reason("text", {"text": "it is hot"}),)
 
 
 def test_the_refusals_of_a_robot_that_sends_none_are_unknown() -> None:
-    plain = json.loads(encode_status(Status("disarmed")))
+    plain = json.loads(encode_status(RobotStatus("disarmed")))
     del plain["refusals"]
     status = decode_status(json.dumps(plain).encode())
     assert status.refusals is None
@@ -185,4 +185,6 @@ def test_a_status_that_is_nested_too_deeply_is_none(opening: bytes, levels: int)
 
 def test_a_status_may_have_lists_of_tables_below_hardware() -> None:
     hardware = {"a": [{"b": {"c": [1.0, [2.0, {"d": None}]]}}]}
-    assert decode_status(encode_status(Status("ready", hardware=hardware))).hardware == hardware
+    assert (
+        decode_status(encode_status(RobotStatus("ready", hardware=hardware))).hardware == hardware
+    )

@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 
 from tsd_twin import robots
 from tsd_twin.adapters.frames import parse_urdf
-from tsd_twin.adapters.ros.external_robot import ImportLimits, describe
+from tsd_twin.adapters.ros.external_robot import ExternalLimits, describe
 from tsd_twin.adapters.ros_messages import RobotMapping, RosNames
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape
 from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.models import robot_urdf
 from tsd_twin.models.external import MOST_BYTES, read_urdf
-from tsd_twin.robots import ImportedDescription
+from tsd_twin.robots import ExternalDescription
 from tsd_twin.robots.external import MOST_JOINTS, NOT_PROMISED
 
 calm = settings(deadline=None, max_examples=25)
@@ -31,10 +31,10 @@ TOLERANCE_M = 2e-3
 ONE_LINK = '<link name="a"><visual><geometry><box size="1 1 1"/></geometry></visual></link>'
 
 
-def described(urdf: str, limits: ImportLimits | None = None) -> ImportedDescription:
-    text = describe("cart", urdf, limits or ImportLimits())
+def described(urdf: str, limits: ExternalLimits | None = None) -> ExternalDescription:
+    text = describe("cart", urdf, limits or ExternalLimits())
     robot = robots.parse_description(text, "cart")
-    assert isinstance(robot, ImportedDescription)
+    assert isinstance(robot, ExternalDescription)
     return robot
 
 
@@ -257,7 +257,7 @@ def test_any_text_and_any_names_make_a_description(text: str, name: str) -> None
 
 @given(st.floats(0.01, 5.0), st.floats(0.01, 5.0), st.floats(0.2, 5.0), st.booleans())
 def test_limits_are_those_of_the_flags(speed: float, turn: float, gain: float, omni: bool) -> None:
-    robot = described("", ImportLimits(speed, turn, gain, sideways=omni))
+    robot = described("", ExternalLimits(speed, turn, gain, sideways=omni))
     assert (robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s) == (speed, turn)
     assert robot.limits.acceleration_mps2 == robot.limits.deceleration_mps2 == gain
     drive = robot.kinematics()

@@ -19,10 +19,10 @@ from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.routes import LONGEST_M, NavigationGoal
 from tsd_twin.motion.tracking import (
-    FAIR_M,
     FAIR_RAD,
-    LOST_M,
+    MAX_TRACKING_ERROR_M,
     STUCK_S,
+    TIMEOUT_TOLERANCE_M,
     ExecutionPhase,
     ExecutionStep,
     TrajectoryExecutor,
@@ -112,7 +112,7 @@ def test_a_place_that_is_clicked_on_is_reached(
     assert not step.twist.any()
     ride.rest()
     x, y, h = ride.seen.xy_heading
-    assert np.hypot(x - goal[0], y - goal[1]) < FAIR_M
+    assert np.hypot(x - goal[0], y - goal[1]) < TIMEOUT_TOLERANCE_M
     assert abs(wrap(h - (heading or 0.0))) < FAIR_RAD
     assert np.abs(ride.virtual.true_twist).max() < 0.01
     # A straight way: as far beside it as the joints are coarse, and no further.
@@ -129,7 +129,7 @@ def test_a_line_that_is_drawn_is_followed_to_its_end(points: Array) -> None:
     assert step.phase is ExecutionPhase.ARRIVED, step.reason
     ride.rest()
     way = np.array(ride.way)[:, :2]
-    assert np.hypot(*(ride.seen.xy_heading[:2] - points[-1])) < FAIR_M
+    assert np.hypot(*(ride.seen.xy_heading[:2] - points[-1])) < TIMEOUT_TOLERANCE_M
     nearest = [np.hypot(*(way - point).T).min() for point in points]
     assert max(nearest) < ASIDE_M
 
@@ -171,7 +171,7 @@ def test_what_is_left_of_an_errand_leads_on_to_its_end(points: Array, periods: i
     assert left.route(ride.seen).length_m < whole_m - step.done_m + 0.2
     _, step = ride.follow(left)
     assert step.phase is ExecutionPhase.ARRIVED, step.reason
-    assert np.hypot(*(ride.seen.xy_heading[:2] - points[-1])) < FAIR_M
+    assert np.hypot(*(ride.seen.xy_heading[:2] - points[-1])) < TIMEOUT_TOLERANCE_M
     way = np.array(ride.way)[:, :2]
     nearest = [np.hypot(*(way - point).T).min() for point in points]
     assert max(nearest) < ASIDE_M
@@ -186,7 +186,7 @@ def test_a_robot_that_is_held_gets_no_more_than_a_pull_and_then_none() -> None:
     assert not steps[-1].twist.any()
     going = [step for step in steps if step.phase is ExecutionPhase.GOING]
     assert len(going) * 0.02 < 2.0 * STUCK_S
-    assert max(step.cross_track_m for step in going) < LOST_M
+    assert max(step.cross_track_m for step in going) < MAX_TRACKING_ERROR_M
 
 
 @pytest.mark.parametrize("moved", [(0.4, 0.0, 0.0), (0.0, -0.4, 0.0), (0.0, 0.0, 1.0)])

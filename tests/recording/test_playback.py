@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.recording.player import Playback
+from tsd_twin.recording.player import PlaybackCursor
 
 ACTS = st.one_of(
     st.tuples(st.just("play"), st.floats(-1.0, 100.0)),
@@ -18,7 +18,7 @@ ACTS = st.one_of(
 @given(st.lists(ACTS, max_size=30))
 def test_the_cursor_is_where_speed_and_jumps_lead_it(acts: list[tuple[str, float]]) -> None:
     now_s, expected_s, speed = 100.0, 0.0, 0.0
-    playback = Playback(20.0, now_s)
+    playback = PlaybackCursor(20.0, now_s)
     for what, value in acts:
         if what == "play":
             playback.play(value, now_s)
@@ -41,7 +41,7 @@ def test_the_cursor_is_where_speed_and_jumps_lead_it(acts: list[tuple[str, float
 
 
 def test_a_recording_that_grows_plays_on() -> None:
-    playback = Playback(10.0, 0.0)
+    playback = PlaybackCursor(10.0, 0.0)
     playback.play(1.0, 0.0)
     playback.duration_s = 30.0
     assert playback.t_s(15.0) == 15.0

@@ -19,19 +19,19 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import decode_joints, decode_odometry
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
-from tsd_twin.messages.status import Status, decode_status, encode_status
+from tsd_twin.messages.status import RobotStatus, decode_status, encode_status
 from tsd_twin.recording import RecordingFolder, mcap_file
 from tsd_twin.recording.channels import JSON, Entry
 from tsd_twin.recording.events import (
+    Annotation,
     EventKind,
-    Mark,
     add_mark,
     kind_of,
     marks_file,
     read_events,
     read_marks,
 )
-from tsd_twin.recording.export import Part, to_mcap
+from tsd_twin.recording.export import RecordingSlice, to_mcap
 from tsd_twin.recording.folder import Catalogue
 from tsd_twin.recording.index import RecordingIndex
 from tsd_twin.recording.mcap_file import RecordingFile
@@ -269,7 +269,7 @@ def test_stops_without_codes_come_from_the_modes_of_statuses(
     file = RecordingFile(tmp_path / "old.mcap")
     event = b'{"kind": "mode", "text": "words of another version"}'
     file.add(Entry("twin/tsd/event/mode", JSON, "", 10, 10, 1, event))
-    file.add(Entry("twin/tsd/state/status", JSON, "", 20, 20, 2, encode_status(Status(mode))))
+    file.add(Entry("twin/tsd/state/status", JSON, "", 20, 20, 2, encode_status(RobotStatus(mode))))
     file.close()
     index = RecordingIndex(tmp_path / "old.mcap")
     assert [each.kind for each in read_events(index)] == [kind]
@@ -296,7 +296,10 @@ def test_marks_stay_beside_a_recording_and_go_with_it(driven: Path, tmp_path: Pa
     path = tmp_path / "tsd-20260101T000000Z.mcap"
     shutil.copy(driven, path)
     assert read_marks(path) == []
-    late, early = Mark(START_NS + 5, "it slipped", "alice"), Mark(START_NS + 2, "Größe: 3 < 4")
+    late, early = (
+        Annotation(START_NS + 5, "it slipped", "alice"),
+        Annotation(START_NS + 2, "Größe: 3 < 4"),
+    )
     add_mark(path, late)
     with marks_file(path).open("ab") as file:
         file.write(b'{"log_ns": 17, "no')  # A crash.
@@ -320,7 +323,7 @@ def test_a_list_has_time_duration_robots_and_marks_of_each_recording(
     (tmp_path / "c.mcap").write_text("not a recording")
     (tmp_path / "d.mcap").write_bytes(data[:100] + data[-60:])
     (tmp_path / "notes.txt").write_text("notes")
-    add_mark(whole, Mark(START_NS, "here"))
+    add_mark(whole, Annotation(START_NS, "here"))
     recording, player = tsd_twin.open_recording(driven), Player(driven)
     catalogue = Catalogue(tmp_path, FolderReader())
     by_path = {each.path: each for each in catalogue.recordings()}
@@ -333,7 +336,7 @@ def test_a_list_has_time_duration_robots_and_marks_of_each_recording(
     assert not by_path[growing].is_whole
     assert 0.0 < before_s < player.duration_s
     growing.write_bytes(data)
-    add_mark(whole, Mark(START_NS, "and here"))
+    add_mark(whole, Annotation(START_NS, "and here"))
     by_path = {each.path: each for each in catalogue.recordings()}
     assert by_path[growing].duration_s == pytest.approx(player.duration_s)
     assert by_path[growing].is_whole
@@ -357,10 +360,10 @@ def test_every_kind_of_robot_is_shown(name: str, tmp_path: Path) -> None:
 def test_an_exported_part_has_the_marks_of_its_time(driven: Path, tmp_path: Path) -> None:
     path, part = tmp_path / "a.mcap", tmp_path / "part.mcap"
     shutil.copy(driven, path)
-    marks = [Mark(START_NS + t_s * 1_000_000_000, f"at {t_s} s") for t_s in (1, 4, 9)]
+    marks = [Annotation(START_NS + t_s * 1_000_000_000, f"at {t_s} s") for t_s in (1, 4, 9)]
     for each in marks:
         add_mark(path, each)
-    to_mcap(Part(path, 3.0, 8.0), part)
+    to_mcap(RecordingSlice(path, 3.0, 8.0), part)
     assert read_marks(part) == [marks[1]]
     player = Player(part)
     assert player.start_ns == START_NS + 3_000_000_000

@@ -31,7 +31,10 @@ SQUARE = unlimited_trajectory(Route(named_path("square")))
 
 
 def errors(runs: int = 1, **given: object) -> ErrorSet:
-    none: dict[str, object] = {"spin_share": np.zeros((runs, 3)), "zero_rad": np.zeros((runs, 6))}
+    none: dict[str, object] = {
+        "speed_scale_error": np.zeros((runs, 3)),
+        "zero_rad": np.zeros((runs, 6)),
+    }
     return ErrorSet(**(none | given))  # type: ignore[arg-type]
 
 
@@ -50,7 +53,7 @@ def test_servos_that_lag_are_late_but_beside_the_line_only_at_corners() -> None:
 
 @pytest.mark.parametrize("share", [-0.03, 0.02])
 def test_wheels_that_are_all_too_fast_make_a_larger_square(share: float) -> None:
-    outcome = drive_open_loop(ROBOT, SQUARE, errors(spin_share=np.full((1, 3), share)))
+    outcome = drive_open_loop(ROBOT, SQUARE, errors(speed_scale_error=np.full((1, 3), share)))
     # Inside of the square the nearest line is a side, outside of its far corner that corner.
     beside = -share if share < 0.0 else np.sqrt(2.0) * share
     assert outcome.line_m[0] == pytest.approx(beside, rel=1e-6)
@@ -137,7 +140,7 @@ def test_dead_band_and_play_are_those_of_the_simulator() -> None:
 
 def test_many_are_each_of_them() -> None:
     random = np.random.default_rng(0)
-    many = errors(5, spin_share=0.02 * random.normal(size=(5, 3)), lag=1.0)
+    many = errors(5, speed_scale_error=0.02 * random.normal(size=(5, 3)), lag=1.0)
     many = many + errors(5, zero_rad=0.003 * random.normal(size=(5, 6)))
     together = drive_open_loop(ROBOT, SQUARE, many)
     for i in range(5):

@@ -12,7 +12,7 @@ import pytest
 from tsd_twin.errors import RobotFileError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.robots import load_robot, parse_description, read_description, robot_names
-from tsd_twin.robots.loader import LONGEST
+from tsd_twin.robots.loader import MAX_FILE_CHARS
 
 TSD = read_description("tsd")
 
@@ -95,7 +95,12 @@ def test_values_survive_being_taken_apart_and_put_together(name: str) -> None:
         ('kind = "singularity"', 'knd = "singularity"', "'knd' in [drive]", "mean 'kind'?"),
         ("[motor]", "[motr]", "'motr' in the top level", "did you mean 'motor'?"),
         ('title = "', 'titel = "', "'titel' in the top level", "did you mean 'title'?"),
-        ("spin_share", "share", "'share' in [noise]", "valid here: gimbal_angle_deg, spin_share"),
+        (
+            "speed_scale_sigma",
+            "share",
+            "'share' in [noise]",
+            "valid here: gimbal_angle_deg, speed_scale_sigma",
+        ),
     ],
 )
 def test_a_misspelt_key_is_named_with_the_key_that_was_meant(
@@ -286,7 +291,7 @@ def test_what_no_gyro_can_be_is_refused(line: str, said: str) -> None:
         ("a=" + "[" * 10_000, "nested too deeply"),
         ("a=" + "{a=" * 5000, "nested too deeply"),
         ("a=" + "9" * 5000, "not valid TOML"),
-        (TSD + "#" * LONGEST, "characters are too many"),
+        (TSD + "#" * MAX_FILE_CHARS, "characters are too many"),
         ("a." * 20_000 + "a=1", "characters are too many"),
     ],
 )

@@ -177,7 +177,7 @@ def test_a_zero_in_order_counts_however_old_it_is(status_seq: int) -> None:
     gate.reject_sent_before(NOW_S + 0.1)
     zero = sample(6, status_seq=status_seq, vx=0.0)
     assert isinstance(gate.validate(zero, lease(), NOW_S + 0.5), Command)
-    assert gate.is_late
+    assert gate.is_stale_zero
     assert drop(gate, sample(6), lease()) == "order", "what was sent before the zero is over"
     assert drop(gate, sample(7, vx=0.0), None) == "lease"
     assert drop(gate, sample(7, vx=0.0, operator="bob"), lease()) == "lease"

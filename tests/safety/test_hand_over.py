@@ -18,7 +18,7 @@ def changes(stage: SupervisorHarness) -> list[Reason]:
 
 
 def answer(stage: SupervisorHarness, op: str, asker: str | None = "bob") -> LeaseReply:
-    return stage.ask(op, lease=stage.lease, asker=asker)
+    return stage.ask(op, lease=stage.lease, requester=asker)
 
 
 def hold_on(stage: SupervisorHarness, seconds: float) -> None:
@@ -140,7 +140,7 @@ def test_who_is_asked_and_releases_hands_over(asked: SupervisorHarness) -> None:
 def test_a_request_ends_with_the_lease_that_it_asks_for(asked: SupervisorHarness) -> None:
     asked.acquire("carol", take_over=True)
     assert asked.supervisor.hand_over.pending_request(asked.now_s) is None
-    assert not asked.ask("grant", "carol", lease=asked.lease, asker="bob").done
+    assert not asked.ask("grant", "carol", lease=asked.lease, requester="bob").done
     asked.ask("request", "bob")
     asked.wait(2.1)
     assert asked.supervisor.hand_over.pending_request(asked.now_s) is None
@@ -155,7 +155,7 @@ def test_only_the_holder_answers_and_only_who_has_asked(asked: SupervisorHarness
         ("alice", asked.lease, "carol"),
         ("alice", asked.lease, None),
     ):
-        assert not asked.ask(op, operator, lease=lease, asker=asker).done
+        assert not asked.ask(op, operator, lease=lease, requester=asker).done
     assert asked.mode is Mode.DRIVING
     assert asked.supervisor.hand_over.pending_request(asked.now_s) is not None
 

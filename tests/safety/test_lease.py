@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from tsd_twin import robots
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.services import LeaseReply, LeaseRequest
-from tsd_twin.safety.lease import TTL_S, LeaseManager, speed_within
+from tsd_twin.safety.lease import TTL_S, LeaseManager, max_speed_for_distance
 
 ROBOT = robots.load_robot("tsd")
 
@@ -183,7 +183,7 @@ def test_an_age_that_is_no_number_is_refused(age_s: float) -> None:
 )
 def test_the_cap_inverts_published_stopping_distances(timeout_s: float, distance_m: float) -> None:
     """From 1 m/s at 2 m/s^2: WPILib, Husarion, ROS controllers and Viam with their timeouts."""
-    assert speed_within(2.0, timeout_s, distance_m) == pytest.approx(1.0)
+    assert max_speed_for_distance(2.0, timeout_s, distance_m) == pytest.approx(1.0)
 
 
 @given(
@@ -192,7 +192,7 @@ def test_the_cap_inverts_published_stopping_distances(timeout_s: float, distance
 def test_at_the_cap_lateness_and_braking_use_up_the_allowance(
     deceleration: float, late_s: float, allowed_m: float
 ) -> None:
-    speed = speed_within(deceleration, late_s, allowed_m)
+    speed = max_speed_for_distance(deceleration, late_s, allowed_m)
     steps, braking_s = 20_000, speed / deceleration
     # Drive on for the time of lateness, then brake: summed up, not solved.
     braking = sum(speed * (1 - (i + 0.5) / steps) for i in range(steps)) * braking_s / steps

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
-from tsd_twin.security import LONGEST, Identity, Role, client
+from tsd_twin.security import LONGEST, BusIdentity, Role, client
 from tsd_twin.security.access_rules import drive_rule, merged
 
 # Few letters, so that names often begin alike.
@@ -25,7 +25,7 @@ def as_key(text: str) -> zenoh.KeyExpr:
 
 @given(known=identities, new=identities, page=pages)
 def test_whoever_is_accepted_no_operator_may_send_on_the_key_of_another(
-    known: list[Identity], new: list[Identity], page: str
+    known: list[BusIdentity], new: list[BusIdentity], page: str
 ) -> None:
     try:
         everybody = merged(merged([], known), new)
@@ -42,7 +42,7 @@ def test_whoever_is_accepted_no_operator_may_send_on_the_key_of_another(
 
 @given(known=identities)
 def test_a_register_has_each_name_once_and_does_not_change_when_it_is_merged_again(
-    known: list[Identity],
+    known: list[BusIdentity],
 ) -> None:
     try:
         register = merged([], known)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsd_twin.simulation import SpeedControllers
+from tsd_twin.simulation import EscModel
 
 ZERO, HALF = np.zeros(1), np.full(1, 90.0)
 
 
-def controllers() -> SpeedControllers:
-    return SpeedControllers((1,), zero_throttle=0.0, hold_s=2.0)
+def controllers() -> EscModel:
+    return EscModel((1,), zero_throttle=0.0, hold_s=2.0)
 
 
 def test_throttle_at_power_up_turns_nothing_ever() -> None:
@@ -64,7 +64,7 @@ def test_an_armed_controller_stays_armed() -> None:
 
 
 def test_each_controller_arms_for_itself() -> None:
-    esc = SpeedControllers((2, 2), zero_throttle=0.0, hold_s=2.0)
+    esc = EscModel((2, 2), zero_throttle=0.0, hold_s=2.0)
     esc.command(np.array([[0.0, 50.0], [50.0, 0.0]]))
     esc.advance(2.0)
     np.testing.assert_array_equal(esc.armed, [[True, False], [False, True]])

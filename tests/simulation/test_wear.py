@@ -9,7 +9,7 @@ from tsd_twin import robots
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 from tsd_twin.robots import RPM
-from tsd_twin.simulation import PLANTS, SimRobot, Wear, WornRobot
+from tsd_twin.simulation import PLANTS, DegradedRobot, SimRobot, Wear
 
 ROBOT = robots.load_robot("tsd")
 DRIVE = ROBOT.kinematics()
@@ -38,7 +38,7 @@ def test_a_servo_that_lost_30_percent_lags_as_much_more(plant: str) -> None:
     """
     lags: list[float] = []
     for worn in False, True:
-        robot = WornRobot(ROBOT, seed=1, plant=plant)
+        robot = DegradedRobot(ROBOT, seed=1, plant=plant)
         now_s = spinning(robot)
         if worn:
             robot.wear(Wear("module2_alpha", 0.3))
@@ -52,7 +52,7 @@ def test_a_servo_that_lost_30_percent_lags_as_much_more(plant: str) -> None:
 
 
 def test_a_wheel_settles_at_what_is_left_of_its_speed_and_the_battery_slows_all() -> None:
-    robot = WornRobot(ROBOT, seed=1)
+    robot = DegradedRobot(ROBOT, seed=1)
     now_s = spinning(robot)
     np.testing.assert_allclose(robot.truth(now_s).joints[2::3], 2500.0 * RPM, rtol=1e-3)
     robot.wear(Wear("module2_wheel", 0.05))
@@ -72,14 +72,14 @@ def test_a_geared_wheel_is_slower_by_as_much(name: str) -> None:
     setpoint = description.kinematics().inverse(np.array([0.4, 0.2, 0.0]))
     speeds: list[Array] = []
     for wear in [], [Wear("wheel2", 0.05)]:
-        robot = WornRobot(description, wear, seed=1)
+        robot = DegradedRobot(description, wear, seed=1)
         run(robot, setpoint, 0.0, 2.0)
         speeds.append(robot.truth(2.0).joints)
     np.testing.assert_allclose(speeds[1] / speeds[0], [1.0, 0.95, 1.0], atol=0.01)
 
 
 def test_wear_waits_for_its_time_of_driving() -> None:
-    robot = WornRobot(ROBOT, [Wear.parse("module1_wheel=-50%@1.5", ROBOT)], seed=1)
+    robot = DegradedRobot(ROBOT, [Wear.parse("module1_wheel=-50%@1.5", ROBOT)], seed=1)
     now_s = run(robot, REST, spinning(robot), 5.0)
     now_s = run(robot, FORWARD, now_s, 1.4)
     assert robot.truth(now_s).joints[2] == pytest.approx(2500.0 * RPM, rel=1e-3)

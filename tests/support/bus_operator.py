@@ -23,7 +23,7 @@ from tsd_twin.messages.cdr import (
     encode_twist,
 )
 from tsd_twin.messages.commands import Sample, encode_attachment
-from tsd_twin.messages.status import Status, decode_stamp, decode_status
+from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status
 from tsd_twin.messages.topics import QoS, Service
 
 
@@ -78,7 +78,7 @@ class BusOperator:
     # What it sees.
 
     @property
-    def status(self) -> Status:
+    def status(self) -> RobotStatus:
         return decode_status(self.newest["status"].payload)
 
     @property

@@ -20,7 +20,7 @@ from tests.support.virtual_robot import VirtualRobot
 from tsd_twin.adapters.fleet import Fleet
 from tsd_twin.adapters.foxglove.sources import FoxgloveSource, LiveOperator
 from tsd_twin.adapters.ros.adapter import serve_ros
-from tsd_twin.adapters.ros.port import Inputs, Origin
+from tsd_twin.adapters.ros.port import Origin, PortCallbacks
 from tsd_twin.adapters.ros_messages import CMD_VEL, namespaces
 from tsd_twin.client import AsyncRobotClient, AsyncRobotControl
 from tsd_twin.client.bus_port import BusLink
@@ -42,7 +42,7 @@ from tsd_twin.recording import open_recording
 from tsd_twin.recording.channels import EntryMaker
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.recording.player import Replay
-from tsd_twin.security import Identity, Role
+from tsd_twin.security import BusIdentity, Role
 
 PERIOD_S = 0.02
 """Inputs come 50 times a second."""
@@ -179,7 +179,7 @@ class PageSource(CommandSource):
         self._socket, self._inbox = _Socket(), asyncio.Queue[WSMessage]()
         self._tasks = [asyncio.create_task(self._poll()), asyncio.create_task(self._beat())]
         await self._link_is_up()
-        principal = Principal(Identity("page", Role.OPERATOR), may_stop=True)
+        principal = Principal(BusIdentity("page", Role.OPERATOR), may_stop=True)
         session = self._manager.run_session(
             "0" * 16,
             principal,
@@ -202,7 +202,7 @@ class PageSource(CommandSource):
 
     async def _beat(self) -> None:
         while True:
-            self._send(t="heartbeat", seen=self._link.snapshot.status_seq, sent_ms=0.0)
+            self._send(t="heartbeat", status_seq=self._link.snapshot.status_seq, sent_ms=0.0)
             await asyncio.sleep(0.2)
 
     async def _messages(self) -> AsyncIterator[WSMessage]:
@@ -240,7 +240,7 @@ class PageSource(CommandSource):
         if vx_mps == 0.0:
             self._send(t="release")
         else:
-            self._send(t="drive", vx=vx_mps, vy=0.0, omega=0.0, seen=seen)
+            self._send(t="drive", vx=vx_mps, vy=0.0, omega=0.0, status_seq=seen)
 
     async def close(self) -> None:
         for task in self._tasks:
@@ -293,12 +293,12 @@ class FoxglovePanel(CommandSource):
 class _Graph:
     """Graph of ROS with one publisher of `cmd_vel`, and no subscriber."""
 
-    inputs: Inputs
+    inputs: PortCallbacks
 
     def __init__(self) -> None:
         self.entered = asyncio.Event()
 
-    def enter(self, _names: object, inputs: Inputs | None) -> _Graph:
+    def enter(self, _names: object, inputs: PortCallbacks | None) -> _Graph:
         assert inputs is not None
         self.inputs = inputs
         self.entered.set()

@@ -17,7 +17,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.commands import Sample, encode_attachment
 from tsd_twin.messages.modes import Mode
-from tsd_twin.messages.status import LoopStatus, Status
+from tsd_twin.messages.status import LoopStatus, RobotStatus
 from tsd_twin.messages.topics import Service
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
@@ -80,7 +80,7 @@ class ControllerHarness:
         assert self.simulated is not None
         return self.simulated.truth(self.now_s).pose.xy_heading
 
-    def status(self) -> Status:
+    def status(self) -> RobotStatus:
         return self.controller.status(self.now_s, LoopStatus(), {})
 
     def tick(self, dt_s: float = PERIOD_S) -> None:

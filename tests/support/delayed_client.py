@@ -12,7 +12,7 @@ from tsd_twin.client.protocol import ControlProtocol, TwistCommand
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import LeaseReply
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.messages.topics import twist_key
 
 ROBOTS = {name: robots.load_robot(name) for name in robots.robot_names()}
@@ -34,7 +34,7 @@ class DelayedClient:
         self.failures: list[str] = []
         self._heard = self.rig.status_seq
         self._up: deque[tuple[float, Sample]] = deque()
-        self._down: deque[tuple[float, int, Status]] = deque()
+        self._down: deque[tuple[float, int, RobotStatus]] = deque()
         self.protocol = ControlProtocol(name, ROBOTS[name], "alice")
         self.protocol.receive_status(status, self._heard, self.rig.now_s)
         reply = LeaseReply(True, pilot.lease, "alice", 2.0, "", self.max_age_s)
@@ -81,7 +81,7 @@ class DelayedClient:
             _, seq, status = self._down.popleft()
             self.protocol.receive_status(status, seq, rig.now_s)
         if self.protocol.has_lease:
-            self.send(self.protocol.due(rig.now_s))
+            self.send(self.protocol.poll_command(rig.now_s))
 
     def wait(self, seconds: float) -> None:
         for _ in range(round(seconds / PERIOD_S)):

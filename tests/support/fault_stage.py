@@ -31,7 +31,7 @@ from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, decode_odometry
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.status import Status, decode_stamp, decode_status
+from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status
 
 ID = "tsd"
 SPEED_MPS = 1.0
@@ -60,7 +60,7 @@ class Observer:
         self._news = threading.Condition()
         self.truth: list[tuple[float, Array, float]] = []
         """Robot time in seconds, (x, y), and speed at which anything moves."""
-        self.status = Status("disarmed")
+        self.status = RobotStatus("disarmed")
         self._newest: dict[str, Odometry] = {}
         for topic in (topics.ODOM, topics.TRUTH):
             bus.subscribe(topic.key(ID), functools.partial(self._on_odometry, topic.path))

@@ -13,7 +13,7 @@ from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
 
-from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import TABLE_SIZE, BoardMode
 from tsd_twin.hardware.dynamixel.packets import Decoder, Instruction, Packet, protocol2
 
@@ -60,7 +60,7 @@ class PretendBoard:
     """A control table without any rule: what is written stays, and tests set what is read."""
 
     def __init__(self) -> None:
-        self.identity = Identity()
+        self.identity = BoardIdentity()
         self.telemetry = Telemetry(
             millis=100_000,
             drive_on=1,
@@ -89,7 +89,7 @@ class PretendBoard:
         self._kept: list[bytes] = []
         self.error = 0
         """Answer to a set-up."""
-        self.commands: list[Command] = []
+        self.commands: list[BoardCommand] = []
         self.setups: list[Setup] = []
 
     def answer(self, data: bytes, now_s: float) -> bytes:
@@ -130,7 +130,7 @@ class PretendBoard:
             self.setups.append(Setup.unpack(data))
             self.telemetry = replace(self.telemetry, setup_known=1)
         else:
-            self.commands.append(Command.unpack(data))
+            self.commands.append(BoardCommand.unpack(data))
             self.telemetry = replace(self.telemetry, beat=self.commands[-1].heartbeat)
             if self.obeys_arm:
                 mode = BoardMode.ARMED if self.commands[-1].arm else BoardMode.DISARMED

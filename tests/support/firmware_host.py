@@ -10,7 +10,7 @@ from pathlib import Path
 
 from firmware.simulator import protocol2
 from firmware.simulator.simulation import FirmwareSimulation
-from tsd_twin.hardware.dynamixel.blocks import Command, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.blocks import BoardCommand, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
     ADDRESS,
     BOARD_ID,
@@ -123,8 +123,8 @@ class FirmwareHost:
     ) -> bytes:
         """Return a whole command block, as a packet."""
         self.beat = (self.beat + fresh) % 65536
-        block = Command(self.beat, arm, torque, tuple(throttle), tuple(goal), self.session)
-        return write(Command.ADDRESS, block.pack())
+        block = BoardCommand(self.beat, arm, torque, tuple(throttle), tuple(goal), self.session)
+        return write(BoardCommand.ADDRESS, block.pack())
 
     def cycle(
         self,

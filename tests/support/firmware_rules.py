@@ -24,7 +24,7 @@ from tests.support.firmware_host import (
     write,
 )
 from tests.support.source_rules import HEATED_S
-from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup
+from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup
 from tsd_twin.hardware.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
 from tsd_twin.hardware.dynamixel.servo_models import MODELS
 
@@ -69,7 +69,7 @@ def reading_and_old_beats_do_not_keep_it_going(bench: Bench) -> None:
 def a_heartbeat_without_its_command_is_none(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     for beat in range(55):
-        error, _ = pilot.ask(write(Command.ADDRESS, (1000 + beat).to_bytes(2, "little")))
+        error, _ = pilot.ask(write(BoardCommand.ADDRESS, (1000 + beat).to_bytes(2, "little")))
         assert error == 5
         pilot.simulation.run(0.005)
     assert pilot.mode() == BoardMode.DISARMED
@@ -289,7 +289,7 @@ def arming_wants_neutral_gimbals(bench: Bench) -> None:
     pilot.simulation.servos[1].jammed = True
     pilot.drive(0.5, arm=0, throttle=ZERO)
     seen = pilot.arm()
-    assert abs(seen.position[1]) > Identity().neutral_band
+    assert abs(seen.position[1]) > BoardIdentity().neutral_band
     assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.NOT_NEUTRAL)
     pilot.simulation.servos[1].jammed = False
     pilot.simulation.run(0.3)
@@ -576,16 +576,16 @@ def a_flood_does_not_keep_the_rules_waiting(bench: Bench) -> None:
 
 def writes_that_are_wrong_change_nothing(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
-    good = Command(pilot.beat + 1, 1, 1, CRUISE, (0,) * 6).pack()
-    goal_at = ADDRESS["goal"] - Command.ADDRESS
+    good = BoardCommand(pilot.beat + 1, 1, 1, CRUISE, (0,) * 6).pack()
+    goal_at = ADDRESS["goal"] - BoardCommand.ADDRESS
     for packet, error in (
         (write(ADDRESS["throttle"], b"\xa0\x0f"), 5),
         (write(ADDRESS["arm"], b"\0"), 5),
-        (write(Command.ADDRESS, good[:4] + b"\xa1\x0f" + good[6:]), 4),
-        (write(Command.ADDRESS, good[:4] + b"\xcf\x07" + good[6:]), 4),
-        (write(Command.ADDRESS, good[:2] + b"\x03" + good[3:]), 4),
-        (write(Command.ADDRESS, good[:goal_at] + b"\x00\x04" + good[goal_at + 2 :]), 4),
-        (write(Command.ADDRESS, good + b"\0"), 7),
+        (write(BoardCommand.ADDRESS, good[:4] + b"\xa1\x0f" + good[6:]), 4),
+        (write(BoardCommand.ADDRESS, good[:4] + b"\xcf\x07" + good[6:]), 4),
+        (write(BoardCommand.ADDRESS, good[:2] + b"\x03" + good[3:]), 4),
+        (write(BoardCommand.ADDRESS, good[:goal_at] + b"\x00\x04" + good[goal_at + 2 :]), 4),
+        (write(BoardCommand.ADDRESS, good + b"\0"), 7),
         (write(Setup.ADDRESS, Setup().pack()), 7),
         (write(Setup.ADDRESS, Setup().pack() + good), 7),
         (write(Setup.ADDRESS, Setup().pack()[:2]), 5),
@@ -594,7 +594,7 @@ def writes_that_are_wrong_change_nothing(bench: Bench) -> None:
         (write(ADDRESS["mode"], b"\1"), 7),
         (write(ADDRESS["throttle_out"], b"\xa0\x0f"), 7),
         (write(65535, b"\0\0"), 7),
-        (write(Command.ADDRESS, b""), 5),
+        (write(BoardCommand.ADDRESS, b""), 5),
     ):
         assert pilot.ask(packet) == (error, b""), packet.hex()
         seen = pilot.telemetry()

@@ -69,10 +69,13 @@ class LoopInvariants:
     def control_is_kept_for_one_who_was_granted_it_and_not_for_ever(self) -> None:
         lease, (asker, until_s) = self.rig.status().lease, self.referee.reserved
         kept = self.rig.now_s < until_s
-        assert (lease.reserved_for, lease.reserved_s <= 3.0) == (asker if kept else None, True)
+        assert (lease.reserved_for, lease.reservation_expires_in_s <= 3.0) == (
+            asker if kept else None,
+            True,
+        )
         assert not (lease.holder and lease.reserved_for)
-        assert lease.asked_by == (self.referee.asker(self.rig.now_s) or None)
-        assert lease.asked_by is None or lease.asked_by != lease.holder
+        assert lease.requested_by == (self.referee.asker(self.rig.now_s) or None)
+        assert lease.requested_by is None or lease.requested_by != lease.holder
 
     def it_moves_only_on_a_fresh_command_or_while_braking(self, before: Array) -> None:
         rig = self.rig

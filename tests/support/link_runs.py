@@ -10,7 +10,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from tsd_twin.link_emulation import LinkSpec, Stall
-from tsd_twin.link_emulation.link import TICK_S, Link
+from tsd_twin.link_emulation.link import TICK_S, LinkModel
 
 ROUNDING_S = 2.0 * TICK_S
 
@@ -24,11 +24,11 @@ class Sent:
     at_s: float
 
 
-def link(spec: LinkSpec, start_s: float = 0.0, capacity_bytes: float = math.inf) -> Link[Sent]:
-    return Link(spec, np.random.default_rng(spec.seed), start_s, capacity_bytes)
+def link(spec: LinkSpec, start_s: float = 0.0, capacity_bytes: float = math.inf) -> LinkModel[Sent]:
+    return LinkModel(spec, np.random.default_rng(spec.seed), start_s, capacity_bytes)
 
 
-def travel(link: Link[Sent], packets: Iterable[Sent]) -> list[tuple[Sent, float]]:
+def travel(link: LinkModel[Sent], packets: Iterable[Sent]) -> list[tuple[Sent, float]]:
     """Send packets at their times; return those that arrive, each with the time, in order."""
     arrived: list[tuple[Sent, float]] = []
 

@@ -153,7 +153,7 @@ class Page:
         self.until(lambda: self.state)
         # Control may be kept for one who has just left, for a moment.
         self.until(lambda: self.take(take_over=True)["ok"])
-        self.until(lambda: self.state["you"])
+        self.until(lambda: self.state["has_control"])
         if self.mode in ("stopped", "fault"):
             self.until(lambda: self.answer("reset", t="reset")["ok"])
             self.until(lambda: self.mode == "disarmed")
@@ -178,7 +178,7 @@ class Page:
                 return
             self.holds = {"vx": 0.0, "vy": 0.0, "omega": 0.0}
             time.sleep(4 * DRIVE_S * 2**push)
-            if self.mode in ("fault", "disarmed") or not self.state["you"]:
+            if self.mode in ("fault", "disarmed") or not self.state["has_control"]:
                 self.let_go()
                 self.make_ready()
         raise AssertionError(f"not driving after {_PUSHES} pushes of the stick")
@@ -212,13 +212,13 @@ class Page:
     def _beat(self) -> None:
         count = 0
         while not self._ended.wait(DRIVE_S):
-            seen = self._newest.get("state", {}).get("seen", 0) if self._acknowledge else 0
+            seen = self._newest.get("state", {}).get("status_seq", 0) if self._acknowledge else 0
             try:
                 with self._sending:
                     if self.holds is not None:
-                        self.send(**({"t": "drive", "seen": seen} | self.holds))
+                        self.send(**({"t": "drive", "status_seq": seen} | self.holds))
                 if self.beats and count % BEATS == 0:
-                    self.send(t="heartbeat", seen=seen, sent_ms=1.0, focus=self.focus)
+                    self.send(t="heartbeat", status_seq=seen, sent_ms=1.0, focus=self.focus)
             except ConnectionClosed:
                 return
             count += 1

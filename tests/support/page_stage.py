@@ -29,11 +29,11 @@ _HTML = """<!doctype html><html lang="en" data-mantine-color-scheme="light"><bod
 <div id="connection">about the connection</div>
 <div id="tabs" style="display: grid; grid-template-rows: 1fr"></div>
 <svg class="tabler-icon tabler-icon-cloud-check" width="10" height="10"></svg>
-<script type="module" src="static/overlay.js"></script></body></html>"""
+<script type="module" src="static/main.js"></script></body></html>"""
 _SOCKET = """
 if (location.protocol === "http:" && location.search !== "?hints")
   localStorage.setItem("tsd.hints", "seen");
-window.tsd = {page: "0123456789abcdef", hasFocus: () => true, plain: true, recording: null};
+window.tsd = {page: "0123456789abcdef", hasFocus: () => true, lowDetail: true, recording: null};
 window.sent = [];
 window.now = null;
 window.WebSocket = class {
@@ -83,22 +83,24 @@ _STATUS: dict[str, Any] = {
     "lease": {
         "holder": None,
         "remaining_s": 0.0,
-        "asked_by": None,
-        "asks_for_s": 0.0,
+        "requested_by": None,
+        "request_expires_in_s": 0.0,
         "reserved_for": None,
-        "reserved_s": 0.0,
+        "reservation_expires_in_s": 0.0,
     },
     "refusals": None,
     "command": {"seq": 0, "age_s": None, "echo_s": None, "accepted": 0, "dropped": {}},
     "limits": _LIMITS,
-    "consistency": {"residual_mps": 0.0, "level": 0.0, "suspect": None, "explained": {}},
-    "wheel_speed": {"wanted_rpm": 2500.0, "spin_rpm": 2500.0},
+    "consistency": {"residual_mps": 0.0, "level": 0.0, "suspect": None, "contributions": {}},
+    "wheel_speed": {"requested_rpm": 2500.0, "spin_rpm": 2500.0},
     "pose_sensor": None,
     "loop": {"hz": 100.0, "overruns": 0, "jitter_p99_ms": 0.1},
     "hardware": {"battery_v": 12.0},
 }
 _MODULE = {
-    **dict.fromkeys(("alpha", "beta", "tilt", "radius_mm", "rpm", "set_alpha", "set_beta"), 0.0),
+    **dict.fromkeys(
+        ("alpha", "beta", "tilt", "radius_mm", "rpm", "alpha_setpoint", "beta_setpoint"), 0.0
+    ),
     "axle": [0, 0],
     "set_axle": [0, 0],
     "spinning": False,
@@ -129,7 +131,7 @@ def robot(robot_id: str) -> dict[str, Any]:
         "wheel_speed_limits": {
             "least_rpm": 500.0,
             "most_rpm": 3000.0,
-            "usual_rpm": 2500.0,
+            "default_rpm": 2500.0,
             "wheel_radius_m": 0.05,
             "servo_step_deg": 0.1,
         },
@@ -152,9 +154,9 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "age_ms": 0.0,
         "status": status,
         "mode_age_s": 12.0,
-        "you": you,
-        "robot_ms": 5.0,
-        "robot_jitter_ms": 1.0,
+        "has_control": you,
+        "rtt_ms": 5.0,
+        "rtt_jitter_ms": 1.0,
         "pose": [1.24, -0.31, 0.73],
         "twist": [0.5, 0.0, 0.1],
         "commanded": [0.5, 0.0, 0.1],

@@ -14,7 +14,7 @@ from tsd_twin.dashboard.scene.robot_geometry import LinkPoses, Skeleton
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.cdr import JointState, Odometry
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.models import kinematic_tree
 from tsd_twin.robots import RobotDescription
 
@@ -45,7 +45,7 @@ class RobotFeed:
         ball: SO3 | None = None,
         true_ball: SO3 | None = None,
         other_ball: SO3 | None = None,
-        status: Status | None = None,
+        status: RobotStatus | None = None,
         covariance: Array | None = None,
         after_s: float = PERIOD_S,
     ) -> None:

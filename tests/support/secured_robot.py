@@ -30,7 +30,7 @@ from tsd_twin.messages.services import (
     Reply,
     decode_json,
 )
-from tsd_twin.messages.status import Status, decode_status
+from tsd_twin.messages.status import RobotStatus, decode_status
 from tsd_twin.messages.topics import Service
 from tsd_twin.node import RobotNode
 from tsd_twin.security import CertificateRequest, KeyFolder, Role
@@ -141,7 +141,7 @@ class SecuredRobot:
         """Put a forbidden message; a known subscriber makes the session send it."""
         put(bus, key, payload, surely=self.told)
 
-    def status(self, wanted: Callable[[Status], bool] = lambda _status: True) -> Status:
+    def status(self, wanted: Callable[[RobotStatus], bool] = lambda _status: True) -> RobotStatus:
         """Wait at the robot for a status such as is wanted, and return it."""
         with listening(self.bus, topics.STATUS.key(ID)) as ear:
             sample = ear.until(lambda sample: wanted(decode_status(sample.payload)))

@@ -10,7 +10,7 @@ from enum import StrEnum
 
 from firmware.simulator.mx64 import Mx64
 from tests.support.firmware_host import CRUISE, HOLD_S, ZERO, Bench, FirmwareHost
-from tsd_twin.hardware.dynamixel.blocks import Identity, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.blocks import BoardIdentity, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import BoardMode, Refusal, Trip
 
 STOP = 2
@@ -90,7 +90,7 @@ def lean(pilot: FirmwareHost, goal: Sequence[int]) -> None:
 
 
 def _stuck(pilot: FirmwareHost) -> None:
-    lean(pilot, (0, Identity().neutral_band + 1, 0, 0, 0, 0))
+    lean(pilot, (0, BoardIdentity().neutral_band + 1, 0, 0, 0, 0))
     pilot.simulation.servos[1].jammed = True
     for _ in range(50):
         pilot.cycle(0)
@@ -214,7 +214,7 @@ def a_gimbal_that_does_not_follow_stops_every_source(bench: Bench) -> None:
             assert seen.servo_stuck == 0b000010
             assert max(pilot.simulation.pulses_us()) < 1001.0
         pilot = driven_by(source, bench)
-        jam(pilot, source, Identity().neutral_band - 1)
+        jam(pilot, source, BoardIdentity().neutral_band - 1)
         assert has_robot(drive(pilot, source, 1.5), source), "within the band"
 
 

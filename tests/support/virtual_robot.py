@@ -19,11 +19,11 @@ from tests.support.virtual_time import VirtualClock
 from tsd_twin import robots
 from tsd_twin.hardware import arduino_mega, u2d2
 from tsd_twin.hardware import serial_transport as serial
-from tsd_twin.hardware.arduino_mega import ControllerBoard, MegaHardware
+from tsd_twin.hardware.arduino_mega import ArduinoMegaIO, ControllerBoard
 from tsd_twin.hardware.dynamixel.blocks import Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import Refusal
 from tsd_twin.hardware.joints import JointCommand, Receiver, ServoCalibration
-from tsd_twin.hardware.u2d2 import U2D2Hardware
+from tsd_twin.hardware.u2d2 import U2D2IO
 from tsd_twin.lie import Array
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import Description
@@ -143,13 +143,13 @@ class VirtualRobot:
         self.clock.advance(0.2)
         self.firmware.set_contactor(closed=True)
 
-    def _hardware(self) -> MegaHardware | U2D2Hardware:
+    def _hardware(self) -> ArduinoMegaIO | U2D2IO:
         calibration, motors = ServoCalibration(receiver=Receiver()), Motors.of(self.robot)
         if self.chain is None:
-            return MegaHardware(self.robot, "board", motors, calibration)
+            return ArduinoMegaIO(self.robot, "board", motors, calibration)
         for servo in self.firmware.servos:
             servo.dead = True
-        return U2D2Hardware(self.robot, "board", "servos", motors, calibration)
+        return U2D2IO(self.robot, "board", "servos", motors, calibration)
 
     def _open_port(self, name: str, _baud: int, _timeout_s: float) -> VirtualPort:
         if name == "board":
@@ -210,13 +210,13 @@ class VirtualRobot:
 
     @property
     def _board(self) -> ControllerBoard:
-        wheels = self.io._wheels if isinstance(self.io, U2D2Hardware) else self.io
+        wheels = self.io._wheels if isinstance(self.io, U2D2IO) else self.io
         return wheels._board
 
     def refusal_past_the_node(self) -> Refusal:
         """Let a program that looks at nothing ask the board to arm; return its refusal."""
         board, at_rest = self._board, np.zeros(9)
-        wheels = self.io._wheels if isinstance(self.io, U2D2Hardware) else self.io
+        wheels = self.io._wheels if isinstance(self.io, U2D2IO) else self.io
         transport = wheels._thread._transport
         for i in range(6):
             heartbeat = Heartbeat(i > 2, i)

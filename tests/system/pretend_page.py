@@ -63,15 +63,15 @@ class Page:
     async def _speak(self) -> None:
         for tick in itertools.count():
             if tick % _BEAT_EVERY == 0:
-                await self._say(t="heartbeat", seen=self._seen, sent_ms=0.0, focus=True)
+                await self._say(t="heartbeat", status_seq=self._seen, sent_ms=0.0, focus=True)
             if (vx := self._hand.vx) is not None:
-                await self._say(t="drive", vx=vx, vy=0.0, omega=0.0, seen=self._seen)
+                await self._say(t="drive", vx=vx, vy=0.0, omega=0.0, status_seq=self._seen)
             await asyncio.sleep(PERIOD_S)
 
     async def _hear(self, message: dict[str, Any]) -> None:
         match message["t"]:
             case "state":
-                self._seen = message["seen"]
+                self._seen = message["status_seq"]
                 if self._hand.wants_ready or self._hand.insists:
                     await self._get_ready(message)
             case "released":
@@ -86,13 +86,13 @@ class Page:
     async def _get_ready(self, state: dict[str, Any]) -> None:
         """Take the next step on the way to `ready`."""
         mode = state["status"]["mode"]
-        if state["you"] and mode == "ready":
+        if state["has_control"] and mode == "ready":
             if self._hand.wants_ready:
                 self._hand.wants_ready = False
                 tell("ready")
         elif time.monotonic() - self._asked_s > _ASK_AGAIN_S:
             self._asked_s = time.monotonic()
-            if not state["you"]:
+            if not state["has_control"]:
                 age_s = self._hand.max_age_s
                 await self._say(t="lease", op="acquire", take_over=True, max_age_s=age_s)
             elif mode in ("stopped", "fault"):

@@ -81,7 +81,7 @@ class Two:
         self.drive_fast(self.alice)
         self.bob.until(lambda: lease_in(self.bob)["holder"] == self.alice.operator)
         assert press(self.bob, "request")["ok"]
-        self.alice.until(lambda: lease_in(self.alice)["asked_by"] == self.bob.operator)
+        self.alice.until(lambda: lease_in(self.alice)["requested_by"] == self.bob.operator)
 
     def drive_fast(self, page: Page) -> None:
         """Hold the stick until the robot is fast; push again where a busy machine stops it."""
@@ -203,7 +203,7 @@ def test_the_holder_s_dies_once_asked_and_the_asker_gets_control_when_the_lease_
 ) -> None:
     killed_s = two.here.signal(signal.SIGKILL)
     two.stood_still_since(killed_s)
-    two.bob.until(lambda: two.bob.state["you"])
+    two.bob.until(lambda: two.bob.state["has_control"])
     assert time.monotonic() - killed_s <= TTL_S + SLACK_S
     two.stood_still_since(killed_s)
     drives(two, two.bob)
@@ -232,7 +232,7 @@ def test_the_former_holder_s_dies_while_control_is_kept_and_the_asker_takes_it(t
     two.kept_for_bob()
     two.here.signal(signal.SIGKILL)
     two.there.signal(signal.SIGCONT)
-    two.bob.until(lambda: two.bob.state["you"])
+    two.bob.until(lambda: two.bob.state["has_control"])
     assert time.monotonic() - granted_s <= RESERVATION_S
     two.stood_still_since(granted_s)
     drives(two, two.bob)
@@ -252,7 +252,7 @@ def test_the_asker_s_dies_while_control_is_kept_for_it_and_others_get_it_soon(tw
 @with_two
 def test_the_former_holder_s_dies_once_the_other_drives_and_changes_nothing(two: Two) -> None:
     two.grant()
-    two.bob.until(lambda: two.bob.state["you"] and two.bob.mode == "ready")
+    two.bob.until(lambda: two.bob.state["has_control"] and two.bob.mode == "ready")
     two.drive_fast(two.bob)
     two.drives_on(two.here.signal(signal.SIGKILL))
     two.bob.holds = None
@@ -262,7 +262,7 @@ def test_the_former_holder_s_dies_once_the_other_drives_and_changes_nothing(two:
 @with_two
 def test_the_new_holder_s_dies_and_the_former_gets_control_when_the_lease_ends(two: Two) -> None:
     two.grant()
-    two.bob.until(lambda: two.bob.state["you"] and two.bob.mode == "ready")
+    two.bob.until(lambda: two.bob.state["has_control"] and two.bob.mode == "ready")
     two.drive_fast(two.bob)
     killed_s = two.there.signal(signal.SIGKILL)
     two.stood_still_since(killed_s)

@@ -156,8 +156,8 @@ def teleop_garbage(dice: random.Random) -> str | bytes:
             "{}",
             "[" * 2000,
             '{"t": "drive"}',
-            f'{{"t": "drive", "vx": {number}, "vy": 0, "omega": 0, "seen": 0}}',
-            f'{{"t": "heartbeat", "seen": {number}, "sent_ms": "{number}"}}',
+            f'{{"t": "drive", "vx": {number}, "vy": 0, "omega": 0, "status_seq": 0}}',
+            f'{{"t": "heartbeat", "status_seq": {number}, "sent_ms": "{number}"}}',
             f'{{"t": "lease", "op": {number}}}',
             '{"t": "lease", "op": "acquire"}',
             '{"t": "arm"}',
@@ -180,7 +180,7 @@ def bombard_teleop(url: str, count: int) -> int:
             for beat in range(1, 1 + ROUND // ECHO_EVERY):
                 for _ in range(ECHO_EVERY):
                     socket.send(teleop_garbage(dice))
-                socket.send(f'{{"t": "heartbeat", "seen": 0, "sent_ms": {beat}}}')
+                socket.send(f'{{"t": "heartbeat", "status_seq": 0, "sent_ms": {beat}}}')
                 answers += until_echo(socket, beat)
             sent += ROUND
             socket.send("x" * (1 << 14) + "x")  # More than any message of a page.

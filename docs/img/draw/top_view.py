@@ -26,7 +26,7 @@ def draw() -> str:
     _frames(sheet, drive, (330.0, 350.0))
     sheet.text((820, 34), "horizontal part of the axle, for", size=13, colour=ORANGE)
     for row, (words, twist) in enumerate(CASES):
-        _lean(sheet, drive, (820.0, 130.0 + 196.0 * row), words, np.array(twist))
+        _tilt(sheet, drive, (820.0, 130.0 + 196.0 * row), words, np.array(twist))
     return sheet.svg()
 
 
@@ -77,7 +77,7 @@ def _module(
     sheet.text((number[0], number[1] + 6), str(index + 1), size=17, style="b", halo=False)
 
 
-def _lean(
+def _tilt(
     sheet: Sheet, drive: SingularityKinematics, centre: Point, words: str, twist: Array
 ) -> None:
     """Draw, for one twist, the horizontal part of each axle in the robot frame."""

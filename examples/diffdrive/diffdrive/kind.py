@@ -11,7 +11,7 @@ from typing import Any
 
 from diffdrive.kinematics import DiffDriveKinematics
 from tsd_twin.registry import RobotKind
-from tsd_twin.robots import RPM, JointErrors, RobotDescription, SpinUp
+from tsd_twin.robots import RPM, JointErrors, RobotDescription, WheelSpeedResponse
 from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
 
@@ -43,7 +43,7 @@ class Mass(Table, frozen=True):
 class Noise(Table, frozen=True):
     """`[noise]`: standard deviations."""
 
-    spin_share: NotNegative = 0.0
+    speed_scale_sigma: NotNegative = 0.0
     """Constant error of a measured wheel speed."""
     skid_share: NotNegative = 0.0
     """Sideways skid in a second, relative to the distance driven."""
@@ -73,11 +73,11 @@ class DiffDriveDescription(RobotDescription, frozen=True, kw_only=True):
 
     def joint_errors(self) -> JointErrors:
         """Errors of the measured wheel speeds."""
-        return JointErrors(spin_share=self.noise.spin_share)
+        return JointErrors(speed_scale_sigma=self.noise.speed_scale_sigma)
 
-    def spin_up(self) -> SpinUp:
+    def spin_up(self) -> WheelSpeedResponse:
         """First-order model of the wheel speeds."""
-        return SpinUp(0.0, self.motor.time_constant_s, self.motor.time_constant_s)
+        return WheelSpeedResponse(0.0, self.motor.time_constant_s, self.motor.time_constant_s)
 
     def problems(self) -> Iterator[Problem]:
         """Yield a track that is too narrow for the wheels."""

@@ -31,7 +31,7 @@ class DiffDriveSimulation:
         self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
         self.joints: Array = np.zeros((*batch, 2))
         self._random = np.random.default_rng(seed)
-        self._scale = 1.0 + noise * robot.noise.spin_share * self._random.standard_normal(
+        self._scale = 1.0 + noise * robot.noise.speed_scale_sigma * self._random.standard_normal(
             self.joints.shape
         )
         self._skid_share = noise * robot.noise.skid_share

@@ -6,7 +6,7 @@ the client library.
 """
 
 from tsd_twin.adapters.cmd_vel import CmdVel, CmdVelOperator, decode_cmd_vel
-from tsd_twin.adapters.cmd_vel_bridge import RobotDriver
+from tsd_twin.adapters.cmd_vel_bridge import CmdVelBridge
 from tsd_twin.adapters.ros_messages import (
     CMD_VEL,
     PUBLISHED,
@@ -23,8 +23,8 @@ __all__ = [
     "PUBLISHED",
     "SERVICES",
     "CmdVel",
+    "CmdVelBridge",
     "CmdVelOperator",
-    "RobotDriver",
     "RobotMapping",
     "RosMessage",
     "RosNames",

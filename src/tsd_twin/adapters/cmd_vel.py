@@ -35,7 +35,7 @@ AT_REST_S = 0.3
 """Time without motion after which a request for control is granted."""
 DISCOVERY_S = 2.0
 """Time to discover the publishers of a newly connected robot."""
-SAY_AGAIN_S = 2.0
+NOTICE_INTERVAL_S = 2.0
 """Minimum interval between repeats of the same message."""
 MUST_PAUSE = "cmd_vel moves the robot again after a pause, or a zero, or the service resume"
 Objection: TypeAlias = tuple[str, str]
@@ -122,7 +122,7 @@ class RobotView:
     mode: str
     holder: str | None = None
     """Lease holder."""
-    asked_by: str | None = None
+    requested_by: str | None = None
     """Operator requesting control."""
     reason: str = ""
     """The robot's reason for not moving."""
@@ -147,7 +147,7 @@ class Drive:
 class HandOver:
     """Action: transfer the lease to the requesting operator."""
 
-    asker: str
+    requester: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,11 +192,11 @@ class CmdVelOperator:
         self.dropped = 0
         """Number of rejected twists."""
         self._must_pause = False
-        self._heard_s = self._driven_s = self._used_s = self._not_before_s = -math.inf
+        self._received_s = self._driven_s = self._used_s = self._not_before_s = -math.inf
         self._held_s = -math.inf
         self._polled_s = math.inf
         self._lost, self._was_lost = "", False
-        self._said: dict[str, float] = {}
+        self._notified_s: dict[str, float] = {}
 
     def connected(self, now_s: float) -> list[Action]:
         """Handle a new or restored connection to the robot."""
@@ -211,7 +211,7 @@ class CmdVelOperator:
 
         Twists held since before must not move the robot, even though they were not received.
         """
-        self._must_pause, self._heard_s = True, now_s + DISCOVERY_S - PAUSE_S
+        self._must_pause, self._received_s = True, now_s + DISCOVERY_S - PAUSE_S
 
     # Twists.
 
@@ -230,7 +230,7 @@ class CmdVelOperator:
         end a pause but not move the robot.
         """
         self._note_hold_up(now_s)
-        paused = now_s - self._heard_s >= PAUSE_S
+        paused = now_s - self._received_s >= PAUSE_S
         refusal = self._refusal(message)
         if refusal:
             return self._drop(now_s, *refusal)
@@ -243,7 +243,7 @@ class CmdVelOperator:
         obstacle = self._obstacle(view)
         if obstacle:
             return self._drop(now_s, *obstacle)
-        self._heard_s = now_s
+        self._received_s = now_s
         if self._must_pause and not paused:
             self.dropped += 1
             self._held_s = now_s
@@ -269,11 +269,11 @@ class CmdVelOperator:
         Twists sent during the stall may be lost, so none of them need arrive late.
         """
         if now_s - self._polled_s > HELD_UP_S:
-            self._must_pause, self._heard_s = True, now_s
+            self._must_pause, self._received_s = True, now_s
 
     def on_unread(self, now_s: float) -> None:
         """Handle a twist on an unassigned topic: if held, it must not move a robot later."""
-        self._must_pause, self._heard_s = True, now_s
+        self._must_pause, self._received_s = True, now_s
 
     def waits_for_pause(self, now_s: float) -> bool:
         """Return whether twists are currently refused because their publisher did not pause."""
@@ -329,12 +329,14 @@ class CmdVelOperator:
         return self._say(now_s, about, text)
 
     def _say(self, now_s: float, about: str, text: str) -> list[Action]:
-        said_s = self._said.get(about, -math.inf)
-        if now_s - said_s < SAY_AGAIN_S:
+        said_s = self._notified_s.get(about, -math.inf)
+        if now_s - said_s < NOTICE_INTERVAL_S:
             return []
         # Operators have ids of any kind: only recent ones are kept.
-        self._said = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
-        self._said[about] = now_s
+        self._notified_s = {
+            key: at_s for key, at_s in self._notified_s.items() if now_s - at_s < NOTICE_INTERVAL_S
+        }
+        self._notified_s[about] = now_s
         return [Say(text)]
 
     # The lease.
@@ -346,7 +348,7 @@ class CmdVelOperator:
         so they also clear `LOST`.
         """
         self._must_pause, self._used_s = True, now_s
-        self._heard_s = min(self._heard_s, now_s)  # Its publisher is known by now.
+        self._received_s = min(self._received_s, now_s)  # Its publisher is known by now.
         if self.state is State.HELD:
             return False
         self._was_lost, self.state = self.state is State.LOST, State.TAKING
@@ -394,8 +396,8 @@ class CmdVelOperator:
             return [GiveBack(), *self._say(now_s, "conflict", f"the robot is disarmed: {conflict}")]
         if self.state is not State.HELD or now_s - self._driven_s < AT_REST_S:
             return []
-        if view.asked_by is not None and view.holder == self.operator:
-            asker, self.state, self._must_pause = view.asked_by, State.LOST, True
+        if view.requested_by is not None and view.holder == self.operator:
+            asker, self.state, self._must_pause = view.requested_by, State.LOST, True
             self._lost = f"control was handed over to {asker}"
             return [HandOver(asker), *self._say(now_s, "handed_over", self._lost)]
         if now_s - self._used_s >= IDLE_S:

@@ -55,7 +55,7 @@ def command_age_for(limits: Limits, trip_s: float) -> float:
     return min(max(wanted_s, limits.max_command_age_s), limits.max_command_age_ceiling_s)
 
 
-class RobotDriver:
+class CmdVelBridge:
     """Bridge from one `cmd_vel` publisher to one robot."""
 
     def __init__(
@@ -277,7 +277,7 @@ class RobotDriver:
     def _view(self) -> RobotView:
         status = self._robot.state.status
         return RobotView(
-            status.mode, status.lease.holder, status.lease.asked_by, status.no_drive_reason
+            status.mode, status.lease.holder, status.lease.requested_by, status.no_drive_reason
         )
 
     async def _poll(self) -> None:

@@ -32,7 +32,7 @@ from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import LATCHED, Mode
 from tsd_twin.messages.ros_types import decode_cdr, encode_cdr, make_header, make_message, stamp_ns
 from tsd_twin.messages.services import decode_json
-from tsd_twin.messages.status import Status, decode_status
+from tsd_twin.messages.status import RobotStatus, decode_status
 from tsd_twin.messages.topics import Topic
 from tsd_twin.safety.loop_watch import LATE_S
 
@@ -346,7 +346,7 @@ class RobotMapping:
         if BATTERY in rows and volts is not None:
             yield self._battery(volts)
 
-    def _diagnostics(self, status: Status, problem: str) -> RosMessage:
+    def _diagnostics(self, status: RobotStatus, problem: str) -> RosMessage:
         array = make_message(
             DIAGNOSTICS.type,
             header=make_header(self._stamp_ns, ""),
@@ -449,7 +449,7 @@ OK, WARN, ERROR = 0, 1, 2
 
 
 def diagnose(
-    status: Status, input_problem: str = ""
+    status: RobotStatus, input_problem: str = ""
 ) -> list[tuple[str, int, str, dict[str, object]]]:
     """Return name, level, message and values of each diagnostic of a robot."""
     level = ERROR if status.mode == Mode.FAULT else WARN if status.mode in LATCHED else OK
@@ -503,6 +503,6 @@ def _fields(counts: Any) -> Iterator[tuple[str, Any]]:
         yield name, getattr(counts, name)
 
 
-def _volts(status: Status) -> float | None:
+def _volts(status: RobotStatus) -> float | None:
     volts = status.hardware.get("battery_v")
     return float(volts) if isinstance(volts, int | float) and math.isfinite(volts) else None

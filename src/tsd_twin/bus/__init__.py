@@ -13,16 +13,16 @@ from tsd_twin.bus.config import (
     node_config,
     over_datagrams,
 )
-from tsd_twin.bus.session import Bus, Publisher, Queryable, Request, Subscriber, Token
+from tsd_twin.bus.session import Bus, PendingQuery, Publisher, Queryable, Subscriber, Token
 
 __all__ = [
     "DEFAULT_ENDPOINT",
     "NO_ANSWER",
     "Bus",
     "Config",
+    "PendingQuery",
     "Publisher",
     "Queryable",
-    "Request",
     "Subscriber",
     "Token",
     "as_client",

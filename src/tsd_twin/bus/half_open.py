@@ -35,7 +35,7 @@ _OVER_TCP = ("tcp/", "tls/", "ws/")
 _DESCRIPTORS = Path("/proc/self/fd") if Path("/proc/self/fd").is_dir() else Path("/dev/fd")
 
 
-class HalfOpenWatch:
+class HalfOpenConnectionWatchdog:
     """Closes connections whose handshake may have succeeded just as the session gave up.
 
     Only for sessions that do not listen, so that all their connections are outgoing. Ends with the

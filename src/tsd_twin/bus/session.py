@@ -15,7 +15,7 @@ import zenoh
 import zenoh.ext
 
 from tsd_twin.bus.config import Config, reason
-from tsd_twin.bus.half_open import HalfOpenWatch
+from tsd_twin.bus.half_open import HalfOpenConnectionWatchdog
 from tsd_twin.errors import BusError, NoAnswerError, SeveralAnswersError
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.topics import QoS
@@ -76,7 +76,7 @@ class Subscriber:
         self._subscriber.undeclare()
 
 
-class Request:
+class PendingQuery:
     """Pending query to a queryable."""
 
     def __init__(self, key: str, query: zenoh.Query) -> None:
@@ -114,12 +114,12 @@ class Queryable:
         self._depth = depth
         self._patterns = patterns
 
-    def take_requests(self) -> list[Request]:
+    def take_requests(self) -> list[PendingQuery]:
         """Return the requests since the last call, without waiting."""
-        taken: list[Request] = []
+        taken: list[PendingQuery] = []
         for query in _drain(self._queryable, self._depth):
             if self._patterns or str(query.key_expr) == self._key:
-                taken.append(Request(self._key, query))
+                taken.append(PendingQuery(self._key, query))
             else:
                 query.drop()  # The client is notified immediately that there is no reply.
         return taken
@@ -219,7 +219,7 @@ class Bus:
         except zenoh.ZError as error:
             raise BusError(f"cannot open the bus at {config.where}: {reason(error)}") from error
         if self._joins and not listens:
-            self._kept.append(HalfOpenWatch(self._session, began_s, open_timeout_s))
+            self._kept.append(HalfOpenConnectionWatchdog(self._session, began_s, open_timeout_s))
 
     def __enter__(self) -> Self:
         return self
@@ -292,12 +292,12 @@ class Bus:
         queryable = self._session.declare_queryable(key, ring)
         return Queryable(key, queryable, depth, patterns=patterns)
 
-    def serve(self, key: str, on_request: Callable[[Request], None]) -> None:
+    def serve(self, key: str, on_request: Callable[[PendingQuery], None]) -> None:
         """Call `on_request` for each query to exactly this key."""
 
         def take(query: zenoh.Query) -> None:
             if str(query.key_expr) == key:
-                on_request(Request(key, query))
+                on_request(PendingQuery(key, query))
             else:
                 query.drop()
 

@@ -42,7 +42,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import decode_odometry
 from tsd_twin.messages.errors import MessageError
-from tsd_twin.messages.status import LearnedError, decode_stamp
+from tsd_twin.messages.status import BiasStatus, decode_stamp
 from tsd_twin.robots import SingularityDescription, description_of_kind
 from tsd_twin.sensors.camera import Camera, CameraNoise, Frame
 from tsd_twin.simulation import SimRobot
@@ -99,7 +99,7 @@ def random_robot(
     return with_calibration(
         msgspec.structs.replace(
             believed,
-            noise=msgspec.structs.replace(believed.noise, spin_share=0.0),
+            noise=msgspec.structs.replace(believed.noise, speed_scale_sigma=0.0),
             errors=msgspec.structs.replace(believed.errors, zero_deg=0.0),
         ),
         offset,
@@ -269,7 +269,7 @@ class DrivenData(NamedTuple):
     robot: SingularityDescription
     recordings: list[Recording]
     """Recordings of `--log`, and the new one."""
-    learned: Mapping[str, LearnedError]
+    learned: Mapping[str, BiasStatus]
     """Biases estimated by the robot."""
 
 
@@ -324,7 +324,7 @@ class _RobotSubscriber:
         self._finished_s: float | None = None
         self._odometry_received_s = -np.inf
         self._battery_v: float | None = None
-        self.learned: Mapping[str, LearnedError] = {}
+        self.learned: Mapping[str, BiasStatus] = {}
         """Biases estimated by the robot at the end of the drive."""
 
     def set_driver(self, driver: CalibrationDriver) -> None:
@@ -444,7 +444,7 @@ class CalibrationData:
     recordings: list[Recording]
     true: SingularityDescription | None = None
     """True parameters of a simulated robot."""
-    learned: Mapping[str, LearnedError] = field(default_factory=dict[str, LearnedError])
+    learned: Mapping[str, BiasStatus] = field(default_factory=dict[str, BiasStatus])
     """Biases estimated by the robot, if it was on the bus."""
 
 

@@ -18,7 +18,7 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.pose import decode_pose_measurement
-from tsd_twin.messages.status import Status, decode_stamp, decode_status, encode_stamp
+from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status, encode_stamp
 from tsd_twin.recording import open_recording
 from tsd_twin.recording.mcap_file import entries
 from tsd_twin.robots import SingularityDescription
@@ -174,13 +174,13 @@ class _Drive:
         self.moved = False
         self.battery_v: float | None = None
 
-    def take(self, now_s: float, status: Status) -> None:
+    def take(self, now_s: float, status: RobotStatus) -> None:
         self.last_s = now_s
         self.moved |= status.mode == Mode.DRIVING
         self.battery_v = battery_v(status) or self.battery_v
 
 
-def battery_v(status: Status) -> float | None:
+def battery_v(status: RobotStatus) -> float | None:
     """Return the reported battery voltage, or None."""
     volts = status.hardware.get("battery_v")
     return float(volts) if isinstance(volts, int | float) and 0.0 < volts < np.inf else None

@@ -13,7 +13,7 @@ from tsd_twin.calibration.drive_log import Recording
 from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.status import LearnedError
+from tsd_twin.messages.status import BiasStatus
 from tsd_twin.robots import JointErrors
 from tsd_twin.sensors.camera import CameraNoise
 
@@ -69,7 +69,7 @@ class CalibrationProblem:
         radii = 1.0 + unknowns[2 * k : 2 * k + 2]
         return Corrections(offset, float(radii[0]), float(radii[1]), spin, float(unknowns[-1]))
 
-    def start(self, learned: Mapping[str, LearnedError]) -> Array:
+    def start(self, learned: Mapping[str, BiasStatus]) -> Array:
         """Return the vector (u,) of the biases estimated by the robot, named as in its status.
 
         If wheel speeds are measured, a wheel that is too fast is one that is too large.
@@ -233,7 +233,7 @@ def fit_calibration(
     noise: CameraNoise,
     joints: JointErrors,
     speed_share: float = 0.0,
-    learned: Mapping[str, LearnedError] | None = None,
+    learned: Mapping[str, BiasStatus] | None = None,
 ) -> CalibrationFit:
     """Fit the corrections to camera poses, weighted by camera and joint noise.
 

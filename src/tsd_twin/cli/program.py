@@ -19,7 +19,7 @@ from tsd_twin import __version__, robots
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
 from tsd_twin.cli import flags
 from tsd_twin.errors import MissingExtraError, TwinError
-from tsd_twin.security import Identity
+from tsd_twin.security import BusIdentity
 from tsd_twin.simulation import PLANTS
 
 _LOG = logging.getLogger(__name__)
@@ -157,7 +157,7 @@ def client_bus(args: argparse.Namespace) -> Bus:
     return Bus(client_config(args.connect or [DEFAULT_ENDPOINT]))
 
 
-def certificate(args: argparse.Namespace) -> Identity | None:
+def certificate(args: argparse.Namespace) -> BusIdentity | None:
     """Identity in the certificate of `--zenoh-config`, None without a certificate."""
     file = from_file(args.zenoh_config).certificate if args.zenoh_config else None
     if file is None:

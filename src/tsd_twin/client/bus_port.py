@@ -20,7 +20,7 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import decode_json
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.messages.topics import Topic
 from tsd_twin.robots import RobotDescription
 
@@ -92,7 +92,7 @@ class BusLink(RobotConnection):
         super().__init__(bus, robot_id)
         self._changed = threading.Condition(self.lock)
         self._samples: dict[Topic, Sample] = {}
-        self._status: Status | None = None
+        self._status: RobotStatus | None = None
         self._odometry: Odometry | None = None
         self._status_seq = 0
         self._received_s = 0.0
@@ -193,7 +193,7 @@ class BusLink(RobotConnection):
             assert self._odometry is not None  # noqa: S101  As above.
             return self._snapshot(self._status, self._odometry)
 
-    def _snapshot(self, status: Status, odometry: Odometry) -> RobotState:
+    def _snapshot(self, status: RobotStatus, odometry: Odometry) -> RobotState:
         get = self._samples.get
         joints, setpoint = self._samples[topics.JOINTS], self._samples[topics.SETPOINT]
         return RobotState(

@@ -28,7 +28,7 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import duplicate_id_text
 from tsd_twin.messages.services import Description, decode_json, encode_refusal
-from tsd_twin.messages.status import Status, decode_stamp, decode_status
+from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status
 from tsd_twin.messages.topics import QoS, Service, Topic
 from tsd_twin.robots import RobotDescription
 
@@ -196,7 +196,7 @@ class RobotConnection:
             return self._publishers[key]
 
 
-def numbered_status(sample: Sample) -> tuple[Status, int]:
+def numbered_status(sample: Sample) -> tuple[RobotStatus, int]:
     """Decode a sample of `state/status`; return the status and its sequence number.
 
     Raises:

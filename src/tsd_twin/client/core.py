@@ -222,9 +222,9 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         return self._protocol.lost_reason
 
     @property
-    def asked_by(self) -> str | None:
+    def requested_by(self) -> str | None:
         """Operator requesting control, if any."""
-        return self._link.state().lease.asked_by
+        return self._link.state().lease.requested_by
 
     # Handover and modes.
 
@@ -461,7 +461,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
     def _send_due(self) -> float:
         """Send a due setpoint; return the time of the next one. Requires the lock."""
         now_s = self._now_s
-        command = self._protocol.due(now_s)
+        command = self._protocol.poll_command(now_s)
         if command is not None:
             self._link.send(command)
         return max(self._protocol.next_due_s, now_s + _SHORTEST_SLEEP_S)

@@ -19,7 +19,7 @@ from tsd_twin.messages.cdr import JointState, Odometry, decode_joints
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.sentences import sentence
-from tsd_twin.messages.status import Refusals, Status, decode_stamp
+from tsd_twin.messages.status import Refusals, RobotStatus, decode_stamp
 from tsd_twin.messages.topics import Topic
 
 MAX_ROUND_TRIPS = 40
@@ -72,7 +72,7 @@ class Snapshot:
     alternative: Odometry | None = None
     """Second estimate, if the robot has one."""
     truth: Odometry | None = None
-    status: Status | None = None
+    status: RobotStatus | None = None
     source: Source = "robot"
     """Sender of the status."""
     status_seq: int = 0
@@ -113,7 +113,7 @@ class RobotMonitor(RobotConnection):
         self.snapshot = Snapshot()
         self.round_trips = RoundTrips()
         """Measured round-trip times."""
-        self._frozen: Status | None = None
+        self._frozen: RobotStatus | None = None
         self._streams: dict[str, tuple[Topic, Callable[[bytes], Any]]] = {
             "joints": (topics.JOINTS, decode_joints),
             "setpoint": (topics.SETPOINT, decode_joints),

@@ -21,13 +21,13 @@ from tsd_twin.client.arguments import (
 )
 from tsd_twin.client.errors import MotionFailed
 from tsd_twin.client.port import Compute, NextStatus, Procedure, Send, Sleep
-from tsd_twin.client.protocol import COMMAND_PERIOD_S, REST, ControlProtocol
+from tsd_twin.client.protocol import COMMAND_PERIOD_S, ZERO_TWIST, ControlProtocol
 from tsd_twin.errors import PathError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.modes import Mode
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.routes import NavigationGoal
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
@@ -64,7 +64,7 @@ class PlanLimits:
     def in_force(
         robot: RobotDescription,
         kinematics: Kinematics[Any],
-        status: Status | None,
+        status: RobotStatus | None,
         *,
         speed_mps: float = math.inf,
         share: float = 1.0,
@@ -78,7 +78,9 @@ class PlanLimits:
         speed, turn = share * min(speed, speed_mps), share * turn
         return PlanLimits(
             msgspec.structs.replace(robot.limits, speed_mps=speed, turn_rate_rad_per_s=turn),
-            None if status is None or status.wheel_speed is None else status.wheel_speed.wanted_rpm,
+            None
+            if status is None or status.wheel_speed is None
+            else status.wheel_speed.requested_rpm,
             kinematics_in_force(robot, kinematics, status),
             robot.drives_sideways,
         )
@@ -89,13 +91,13 @@ class PlanLimits:
 
 
 def kinematics_in_force(
-    robot: RobotDescription, kinematics: Kinematics[Any], status: Status | None
+    robot: RobotDescription, kinematics: Kinematics[Any], status: RobotStatus | None
 ) -> Kinematics[Any]:
     """Return the kinematics at the wheel speed in `status`."""
     speeds = robot.wheel_speed_range
     if speeds is None or status is None or status.wheel_speed is None:
         return kinematics
-    spin = status.wheel_speed.wanted_rpm * RPM
+    spin = status.wheel_speed.requested_rpm * RPM
     return speeds.kinematics.with_spin(spin) if speeds.allows(spin) else kinematics
 
 
@@ -289,14 +291,14 @@ def _zero(
 ) -> Procedure[None]:
     """Send one zero after an error; a closed generator can no longer send."""
     if protocol.has_lease and protocol.is_active(motion) and not isinstance(error, GeneratorExit):
-        yield Send(protocol.command(REST, BASE, now_s))
+        yield Send(protocol.command(ZERO_TWIST, BASE, now_s))
 
 
 def _come_to_rest(protocol: ControlProtocol, now_s: float, motion: int) -> Procedure[None]:
     first, still_s, end_s = None, None, now_s + _REST_S
     while True:
         protocol.check_motion(now_s, motion)
-        command = protocol.command(REST, BASE, now_s)
+        command = protocol.command(ZERO_TWIST, BASE, now_s)
         first = command.seq if first is None else first
         yield Send(command)
         now_s = (yield Sleep(now_s + COMMAND_PERIOD_S)).now_s

@@ -12,7 +12,7 @@ import msgspec
 
 from tsd_twin.client.errors import ControlDenied, RequestRefused, RobotSilent, RobotStopped
 from tsd_twin.client.port import Call, NextStatus, Procedure, Send, SendStop
-from tsd_twin.client.protocol import REST, SILENCE_S, ControlProtocol
+from tsd_twin.client.protocol import STATUS_TIMEOUT_S, ZERO_TWIST, ControlProtocol
 from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.commands import why_of
 from tsd_twin.messages.errors import MessageError
@@ -28,7 +28,7 @@ from tsd_twin.messages.services import (
     StopRequest,
     decode_json,
 )
-from tsd_twin.messages.status import LeaseStatus, Status
+from tsd_twin.messages.status import LeaseStatus, RobotStatus
 from tsd_twin.messages.topics import Service
 
 ReplyT = TypeVar("ReplyT", Reply, LeaseReply)
@@ -106,7 +106,7 @@ def reset_without_control(protocol: ControlProtocol, now_s: float) -> Procedure[
     yield from release_lease(protocol)
 
 
-def _refuses_reset(status: Status | None) -> bool:
+def _refuses_reset(status: RobotStatus | None) -> bool:
     return status is not None and status.refusals is not None and bool(status.refusals.reset)
 
 
@@ -289,7 +289,7 @@ class LeaseRequestState(StrEnum):
 
 def request_state(lease: LeaseStatus, operator: str, *, settled: bool) -> LeaseRequestState:
     """Return the state of a request; `settled` means that the status postdates it."""
-    if lease.asked_by == operator:
+    if lease.requested_by == operator:
         return LeaseRequestState.WAITING
     free = lease.holder is None and lease.reserved_for is None
     if free or lease.reserved_for == operator:
@@ -328,7 +328,7 @@ def _until_granted(
                     return
                 if state is LeaseRequestState.ENDED:
                     raise ControlDenied(protocol.robot_id, f"{holder} keeps control", holder)
-                if lease.asked_by == operator:
+                if lease.requested_by == operator:
                     settled_s = now_s  # A later status without the request implies a decision.
             if now_s >= end_s:
                 raise ControlDenied(protocol.robot_id, f"{holder} does not answer", holder)
@@ -347,12 +347,12 @@ def answer_request(protocol: ControlProtocol, *, grant: bool, asker: str | None)
         ControlLost: If the lease is not held.
     """
     status = protocol.status
-    asker = asker or (status.lease.asked_by if status is not None else None)
+    asker = asker or (status.lease.requested_by if status is not None else None)
     message = LeaseRequest(
         op="grant" if grant else "deny",
         operator=protocol.operator,
         lease=protocol.lease_hex,
-        asker=asker,
+        requester=asker,
     )
     reply = yield from _ask(Service.LEASE, message, LeaseReply)
     if reply is None:
@@ -377,7 +377,7 @@ def give_back(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     lease = protocol.lease_hex
     protocol.end_motion()
     try:
-        yield Send(protocol.command(REST, BASE, now_s))
+        yield Send(protocol.command(ZERO_TWIST, BASE, now_s))
         for _ in range(_TRIES):
             reply = yield from _ask(Service.DISARM, HolderRequest(lease), Reply, _ANSWER_S)
             if reply is not None and reply.ok:
@@ -450,9 +450,9 @@ def stay_ready(protocol: ControlProtocol, now_s: float, duration_s: float) -> Pr
 
 def _next_status(protocol: ControlProtocol, now_s: float) -> Procedure[float]:
     before = protocol.status_seq
-    now_s = (yield NextStatus(now_s + SILENCE_S)).now_s
+    now_s = (yield NextStatus(now_s + STATUS_TIMEOUT_S)).now_s
     if protocol.status_seq == before:
         raise RobotSilent(
-            f"{protocol.robot_id} has sent no status for {SILENCE_S:g} s", "no_status"
+            f"{protocol.robot_id} has sent no status for {STATUS_TIMEOUT_S:g} s", "no_status"
         )
     return now_s

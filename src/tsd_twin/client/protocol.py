@@ -24,7 +24,7 @@ from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.modes import LATCHED, Mode
 from tsd_twin.messages.services import LeaseReply
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.motion.prediction import CommandDelay
 from tsd_twin.robots import RobotDescription
 
@@ -36,20 +36,20 @@ _SHORTEST_SETPOINT_S = 0.06
 """Lower bound on slow links; the robot then rejects commands that are too old."""
 _ZERO_LEAD_S = 0.03
 """Time from the end of a setpoint until its zero is accepted, in addition to the round trip."""
-SILENCE_S = 1.0
+STATUS_TIMEOUT_S = 1.0
 """The robot counts as silent after this time without a status (20 periods)."""
-_GRACE_S = 0.3
+_GRANT_LATENCY_S = 0.3
 """A status received this soon after a grant may predate it."""
 _SHORTEST_PERIOD_S = 0.01
 """A setpoint refreshed faster than this is sent with the next due command."""
-_REORDERED = 20
+_MAX_REORDER = 20
 """A smaller drop of the status number is reordering; a larger one means a robot restart."""
-_NUMBERS_APART = 1000
+_SEQ_GAP = 1000
 """Sequence-number gap between leases, larger than any previous holder can have in flight."""
-_MOST_NUMBERS = 2**53
+_MAX_SAFE_SEQ = 2**53
 """A larger number reported by the robot is ignored, because the next one may overflow."""
 _STILL_MPS, _STILL_RAD_PER_S = 0.02, 0.05
-REST = (0.0, 0.0, 0.0)
+ZERO_TWIST = (0.0, 0.0, 0.0)
 """Zero twist."""
 _MODES = frozenset(Mode)
 _ARMED_AND_READY = frozenset({Mode.READY, Mode.DRIVING, Mode.STOPPING})
@@ -96,7 +96,7 @@ class ControlProtocol(HeldLease):
         self.robot = robot
         self.kinematics: Kinematics[Any] = robot.kinematics()
         self._axes = list(self.kinematics.twist_axes)
-        self.status: Status | None = None
+        self.status: RobotStatus | None = None
         self.status_seq = 0
         """Number of the latest status, echoed by new inputs."""
         self._echoes = Echoes()
@@ -104,7 +104,7 @@ class ControlProtocol(HeldLease):
         self._twist: Array | None = None
         self._status_s = self._odometry_s = -math.inf
         self._seq = 0
-        self._stops: int | None = None
+        self._stops_at_start: int | None = None
         self._motion = 0
         self._stale_before = 0
         self._setpoint: _Setpoint | None = None
@@ -115,15 +115,15 @@ class ControlProtocol(HeldLease):
 
     # Received messages.
 
-    def receive_status(self, status: Status, seq: int, now_s: float) -> None:
+    def receive_status(self, status: RobotStatus, seq: int, now_s: float) -> None:
         """Process a `state/status` with its number; ignore outdated ones."""
-        if self.status_seq - _REORDERED <= seq < self.status_seq or status.mode not in _MODES:
+        if self.status_seq - _MAX_REORDER <= seq < self.status_seq or status.mode not in _MODES:
             return
         if seq != self.status_seq:
             self._delay.add_status(status.command, now_s)
             self._echoes.add(seq, now_s)
         self.status, self.status_seq, self._status_s = status, seq, now_s
-        settled = now_s - self._granted_s > max(_GRACE_S, self.max_age_s)
+        settled = now_s - self._granted_s > max(_GRANT_LATENCY_S, self.max_age_s)
         if self._lease and settled and status.lease.holder != self.operator:
             holder = status.lease.holder
             taken = holder and because(Code.HAS_CONTROL_NOW, holder=holder)
@@ -140,14 +140,14 @@ class ControlProtocol(HeldLease):
     def grant(self, reply: LeaseReply, now_s: float) -> None:
         """Process the reply that grants the lease."""
         super().grant(reply, now_s)
-        self._failure = self._stops = self._setpoint = self._rest_seq = None
+        self._failure = self._stops_at_start = self._setpoint = self._rest_seq = None
         # Start above any number the robot has reported, so that its status can acknowledge ours.
         counted = 0 if self.status is None else self.status.command.seq
-        self._seq = max(self._seq, counted if counted < _MOST_NUMBERS else 0) + _NUMBERS_APART
+        self._seq = max(self._seq, counted if counted < _MAX_SAFE_SEQ else 0) + _SEQ_GAP
 
     def _lose(self, why: Reason) -> None:
         super()._lose(why)
-        self._setpoint = self._stops = None
+        self._setpoint = self._stops_at_start = None
 
     # Motions.
 
@@ -165,7 +165,7 @@ class ControlProtocol(HeldLease):
     @property
     def in_motion(self) -> bool:
         """Whether a motion is active."""
-        return self._stops is not None
+        return self._stops_at_start is not None
 
     def begin_motion(self, now_s: float) -> int:
         """Begin a motion and return its number; it ends if the robot stops automatically.
@@ -174,7 +174,7 @@ class ControlProtocol(HeldLease):
             ClientError: If the lease is not held, the robot is silent or not ready, or another
                 motion is active.
         """
-        if self._stops is not None:
+        if self._stops_at_start is not None:
             raise ClientError(
                 f"{self.robot_id} is in another motion of this script", "other_motion"
             )
@@ -195,7 +195,10 @@ class ControlProtocol(HeldLease):
 
     def _begin(self) -> int:
         assert self.status is not None  # noqa: S101  Callers have checked.
-        self._stops, self._stale_before = self.status.stops, self.status.command.dropped.stale
+        self._stops_at_start, self._stale_before = (
+            self.status.stops,
+            self.status.command.dropped.stale,
+        )
         self._setpoint = self._rest_seq = None
         self._motion += 1
         return self._motion
@@ -219,7 +222,7 @@ class ControlProtocol(HeldLease):
     def end_motion(self, motion: int | None = None) -> None:
         """End a motion (by default the active one) without sending anything."""
         if motion is None or motion == self._motion:
-            self._stops = self._setpoint = self._rest_seq = None
+            self._stops_at_start = self._setpoint = self._rest_seq = None
 
     def check_motion(self, now_s: float, motion: int | None = None) -> None:
         """Check that a motion (by default the active one) may continue.
@@ -233,9 +236,9 @@ class ControlProtocol(HeldLease):
         if motion is not None and motion != self._motion:
             raise ClientError(f"rest has ended this motion of {self.robot_id}", "motion_ended")
         status = self.status
-        if status is None or self._stops is None:
+        if status is None or self._stops_at_start is None:
             raise ClientError(f"{self.robot_id} is in no motion", "no_motion")
-        if self.mode not in (Mode.READY, Mode.DRIVING) or status.stops > self._stops:
+        if self.mode not in (Mode.READY, Mode.DRIVING) or status.stops > self._stops_at_start:
             raise self._stopped("stopped by itself", "stopped_by_itself")
 
     @property
@@ -325,7 +328,7 @@ class ControlProtocol(HeldLease):
         counts_s = received_s + self.max_age_s - now_s - trip_s - _ZERO_LEAD_S
         return now_s + min(max(counts_s, _SHORTEST_SETPOINT_S), SETPOINT_TIMEOUT_S)
 
-    def due(self, now_s: float) -> TwistCommand | None:
+    def poll_command(self, now_s: float) -> TwistCommand | None:
         """Return the due command for the active setpoint, or a zero once it has expired.
 
         A failure ends the motion without another command; the next `set_velocity` raises it.
@@ -346,7 +349,7 @@ class ControlProtocol(HeldLease):
         setpoint = self._setpoint
         if now_s < setpoint.expires_s:
             return self.command(setpoint.twist, setpoint.frame, now_s, setpoint.status_seq)
-        command = self.command(REST, BASE, now_s)
+        command = self.command(ZERO_TWIST, BASE, now_s)
         self._rest_seq = command.seq if self._rest_seq is None else self._rest_seq
         return command
 
@@ -426,7 +429,7 @@ class ControlProtocol(HeldLease):
 
     def latch_reason(self) -> str:
         """Return the reason why the robot is latched, or ""."""
-        return self._sentence("") if self.mode in LATCHED else ""
+        return self._describe_mode("") if self.mode in LATCHED else ""
 
     @property
     def status_why(self) -> Reason | None:
@@ -434,18 +437,18 @@ class ControlProtocol(HeldLease):
         return self.status.stop if self.status is not None else None
 
     def _check_silence(self, now_s: float) -> None:
-        if now_s - self._status_s > SILENCE_S:
+        if now_s - self._status_s > STATUS_TIMEOUT_S:
             raise RobotSilent(
-                f"{self.robot_id} has sent no status for {SILENCE_S:g} s", "no_status"
+                f"{self.robot_id} has sent no status for {STATUS_TIMEOUT_S:g} s", "no_status"
             )
 
     def _stopped(self, what: str, code: str) -> RobotStopped:
         assert self.status is not None  # noqa: S101  Callers have looked.
         mode = self.status.mode
         code = code if mode in _ARMED_AND_READY else f"robot_{mode}"
-        return RobotStopped(self._sentence(what), code, self.status.stop)
+        return RobotStopped(self._describe_mode(what), code, self.status.stop)
 
-    def _sentence(self, what: str) -> str:
+    def _describe_mode(self, what: str) -> str:
         assert self.status is not None  # noqa: S101  Callers have checked.
         if self.status.mode in _ARMED_AND_READY:
             text = f"{self.robot_id} {what}"

@@ -16,7 +16,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import JointState, Odometry
 from tsd_twin.messages.modes import Mode
-from tsd_twin.messages.status import LeaseStatus, Status
+from tsd_twin.messages.status import LeaseStatus, RobotStatus
 
 T = TypeVar("T")
 
@@ -114,7 +114,7 @@ class OdometryState:
 class RobotState:
     """Snapshot of a robot; messages are decoded on first access."""
 
-    status: Status
+    status: RobotStatus
     """Full `state/status`; see docs/bus.md for the fields."""
     received_s: float
     """Arrival time of the latest message in it, on this process's monotonic clock."""

@@ -22,7 +22,7 @@ from tsd_twin.client.discovery import open_link
 from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.motions import TwistSource
 from tsd_twin.client.port import Procedure, Sleep, run, run_stepwise
-from tsd_twin.client.protocol import REST
+from tsd_twin.client.protocol import ZERO_TWIST
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.events import Event
@@ -255,7 +255,7 @@ class RobotControl(BaseControl[Link, None]):
         finally:
             with self._link.lock:
                 if self._protocol.in_motion and self._protocol.has_lease:  # Loop left early.
-                    self._link.send(self._protocol.command(REST, BASE, self._now_s))
+                    self._link.send(self._protocol.command(ZERO_TWIST, BASE, self._now_s))
             steps.close()
 
     def _perform(self, begin: Callable[[], Procedure[None]]) -> None:

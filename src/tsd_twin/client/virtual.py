@@ -198,7 +198,7 @@ class SimulationLink:
     def _send_due(self) -> None:
         now_s = self.now_s()
         for protocol in self._protocols:
-            if (command := protocol.due(now_s)) is not None:
+            if (command := protocol.poll_command(now_s)) is not None:
                 self.send(command)
             if protocol.renewal_is_due(now_s):
                 run(self, procedures.renew(protocol, now_s))

@@ -18,7 +18,7 @@ from tsd_twin.messages.cdr import BASE, Odometry
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import LeaseReply
-from tsd_twin.messages.status import LoopStatus, Status
+from tsd_twin.messages.status import LoopStatus, RobotStatus
 from tsd_twin.messages.topics import Service, twist_key
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
@@ -52,7 +52,7 @@ class VirtualRobot:
         self.controller = RobotController(robot, lambda: next(ids).to_bytes(16, "big"))
         self.simulated = simulated
         self.now_s = start_s
-        self.spin_share = 1.0
+        self.speed_scale_sigma = 1.0
         """True wheel speed relative to the controller's; commands are divided by it."""
         self._periods = itertools.count()
         self._status_seq = 0
@@ -79,7 +79,7 @@ class VirtualRobot:
 
     def drive(self, twist: Array) -> None:
         """Run one control period with the command `twist` (3,) in the body frame."""
-        self._step(twist / self.spin_share)
+        self._step(twist / self.speed_scale_sigma)
 
     @property
     def truth(self) -> SE2:
@@ -95,7 +95,7 @@ class VirtualRobot:
         """Return the robot's odometry relative to the mark."""
         return self.controller.odometry(round(self.now_s * 1e9))
 
-    def status(self) -> Status:
+    def status(self) -> RobotStatus:
         """Return the robot status."""
         return self.controller.status(self.now_s, LoopStatus(), {})
 

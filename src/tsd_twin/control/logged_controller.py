@@ -20,7 +20,6 @@ from typing import Any, TypeAlias
 import msgspec
 import numpy as np
 
-from tsd_twin.control import old_names
 from tsd_twin.control.robot_controller import RobotController
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, SO3, Array
@@ -29,7 +28,7 @@ from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.services import LeaseReply, Reply
-from tsd_twin.messages.status import LoopStatus, Status
+from tsd_twin.messages.status import LoopStatus, RobotStatus
 from tsd_twin.messages.topics import Service
 from tsd_twin.robots import RobotDescription
 
@@ -103,7 +102,7 @@ class SentCall(msgspec.Struct, frozen=True, array_like=True, tag="sent"):
 Call: TypeAlias = LeaseDrawn | StopCall | ServeCall | PosesCall | StepCall | StatusCall | SentCall
 
 
-class Snapshot(msgspec.Struct, frozen=True):
+class ControllerCheckpoint(msgspec.Struct, frozen=True):
     """State of a controller between two calls, from which a log can be replayed."""
 
     build: str
@@ -120,7 +119,7 @@ class InputBatch(msgspec.Struct, frozen=True):
     first: int
     """Number of the first call; batches are numbered without gaps."""
     calls: list[Call]
-    snapshot: Snapshot | None = None
+    snapshot: ControllerCheckpoint | None = None
     """State before the first call, included periodically."""
     pose: list[float] | None = None
     """Initial pose in the batch with `first` 0: (x, y, heading) or quaternion (w first), or None
@@ -220,7 +219,7 @@ def load_state(state: bytes, draw: Callable[[], bytes]) -> RobotController:
         TwinError: If the data is damaged, has unexpected content or is from a different version.
     """
     try:
-        ids, attributes = _Reader(io.BytesIO(state)).load()
+        ids, attributes = _SafeUnpickler(io.BytesIO(state)).load()
         ids.draw, ids.drawn = draw, []
         controller = RobotController.__new__(RobotController)
         vars(controller).update(attributes)
@@ -241,11 +240,10 @@ def _check_attributes(restored: object, new: object) -> None:
             _check_attributes(component, value)
 
 
-class _Reader(pickle.Unpickler):
+class _SafeUnpickler(pickle.Unpickler):
     """Unpickler restricted to classes without I/O."""
 
     def find_class(self, module_name: str, global_name: str) -> Any:
-        module_name, global_name = old_names.current(module_name, global_name)
         package = module_name.split(".")[:2]
         if (module_name, global_name) in _OTHERS:
             return super().find_class(module_name, global_name)
@@ -253,7 +251,7 @@ class _Reader(pickle.Unpickler):
             found = super().find_class(module_name, global_name)
             if isinstance(found, type) and found.__module__ == module_name:
                 return found
-        raise pickle.UnpicklingError(f"{module_name}.{global_name} is not part of a state")
+        raise pickle.UnpicklingError(f"{module_name}.{global_name} is not of this version")
 
 
 _LEASES_KEPT = 8
@@ -282,7 +280,7 @@ class LoggedController(RobotController):
         self.logs = True
         self._calls: list[Call] = []
         self._first = 0
-        self._snapshot: Snapshot | None = None
+        self._snapshot: ControllerCheckpoint | None = None
         self._own = frozenset({*vars(self), "_own"})
         super().__init__(robot, self._lease_ids, pose=pose)
 
@@ -339,7 +337,7 @@ class LoggedController(RobotController):
             self._calls.append(StopCall(payload, now_s, msgspec.json.encode(reply)))
         return reply
 
-    def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> Status:
+    def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> RobotStatus:
         """Return the message of `state/status`."""
         status = super().status(now_s, loop, hardware)
         if self.logs:
@@ -371,9 +369,9 @@ class LoggedController(RobotController):
         self._calls, self._snapshot = [], self._state() if snapshot else None
         return batch
 
-    def _state(self) -> Snapshot:
+    def _state(self) -> ControllerCheckpoint:
         state = dump_state(self, self._lease_ids, self._own)
-        return Snapshot(self._build, state, list(self._leases))
+        return ControllerCheckpoint(self._build, state, list(self._leases))
 
 
 def pose_numbers(pose: SE2 | SO3) -> list[float]:

@@ -165,7 +165,7 @@ ASIDE_RAD = NEUTRAL_RAD
 """Maximum following error: the neutral tolerance of arming, above the droop of a loaded servo."""
 REMEMBERED_S = 0.3
 """Time window of past setpoints for comparison with the measured angle."""
-PATIENCE_S = 0.7
+FOLLOWING_ERROR_TIMEOUT_S = 0.7
 """Maximum duration of a following error; a stuck gimbal is detected within 1 s."""
 
 
@@ -201,7 +201,7 @@ class FollowingErrorMonitor:
             self._since_s = np.full(len(commanded), np.inf)
         self._since_s = np.where(aside, np.minimum(self._since_s, now_s), np.inf)
         worst = int(np.argmin(self._since_s))
-        if now_s - self._since_s[worst] < PATIENCE_S:
+        if now_s - self._since_s[worst] < FOLLOWING_ERROR_TIMEOUT_S:
             return None
         off_deg = float(np.degrees(measured[worst] - commanded[worst]))
         return because(Code.FOLLOWING_ERROR, joint=self._names[worst], deg=off_deg)

@@ -32,7 +32,13 @@ from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import ARMED, Mode
 from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.services import LeaseReply, Reply
-from tsd_twin.messages.status import CommandStatus, LeaseStatus, LimitStatus, LoopStatus, Status
+from tsd_twin.messages.status import (
+    CommandStatus,
+    LeaseStatus,
+    LimitStatus,
+    LoopStatus,
+    RobotStatus,
+)
 from tsd_twin.messages.topics import Service
 from tsd_twin.motion import TwistLimiter, clip_to_finite
 from tsd_twin.robots import RobotDescription
@@ -79,10 +85,10 @@ def lease_status(supervisor: SafetySupervisor, lease: Lease | None, now_s: float
     return LeaseStatus(
         holder=lease.holder if lease else None,
         remaining_s=round(lease.expires_s - now_s, 3) if lease else 0.0,
-        asked_by=asked.operator if asked else None,
-        asks_for_s=round(asked.until_s - now_s, 3) if asked else 0.0,
+        requested_by=asked.operator if asked else None,
+        request_expires_in_s=round(asked.until_s - now_s, 3) if asked else 0.0,
         reserved_for=reserved.operator if reserved else None,
-        reserved_s=round(reserved.until_s - now_s, 3) if reserved else 0.0,
+        reservation_expires_in_s=round(reserved.until_s - now_s, 3) if reserved else 0.0,
     )
 
 
@@ -342,7 +348,7 @@ class RobotController:
         """Return the second estimate, or None if there is only one; see docs/bus.md."""
         return self._estimator.alternative_odometry(stamp_ns)
 
-    def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> Status:
+    def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> RobotStatus:
         """Return the `state/status` message."""
         supervisor = self.supervisor
         consistency = self._faults.evidence or self._estimator.consistency(
@@ -350,7 +356,7 @@ class RobotController:
         )
         self._add_event(self._fault_reporter.step(consistency.suspect, now_s))
         lease = supervisor.lease_in_force(now_s)
-        return Status(
+        return RobotStatus(
             mode=supervisor.mode,
             stop_reason=supervisor.reason,
             stop=supervisor.why,

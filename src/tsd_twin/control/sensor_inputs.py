@@ -65,7 +65,7 @@ class PoseMeasurements:
                 self._waiting.append((pose, now_s - max(age_s, 0.0)))
                 if len(self._waiting) > WAITING:
                     self._waiting.popleft()
-                    self._drop(FusionResult.FLOOD)
+                    self._drop(FusionResult.QUEUE_FULL)
 
     def step(self, now_s: float, *, at_rest: bool) -> Event | None:
         """Fuse the queued measurements of this period; return an event or None."""
@@ -80,7 +80,7 @@ class PoseMeasurements:
                     self._used += 1
                     self._used_s.append(now_s)
                     self._late_s = now_s - seen_s
-                case FusionResult.FOUND:
+                case FusionResult.RELOCALIZED:
                     self._found += 1
                     event = _found(before, self._estimate.pose, now_s)
                 case fate:
@@ -95,7 +95,7 @@ class PoseMeasurements:
             self._used_s.popleft()
         return PoseSensorStatus(
             hz=float(len(self._used_s)),
-            late_s=round(self._late_s, 4) if self._used_s else None,
+            latency_s=round(self._late_s, 4) if self._used_s else None,
             used=self._used,
             found=self._found,
             dropped=self._dropped,

@@ -86,7 +86,7 @@ class ServiceHandler:
         return Refusals.of(
             {
                 "lease": supervisor.lease_refusal(None, now_s),
-                "without_lease": supervisor.holder_refusal("", now_s),
+                "no_lease": supervisor.holder_refusal("", now_s),
                 "arm": supervisor.arm_refusal(lease_hex, now_s),
                 "disarm": supervisor.holder_refusal(lease_hex, now_s),
                 "reset": supervisor.reset_refusal(lease_hex, now_s),

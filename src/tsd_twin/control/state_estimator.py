@@ -13,21 +13,21 @@ from tsd_twin.control.sensor_inputs import PoseMeasurements
 from tsd_twin.estimation import (
     ODOMETRY,
     OUTAGE_S,
+    CoastStep,
     ConsistencyMonitor,
     DeadReckoning,
     Estimate,
     FusedEstimate,
     GyroOdometry,
     MeasurementOutage,
-    OutageStep,
     ReportedOdometry,
-    SpinModel,
+    WheelSpeedModel,
     sensor_odometry_of,
 )
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.cdr import Odometry
-from tsd_twin.messages.status import ConsistencyStatus, LearnedError
+from tsd_twin.messages.status import BiasStatus, ConsistencyStatus
 from tsd_twin.robots import RobotDescription
 
 _LAST_STEP_S = 0.01
@@ -50,16 +50,20 @@ class StateEstimator:
         self._angles = np.flatnonzero(self.is_angle)
         self._wheels = np.flatnonzero(~self.is_angle)
         self._needed = np.flatnonzero(self.is_angle | robot.measures_spin)
-        self._spin = SpinModel(robot.spin_up(), len(self._wheels))
-        self._plain = ODOMETRY[self.kinematics.pose_type](self.kinematics, robot.joint_errors())
-        self._second, prefer_second = sensor_odometry_of(robot)
-        self._inner: DeadReckoning = self._second if prefer_second and self._second else self._plain
-        self._corrected = None
+        self._spin = WheelSpeedModel(robot.spin_up(), len(self._wheels))
+        self._wheel_odom = ODOMETRY[self.kinematics.pose_type](
+            self.kinematics, robot.joint_errors()
+        )
+        self._aux_odom, prefer_second = sensor_odometry_of(robot)
+        self._dead_reckoning: DeadReckoning = (
+            self._aux_odom if prefer_second and self._aux_odom else self._wheel_odom
+        )
+        self._fused = None
         if self.kinematics.pose_type is SE2:
-            self._corrected = FusedEstimate(self.kinematics, self._inner, robot.pose_sensor)
-        self._constant_rows = self._inner.constant_rows()
-        self._best: Estimate = self._corrected or self._inner
-        self.pose_sensor = PoseMeasurements(self._corrected)
+            self._fused = FusedEstimate(self.kinematics, self._dead_reckoning, robot.pose_sensor)
+        self._constant_rows = self._dead_reckoning.bias_rows()
+        self._output: Estimate = self._fused or self._dead_reckoning
+        self.pose_sensor = PoseMeasurements(self._fused)
         """Measurements from an external pose sensor."""
         self._consistency = ConsistencyMonitor(
             self.kinematics, robot.joint_errors(), robot.joint_compliance()
@@ -68,7 +72,7 @@ class StateEstimator:
         """Time of the last joint measurement."""
         self.joints = np.where(self.is_angle, self.kinematics.inverse(np.zeros(3)), 0.0)
         """(n,): measured joints; unmeasured wheel speeds come from the motor model."""
-        self._before, self._step_s = self.joints, 1.0
+        self._previous_joints, self._step_s = self.joints, 1.0
         speed = robot.limits.speed_mps / self.kinematics.twist_scale_m
         full_twist = np.array([speed, speed, robot.limits.turn_rate_rad_per_s])
         self._outage = MeasurementOutage(full_twist, robot.stopping_s)
@@ -106,39 +110,39 @@ class StateEstimator:
             self.sensors = self._unmeasured
         else:
             return
-        self._before, self._step_s, self.joints = self.joints, dt_s, joints
+        self._previous_joints, self._step_s, self.joints = self.joints, dt_s, joints
         if self.measured_s < now_s:
             if self._outage.elapsed_s + dt_s > OUTAGE_S:
                 self._coast(now_s, dt_s)
                 return
             self._step_of_outage(dt_s)
-        motion = self._plain.advance(joints, dt_s)
-        if self._second is not None:
-            self._second.follow(joints, self.sensors, motion, dt_s)
-        if self._corrected is not None:
-            self._corrected.follow(now_s)
-            if isinstance(self._second, GyroOdometry) and self._second.comparison is not None:
-                self._corrected.learning.compare(now_s, self._second.comparison)
+        motion = self._wheel_odom.advance(joints, dt_s)
+        if self._aux_odom is not None:
+            self._aux_odom.follow(joints, self.sensors, motion, dt_s)
+        if self._fused is not None:
+            self._fused.follow(now_s)
+            if isinstance(self._aux_odom, GyroOdometry) and self._aux_odom.comparison is not None:
+                self._fused.learning.compare(now_s, self._aux_odom.comparison)
         self._consistency.advance(joints, dt_s, modelled=modelled)
 
     def _coast(self, now_s: float, dt_s: float) -> None:
         """Propagate an outage by `dt_s` to `now_s`, without measurements."""
         step = self._step_of_outage(dt_s)
-        self._plain.coast(step, dt_s)
-        if self._second is not None:
-            self._second.coast(step, dt_s)
-        if self._corrected is not None:
-            self._corrected.follow(now_s)
+        self._wheel_odom.coast(step, dt_s)
+        if self._aux_odom is not None:
+            self._aux_odom.coast(step, dt_s)
+        if self._fused is not None:
+            self._fused.follow(now_s)
 
-    def _step_of_outage(self, dt_s: float) -> OutageStep:
+    def _step_of_outage(self, dt_s: float) -> CoastStep:
         if self._outage.elapsed_s == 0.0:
-            self._outage.begin(self._plain.twist_of_last())
+            self._outage.begin(self._wheel_odom.twist_of_last())
         return self._outage.advance(dt_s)
 
     @property
     def rates(self) -> Array:
         """(n,): joint rates; accelerations for wheels."""
-        return (self.joints - self._before) / self._step_s
+        return (self.joints - self._previous_joints) / self._step_s
 
     def neutral_and_at_speed(self, at_rest: Array) -> tuple[bool, bool]:
         """Return whether all gimbals are neutral, and whether all wheels reached their setpoint.
@@ -161,46 +165,48 @@ class StateEstimator:
     @property
     def pose(self) -> Any:
         """Estimated pose in `odom`: `SE2` or `SO3`, depending on the kinematics."""
-        return self._best.pose
+        return self._output.pose
 
     @property
     def mean_twist(self) -> Array:
         """(3,): mean twist during the last step, used to integrate the pose."""
-        return self._inner.motion.twist
+        return self._dead_reckoning.motion.twist
 
     @property
     def end_twist(self) -> Array:
         """(3,): twist in `base_link` at the end of the last step."""
-        return self._best.end_twist
+        return self._output.end_twist
 
     def set_pose(self, pose: SE2 | SO3) -> None:
         """Set the estimate to `pose`, with zero covariance."""
-        self._plain.set_pose(pose)
-        if self._second is not None:
-            self._second.set_pose(pose)
-        self._best.set_pose(pose)
+        self._wheel_odom.set_pose(pose)
+        if self._aux_odom is not None:
+            self._aux_odom.set_pose(pose)
+        self._output.set_pose(pose)
 
     def odometry(self, stamp_ns: int) -> Odometry:
         """Return pose in `odom` and twist in `base_link`, with covariances."""
-        return _message(self._best, stamp_ns)
+        return _message(self._output, stamp_ns)
 
     def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
         """Return the second estimate, or None if there is only one.
 
         It is not corrected by pose measurements.
         """
-        second = self._second
-        corrected = self._corrected is not None and self._corrected.is_corrected
+        second = self._aux_odom
+        corrected = self._fused is not None and self._fused.is_corrected
         if second is not None and not isinstance(second, ReportedOdometry):
-            return _message(self._plain if self._inner is second else second, stamp_ns)
-        return _message(self._inner, stamp_ns) if corrected else None
+            return _message(
+                self._wheel_odom if self._dead_reckoning is second else second, stamp_ns
+            )
+        return _message(self._dead_reckoning, stamp_ns) if corrected else None
 
-    def learned(self) -> Mapping[str, LearnedError] | None:
+    def learned(self) -> Mapping[str, BiasStatus] | None:
         """Return estimated biases by name, or None before a pose sensor or gyro observed any."""
-        if self._corrected is None or not self._corrected.learning.has_measured:
+        if self._fused is None or not self._fused.learning.has_measured:
             return None
-        found = self._corrected.learning.learned(self._constant_rows)
-        return {name: LearnedError(each.value, each.sigma) for name, each in found.items()}
+        found = self._fused.learning.learned(self._constant_rows)
+        return {name: BiasStatus(each.value, each.sigma) for name, each in found.items()}
 
     def consistency(self, *, wheels_spin: bool) -> ConsistencyStatus:
         """Return the joint consistency; wheels at rest carry no information on gimbals."""
@@ -211,7 +217,7 @@ class StateEstimator:
             residual_mps=round(verdict.residual_mps, 5),
             suspect=None if suspect is None else names[suspect],
             level=round(level, 4),
-            explained=dict(zip(names, (level * verdict.shares).round(4).tolist(), strict=True)),
+            contributions=dict(zip(names, (level * verdict.shares).round(4).tolist(), strict=True)),
         )
 
 

@@ -42,7 +42,7 @@ class WheelSpeedController:
         )
         self._mean_ratio = float(self._range.kinematics.spin_ratio.mean()) if self._range else 1.0
         usual = self._range.kinematics.spin_rad_per_s if self._range else 0.0
-        self._usual = self._requested = self._commanded = self._at = usual
+        self._default_speed = self._requested = self._commanded = self._at = usual
         self._chosen_by: bytes | None = None
         self._was_armed = False
         self._solution = (self.kinematics, b"", np.zeros(0))
@@ -85,7 +85,7 @@ class WheelSpeedController:
         if self._range is None:
             return False
         if not armed and (self._was_armed or lease != self._chosen_by):
-            self._requested, self._chosen_by = self._usual, None
+            self._requested, self._chosen_by = self._default_speed, None
         self._was_armed = armed
         if not ramps:
             self._commanded = self._requested

@@ -64,7 +64,7 @@ STALE_S = 0.3
 """An older state must not look live."""
 IDLE_PERIOD_S = 0.2
 """Time between two polls of the statuses while no page is open."""
-LINGER_S = 10.0
+IDLE_TIMEOUT_S = 10.0
 """The picture goes on for so long after the last page has closed: a page that reloads finds it."""
 
 
@@ -141,7 +141,7 @@ class UpdateLoop:
     def _tick(self, now_s: float, drawing: Executor) -> None:
         if self._is_watched():
             self._watched_s = now_s
-        self._active = now_s - self._watched_s < LINGER_S
+        self._active = now_s - self._watched_s < IDLE_TIMEOUT_S
         for robot_id in self._discovery.refresh():
             drawing.submit(self._add, self._discovery.links[robot_id])
         for robot_id, event in self._discovery.take_events():

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from tsd_twin.estimation.bias_filter import BiasFilter
 from tsd_twin.estimation.consistency import ConsistencyMonitor, ConsistencyResult
-from tsd_twin.estimation.learned import ConstantsFilter
 from tsd_twin.estimation.odometry_kinds import ReportedOdometry, sensor_odometry_of
-from tsd_twin.estimation.outage import OUTAGE_S, MeasurementOutage, OutageStep
+from tsd_twin.estimation.outage import OUTAGE_S, CoastStep, MeasurementOutage
 from tsd_twin.estimation.pose_filter import DriftFilter, PoseFilter
 from tsd_twin.estimation.pose_fusion import FusedEstimate, FusionResult
 from tsd_twin.estimation.pose_uncertainty import (
@@ -26,36 +26,36 @@ from tsd_twin.estimation.sensor_fusion import (
 )
 from tsd_twin.estimation.wheel_odometry import (
     ODOMETRY,
-    JointOdometry,
     OrientationOdometry,
     PlanarOdometry,
-    SpinModel,
+    WheelOdometry,
+    WheelSpeedModel,
 )
 
 __all__ = [
     "ODOMETRY",
     "OUTAGE_S",
     "REGION_SHARE",
+    "BiasFilter",
+    "CoastStep",
     "ConsistencyMonitor",
     "ConsistencyResult",
-    "ConstantsFilter",
     "DeadReckoning",
     "DriftFilter",
     "Estimate",
     "FusedEstimate",
     "FusionResult",
     "GyroOdometry",
-    "JointOdometry",
     "MeasurementOutage",
     "OrientationOdometry",
-    "OutageStep",
     "PlanarOdometry",
     "PoseErrors",
     "PoseFilter",
     "ReportedOdometry",
     "SensorOdometry",
-    "SpinModel",
     "TwistErrors",
+    "WheelOdometry",
+    "WheelSpeedModel",
     "encloses",
     "exponential_error",
     "heading_region_rad",

@@ -349,7 +349,7 @@ class ConsistencyMonitor:
         if compliance is None:
             return ParityTest.of(self._space_at(joints), sigma)
         lean, rate = self._maxima[: len(joints)], self._maxima[len(joints) :]
-        trail = np.minimum(compliance.lag_s * rate, compliance.play_rad)
+        trail = np.minimum(compliance.lag_s * rate, compliance.backlash_rad)
         parts = (
             sigma,
             _DEFLECTION_SIGMA * lean,

@@ -23,9 +23,9 @@ class JointNoise:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
         self._angle = is_angle * noise.angle_rad
         self._read_angle = is_angle * math.hypot(noise.angle_rad, noise.rounding_rad)
-        self._share = ~is_angle * noise.spin_share
+        self._share = ~is_angle * noise.speed_scale_sigma
         self._is_speed = ~is_angle
-        self._walk_rad = noise.walk_rad
+        self._walk_rad = noise.random_walk_rad
 
     @property
     def white(self) -> Array:
@@ -93,7 +93,7 @@ class FloorEffects:
 
     def of_joints(self, joints: Array) -> Array:
         """Return the errors (n,) of `joints` (n,): friction slows spinning wheels."""
-        loss_rad_per_s = self._errors.spin_share * self._errors.at_rad_per_s
+        loss_rad_per_s = self._errors.speed_scale_sigma * self._errors.at_rad_per_s
         return np.where(self._is_speed & (joints > 0.0), -loss_rad_per_s, 0.0)
 
     def of_twist(self, joints: Array) -> Array:
@@ -151,7 +151,7 @@ class RollerCreep:
         return 0.0
 
 
-class ConstantErrors:
+class JointBiases:
     """Joint biases in terms of independent, standard normal numbers."""
 
     def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
@@ -160,7 +160,7 @@ class ConstantErrors:
         joints = len(is_angle)
         zeros = noise.zero_rad * np.eye(joints)[is_angle]
         self._zeros = zeros[zeros.any(axis=1)]
-        shares = noise.spin_share * np.eye(joints)[~is_angle]
+        shares = noise.speed_scale_sigma * np.eye(joints)[~is_angle]
         shares = np.vstack([shares, noise.common_spin_share * ~is_angle])
         self._shares = shares[shares.any(axis=1)]
         self._is_speed = ~is_angle
@@ -203,7 +203,7 @@ class ConstantErrors:
         creep = np.zeros((3, self.count))
         creep[:, :zeros] = jacobians(self._kinematics, at_rest)[0] @ by_joint[:, :zeros]
         if self.floor.any:
-            by_joint[self._is_speed, -1] = -self._floor_errors.spin_share
+            by_joint[self._is_speed, -1] = -self._floor_errors.speed_scale_sigma
             creep[2, -1] = self.floor.turn_rad_per_s(at_rest)
             if self._floor_errors.slip_lag_s > 0.0:
                 rows["slip_lag_s"] = self._floor_errors.slip_lag_s * np.eye(self.count)[-1]

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from tsd_twin.estimation.outage import OutageStep
+from tsd_twin.estimation.outage import CoastStep
 from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
 from tsd_twin.estimation.sensor_fusion import GyroOdometry, SensorOdometry
 from tsd_twin.estimation.wheel_odometry import OrientationOdometry, PlanarOdometry
@@ -16,7 +16,7 @@ from tsd_twin.kinematics import SphereKinematics, TwistSolution
 from tsd_twin.lie import SE2, Array
 from tsd_twin.registry import KindTable
 from tsd_twin.robots import (
-    ImportedDescription,
+    ExternalDescription,
     OmniDescription,
     RobotDescription,
     SingularityDescription,
@@ -55,7 +55,7 @@ class DeadWheelOdometry(PlanarOdometry):
         self._between_s = 0.0
         self._rates: Array | None = None
 
-    def constant_rows(self) -> Mapping[str, Array]:
+    def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
         sensors, first = self._sensors, self._constants.count
         mounting = math.radians(sensors.mounting_deg)
@@ -69,7 +69,7 @@ class DeadWheelOdometry(PlanarOdometry):
         }
         unit = np.eye(self.spread.constants)[first:]
         own = {name: size * row for (name, size), row in zip(sizes.items(), unit, strict=False)}
-        return {**super().constant_rows(), **own}
+        return {**super().bias_rows(), **own}
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
         """Update with both angles and the rate, (3,), measured `dt_s` after the last ones."""
@@ -90,7 +90,7 @@ class DeadWheelOdometry(PlanarOdometry):
             self._until_refresh = 0
         self._move(motion, joints, dt_s)
 
-    def coast(self, step: OutageStep, dt_s: float) -> None:
+    def coast(self, step: CoastStep, dt_s: float) -> None:
         """Advance by a step without measurements, also of the tracking wheels.
 
         They keep counting, but the heading at each count is unknown.
@@ -102,8 +102,8 @@ class DeadWheelOdometry(PlanarOdometry):
         if self._rates is None:
             return super()._twist_errors(joints, dt_s)
         sensors, by_rates = self._sensors, self._twist_from_rates
-        by_constants = np.zeros_like(self.errors.by_constants)
-        own = by_constants[:, self._constants.count :]
+        bias_jacobian = np.zeros_like(self.errors.bias_jacobian)
+        own = bias_jacobian[:, self._constants.count :]
         own[:, :2] = by_rates[:, :2] * (sensors.radius_share * self._rates[:2])
         # A misaligned wheel also measures part of the lateral motion.
         across = self._across @ self.motion.twist
@@ -118,8 +118,8 @@ class DeadWheelOdometry(PlanarOdometry):
             * np.outer(by_rates[:, 2], by_rates[:, 2])
         )
         self._between_rad2 = self._between_s = 0.0
-        covariance = by_constants @ by_constants.T + 2.0 / dt_s**2 * rounding + turned / dt_s
-        return TwistErrors(by_constants, rounding / _PULSE_S + turned, covariance)
+        covariance = bias_jacobian @ bias_jacobian.T + 2.0 / dt_s**2 * rounding + turned / dt_s
+        return TwistErrors(bias_jacobian, rounding / _PULSE_S + turned, covariance)
 
 
 class ReportedOdometry(PlanarOdometry):
@@ -128,7 +128,7 @@ class ReportedOdometry(PlanarOdometry):
     Setting the pose fixes an offset to the reported poses. Without a report the pose is held.
     """
 
-    def __init__(self, robot: ImportedDescription) -> None:
+    def __init__(self, robot: ExternalDescription) -> None:
         super().__init__(robot.kinematics(), robot.joint_errors())
         self._reported = SE2.identity()
         self._offset = SE2.identity()
@@ -148,7 +148,7 @@ class ReportedOdometry(PlanarOdometry):
         else:
             self.pose = before
 
-    def coast(self, step: OutageStep, dt_s: float) -> None:
+    def coast(self, step: CoastStep, dt_s: float) -> None:
         """Hold the pose in a step without a report."""
         before = self.pose
         super().coast(step, dt_s)
@@ -172,7 +172,7 @@ class DualRowOdometry(OrientationOdometry):
         """Update with the wheel speeds (k,) measured `dt_s` after the last ones."""
         self.advance(joints, dt_s)
 
-    def coast(self, step: OutageStep, dt_s: float) -> None:
+    def coast(self, step: CoastStep, dt_s: float) -> None:
         """Advance by a step without measurements, in which wheels roll with the sphere."""
         self.angles_rad = self.angles_rad + dt_s * self._sphere.inverse(step.twist)
         super().coast(step, dt_s)
@@ -208,7 +208,7 @@ def odometry_by_rows(robot: SphereDescription) -> tuple[SensorOdometry, bool]:
     return DualRowOdometry(robot), robot.estimate.model == "dual"
 
 
-def odometry_of_another(robot: ImportedDescription) -> tuple[SensorOdometry, bool]:
+def odometry_of_another(robot: ExternalDescription) -> tuple[SensorOdometry, bool]:
     """Return the odometry reported by the robot itself."""
     return ReportedOdometry(robot), True
 
@@ -222,7 +222,7 @@ _ODOMETRIES = KindTable[_Factory](
         SingularityDescription: odometry_by_gyro,
         OmniDescription: odometry_of_platform,
         SphereDescription: odometry_by_rows,
-        ImportedDescription: odometry_of_another,
+        ExternalDescription: odometry_of_another,
     },
     lambda kind: kind.odometry,
     no_odometry,

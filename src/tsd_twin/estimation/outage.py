@@ -18,7 +18,7 @@ relative to its speed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OutageStep:
+class CoastStep:
     """Motion during one step of an outage."""
 
     share: float
@@ -71,14 +71,14 @@ class MeasurementOutage:
         slides = np.diag(np.square(_SLIP_SIGMA * speed * self._full_twist))
         self._displacement = twist[:, None] * twist + slides
 
-    def advance(self, dt_s: float) -> OutageStep:
+    def advance(self, dt_s: float) -> CoastStep:
         """Return the motion during the next `dt_s` without a measurement."""
         before_s = self._elapsed_s
         self._elapsed_s = after_s = before_s + dt_s
         added_s2 = self._variance_s2(after_s) - self._variance_s2(before_s)
         share = (self._mean_s(after_s) - self._mean_s(before_s)) / dt_s
         ended = self._ended(after_s)
-        return OutageStep(
+        return CoastStep(
             share=share,
             twist=share * self._twist,
             white_per_s=added_s2 / dt_s * self._displacement,

@@ -33,7 +33,7 @@ class _Measurement:
     rows: Array
     value: Array
     covariance: Array
-    by_constants: Array
+    bias_jacobian: Array
     """(..., j, m): Jacobian of the measured value with respect to the biases."""
 
 
@@ -49,7 +49,7 @@ class _FilterStep:
     twist_by_constants: Array
     """(..., 3, m): Jacobian of the twist with respect to the biases."""
     pose: Array
-    by_constants: Array
+    bias_jacobian: Array
     """(..., 3, m): Jacobian of the pose with respect to the biases."""
     rest: Array
     """(..., 3, 3): covariance of the pose without biases (process noise)."""
@@ -65,7 +65,7 @@ class _FilterStep:
     @property
     def covariance(self) -> Array:
         """(..., 3, 3): covariance of the pose."""
-        return self.rest + self.by_constants @ _transposed(self.by_constants)
+        return self.rest + self.bias_jacobian @ _transposed(self.bias_jacobian)
 
 
 class PoseFilter:
@@ -88,17 +88,17 @@ class PoseFilter:
         pose: SE2,
         covariance: Array | None = None,
         *,
-        by_constants: Array | None = None,
+        bias_jacobian: Array | None = None,
         now_s: float = 0.0,
         memory_s: float = 1.0,
     ) -> None:
-        """`by_constants` (..., 3, m): effect of m biases on `pose`, in addition to `covariance`."""
+        """`bias_jacobian` (..., 3, m): effect of m biases on `pose`, besides `covariance`."""
         self._kinematics = kinematics
         self._memory_s = memory_s
         start = np.array(pose.xy_heading, dtype=float)
         spread = np.zeros((*start.shape, 3)) if covariance is None else np.array(covariance)
         none = np.zeros_like(start)
-        by = np.zeros((*start.shape, 0)) if by_constants is None else np.array(by_constants)
+        by = np.zeros((*start.shape, 0)) if bias_jacobian is None else np.array(bias_jacobian)
         self._none: Array = np.zeros_like(by)
         growth = np.zeros((*start.shape, 3))
         cautious = spread + by @ _transposed(by)
@@ -139,10 +139,10 @@ class PoseFilter:
     @property
     def errors(self) -> PoseErrors:
         """Errors of x, y, heading."""
-        return PoseErrors(self._steps[-1].by_constants, self._steps[-1].rest)
+        return PoseErrors(self._steps[-1].bias_jacobian, self._steps[-1].rest)
 
     def advance(
-        self, now_s: float, twist: Array, growth_per_s: Array, by_constants: Array | None = None
+        self, now_s: float, twist: Array, growth_per_s: Array, bias_jacobian: Array | None = None
     ) -> None:
         """Predict to `now_s` with the mean `twist` (..., 3) since the last time.
 
@@ -151,13 +151,13 @@ class PoseFilter:
             twist: (..., 3) mean twist in the body frame.
             growth_per_s: (..., 3, 3) growth of the pose covariance per second, body frame: S dt for
                 white noise of covariance S in each sample of length dt.
-            by_constants: (..., 3, m) Jacobian of the twist w.r.t. the biases; zero by default.
+            bias_jacobian: (..., 3, m) Jacobian of the twist w.r.t. the biases; zero by default.
         """
         if not now_s > self.now_s:
             return
         last = self._steps[-1]
         growth = np.zeros_like(last.rest) + growth_per_s
-        by = self._none if by_constants is None else self._none + by_constants
+        by = self._none if bias_jacobian is None else self._none + bias_jacobian
         self._steps.append(self._step(last, now_s, np.array(twist), growth, by))
         self._run(len(self._steps) - 1)
         # Keep one step older than the memory as the initial state for the others.
@@ -182,14 +182,14 @@ class PoseFilter:
         pose: SE2,
         covariance: Array,
         measured_s: float | None = None,
-        by_constants: Array | None = None,
+        bias_jacobian: Array | None = None,
     ) -> bool:
         """Fuse measured poses with a covariance (..., 3, 3); return False as in `fuse_heading`.
 
-        `by_constants` (..., 3, m) is the Jacobian of a measured pose w.r.t. the biases; zero by
+        `bias_jacobian` (..., 3, m) is the Jacobian of a measured pose w.r.t. the biases; zero by
         default.
         """
-        by = self._none if by_constants is None else by_constants
+        by = self._none if bias_jacobian is None else bias_jacobian
         value = np.array(pose.xy_heading, dtype=float)
         return self._fuse(_Measurement(_POSE, value, np.array(covariance), by), measured_s)
 
@@ -198,13 +198,13 @@ class PoseFilter:
         pose: SE2,
         covariance: Array,
         measured_s: float,
-        by_constants: Array | None = None,
+        bias_jacobian: Array | None = None,
     ) -> Array:
         """Return the squared Mahalanobis distance (...) of measured poses from the prediction.
 
         It is the smaller of two distances, by the filter's covariance and by the covariance assumed
         for the gains, so its distribution is at most chi-square with three degrees of freedom. The
-        filter is not changed. `measured_s` must be within the memory; `by_constants` as in
+        filter is not changed. `measured_s` must be within the memory; `bias_jacobian` as in
         `fuse_pose`.
         """
         index = self._index(min(measured_s, self.now_s))
@@ -214,7 +214,7 @@ class PoseFilter:
             step = self._part(step, measured_s, later)
             _carry(self._steps[index], [step])
         off = exponential_error(SE2(step.pose), pose)
-        by = step.by_constants if by_constants is None else step.by_constants + by_constants
+        by = step.bias_jacobian if bias_jacobian is None else step.bias_jacobian + bias_jacobian
         claimed = step.rest + by @ _transposed(by)
         expected = np.stack([claimed, step.cautious]) + covariance
         weighed = np.asarray(np.linalg.solve(expected, off[None, ..., None]), dtype=float)
@@ -257,7 +257,7 @@ class PoseFilter:
     ) -> _FilterStep:
         """Return a step that starts at the end of `before`, not yet run."""
         moved = self._kinematics.integrate(self._still, twist, end_s - before.end_s).xy_heading
-        state = (before.pose, before.by_constants, before.rest, before.cautious)
+        state = (before.pose, before.bias_jacobian, before.rest, before.cautious)
         return _FilterStep(end_s, twist, moved, growth_per_s, twist_by, *state)
 
     def _run(self, index: int) -> None:
@@ -305,10 +305,10 @@ def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
     grown = (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
     carry = 2.0 * _POSE - back
     rest = carry @ (before.rest + grown) @ _transposed(carry)
-    by_constants, cautious = [before.by_constants] * len(steps), rest
-    if before.by_constants.shape[-1]:
+    bias_jacobian, cautious = [before.bias_jacobian] * len(steps), rest
+    if before.bias_jacobian.shape[-1]:
         twist_by = shift @ np.stack([step.twist_by_constants for step in steps])
-        by_constants = carry @ (before.by_constants + (dt_s * twist_by).cumsum(axis=0))
+        bias_jacobian = carry @ (before.bias_jacobian + (dt_s * twist_by).cumsum(axis=0))
         twist = np.stack([step.twist for step in steps])
         square = np.square(_TWIST_MARGIN * twist)
         square[..., :2] = square[..., :1] + square[..., 1:2]
@@ -318,7 +318,7 @@ def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
         grown = grown + _PERSIST_S * (dt_s * doubt).cumsum(axis=0)
         cautious = carry @ (before.cautious + grown) @ _transposed(carry)
     for i, step in enumerate(steps):
-        step.pose, step.by_constants = pose[i], by_constants[i]
+        step.pose, step.bias_jacobian = pose[i], bias_jacobian[i]
         step.rest, step.cautious = rest[i], cautious[i]
 
 
@@ -336,7 +336,7 @@ def _correct(step: _FilterStep, measurement: _Measurement) -> None:
     keep = np.eye(3) - gain @ rows
     noise = gain @ measurement.covariance @ _transposed(gain)
     step.pose = pose + (gain @ off[..., None])[..., 0]
-    step.by_constants = keep @ step.by_constants - gain @ measurement.by_constants
+    step.bias_jacobian = keep @ step.bias_jacobian - gain @ measurement.bias_jacobian
     step.rest = keep @ step.rest @ _transposed(keep) + noise
     step.cautious = keep @ step.cautious @ _transposed(keep) + noise
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tsd_twin.estimation.learned import ConstantsFilter
+from tsd_twin.estimation.bias_filter import BiasFilter
 from tsd_twin.estimation.pose_filter import GATE, PoseFilter
 from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
 from tsd_twin.estimation.sensor_fusion import DeadReckoning
@@ -52,14 +52,14 @@ class PoseHypothesis:
         """Return the time since the first pose."""
         return at_s - self._first_s
 
-    def vote(self, pose: SE2, covariance: Array, by_constants: Array, at_s: float) -> bool:
+    def vote(self, pose: SE2, covariance: Array, bias_jacobian: Array, at_s: float) -> bool:
         """Fuse a pose if it agrees, and return whether it did; arguments as in `fuse_pose`."""
         if not at_s >= self.filter.oldest_s:
             return False
-        if float(self.filter.mahalanobis_sq(pose, covariance, at_s, by_constants)) > GATE:
+        if float(self.filter.mahalanobis_sq(pose, covariance, at_s, bias_jacobian)) > GATE:
             self._votes -= 1
             return False
-        self.filter.fuse_pose(pose, covariance, at_s, by_constants)
+        self.filter.fuse_pose(pose, covariance, at_s, bias_jacobian)
         self._votes = min(self._votes + 1, _VOTES)  # Capped, so that it can be outvoted soon.
         return True
 
@@ -85,9 +85,9 @@ class PoseHypothesis:
 
 MEMORY_S = 1.0
 """Maximum delay of a pose that can be fused."""
-MOST = 128
+MAX_BUFFERED = 128
 """Maximum number of measured poses within the memory."""
-MOST_NEWER = 16
+MAX_REPLAYED = 16
 """Maximum number of later measurements for which a late pose is still fused; bounds the
 recomputation."""
 _SENSOR_TIMEOUT_S = 2.0
@@ -106,11 +106,11 @@ class FusionResult(StrEnum):
     """Result of fusing one measured pose."""
 
     USED = "used"
-    FOUND = "found"
+    RELOCALIZED = "found"
     """Relocalized at rest: the estimate was wrong and is reset to the measured poses."""
     OLD = "old"
-    FLOOD = "flood"
-    FAR = "far"
+    QUEUE_FULL = "flood"
+    GATED = "far"
     """Rejected by the Mahalanobis gate (one in 10,000 correct poses), or not accepted alone because
     the estimate is not well-founded."""
 
@@ -154,7 +154,7 @@ class FusedEstimate:
         """Time when a pose was last used or set, or None until the next step."""
         self._hypothesis: PoseHypothesis | None = None
         self._rested = False
-        self.learning = ConstantsFilter(inner.spread.constants)
+        self.learning = BiasFilter(inner.spread.constants)
         """Estimates the biases from the poses used."""
 
     @property
@@ -199,10 +199,10 @@ class FusedEstimate:
             self._used_s = now_s
         if self._filter is None:
             return
-        self._filter.advance(now_s, twist, errors.white_per_s, errors.by_constants)
+        self._filter.advance(now_s, twist, errors.white_per_s, errors.bias_jacobian)
         if self._hypothesis is not None:
             held = self._hypothesis.filter
-            held.advance(now_s, twist, errors.white_per_s, errors.by_constants)
+            held.advance(now_s, twist, errors.white_per_s, errors.bias_jacobian)
         if now_s - self._received_s > _SENSOR_TIMEOUT_S:
             self.inner.set_pose(self._filter.pose, self._filter.errors)
             self._past.clear()
@@ -225,12 +225,12 @@ class FusedEstimate:
         filters = [running] if self._hypothesis is None else [running, self._hypothesis.filter]
         if not at_s >= max(running.oldest_s, now_s - MEMORY_S):
             return FusionResult.OLD
-        if any(each.newer(at_s) > MOST_NEWER for each in filters):
+        if any(each.newer(at_s) > MAX_REPLAYED for each in filters):
             return FusionResult.OLD
-        if any(each.measurements >= MOST for each in filters):
-            return FusionResult.FLOOD
+        if any(each.measurements >= MAX_BUFFERED for each in filters):
+            return FusionResult.QUEUE_FULL
         if not np.abs(pose.xy_heading).max() <= _MAX_COORDINATE_M:
-            return FusionResult.FAR
+            return FusionResult.GATED
         distance_sq = float(running.mahalanobis_sq(pose, self._noise, at_s, self._mounting))
         is_founded = self._is_founded(running, at_s)
         if distance_sq > GATE or not is_founded:
@@ -263,20 +263,20 @@ class FusedEstimate:
         if held is None or not held.vote(pose, self._noise, self._mounting, at_s):
             if held is None or held.is_over:
                 self._hypothesis = self._new_hypothesis(running, pose, at_s, is_founded)
-            return FusionResult.FAR
+            return FusionResult.GATED
         if not held.persists(at_s):
-            return FusionResult.FAR
+            return FusionResult.GATED
         if not at_rest:
             may_win = not held.against_founded or held.age_s(at_s) >= _OVERRIDE_S
             if not (may_win and distance_sq <= GATE and held.has_moved(pose, self._noise)):
-                return FusionResult.FAR
+                return FusionResult.GATED
         self._filter, self._hypothesis, self._used_s = held.filter, None, at_s
         if distance_sq <= GATE:
             self.learning.fuse_pose(pose, self._noise, self._mounting, at_s)
             return FusionResult.USED
         self.learning.forget_pose()
         self.inner.set_pose(held.filter.pose, held.filter.errors)
-        return FusionResult.FOUND
+        return FusionResult.RELOCALIZED
 
     def _new_hypothesis(
         self, running: PoseFilter, seen: SE2, at_s: float, is_founded: bool
@@ -287,7 +287,7 @@ class FusedEstimate:
         made = self._new_filter(pose, PoseErrors(-self._mounting, self._noise), at_s)
         for past in self._past:
             errors = past.errors
-            made.advance(past.end_s, past.twist, errors.white_per_s, errors.by_constants)
+            made.advance(past.end_s, past.twist, errors.white_per_s, errors.bias_jacobian)
         return PoseHypothesis(made, pose, at_s, against_founded=is_founded)
 
     def _caught_up(self) -> PoseFilter | None:
@@ -299,7 +299,7 @@ class FusedEstimate:
         errors = self.inner.spread.errors_at(first.spread)
         made = self._new_filter(first.pose, errors, first.end_s)
         for past in others:
-            made.advance(past.end_s, past.twist, past.errors.white_per_s, past.errors.by_constants)
+            made.advance(past.end_s, past.twist, past.errors.white_per_s, past.errors.bias_jacobian)
         return made
 
     def _new_filter(self, pose: SE2, errors: PoseErrors, now_s: float) -> PoseFilter:
@@ -307,7 +307,7 @@ class FusedEstimate:
             self._kinematics,
             pose,
             errors.rest,
-            by_constants=errors.by_constants,
+            bias_jacobian=errors.bias_jacobian,
             now_s=now_s,
             memory_s=MEMORY_S,
         )

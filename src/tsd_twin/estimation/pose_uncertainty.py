@@ -24,11 +24,11 @@ _Complex = npt.NDArray[np.complex128]
 class TwistErrors:
     """Errors of an estimated twist, in base axes.
 
-    The true twist is the estimated twist, plus `by_constants @ u` with biases `u` that are
+    The true twist is the estimated twist, plus `bias_jacobian @ u` with biases `u` that are
     independent and standard normal, plus white noise.
     """
 
-    by_constants: Array
+    bias_jacobian: Array
     """(3, m): Jacobian with respect to the biases."""
     white_per_s: Array
     """(3, 3): covariance that white noise adds to the integrated twist per second."""
@@ -43,14 +43,14 @@ class TwistErrors:
     @property
     def is_exact(self) -> bool:
         """Whether all errors are zero."""
-        return not (self.by_constants.any() or self.white_per_s.any())
+        return not (self.bias_jacobian.any() or self.white_per_s.any())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseErrors:
-    """Errors of an estimated pose: `by_constants @ u` with the biases `u`, plus process noise."""
+    """Errors of an estimated pose: `bias_jacobian @ u` with the biases `u`, plus process noise."""
 
-    by_constants: Array
+    bias_jacobian: Array
     """(3, m): Jacobian with respect to the biases."""
     rest: Array
     """(3, 3): covariance of the process noise, which is independent of the biases."""
@@ -58,7 +58,7 @@ class PoseErrors:
     @property
     def covariance(self) -> Array:
         """(3, 3): covariance of the pose."""
-        return self.by_constants @ self.by_constants.T + self.rest
+        return self.bias_jacobian @ self.bias_jacobian.T + self.rest
 
 
 _SAMPLES = 128
@@ -97,7 +97,7 @@ class _SampleState(Protocol):
 StateT = TypeVar("StateT", bound=_SampleState)
 
 
-class PoseSpread(ABC, Generic[PoseT, StateT]):
+class PoseUncertainty(ABC, Generic[PoseT, StateT]):
     """Pose uncertainty in exponential coordinates about the axes of `odom`.
 
     Each sample is a robot with its own biases. All samples follow the measured twists, each with
@@ -141,9 +141,9 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
     def errors_at(self, state: StateT) -> PoseErrors:
         """Return the pose errors of a `state`, linear in the biases by regression."""
         errors = self._coordinates(state)
-        by_constants = errors.T @ self._units / len(errors)
-        bent = errors.T @ errors / len(errors) - by_constants @ by_constants.T
-        return PoseErrors(by_constants, bent + state.rest)
+        bias_jacobian = errors.T @ self._units / len(errors)
+        bent = errors.T @ errors / len(errors) - bias_jacobian @ bias_jacobian.T
+        return PoseErrors(bias_jacobian, bent + state.rest)
 
     def set(self, errors: PoseErrors | None) -> None:
         """Set the pose errors; None means zero."""
@@ -154,7 +154,7 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
         """End the block, assuming that twist errors changed linearly to `errors`."""
         rates = self._rates
         if errors is not self._errors:
-            rates = self._units @ errors.by_constants.T
+            rates = self._units @ errors.bias_jacobian.T
         if self._elapsed_s > 0.0:
             self._state = self._ended(0.5 * (self._rates + rates))
             self._begin()
@@ -209,7 +209,7 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
         """Return the errors (n, 3) of the samples in exponential coordinates."""
 
 
-class PlanarState(NamedTuple):
+class SE2Samples(NamedTuple):
     """Samples of planar poses, and the white noise."""
 
     off: _Complex
@@ -220,7 +220,7 @@ class PlanarState(NamedTuple):
     """(3, 3): covariance of the white noise."""
 
 
-class PlanarSpread(PoseSpread[SE2, PlanarState]):
+class SE2Uncertainty(PoseUncertainty[SE2, SE2Samples]):
     """Uncertainty of a planar pose: x, y, heading."""
 
     def _clear(self) -> None:
@@ -242,14 +242,14 @@ class PlanarSpread(PoseSpread[SE2, PlanarState]):
         self._way += way
         self._heading_s += dt_s * middle
 
-    def _ended(self, rates: Array) -> PlanarState:
+    def _ended(self, rates: Array) -> SE2Samples:
         off, turned, _ = self._state
         error = self._by_velocity * (rates[:, 0] + 1j * rates[:, 1])
         error += self._by_turn_rate * rates[:, 2]
         # A sample's heading error rotates its displacement in this block.
         off = off + np.exp(1j * turned) * (self._way + error) - self._way
         turned = turned + self._elapsed_s * rates[:, 2]
-        return PlanarState(off, turned, self._ended_rest(self._linear()[0]))
+        return SE2Samples(off, turned, self._ended_rest(self._linear()[0]))
 
     def _linear(self) -> tuple[Array, Array]:
         x, y = self._way.real, self._way.imag
@@ -265,16 +265,16 @@ class PlanarSpread(PoseSpread[SE2, PlanarState]):
         grown = axes @ (self._elapsed_s * self._errors.white_per_s) @ axes.T
         return carry @ self._state.rest @ carry.T + grown
 
-    def _exact(self) -> PlanarState:
+    def _exact(self) -> SE2Samples:
         samples = len(self._units)
-        return PlanarState(np.zeros(samples, dtype=complex), np.zeros(samples), np.zeros((3, 3)))
+        return SE2Samples(np.zeros(samples, dtype=complex), np.zeros(samples), np.zeros((3, 3)))
 
-    def _given(self, errors: PoseErrors) -> PlanarState:
-        along = self._units @ errors.by_constants.T
+    def _given(self, errors: PoseErrors) -> SE2Samples:
+        along = self._units @ errors.bias_jacobian.T
         off = (along[:, 0] + 1j * along[:, 1]) * chord(along[:, 2])
-        return PlanarState(off, along[:, 2], errors.rest)
+        return SE2Samples(off, along[:, 2], errors.rest)
 
-    def _coordinates(self, state: PlanarState) -> Array:
+    def _coordinates(self, state: SE2Samples) -> Array:
         off = state.off / chord(state.turned)
         return np.stack([off.real, off.imag, state.turned], axis=-1)
 
@@ -300,7 +300,7 @@ def exponential_error(estimate: SE2, true: SE2) -> Array:
     return np.stack([straight.real, straight.imag, turned], axis=-1)
 
 
-class TurningState(NamedTuple):
+class SO3Samples(NamedTuple):
     """Samples of orientations, and the white noise."""
 
     off: Array
@@ -309,7 +309,7 @@ class TurningState(NamedTuple):
     """(3, 3): covariance of the white noise."""
 
 
-class TurningSpread(PoseSpread[SO3, TurningState]):
+class SO3Uncertainty(PoseUncertainty[SO3, SO3Samples]):
     """Uncertainty of a sphere's orientation, as rotation vectors about the base axes."""
 
     def _clear(self) -> None:
@@ -321,12 +321,12 @@ class TurningSpread(PoseSpread[SO3, TurningState]):
         self._carry = turn @ self._carry
         self._by_twist = turn @ self._by_twist + dt_s * np.eye(3)
 
-    def _ended(self, rates: Array) -> TurningState:
+    def _ended(self, rates: Array) -> SO3Samples:
         gained, carried = (
             SO3.exp(rates @ self._by_twist.T),
             SO3.exp(self._state.off @ self._carry.T),
         )
-        return TurningState((gained @ carried).log(), self._ended_rest(self._carry))
+        return SO3Samples((gained @ carried).log(), self._ended_rest(self._carry))
 
     def _linear(self) -> tuple[Array, Array]:
         return self._carry, self._by_twist
@@ -334,17 +334,20 @@ class TurningSpread(PoseSpread[SO3, TurningState]):
     def _ended_rest(self, carry: Array) -> Array:
         return carry @ self._state.rest @ carry.T + self._elapsed_s * self._errors.white_per_s
 
-    def _exact(self) -> TurningState:
-        return TurningState(np.zeros((len(self._units), 3)), np.zeros((3, 3)))
+    def _exact(self) -> SO3Samples:
+        return SO3Samples(np.zeros((len(self._units), 3)), np.zeros((3, 3)))
 
-    def _given(self, errors: PoseErrors) -> TurningState:
-        return TurningState(self._units @ errors.by_constants.T, errors.rest)
+    def _given(self, errors: PoseErrors) -> SO3Samples:
+        return SO3Samples(self._units @ errors.bias_jacobian.T, errors.rest)
 
-    def _coordinates(self, state: TurningState) -> Array:
+    def _coordinates(self, state: SO3Samples) -> Array:
         return state.off
 
 
-SPREADS: dict[type[Any], type[PoseSpread[Any, Any]]] = {SE2: PlanarSpread, SO3: TurningSpread}
+SPREADS: dict[type[Any], type[PoseUncertainty[Any, Any]]] = {
+    SE2: SE2Uncertainty,
+    SO3: SO3Uncertainty,
+}
 """Uncertainty class for each pose type."""
 
 

@@ -9,9 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tsd_twin.estimation.learned import Comparison
-from tsd_twin.estimation.outage import OutageStep
-from tsd_twin.estimation.pose_uncertainty import PoseErrors, PoseSpread, TwistErrors
+from tsd_twin.estimation.bias_filter import Comparison
+from tsd_twin.estimation.outage import CoastStep
+from tsd_twin.estimation.pose_uncertainty import PoseErrors, PoseUncertainty, TwistErrors
 from tsd_twin.estimation.wheel_odometry import PlanarOdometry
 from tsd_twin.kinematics import TwistSolution
 from tsd_twin.lie import Array
@@ -69,10 +69,10 @@ class GyroOdometry(PlanarOdometry):
         self.comparison: Comparison | None = None
         """Comparison of gyro and wheels that ended with the last step, or None."""
 
-    def constant_rows(self) -> Mapping[str, Array]:
+    def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
         bias = self._bias * np.eye(self.spread.constants)[self._constants.count]
-        return {**super().constant_rows(), "gyro_bias_rad_per_s": bias}
+        return {**super().bias_rows(), "gyro_bias_rad_per_s": bias}
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
         """Update with joints (n,) and turn rate (1,), measured `dt_s` after the last ones."""
@@ -87,7 +87,7 @@ class GyroOdometry(PlanarOdometry):
             self._reads, self._until_refresh = reads, 0
         self._move(motion, joints, dt_s)
 
-    def coast(self, step: OutageStep, dt_s: float) -> None:
+    def coast(self, step: CoastStep, dt_s: float) -> None:
         """Advance by a step in which neither joints nor gyro were measured."""
         super().coast(step, dt_s)
         self._rate, self.comparison = math.nan, None
@@ -104,10 +104,10 @@ class GyroOdometry(PlanarOdometry):
         if len(self._compared) < _COMPARED:
             return
         difference, wheels = fmean(self._compared), self._wheels
-        row = wheels.by_constants[2].copy()
+        row = wheels.bias_jacobian[2].copy()
         row[self._constants.count] = self._bias
         # Rounded angles stay constant for many steps, so their error does not average out.
-        by_wheels_alone = wheels.covariance[2, 2] - np.square(wheels.by_constants[2]).sum()
+        by_wheels_alone = wheels.covariance[2, 2] - np.square(wheels.bias_jacobian[2]).sum()
         # Also account for gimbal noise, seen as a turn rate, and for accelerating wheels.
         noise = self._noise_rad_per_s**2
         seen = variance(self._compared) / _COMPARED
@@ -131,12 +131,12 @@ class GyroOdometry(PlanarOdometry):
         gain = wheels.covariance[:, 2] / (wheels.covariance[2, 2] + self._sigma**2)
         keep = np.eye(3)
         keep[:, 2] -= gain
-        by_constants = keep @ wheels.by_constants
-        by_constants[:, self._constants.count] = -gain * self._bias
+        bias_jacobian = keep @ wheels.bias_jacobian
+        bias_jacobian[:, self._constants.count] = -gain * self._bias
         noise = dt_s * self._noise_rad_per_s**2 * np.outer(gain, gain)
         white_per_s = keep @ wheels.white_per_s @ keep.T + noise
         _, covariance = with_gyro(np.zeros(3), wheels.covariance, np.array(0.0), self._sigma)
-        return TwistErrors(by_constants, white_per_s, covariance)
+        return TwistErrors(bias_jacobian, white_per_s, covariance)
 
 
 class Estimate(Protocol):
@@ -170,7 +170,7 @@ class Estimate(Protocol):
 class DeadReckoning(Estimate, Protocol):
     """Estimate that a pose sensor can correct."""
 
-    def coast(self, step: OutageStep, dt_s: float) -> None:
+    def coast(self, step: CoastStep, dt_s: float) -> None:
         """Advance by a step of `dt_s` without measurements."""
         ...
 
@@ -179,7 +179,7 @@ class DeadReckoning(Estimate, Protocol):
         """Mean motion during the last step, with its residual."""
         ...
 
-    def constant_rows(self) -> Mapping[str, Array]:
+    def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
         ...
 
@@ -189,7 +189,7 @@ class DeadReckoning(Estimate, Protocol):
         ...
 
     @property
-    def spread(self) -> PoseSpread[Any, Any]:
+    def spread(self) -> PoseUncertainty[Any, Any]:
         """Uncertainty of the pose."""
         ...
 

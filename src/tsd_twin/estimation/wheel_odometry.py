@@ -9,21 +9,21 @@ from typing import Any, Generic
 
 import numpy as np
 
-from tsd_twin.estimation.joint_errors import ConstantErrors, JointNoise, jacobians
-from tsd_twin.estimation.outage import OutageStep
-from tsd_twin.estimation.pose_uncertainty import SPREADS, PoseErrors, PoseSpread, TwistErrors
+from tsd_twin.estimation.joint_errors import JointBiases, JointNoise, jacobians
+from tsd_twin.estimation.outage import CoastStep
+from tsd_twin.estimation.pose_uncertainty import SPREADS, PoseErrors, PoseUncertainty, TwistErrors
 from tsd_twin.kinematics import Kinematics, TwistSolution
 from tsd_twin.kinematics.base import PoseT
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.robots import JointErrors, SpinUp
+from tsd_twin.robots import JointErrors, WheelSpeedResponse
 
 _PREDICTIONS_KEPT = 16
 
 
-class SpinModel:
+class WheelSpeedModel:
     """First-order model of unmeasured wheel speeds that follow their setpoints."""
 
-    def __init__(self, spin_up: SpinUp, joints: int) -> None:
+    def __init__(self, spin_up: WheelSpeedResponse, joints: int) -> None:
         self._spin_up = spin_up
         self.spin_rad_per_s: Array = np.zeros(joints)
         """(m,): modelled speeds."""
@@ -74,7 +74,7 @@ _REFRESH_STEPS = 10
 """Steps between updates of the twist errors, which change slowly."""
 
 
-class JointOdometry(Generic[PoseT]):
+class WheelOdometry(Generic[PoseT]):
     """Wheel odometry: pose, twist and their covariances from a stream of joint vectors.
 
     Joints are interpolated linearly between samples, so that the gimbal-rate terms sum to the exact
@@ -87,7 +87,7 @@ class JointOdometry(Generic[PoseT]):
         """`other_constants` is the number of biases in addition to the joint biases."""
         self._kinematics = kinematics
         self._noise = JointNoise(kinematics, noise)
-        self._constants = ConstantErrors(kinematics, noise)
+        self._constants = JointBiases(kinematics, noise)
         count = self._constants.count + other_constants
         self._previous: Array | None = None
         self._solved_for = b""
@@ -107,7 +107,7 @@ class JointOdometry(Generic[PoseT]):
         """Mean motion during the last step."""
         self.errors = TwistErrors.none(count)
         """Errors of the twist; larger if joints are inconsistent."""
-        self.spread: PoseSpread[PoseT, Any] = SPREADS[kinematics.pose_type](count)
+        self.spread: PoseUncertainty[PoseT, Any] = SPREADS[kinematics.pose_type](count)
         """Uncertainty of the pose."""
 
     @property
@@ -120,7 +120,7 @@ class JointOdometry(Generic[PoseT]):
         """(3, 3): covariance of the twist, in `base_link`; larger if joints are inconsistent."""
         return self.errors.covariance
 
-    def constant_rows(self) -> Mapping[str, Array]:
+    def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
         rows, count = self._constants.rows(), self.spread.constants
         return {name: np.pad(row, (0, count - len(row))) for name, row in rows.items()}
@@ -152,17 +152,17 @@ class JointOdometry(Generic[PoseT]):
             return np.zeros(3)
         return self._kinematics.forward(self._previous, np.zeros_like(self._previous)).twist
 
-    def coast(self, step: OutageStep, dt_s: float) -> None:
+    def coast(self, step: CoastStep, dt_s: float) -> None:
         """Advance by a step of `dt_s` in which the joints were not measured."""
         if step.share == 0.0 and self._before_outage is not None and not self.motion.twist.any():
             return  # Already at rest.
         nominal = self._before_outage = self._before_outage or self.errors
-        by_constants, white_per_s = (
-            step.share * nominal.by_constants,
+        bias_jacobian, white_per_s = (
+            step.share * nominal.bias_jacobian,
             step.share**2 * nominal.white_per_s,
         )
         covariance = step.share**2 * nominal.covariance + step.twist_covariance
-        own = TwistErrors(by_constants, white_per_s, covariance)
+        own = TwistErrors(bias_jacobian, white_per_s, covariance)
         self.errors = replace(own, white_per_s=white_per_s + step.white_per_s)
         before, self.motion = self.pose, TwistSolution(step.twist, np.zeros(0))
         self._means = (None, step.twist)
@@ -220,13 +220,13 @@ class JointOdometry(Generic[PoseT]):
         constant, white = self._constants.of_joints(joints), self._noise.white
         explained = np.square(left @ constant).sum() + np.square(left * white).sum()
         doubt = self._birge_ratio(float(explained))
-        by_constants = np.zeros_like(self.errors.by_constants)
+        bias_jacobian = np.zeros_like(self.errors.bias_jacobian)
         own = self._constants.of_twist(joints, slopes)
-        by_constants[:, : self._constants.count] = math.sqrt(doubt) * own
+        bias_jacobian[:, : self._constants.count] = math.sqrt(doubt) * own
         noise, walk = math.sqrt(doubt) * slopes * white, slopes * self._noise.walk(joints)
         white_per_s = dt_s * noise @ noise.T + walk @ walk.T
-        covariance = white_per_s / dt_s + by_constants @ by_constants.T
-        return TwistErrors(by_constants, white_per_s, covariance)
+        covariance = white_per_s / dt_s + bias_jacobian @ bias_jacobian.T
+        return TwistErrors(bias_jacobian, white_per_s, covariance)
 
     def _birge_ratio(self, explained: float) -> float:
         """Return the Birge ratio, or 1 if errors explain the residual.
@@ -244,7 +244,7 @@ POSE_SENSOR_CONSTANTS = 3
 """Biases of a pose sensor (x, y, heading), the last ones of each planar odometry."""
 
 
-class PlanarOdometry(JointOdometry[SE2]):
+class PlanarOdometry(WheelOdometry[SE2]):
     """Wheel odometry on a floor: covariance of x, y, heading and of vx, vy, omega.
 
     The last biases belong to a pose sensor. They do not affect the twist, but a pose corrected by
@@ -258,14 +258,14 @@ class PlanarOdometry(JointOdometry[SE2]):
         super().__init__(kinematics, noise, other_constants + POSE_SENSOR_CONSTANTS)
 
 
-class OrientationOdometry(JointOdometry[SO3]):
+class OrientationOdometry(WheelOdometry[SO3]):
     """Wheel odometry of a turning sphere: covariance of small rotations about the base axes.
 
     Twist and error are both in base axes; errors rotate with the sphere.
     """
 
 
-ODOMETRY: dict[type[Any], Callable[[Kinematics[Any], JointErrors], JointOdometry[Any]]] = {
+ODOMETRY: dict[type[Any], Callable[[Kinematics[Any], JointErrors], WheelOdometry[Any]]] = {
     SE2: PlanarOdometry,
     SO3: OrientationOdometry,
 }

@@ -20,7 +20,7 @@ from tsd_twin.hardware.controller_board import (
     restart_reason,
     wiring_faults,
 )
-from tsd_twin.hardware.dynamixel.blocks import Command, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.blocks import BoardCommand, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
     BOARD_ID,
     ESCS,
@@ -29,7 +29,7 @@ from tsd_twin.hardware.dynamixel.control_table import (
     BoardMode,
     ReceiverKind,
 )
-from tsd_twin.hardware.dynamixel.packets import Status, protocol2
+from tsd_twin.hardware.dynamixel.packets import StatusPacket, protocol2
 from tsd_twin.hardware.joints import (
     CENTRE,
     JointCommand,
@@ -58,7 +58,7 @@ from tsd_twin.safety import Heartbeat
 
 _LOG = logging.getLogger(__name__)
 BAUD = 1_000_000
-ANSWER_S = 0.04
+RESPONSE_TIMEOUT_S = 0.04
 """Response timeout of a cycle; two lost responses stay below `SILENT_S`."""
 _LEAVING = 5
 _RECOVERED_V = 0.3
@@ -66,11 +66,11 @@ _RECOVERED_V = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class BoardReport:
+class BoardTelemetry:
     """Latest telemetry of the board and its time of receipt."""
 
     telemetry: Telemetry
-    heard_s: float
+    received_s: float
     lost: Reason | None
     """Reason why the board is disarmed although it should be armed, or None."""
 
@@ -103,7 +103,7 @@ class ControllerBoard:
         self.baud = baud
         self.health = LinkHealth("board")
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
-        self.report: BoardReport | None = None
+        self.report: BoardTelemetry | None = None
         self.disconnect_reason = ""
         """Reason of a lost connection, or ""."""
         self.wiring_faults: dict[str, str] = {}
@@ -147,7 +147,7 @@ class ControllerBoard:
         self._find_wiring_faults(telemetry, opened=self.report is None)
         self._warn("usb chip", chip_warning(transport.name, self.baud))
         self._was_connected = True
-        self.report = BoardReport(telemetry, time.monotonic(), self._switch.lost)
+        self.report = BoardTelemetry(telemetry, time.monotonic(), self._switch.lost)
         self.disconnect_reason = ""
 
     def cycle(self, transport: SerialTransport) -> bool:
@@ -161,8 +161,8 @@ class ControllerBoard:
         began_s = time.monotonic()
         before, broken = self.report, transport.broken
         command = self._board_command(self.command, began_s)
-        request = protocol2.write(BOARD_ID, Command.ADDRESS, command.pack()) + READ_DELAY
-        answers = transport.request(request, 2, ANSWER_S)
+        request = protocol2.write(BOARD_ID, BoardCommand.ADDRESS, command.pack()) + READ_DELAY
+        answers = transport.request(request, 2, RESPONSE_TIMEOUT_S)
         now_s = time.monotonic()
         telemetry, corrupt = _telemetry(answers), transport.broken > broken
         if telemetry is None or telemetry.beat != command.heartbeat:
@@ -189,7 +189,7 @@ class ControllerBoard:
         self._switch.update(telemetry)
         self._find_wiring_faults(telemetry, opened=False)
         self._watch_battery(telemetry.battery_mv / 1000.0)
-        self.report = BoardReport(telemetry, now_s, self._switch.lost)
+        self.report = BoardTelemetry(telemetry, now_s, self._switch.lost)
         return True
 
     def disconnected(self, reason: str) -> None:
@@ -201,8 +201,8 @@ class ControllerBoard:
     def rest(self, transport: SerialTransport) -> None:
         """Disarm the board, retrying if it does not respond."""
         for _ in range(_LEAVING):
-            request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack())
-            if transport.request(request, 1, ANSWER_S):
+            request = protocol2.write(BOARD_ID, BoardCommand.ADDRESS, REST_COMMAND.pack())
+            if transport.request(request, 1, RESPONSE_TIMEOUT_S):
                 return
 
     def _find_wiring_faults(self, telemetry: Telemetry, *, opened: bool) -> None:
@@ -229,13 +229,13 @@ class ControllerBoard:
         if errors.fault is not None:
             self._switch.mark_lost(errors.fault)
 
-    def _board_command(self, wanted: JointCommand, now_s: float) -> Command:
+    def _board_command(self, wanted: JointCommand, now_s: float) -> BoardCommand:
         if not wanted.in_force(now_s):
             self._switch.mark_lost(because(Code.NODE_HANGS))
             return REST_COMMAND
         arm = self._switch.turn(wanted.heartbeat.armed, stop=wanted.heartbeat.stopped)
         goals = self._joints.goals(wanted.setpoint) if self._servos else ()
-        return Command(
+        return BoardCommand(
             heartbeat=wanted.heartbeat.counter & 0xFFFF,
             arm=arm,
             throttle=padded(self._joints.throttles(wanted.setpoint), ESCS, ZERO_THROTTLE),
@@ -248,7 +248,7 @@ def _half_us(pulses_us: Sequence[float]) -> tuple[int, ...]:
     return tuple(round(2.0 * pulse_us) for pulse_us in pulses_us)
 
 
-def _telemetry(answers: list[Status]) -> Telemetry | None:
+def _telemetry(answers: list[StatusPacket]) -> Telemetry | None:
     """Return the telemetry if the responses are from one write and one read."""
     if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
         return None
@@ -278,7 +278,7 @@ MODES: dict[int, str] = {
 }
 
 
-class MegaHardware:
+class ArduinoMegaIO:
     """`RobotIO` for a robot on one serial line, with a command watchdog.
 
     All methods return immediately; an I/O thread exchanges data using the latest command.
@@ -323,9 +323,13 @@ class MegaHardware:
     def read(self, now_s: float) -> Array | None:
         """Return newly measured joints (n,), NaN where unmeasured; None without a measurement."""
         report = self._board.report
-        if report is None or report.heard_s <= self._read_s or now_s - report.heard_s > SILENT_S:
+        if (
+            report is None
+            or report.received_s <= self._read_s
+            or now_s - report.received_s > SILENT_S
+        ):
             return None
-        self._read_s = report.heard_s
+        self._read_s = report.received_s
         return self._joints.measured(report.telemetry.position, report.telemetry.servo_alive)
 
     def write(self, setpoint: Array, now_s: float) -> None:
@@ -344,7 +348,7 @@ class MegaHardware:
     def fault(self, now_s: float) -> Reason | None:
         """Return the fault of the board or its devices, or None."""
         report = self._board.report
-        fault = connection_fault(self._board, report and report.heard_s, now_s)
+        fault = connection_fault(self._board, report and report.received_s, now_s)
         if fault is not None or report is None:
             return fault
         return self._faults.fault(report.telemetry, report.lost)
@@ -352,14 +356,14 @@ class MegaHardware:
     def battery_v(self, now_s: float) -> float | None:
         """Return the latest battery voltage, or None if unknown."""
         report = self._board.report
-        if report is None or now_s - report.heard_s > SILENT_S:
+        if report is None or now_s - report.received_s > SILENT_S:
             return None
         return report.telemetry.battery_mv / 1000.0
 
     def servo_c(self, now_s: float) -> float | None:
         """Return the latest temperature of the hottest servo, or None if unknown."""
         report = self._board.report
-        if report is None or now_s - report.heard_s > SILENT_S or not self._expected:
+        if report is None or now_s - report.received_s > SILENT_S or not self._expected:
             return None
         return float(max(report.telemetry.temperature[: len(self._joints.names)]))
 
@@ -373,7 +377,7 @@ class MegaHardware:
             if any(report.telemetry.rc) and not board.receiver_expected:
                 told.append(_UNEXPECTED_RECEIVER)
             status["warnings"] = [*told, *board.wiring_faults.values()]
-            status["age_ms"] = round(1000.0 * (time.monotonic() - report.heard_s), 1)
+            status["age_ms"] = round(1000.0 * (time.monotonic() - report.received_s), 1)
         return status | {"link": board.health.status()}
 
     def close(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from enum import Enum, auto
 
-from tsd_twin.hardware.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
     BOARD_ID,
     MODEL,
@@ -15,12 +15,12 @@ from tsd_twin.hardware.dynamixel.control_table import (
     ResetCause,
     Trip,
 )
-from tsd_twin.hardware.dynamixel.packets import ALERT, Fault, Status, protocol2
+from tsd_twin.hardware.dynamixel.packets import ALERT, Fault, StatusPacket, protocol2
 from tsd_twin.hardware.dynamixel.servo_models import MODELS
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 from tsd_twin.messages.codes import Code, Reason, because
 
-REST_COMMAND = Command()
+REST_COMMAND = BoardCommand()
 """Disarmed, zero throttle, neutral gimbals."""
 READ_DELAY = protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
 SETTLE_S = 0.03
@@ -63,9 +63,9 @@ def find_board(transport: SerialTransport, baud: int) -> None:
         HardwareError: If the board is missing or another device.
     """
     _wait_for_answer(transport, baud)
-    size = Identity.LAYOUT.size
-    read = protocol2.read(BOARD_ID, Identity.ADDRESS, size)
-    identity = Identity.unpack(request_data(transport, read, size))
+    size = BoardIdentity.LAYOUT.size
+    read = protocol2.read(BOARD_ID, BoardIdentity.ADDRESS, size)
+    identity = BoardIdentity.unpack(request_data(transport, read, size))
     if identity.model in MODELS:
         raise HardwareError(
             f"the device at {transport.name} is a servo, {MODELS[identity.model].name}, with the "
@@ -78,7 +78,7 @@ def find_board(transport: SerialTransport, baud: int) -> None:
             f"{TABLE_VERSION}; flash the firmware that comes with it"
         )
     # A board that was not reset may still be armed and would refuse the setup.
-    request_data(transport, protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack()))
+    request_data(transport, protocol2.write(BOARD_ID, BoardCommand.ADDRESS, REST_COMMAND.pack()))
 
 
 def _write_setup(transport: SerialTransport, setup: Setup) -> None:
@@ -122,7 +122,7 @@ def request_data(transport: SerialTransport, request: bytes, size: int = 0) -> b
     return answer.data
 
 
-def _request(transport: SerialTransport, request: bytes, size: int = 0) -> Status:
+def _request(transport: SerialTransport, request: bytes, size: int = 0) -> StatusPacket:
     """Send a request with retries; return the response with `size` bytes, or an error."""
     for _ in range(_TRIES):
         for answer in transport.request(request, 1, _TRY_S):
@@ -203,7 +203,7 @@ STOP = 2
 """Value of `arm` that locks out all sources, including the radio control, until it is 0."""
 
 
-class _State(Enum):
+class _ArmState(Enum):
     OFF = auto()
     ASKED = auto()
     ON = auto()
@@ -217,7 +217,7 @@ class ArmSwitch:
     """
 
     def __init__(self) -> None:
-        self._state = _State.OFF
+        self._state = _ArmState.OFF
         self._answers = 0
         self.lost: Reason | None = None
         """Reason why the board is off although it should be on, or None."""
@@ -225,28 +225,28 @@ class ArmSwitch:
     def turn(self, wanted: bool, *, stop: bool = False) -> int:
         """Return the value to write while the robot is armed, disarmed or stopped."""
         if stop:
-            self._state, self.lost = _State.OFF, None
+            self._state, self.lost = _ArmState.OFF, None
             return STOP
         if not wanted:
-            self._state, self.lost = _State.OFF, None
-        elif self._state is _State.OFF:
-            self._state, self._answers = _State.ASKED, 0
-        return int(self._state in (_State.ASKED, _State.ON))
+            self._state, self.lost = _ArmState.OFF, None
+        elif self._state is _ArmState.OFF:
+            self._state, self._answers = _ArmState.ASKED, 0
+        return int(self._state in (_ArmState.ASKED, _ArmState.ON))
 
     def update(self, telemetry: Telemetry) -> None:
         """Update with the board's telemetry."""
         armed = telemetry.mode == BoardMode.ARMED
-        if self._state is _State.ASKED:
+        if self._state is _ArmState.ASKED:
             self._answers += 1
             if armed:
-                self._state = _State.ON
+                self._state = _ArmState.ON
             elif self._answers >= ANSWERS:
                 what = obstacle_word(telemetry.refusal)
                 self.mark_lost(because(Code.BOARD_REFUSES, what=what))
-        elif self._state is _State.ON and not armed:
+        elif self._state is _ArmState.ON and not armed:
             self.mark_lost(because(Code.BOARD_TRIP, trip=trip_word(telemetry.trip)))
 
     def mark_lost(self, why: Reason) -> None:
         """Record that the board is no longer armed; no effect if it is off."""
-        if self._state in (_State.ASKED, _State.ON):
-            self._state, self.lost = _State.LOST, why
+        if self._state in (_ArmState.ASKED, _ArmState.ON):
+            self._state, self.lost = _ArmState.LOST, why

@@ -103,7 +103,7 @@ class Receiver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return sum((channel - 1) << 4 * i for i, channel in enumerate(self.channels))
 
 
-class SpeedControllers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class EscCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`[speed_controllers]` of a calibration: pulses at zero and full throttle, for each wheel."""
 
     low_us: tuple[_Low, _Low, _Low] = (1000.0, 1000.0, 1000.0)
@@ -131,7 +131,7 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Bandgap voltage of the board's chip, the reference for its voltage measurements."""
     receiver: Receiver | None = None
     """Radio receiver; None if the robot has no radio control."""
-    speed_controllers: SpeedControllers = SpeedControllers()
+    speed_controllers: EscCalibration = EscCalibration()
 
     @staticmethod
     def read(file: str) -> ServoCalibration:

@@ -29,9 +29,9 @@ from tsd_twin.hardware.dynamixel.packets import protocol2
 from tsd_twin.hardware.joints import (
     HIGH_US,
     LOW_US,
+    EscCalibration,
     Receiver,
     ServoCalibration,
-    SpeedControllers,
 )
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 
@@ -220,7 +220,7 @@ def _six(values: Sequence[int]) -> tuple[int, int, int, int, int, int]:
     return forward, left, turn, speed, kill, manual
 
 
-def learn_pulse_ends(ask: Ask) -> SpeedControllers:
+def learn_pulse_ends(ask: Ask) -> EscCalibration:
     """Ask for the pulse ranges of the speed controllers, from their manual or calibration.
 
     Raises:
@@ -240,7 +240,7 @@ def learn_pulse_ends(ask: Ask) -> SpeedControllers:
         low_us.append(low)
         high_us.append(high)
     try:
-        return msgspec.convert({"low_us": low_us, "high_us": high_us}, SpeedControllers)
+        return msgspec.convert({"low_us": low_us, "high_us": high_us}, EscCalibration)
     except msgspec.ValidationError as error:
         raise HardwareError(
             f"the board puts out {LOW_US[0]:g} to {LOW_US[1]:g} us for zero throttle, and "

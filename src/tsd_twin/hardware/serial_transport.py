@@ -20,7 +20,7 @@ import serial
 from serial.tools import list_ports
 
 from tsd_twin.errors import TwinError
-from tsd_twin.hardware.dynamixel.packets import Decoder, Framing, Status, protocol2
+from tsd_twin.hardware.dynamixel.packets import Decoder, Framing, StatusPacket, protocol2
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.sentences import sentence
 
@@ -127,7 +127,7 @@ GONE = (serial.SerialException, OSError, termios.error, TypeError)
 """
 
 
-class Port(Protocol):
+class SerialPort(Protocol):
     """Part of a pyserial port that `SerialTransport` uses."""
 
     @property
@@ -152,7 +152,7 @@ class Port(Protocol):
         ...
 
 
-def open_port(name: str, baud: int, timeout_s: float) -> Port:
+def open_port(name: str, baud: int, timeout_s: float) -> SerialPort:
     """Open a device, or a pyserial URL such as `socket://host:port`, for exclusive use.
 
     Raises:
@@ -173,7 +173,7 @@ def open_port(name: str, baud: int, timeout_s: float) -> Port:
     return port
 
 
-def close_port(port: Port) -> None:
+def close_port(port: SerialPort) -> None:
     """Unlock and close a port, even if it is gone."""
     # A device that another program holds open, like the simulator, would stay locked.
     _set_exclusive(port, termios.TIOCNXCL)
@@ -301,7 +301,7 @@ class SerialTransport:
         answers: int,
         patience_s: float,
         framing: Framing = protocol2,
-    ) -> list[Status]:
+    ) -> list[StatusPacket]:
         """Send a request and return the responses; fewer than expected after the timeout.
 
         Raises:
@@ -329,16 +329,16 @@ class SerialTransport:
             PortError: If the port is gone.
         """
         try:
-            began_s = now_s = heard_s = time.monotonic()
-            while now_s - heard_s < silence_s and now_s - began_s < _LONGEST_DRAIN * silence_s:
+            began_s = now_s = received_s = time.monotonic()
+            while now_s - received_s < silence_s and now_s - began_s < _LONGEST_DRAIN * silence_s:
                 heard = bool(self._port.read(_CHUNK))
                 now_s = time.monotonic()
-                heard_s = now_s if heard else heard_s
+                received_s = now_s if heard else received_s
         except GONE as error:
             raise PortError(f"{self.name} is gone") from error
 
-    def _receive(self, decoder: Decoder, answers: int, patience_s: float) -> list[Status]:
-        found: list[Status] = []
+    def _receive(self, decoder: Decoder, answers: int, patience_s: float) -> list[StatusPacket]:
+        found: list[StatusPacket] = []
         end_s = time.monotonic() + patience_s
         while len(found) < answers:
             # Read only available bytes, or wait for the first; a larger read would wait for all.
@@ -467,16 +467,16 @@ class DeviceThread:
             transport = self._reconnect()
 
     def _run_cycles(self, transport: SerialTransport) -> None:
-        heard_s = time.monotonic()
+        received_s = time.monotonic()
         logged: Reason | None = None
         while not self._stopping.is_set():
             self._cycle_requested.wait(_IDLE_S)
             self._cycle_requested.clear()
             if self._device.cycle(transport):
-                heard_s = time.monotonic()
-            elif time.monotonic() - heard_s > _GIVE_UP_S:
+                received_s = time.monotonic()
+            elif time.monotonic() - received_s > _GIVE_UP_S:
                 raise HardwareError(f"{self._device.name} has been silent for {_GIVE_UP_S:g} s")
-            fault = connection_fault(self._device, heard_s, time.monotonic())
+            fault = connection_fault(self._device, received_s, time.monotonic())
             if (fault is None) != (logged is None):
                 back = f"{self._device.name} answers again, over a clean line"
                 _LOG.warning("%s", back if fault is None else sentence(fault))

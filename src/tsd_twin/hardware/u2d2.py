@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from tsd_twin.hardware.approach import Approach
-from tsd_twin.hardware.arduino_mega import BAUD, MegaHardware
-from tsd_twin.hardware.dynamixel.packets import ALERT, Status, protocol1, protocol2
+from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
+from tsd_twin.hardware.dynamixel.packets import ALERT, StatusPacket, protocol1, protocol2
 from tsd_twin.hardware.dynamixel.servo_models import (
     MODEL_NUMBER,
     MODELS,
@@ -66,7 +66,7 @@ _VELOCITY_STEP_PER_S = 0.229 / 60.0 * 4096.0
 
 
 @dataclass(frozen=True, slots=True)
-class Present:
+class ServoMeasurement:
     """Measurements of a servo."""
 
     position: int
@@ -78,10 +78,10 @@ class Present:
     temperature_c: int
 
     @staticmethod
-    def unpack(data: bytes) -> Present:
+    def unpack(data: bytes) -> ServoMeasurement:
         """Decode the `PRESENT_SIZE` bytes starting at `PRESENT`."""
         current, velocity, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
-        return Present(
+        return ServoMeasurement(
             position,
             velocity * _VELOCITY_STEP_PER_S,
             current,
@@ -111,8 +111,8 @@ _FEED_S = 0.5
 class ServoReport:
     """Latest measurements of the servos, by index from 0."""
 
-    present: Mapping[int, Present]
-    heard_s: Mapping[int, float]
+    present: Mapping[int, ServoMeasurement]
+    received_s: Mapping[int, float]
     faults: int
     """Mask of servos with a hardware error."""
     newest_s: float
@@ -121,7 +121,7 @@ class ServoReport:
 
     def alive(self, now_s: float) -> int:
         """Return the mask of servos that responded within `ALIVE_S`."""
-        return sum(1 << i for i, at_s in self.heard_s.items() if now_s - at_s <= ALIVE_S)
+        return sum(1 << i for i, at_s in self.received_s.items() if now_s - at_s <= ALIVE_S)
 
 
 class ServoBus:
@@ -218,11 +218,11 @@ class ServoBus:
             for i in range(len(self._ids))
         ]
 
-    def current_a(self, i: int, present: Present) -> float:
+    def current_a(self, i: int, present: ServoMeasurement) -> float:
         """Return the measured current of servo `i`, A."""
         return 1e-3 * self._models[i].current_ma * present.current_units
 
-    def _add_responses(self, answers: list[Status], now_s: float) -> None:
+    def _add_responses(self, answers: list[StatusPacket], now_s: float) -> None:
         before = self.report or ServoReport({}, {}, 0, now_s, self.far)
         whole = [a for a in answers if a.id in self._ids and len(a.data) == PRESENT_SIZE]
         if whole:
@@ -230,11 +230,11 @@ class ServoBus:
             for answer in whole:
                 bit = self._bit(answer.id)
                 faults = faults | bit if answer.error & ALERT else faults & ~bit
-            present = {self._ids.index(a.id): Present.unpack(a.data) for a in whole}
-            heard_s = dict.fromkeys(present, now_s)
+            present = {self._ids.index(a.id): ServoMeasurement.unpack(a.data) for a in whole}
+            received_s = dict.fromkeys(present, now_s)
             self.report = ServoReport(
                 {**before.present, **present},
-                {**before.heard_s, **heard_s},
+                {**before.received_s, **received_s},
                 faults,
                 now_s,
                 before.limp,
@@ -347,7 +347,7 @@ class ServoBus:
 
     def _request(
         self, transport: SerialTransport, device: int, request: bytes, size: int = 0
-    ) -> Status:
+    ) -> StatusPacket:
         """Return the response with `size` bytes.
 
         Raises:
@@ -364,7 +364,7 @@ class ServoBus:
         raise HardwareError(f"{self._named(device)} fell silent")
 
 
-class U2D2Hardware:
+class U2D2IO:
     """`RobotIO` for a robot on two serial lines, with a command watchdog."""
 
     def __init__(
@@ -384,7 +384,7 @@ class U2D2Hardware:
         """
         calibration = calibration or ServoCalibration()
         self._joints = JointConverter(robot, throttle)
-        self._wheels = MegaHardware(
+        self._wheels = ArduinoMegaIO(
             robot, board_port, throttle, calibration, servos=False, baud=baud
         )
         self._bus = ServoBus(self._joints, calibration)

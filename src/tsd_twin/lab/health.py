@@ -36,7 +36,7 @@ from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescri
 from tsd_twin.sensors.camera import Camera, CameraNoise
 from tsd_twin.sensors.gyro import Gyro
 from tsd_twin.shadow import STREAMS, Drift, ShadowFeed, ShadowReport, ShadowTwin
-from tsd_twin.simulation import BATTERY, PLANTS, Wear, WornRobot
+from tsd_twin.simulation import BATTERY, PLANTS, DegradedRobot, Wear
 
 _REPORT_S = 0.1
 WITHIN_S = 5.0
@@ -213,7 +213,7 @@ _TURN_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class WearScenario:
     """Simulated robot with its shadow twin."""
 
     robot: str
@@ -261,7 +261,7 @@ class Case:
 class Result:
     """Result of a case."""
 
-    case: Case
+    case: WearScenario
     named: list[tuple[float, Drift]]
     """Named parts; times since the wear began, or since the start."""
     compared_s: float
@@ -284,7 +284,7 @@ class Result:
         return t_s >= 0.0 and self.case.worn_part in drift.part.split(",")
 
 
-def _twists(case: Case, robot: RobotDescription) -> TwistAt:
+def _twists(case: WearScenario, robot: RobotDescription) -> TwistAt:
     """Return the twist as a function of time, within the limits of the robot."""
     random = np.random.default_rng([case.seed, 5])
     made = {name: make(random) for name, make in MANOEUVRES.items()}
@@ -302,10 +302,12 @@ def _twists(case: Case, robot: RobotDescription) -> TwistAt:
     return twist
 
 
-def drive(case: Case) -> Result:
+def drive(case: WearScenario) -> Result:
     """Drive a robot with its twin."""
     robot = case.description()
-    simulated = WornRobot(robot, seed=case.seed, noise=1.0, plant=case.plant, errors=case.errors)
+    simulated = DegradedRobot(
+        robot, seed=case.seed, noise=1.0, plant=case.plant, errors=case.errors
+    )
     link = SimulationLink(robot, simulated, None)
     client = RobotClient(link, "lab")
     camera = Camera(_camera_noise(robot), np.random.default_rng([case.seed, 7]))
@@ -356,7 +358,7 @@ def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
     manoeuvres = args.manoeuvres or (list(MANOEUVRES) if args.wear else [MIXED])
     robot = robots.load_robot(args.robot)
     cases = [
-        Case(
+        WearScenario(
             args.robot,
             args.plant,
             errors,

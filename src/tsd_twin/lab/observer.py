@@ -61,7 +61,7 @@ class Slip:
         slower = self._most_n * self._lever_m * self._up_s * self._share_per_nms
         self.rest_share: float = 1.0 - slower
         """Speed of wheels that spin on the floor at rest, relative to their setpoint."""
-        self.spin_share: Array = np.full((*batch, kinematics.modules), self.rest_share)
+        self.speed_fraction: Array = np.full((*batch, kinematics.modules), self.rest_share)
         """(..., k): speed of each wheel, relative to its setpoint."""
         self.twist: Array = np.zeros((*batch, 3))
         """(..., 3): twist of the body, in its frame."""
@@ -97,7 +97,7 @@ class Slip:
         step_s = dt_s / pieces
         demanded = np.einsum("kij,...j->...ki", self._rows, rolling)
         for _ in range(pieces):
-            share = self.spin_share
+            share = self.speed_fraction
             over = np.einsum("kij,...j->...ki", self._rows, self.twist)
             slip = share[..., None] * demanded - over
             slip2 = np.square(slip).sum(axis=-1)
@@ -109,7 +109,9 @@ class Slip:
             gained = np.asarray(
                 np.linalg.solve(self._mass + 0.5 * drag, pulled[..., None]), dtype=float
             )
-            self.spin_share = share + step_s * self._spin_up(share, demanded, force, slip2, rim2)
+            self.speed_fraction = share + step_s * self._spin_up(
+                share, demanded, force, slip2, rim2
+            )
             self.twist = self.twist + gained[..., 0]
             # Coriolis term, because the axes of the body rotate.
             turned = step_s * self.twist[..., 2:]
@@ -124,7 +126,7 @@ class Slip:
         friction limit give finite results, but are not reached.
         """
         forces = self._mass @ acceleration
-        rim2 = np.square(self.spin_share * self._rim_mps)
+        rim2 = np.square(self.speed_fraction * self._rim_mps)
         slip = np.zeros((len(self._rows), 2))
         pull = np.zeros(len(self._rows))
         for _ in range(_MAX_ITERATIONS):
@@ -133,10 +135,10 @@ class Slip:
             grip = np.einsum("k,kjl->jl", pull, self._squares)
             slip = self._rows @ np.asarray(np.linalg.solve(grip, forces), dtype=float)
         force = pull[:, None] * slip
-        rolled = (self._rows @ twist + slip) / self.spin_share[:, None]
+        rolled = (self._rows @ twist + slip) / self.speed_fraction[:, None]
         slip2 = np.square(slip).sum(axis=-1)
-        rise_per_s = self._spin_up(self.spin_share, rolled, force, slip2, rim2)
-        self.spin_share = self.spin_share + dt_s * rise_per_s
+        rise_per_s = self._spin_up(self.speed_fraction, rolled, force, slip2, rim2)
+        self.speed_fraction = self.speed_fraction + dt_s * rise_per_s
         return rolled, force
 
     def _spin_up(
@@ -151,7 +153,7 @@ class Slip:
 
 def twist_from_wheels(robot: VirtualRobot, slip: Slip | None) -> Array:
     """Return the twist (3,) from the wheels after one period, including slip if modelled."""
-    twist = robot.spin_share * robot.controller.mean_twist
+    twist = robot.speed_scale_sigma * robot.controller.mean_twist
     return twist if slip is None else slip.advance(twist / slip.rest_share, PERIOD_S)
 
 
@@ -165,7 +167,7 @@ _REST_S = 0.5
 class SpinMeasurement(NamedTuple):
     """Result of a wheel-speed measurement by a turn in place."""
 
-    spin_share: float
+    speed_fraction: float
     """Wheel speed relative to the assumed one."""
     later_s: float
     """Additional lag of the body behind its wheels."""
@@ -225,7 +227,9 @@ class PoseObserver:
         self._start_s = robot.now_s
         if spin_sigma is None:
             wheels = len(robot.controller.kinematics.actuators)
-            spin_sigma = robot.controller.robot.joint_errors().spin_share / float(np.sqrt(wheels))
+            spin_sigma = robot.controller.robot.joint_errors().speed_scale_sigma / float(
+                np.sqrt(wheels)
+            )
         self._noise = JointNoise(robot.controller.kinematics, robot.controller.robot.joint_errors())
         creep = np.sqrt(np.diag(self._twist_noise(robot)))
         if gyro is not None:
@@ -301,13 +305,13 @@ def make_observer(
     if loop is Loop.OPEN:
         return None
     random = np.random.default_rng(seed)
-    robot.spin_share = voltage_share(robot) * (1.0 if slip is None else slip.rest_share)
+    robot.speed_scale_sigma = voltage_share(robot) * (1.0 if slip is None else slip.rest_share)
     if loop is Loop.WHEELS:
         return PoseObserver(robot, slip=slip)
     gyro, spin_sigma = YawGyro(Gyro(), random), None
     if turns:
         turned = measure_spin(robot, gyro, slip)
-        robot.spin_share *= turned.spin_share
+        robot.speed_scale_sigma *= turned.speed_fraction
         slip = None if slip is None else slip.later(turned.later_s)
         robot.mark()
         spin_sigma = REMAINING_SPIN_SIGMA

@@ -344,7 +344,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 def camera_frames(record: TrackingRecord, seed: int) -> list[Frame]:
     """Return the frames of an overhead camera for a run, at 24 fps."""
-    camera = Camera(CameraNoise(late_s=0.0), np.random.default_rng(seed))
+    camera = Camera(CameraNoise(latency_s=0.0), np.random.default_rng(seed))
     start = SE2(record.reference[0]).inverse()
     poses = (start @ SE2(record.truth)).xy_heading
     seen = (camera.capture(i * PERIOD_S, SE2(pose)) for i, pose in enumerate(poses))

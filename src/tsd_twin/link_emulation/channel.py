@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable, Iterator
 from typing import Any, Generic, Protocol, TypeAlias
 
-from tsd_twin.link_emulation.link import Link, Packet
+from tsd_twin.link_emulation.link import LinkModel, Packet
 from tsd_twin.link_emulation.spec import Endpoint, LinkError, LinkSpec
 
 
@@ -38,7 +38,7 @@ class LinkChannel(Generic[Packet]):
     def __init__(
         self,
         loop: asyncio.AbstractEventLoop,
-        link: Link[Packet],
+        link: LinkModel[Packet],
         arrived: Callable[[Packet], object],
         lost: Callable[[Packet], object],
     ) -> None:

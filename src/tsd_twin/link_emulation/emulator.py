@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from tsd_twin.link_emulation.channel import LinkChannel
-from tsd_twin.link_emulation.link import Counters, Link, Packet
+from tsd_twin.link_emulation.link import Counters, LinkModel, Packet
 from tsd_twin.link_emulation.relays import (
     CAPACITY_BYTES,
     Datagram,
@@ -191,5 +191,5 @@ class LinkEmulator:
         capacity_bytes: float,
     ) -> LinkChannel[Packet]:
         random = np.random.default_rng([self._spec.seed, direction])
-        link: Link[Packet] = Link(self._spec, random, self._loop.time(), capacity_bytes)
+        link: LinkModel[Packet] = LinkModel(self._spec, random, self._loop.time(), capacity_bytes)
         return LinkChannel(self._loop, link, arrived, lost)

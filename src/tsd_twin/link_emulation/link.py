@@ -97,7 +97,7 @@ DETOUR_S = 0.05
 Packet = TypeVar("Packet")
 
 
-class Link(Generic[Packet]):
+class LinkModel(Generic[Packet]):
     """Emulated link in one direction: delays, reorders and drops packets.
 
     A packet is delayed by `delay_s` plus jitter, queues, and leaves at the rate of the link.
@@ -238,7 +238,9 @@ class Stream(Generic[Payload]):
         release: Called with each payload in order.
     """
 
-    def __init__(self, link: Link[Segment[Payload]], release: Callable[[Payload], object]) -> None:
+    def __init__(
+        self, link: LinkModel[Segment[Payload]], release: Callable[[Payload], object]
+    ) -> None:
         self._link = link
         self._release = release
         self._sent = 0

@@ -29,7 +29,7 @@ KERNEL_BYTES = 64 * 1024
 _LINGER_NONE = struct.pack("ii", 1, 0)  # Closing sends a reset.
 
 
-class Mark(enum.Enum):
+class ControlSegment(enum.Enum):
     """Control segment of a stream, without data."""
 
     OPEN = enum.auto()
@@ -37,7 +37,7 @@ class Mark(enum.Enum):
     RESET = enum.auto()
 
 
-SocketPayload: TypeAlias = bytes | Mark
+SocketPayload: TypeAlias = bytes | ControlSegment
 TcpSegment: TypeAlias = Segment[SocketPayload]
 
 
@@ -65,7 +65,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
         self._transport.set_write_buffer_limits(high=WINDOW_BYTES // 4)
         for buffer in (socket.SO_RCVBUF, socket.SO_SNDBUF):
             _set_option(self._transport, buffer, KERNEL_BYTES)
-        self.carry(Mark.OPEN)
+        self.carry(ControlSegment.OPEN)
 
     def data_received(self, data: bytes) -> None:
         """Forward received data."""
@@ -75,7 +75,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
     def eof_received(self) -> bool:
         """Forward the end of the stream; the other direction continues."""
         self._ended = True
-        self.carry(Mark.END)
+        self.carry(ControlSegment.END)
         return not self._finished
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -84,7 +84,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
         agreed = exc is None and self._ended and self._finished
         if not (agreed or self._abandoned):
             self._abandoned = True
-            self.carry(Mark.RESET)
+            self.carry(ControlSegment.RESET)
 
     def resume_writing(self) -> None:
         """Resume reading on the other side."""
@@ -148,15 +148,15 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
 
     def _hand_over(self, payload: SocketPayload) -> None:
         match payload:
-            case Mark.OPEN:
+            case ControlSegment.OPEN:
                 self.other.opened()
-            case Mark.END:
+            case ControlSegment.END:
                 self.other.finish()
-            case Mark.RESET:
+            case ControlSegment.RESET:
                 self.other.abandon()
             case bytes():
                 self.other.write(payload)
-        if payload in (Mark.END, Mark.RESET):
+        if payload in (ControlSegment.END, ControlSegment.RESET):
             self._channel.resenders.discard(self._stream)
         self.throttle()
 
@@ -167,7 +167,7 @@ def _set_option(transport: asyncio.Transport, option: int, value: int | bytes) -
 
 def _pieces(payload: SocketPayload) -> Iterator[tuple[SocketPayload, int]]:
     """Split a payload into segments; yield each with its data size in bytes."""
-    if isinstance(payload, Mark):
+    if isinstance(payload, ControlSegment):
         yield payload, 0
         return
     for start in range(0, len(payload), SEGMENT_BYTES):
@@ -194,9 +194,9 @@ class ClientSocket(RelaySocket):
 
     def carry(self, payload: SocketPayload) -> None:
         """Send a payload to the other side, or buffer it until the target is connected."""
-        if self._is_open or payload is Mark.OPEN:
+        if self._is_open or payload is ControlSegment.OPEN:
             super().carry(payload)
-        elif payload is Mark.RESET:
+        elif payload is ControlSegment.RESET:
             self.other.abandon()  # The client has given up, so the target need not connect.
             self._channel.resenders.discard(self._stream)
         else:
@@ -244,7 +244,7 @@ class TargetSocket(RelaySocket):
             _LOG.info("no connection to %s: %s", self._target, error)
             self._sides.discard(self)
             if not self._abandoned:
-                self.carry(Mark.RESET)
+                self.carry(ControlSegment.RESET)
 
 
 @dataclass(eq=False)

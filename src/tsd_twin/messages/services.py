@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
@@ -35,7 +36,7 @@ class LeaseRequest(Request, frozen=True, kw_only=True):
     operator: Operator
     lease: LeaseId | None = None
     """Lease id, required for renew, release, grant and deny."""
-    asker: Operator | None = None
+    requester: Operator | None = msgspec.field(default=None, name="asker")
     """Requester addressed by grant or deny."""
     take_over: bool = False
     """Acquire the lease even if another operator holds it; the holder is notified."""
@@ -131,6 +132,24 @@ def decode_request(payload: bytes, kind: type[RequestT]) -> RequestT:
     return decode_json(payload or b"{}", kind, "a request")
 
 
+_RENAMED_KEYS = {
+    b"asked_by": b"requested_by",
+    b"asks_for_s": b"request_expires_in_s",
+    b"explained": b"contributions",
+    b"late_s": b"latency_s",
+    b"reserved_s": b"reservation_expires_in_s",
+    b"wanted_rpm": b"requested_rpm",
+    b"without_lease": b"no_lease",
+}
+"""Keys of version 0.1 and before; still read, also from old recordings."""
+_OLD_KEY = re.compile(b'"(' + b"|".join(_RENAMED_KEYS) + b')"(?=\\s*:)')
+
+
+def with_current_keys(payload: bytes) -> bytes:
+    """Replace renamed keys in JSON; inside a string, quotes are escaped and do not match."""
+    return _OLD_KEY.sub(lambda found: b'"' + _RENAMED_KEYS[found[1]] + b'"', payload)
+
+
 def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
     """Decode a JSON payload as `kind`; `what` names it in errors.
 
@@ -138,7 +157,7 @@ def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
         MessageError: If a field is missing or invalid (`shape`).
     """
     try:
-        return msgspec.json.decode(payload, type=kind)
+        return msgspec.json.decode(with_current_keys(payload), type=kind)
     # msgspec raises other errors for invalid UTF-8 and deep nesting.
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MessageError("shape", f"not {what}: {error}") from error

@@ -25,13 +25,13 @@ class LeaseStatus(msgspec.Struct, frozen=True):
 
     holder: str | None = None
     remaining_s: float = 0.0
-    asked_by: str | None = None
+    requested_by: str | None = None
     """Operator requesting control."""
-    asks_for_s: float = 0.0
+    request_expires_in_s: float = 0.0
     """Remaining time of the request."""
     reserved_for: str | None = None
     """Operator with a reservation for the next lease, after a grant."""
-    reserved_s: float = 0.0
+    reservation_expires_in_s: float = 0.0
     """Remaining time of the reservation."""
 
 
@@ -44,7 +44,7 @@ class Refusals(msgspec.Struct, frozen=True):
 
     lease: str | None = None
     """Acquiring the lease without a take-over, for operators without a reservation."""
-    without_lease: str = ""
+    no_lease: str = ""
     """All requests below, for operators without the lease."""
     arm: str | None = None
     disarm: str | None = None
@@ -114,14 +114,14 @@ class ConsistencyStatus(msgspec.Struct, frozen=True):
     """Suspected module, or null below the threshold."""
     level: float = 0.0
     """Chi-square of the residual relative to its threshold; significant from 1."""
-    explained: Mapping[str, float] = {}
+    contributions: Mapping[str, float] = {}
     """Fraction of `level` explained by each module alone."""
 
 
 class WheelSpeedStatus(msgspec.Struct, frozen=True):
     """Requested and actual speed of continuously spinning wheels."""
 
-    wanted_rpm: float
+    requested_rpm: float
     spin_rpm: float
     """Mean wheel speed, measured or from the motor model."""
 
@@ -145,7 +145,7 @@ class PoseSensorStatus(msgspec.Struct, frozen=True):
 
     hz: float = 0.0
     """Number of measurements used in the last second."""
-    late_s: float | None = None
+    latency_s: float | None = None
     """Delay of the latest used measurement, or null if none in the last second."""
     used: int = 0
     found: int = 0
@@ -153,7 +153,7 @@ class PoseSensorStatus(msgspec.Struct, frozen=True):
     dropped: PoseSensorDrops = msgspec.field(default_factory=PoseSensorDrops)
 
 
-class LearnedError(msgspec.Struct, frozen=True):
+class BiasStatus(msgspec.Struct, frozen=True):
     """Estimated bias, in the unit of its name."""
 
     value: float
@@ -176,7 +176,7 @@ class ArmingStatus(msgspec.Struct, frozen=True):
     progress: float
 
 
-class Status(msgspec.Struct, frozen=True):
+class RobotStatus(msgspec.Struct, frozen=True):
     """`state/status`."""
 
     mode: str
@@ -196,7 +196,7 @@ class Status(msgspec.Struct, frozen=True):
     """Only for robots with wheels that spin at rest."""
     pose_sensor: PoseSensorStatus | None = None
     """Null until the first pose measurement arrives."""
-    learned: Mapping[str, LearnedError] | None = None
+    learned: Mapping[str, BiasStatus] | None = None
     """Estimated biases by name, or null before a measurement reveals any."""
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}
@@ -219,27 +219,27 @@ class Status(msgspec.Struct, frozen=True):
         return why or because(Code.MODE_ONLY, mode=self.mode)
 
 
-def encode_status(status: Status) -> bytes:
+def encode_status(status: RobotStatus) -> bytes:
     """Encode a status as JSON."""
     return msgspec.json.encode(status)
 
 
-def decode_status(payload: bytes) -> Status:
+def decode_status(payload: bytes) -> RobotStatus:
     """Decode a status from JSON; unknown fields are ignored.
 
     Raises:
         MessageError: If it is not a status (`shape`).
     """
-    status = decode_json(payload, Status, "a status")
+    status = decode_json(payload, RobotStatus, "a status")
     if _is_deeper(status.hardware, _LEVELS):  # Deep nesting decodes, but may not encode.
         raise MessageError("shape", f"hardware is nested in more than {_LEVELS} levels")
     return _with_reasons(status)
 
 
-def _with_reasons(status: Status) -> Status:
+def _with_reasons(status: RobotStatus) -> RobotStatus:
     """Return a status in which each text has a reason; robots without codes send texts only."""
     refusals, limits = status.refusals, status.limits
-    if refusals is not None and not refusals.why and refusals.without_lease:
+    if refusals is not None and not refusals.why and refusals.no_lease:
         texts = {field: getattr(refusals, field) for field in _REFUSED}
         why = {field: reason for field, text in texts.items() if (reason := text_reason(text))}
         refusals = msgspec.structs.replace(refusals, why=why)

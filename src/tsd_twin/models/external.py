@@ -30,17 +30,17 @@ from tsd_twin.models.links import (
     roll_pitch_yaw,
 )
 from tsd_twin.models.solids import Drawing, Link, Material, Parts, drawn
-from tsd_twin.robots import ImportedDescription
+from tsd_twin.robots import ExternalDescription
 from tsd_twin.robots.external import (
     MOST_JOINTS,
     MOST_PARTS,
     RESERVED,
-    ImportedGeometry,
-    ImportedJoint,
-    ImportedPart,
+    ExternalGeometry,
+    ExternalJoint,
+    ExternalPart,
     Triple,
 )
-from tsd_twin.robots.loader import LONGEST
+from tsd_twin.robots.loader import MAX_FILE_CHARS
 
 MOST_BYTES = 1_000_000
 """Maximum URDF size; large robots have 200,000 bytes."""
@@ -55,7 +55,7 @@ _PLACEHOLDER_KG = 1.0
 _WIDE_LIMITS = JointLimits(1000.0, 1000.0, 1000.0)
 """Placeholder limits in the generated URDF, whose joints only display measurements."""
 _GREY = (0.7, 0.72, 0.75, 1.0)
-_BOX = ImportedPart(shape="box", size_m=(0.4, 0.3, 0.15), at_m=(0.0, 0.0, 0.075))
+_BOX = ExternalPart(shape="box", size_m=(0.4, 0.3, 0.15), at_m=(0.0, 0.0, 0.075))
 
 
 # Shape from a URDF.
@@ -75,12 +75,12 @@ class _Pose:
 _HERE = _Pose(np.zeros(3), SO3.identity())
 
 
-def stand_in(reason: str) -> tuple[ImportedGeometry, tuple[str, ...]]:
+def stand_in(reason: str) -> tuple[ExternalGeometry, tuple[str, ...]]:
     """Return a box for a robot of unknown shape, and a sentence about it."""
-    return ImportedGeometry(parts=[_BOX]), (f"Its shape: {reason}, so it is drawn as a box.",)
+    return ExternalGeometry(parts=[_BOX]), (f"Its shape: {reason}, so it is drawn as a box.",)
 
 
-def read_urdf(text: str) -> tuple[ImportedGeometry, tuple[str, ...]]:
+def read_urdf(text: str) -> tuple[ExternalGeometry, tuple[str, ...]]:
     """Return the shape in a URDF, and sentences about deviations from it.
 
     Raises:
@@ -153,12 +153,12 @@ class _UrdfReader:
         if len(roots) != 1:
             raise ValueError(f"it has {len(roots)} root links, not one")
         (self._root,) = roots
-        self._parts: list[ImportedPart] = []
-        self._joints: list[ImportedJoint] = []
+        self._parts: list[ExternalPart] = []
+        self._joints: list[ExternalJoint] = []
         self._meshes: dict[str, int] = {}
         self._stiff = 0
 
-    def read(self) -> tuple[ImportedGeometry, tuple[str, ...]]:
+    def read(self) -> tuple[ExternalGeometry, tuple[str, ...]]:
         """Return the shape, and sentences about deviations from it."""
         waiting = [(self._root, "", _HERE)]
         seen = 0
@@ -193,7 +193,7 @@ class _UrdfReader:
             raise ValueError(f"the axis of {name} has no direction")
         x, y, z = (round(part / length, 6) for part in axis)
         self._joints.append(
-            ImportedJoint(
+            ExternalJoint(
                 name=name,
                 on=on,
                 slides=kind == "prismatic",
@@ -223,9 +223,9 @@ class _UrdfReader:
 
     def _shapes(
         self, link: ET.Element, elements: Iterable[ET.Element]
-    ) -> tuple[list[tuple[ImportedPart, _Pose]], int]:
+    ) -> tuple[list[tuple[ExternalPart, _Pose]], int]:
         """Return the parts of visuals or collisions, and how many of them are meshes."""
-        found: list[tuple[ImportedPart, _Pose]] = []
+        found: list[tuple[ExternalPart, _Pose]] = []
         meshes = 0
         for element in elements:
             geometry = element.find("geometry")
@@ -242,7 +242,7 @@ class _UrdfReader:
             found.append((_changed(part, colour_rgba=colour or _GREY), _origin(element)))
         return found, meshes
 
-    def _result(self) -> tuple[ImportedGeometry, tuple[str, ...]]:
+    def _result(self) -> tuple[ExternalGeometry, tuple[str, ...]]:
         said = [
             f"Its meshes: {count} of the URDF are not fetched, drawn instead: {how}."
             for how, count in self._meshes.items()
@@ -252,8 +252,8 @@ class _UrdfReader:
         if not self._parts:
             shape, sentences = stand_in("its URDF has no shape that can be drawn")
             return _changed(shape, joints=[]), (*said, *sentences)
-        shape = ImportedGeometry(parts=self._parts, joints=self._joints)
-        if len(self._parts) > MOST_PARTS or len(geometry_toml(shape)) > LONGEST - 4000:
+        shape = ExternalGeometry(parts=self._parts, joints=self._joints)
+        if len(self._parts) > MOST_PARTS or len(geometry_toml(shape)) > MAX_FILE_CHARS - 4000:
             shape = _changed(shape, parts=[_bounding_box(shape, on) for on in _carriers(shape)])
             said.append(f"Its shape: {len(self._parts)} parts are drawn as a box for each joint.")
         low_m = min(float(corner[2]) for corner in _corners(shape))
@@ -296,19 +296,19 @@ def _turn(rpy_rad: Array) -> SO3:
     return z @ y @ x
 
 
-def _part(geometry: ET.Element) -> ImportedPart | None:
+def _part(geometry: ET.Element) -> ExternalPart | None:
     """Return the part in a `<geometry>`, or None for a mesh or unknown element."""
     box, cylinder = geometry.find("box"), geometry.find("cylinder")
     sphere = geometry.find("sphere")
     if box is not None:
-        return ImportedPart(shape="box", size_m=_sizes(*_three(box.attrib["size"])))
+        return ExternalPart(shape="box", size_m=_sizes(*_three(box.attrib["size"])))
     if cylinder is not None:
         wide = 2.0 * float(cylinder.attrib["radius"])
         size = _sizes(wide, wide, float(cylinder.attrib["length"]))
-        return ImportedPart(shape="cylinder", size_m=size)
+        return ExternalPart(shape="cylinder", size_m=size)
     if sphere is not None:
         wide = 2.0 * float(sphere.attrib["radius"])
-        return ImportedPart(shape="sphere", size_m=_sizes(wide, wide, wide))
+        return ExternalPart(shape="sphere", size_m=_sizes(wide, wide, wide))
     return None
 
 
@@ -331,7 +331,7 @@ def _colour(material: ET.Element) -> tuple[float, float, float, float] | None:
     return r, g, b, max(a, 0.1)
 
 
-def _inertia_box(link: ET.Element) -> list[tuple[ImportedPart, _Pose]]:
+def _inertia_box(link: ET.Element) -> list[tuple[ExternalPart, _Pose]]:
     """Return a homogeneous box with the mass and moments of inertia of a link, if any."""
     inertial = link.find("inertial")
     if inertial is None:
@@ -349,7 +349,7 @@ def _inertia_box(link: ET.Element) -> list[tuple[ImportedPart, _Pose]]:
     ]
     if max(sizes) > 2.0 * _MAX_DISTANCE_M:
         return []
-    part = ImportedPart(shape="box", size_m=_sizes(*sizes))
+    part = ExternalPart(shape="box", size_m=_sizes(*sizes))
     return [(part, _origin(inertial))]
 
 
@@ -363,29 +363,29 @@ def _degrees(turn: SO3) -> Triple:
     return x, y, z
 
 
-def _carriers(shape: ImportedGeometry) -> Sequence[str]:
+def _carriers(shape: ExternalGeometry) -> Sequence[str]:
     """Return the joints with parts on them, the base first."""
     used = {part.on for part in shape.parts}
     return [on for on in ("", *(joint.name for joint in shape.joints)) if on in used]
 
 
-def _placed(entry: ImportedPart | ImportedJoint) -> _Pose:
+def _placed(entry: ExternalPart | ExternalJoint) -> _Pose:
     return _Pose(np.array(entry.at_m), _turn(np.radians(entry.rpy_deg)))
 
 
-def _part_corners(part: ImportedPart) -> Array:
+def _part_corners(part: ExternalPart) -> Array:
     """Return the corners (8, 3) of the box around a part, in the frame of its joint."""
     pose, half = _placed(part), 0.5 * np.array(part.size_m)
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
     return pose.at + np.array([pose.turn.rotate(corner) for corner in signs * half])
 
 
-def _bounding_box(shape: ImportedGeometry, on: str) -> ImportedPart:
+def _bounding_box(shape: ExternalGeometry, on: str) -> ExternalPart:
     """Return a box along the axes of a joint around all its parts."""
     parts = [part for part in shape.parts if part.on == on]
     corners = np.concatenate([_part_corners(part) for part in parts])
     low, high = corners.min(axis=0), corners.max(axis=0)
-    return ImportedPart(
+    return ExternalPart(
         shape="box",
         size_m=_sizes(*(high - low).clip(0.0, 2.0 * _MAX_DISTANCE_M)),
         on=on,
@@ -394,7 +394,7 @@ def _bounding_box(shape: ImportedGeometry, on: str) -> ImportedPart:
     )
 
 
-def _corners(shape: ImportedGeometry) -> Iterator[Array]:
+def _corners(shape: ExternalGeometry) -> Iterator[Array]:
     """Yield the corners of all parts in the base frame, with joints at zero."""
     frames = {"": _HERE}
     for joint in shape.joints:
@@ -404,7 +404,7 @@ def _corners(shape: ImportedGeometry) -> Iterator[Array]:
         yield from (frame.at + frame.turn.rotate(corner) for corner in _part_corners(part))
 
 
-def geometry_toml(shape: ImportedGeometry) -> str:
+def geometry_toml(shape: ExternalGeometry) -> str:
     """Format the keys of `[drive]` as TOML, with a line per part and joint."""
     lines = [f"sideways = {json.dumps(shape.sideways)}", f"height_m = {shape.height_m!r}"]
     for key, entries in (("joints", shape.joints), ("parts", shape.parts)):
@@ -414,7 +414,7 @@ def geometry_toml(shape: ImportedGeometry) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _inline(entry: ImportedPart | ImportedJoint) -> str:
+def _inline(entry: ExternalPart | ExternalJoint) -> str:
     """Format a table on one line, without default values."""
     said = {
         field.name: value
@@ -428,18 +428,18 @@ def _inline(entry: ImportedPart | ImportedJoint) -> str:
 # Model of a description.
 
 
-def draw(robot: ImportedDescription) -> Parts:
+def draw(robot: ExternalDescription) -> Parts:
     """Return the parts of the base and of each joint, in the frame of the joint."""
     parts: Parts = {}
     for kind, on in _kinds(robot):
         mine = [part for part in robot.drive.parts if part.on == on]
         # A joint without parts may carry others that have some.
-        shown = mine or [ImportedPart(shape="box", size_m=(0.002, 0.002, 0.002))]
+        shown = mine or [ExternalPart(shape="box", size_m=(0.002, 0.002, 0.002))]
         parts[kind] = drawn(kind, (_drawing(f"p{i}", part) for i, part in enumerate(shown)))
     return parts
 
 
-def tree(robot: ImportedDescription) -> KinematicTree:
+def tree(robot: ExternalDescription) -> KinematicTree:
     """Return the tree of joints, with a separate kind of link for each."""
     kinds = {on: kind for kind, on in _kinds(robot)}
     groups: list[LinkGroup] = []
@@ -461,18 +461,18 @@ def tree(robot: ImportedDescription) -> KinematicTree:
     return KinematicTree(robot.drive.height_m, tuple(groups), core_m=0.0)
 
 
-def masses_kg(robot: ImportedDescription) -> dict[Link, float]:
+def masses_kg(robot: ExternalDescription) -> dict[Link, float]:
     """Return a placeholder mass for each kind of link."""
     return {kind: _PLACEHOLDER_KG for kind, _ in _kinds(robot)}
 
 
-def _kinds(robot: ImportedDescription) -> list[tuple[Link, str]]:
+def _kinds(robot: ExternalDescription) -> list[tuple[Link, str]]:
     """Return the kinds of links, each with the joint that moves it."""
     joints = ((f"link{i + 1}", joint.name) for i, joint in enumerate(robot.drive.joints))
     return [("chassis", ""), *joints]
 
 
-def _drawing(name: str, part: ImportedPart) -> Drawing:
+def _drawing(name: str, part: ExternalPart) -> Drawing:
     x, y, z = (1000.0 * size for size in part.size_m)
     if part.shape == "box":
         solid = Manifold.cube((x, y, z), True)

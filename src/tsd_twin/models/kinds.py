@@ -10,7 +10,7 @@ from tsd_twin.errors import needs_extra
 from tsd_twin.models.links import KinematicTree
 from tsd_twin.registry import KindTable
 from tsd_twin.robots import (
-    ImportedDescription,
+    ExternalDescription,
     OmniDescription,
     RobotDescription,
     SingularityDescription,
@@ -54,7 +54,7 @@ _MODELS = KindTable[_Import](
         SingularityDescription: _module("singularity"),
         OmniDescription: _module("omni"),
         SphereDescription: _module("sphere"),
-        ImportedDescription: _module("external"),
+        ExternalDescription: _module("external"),
     },
     lambda kind: kind.model,
     _module("box"),

@@ -193,7 +193,7 @@ class Route:
 
 LONGEST_M = 50.0
 """Maximum route length, because the operator must see the robot and hold a button throughout."""
-THERE_M = 0.005
+ARRIVAL_TOLERANCE_M = 0.005
 """Tolerances within which a goal counts as reached."""
 _ARRIVAL_TOLERANCE_RAD = 0.01
 _STEP_M = 0.02
@@ -235,7 +235,7 @@ class NavigationGoal:
         if self.is_done(start):
             raise PathError("the robot is there already")
         path: Path
-        if length_m >= THERE_M:
+        if length_m >= ARRIVAL_TOLERANCE_M:
             path = line(here[:2].tolist(), goal.tolist()) if len(way) == 2 else _smooth(way)
         else:
             ahead = here[:2] + _TURN_M * np.array([np.cos(here[2]), np.sin(here[2])])
@@ -251,7 +251,8 @@ class NavigationGoal:
         turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - heading))
         way = np.concatenate([[[x, y]], self.points])
         return bool(
-            np.hypot(*np.diff(way, axis=0).T).sum() < THERE_M and abs(turn) < _ARRIVAL_TOLERANCE_RAD
+            np.hypot(*np.diff(way, axis=0).T).sum() < ARRIVAL_TOLERANCE_M
+            and abs(turn) < _ARRIVAL_TOLERANCE_RAD
         )
 
     def remaining(self, path: Path, done_m: float) -> NavigationGoal:

@@ -138,15 +138,15 @@ def tracking_errors(reference: Reference, pose: SE2) -> Array:
     )
 
 
-NEAR_M = 0.008
+GOAL_TOLERANCE_M = 0.008
 NEAR_RAD = 0.01
 """Goal tolerance once the reference has arrived; a servo step of `tsd` is 16 mm/s."""
 SETTLE_S = 1.5
 """Time for the robot to reach the goal tolerance after the reference has arrived."""
-FAIR_M = 0.05
+TIMEOUT_TOLERANCE_M = 0.05
 FAIR_RAD = 0.1
 """Goal tolerance at that timeout."""
-LOST_M = 0.3
+MAX_TRACKING_ERROR_M = 0.3
 LOST_RAD = 0.6
 """Maximum tracking error; beyond it the robot is blocked, slipping, or was moved."""
 STUCK_S = 2.0
@@ -256,7 +256,7 @@ class TrajectoryExecutor:
         )
         pace = float(np.clip(1.0 - (cross_track_m - _LAG_ALLOWED_M) / _LAG_RAMP_M, 0.0, 1.0))
         self._stuck_s = self._stuck_s + dt_s if pace < 0.1 else 0.0
-        if cross_track_m > LOST_M or heading_error_rad > LOST_RAD:
+        if cross_track_m > MAX_TRACKING_ERROR_M or heading_error_rad > LOST_RAD:
             why = (
                 f"the robot is {cross_track_m:.2f} m and {math.degrees(heading_error_rad):.0f}° "
                 f"off its path"
@@ -271,10 +271,10 @@ class TrajectoryExecutor:
                 "the robot makes no progress",
             )
         over_s = seen_s - self.trajectory.duration_s
-        if over_s >= 0.0 and cross_track_m < NEAR_M and heading_error_rad < NEAR_RAD:
+        if over_s >= 0.0 and cross_track_m < GOAL_TOLERANCE_M and heading_error_rad < NEAR_RAD:
             return self._step(ExecutionPhase.ARRIVED, done_m, cross_track_m, heading_error_rad)
         if over_s > SETTLE_S:
-            if cross_track_m < FAIR_M and heading_error_rad < FAIR_RAD:
+            if cross_track_m < TIMEOUT_TOLERANCE_M and heading_error_rad < FAIR_RAD:
                 return self._step(ExecutionPhase.ARRIVED, done_m, cross_track_m, heading_error_rad)
             why = f"the robot stays {cross_track_m:.2f} m from its goal"
             return self._step(ExecutionPhase.LOST, done_m, cross_track_m, heading_error_rad, why)

@@ -11,8 +11,8 @@ with needs_extra("A recording", "record"):
         open_recording,
     )
     from tsd_twin.recording.events import (
+        Annotation,
         EventKind,
-        Mark,
         RecordedEvent,
         add_mark,
         read_events,
@@ -25,9 +25,9 @@ with needs_extra("A recording", "record"):
 __all__ = [
     "ALLOWED",
     "EVERYTHING",
+    "Annotation",
     "Catalogue",
     "EventKind",
-    "Mark",
     "Player",
     "RecordedEvent",
     "RecordedMessage",

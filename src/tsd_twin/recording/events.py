@@ -141,7 +141,7 @@ NOTE_LENGTH = 200
 """Maximum length of a note, characters."""
 
 
-class Mark(msgspec.Struct, frozen=True):
+class Annotation(msgspec.Struct, frozen=True):
     """Operator's note at a time of a recording."""
 
     log_ns: int
@@ -156,13 +156,13 @@ def marks_file(recording: Path) -> Path:
     return recording.with_name(recording.name.removesuffix(".mcap") + _ENDING)
 
 
-def read_marks(recording: Path) -> list[Mark]:
+def read_marks(recording: Path) -> list[Annotation]:
     """Return the marks of a recording in order of time; invalid lines are skipped.
 
     Raises:
         RecordingError: If the marks cannot be read.
     """
-    found: list[Mark] = []
+    found: list[Annotation] = []
     try:
         with marks_file(recording).open("rb") as file:
             lines = file.read(_MOST_MARKS_BYTES).splitlines()
@@ -174,13 +174,13 @@ def read_marks(recording: Path) -> list[Mark]:
         ) from error
     for line in lines:
         try:
-            found.append(msgspec.json.decode(line, type=Mark))
+            found.append(msgspec.json.decode(line, type=Annotation))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue  # Possibly the last line before a crash.
     return sorted(found, key=lambda mark: mark.log_ns)
 
 
-def add_mark(recording: Path, mark: Mark) -> None:
+def add_mark(recording: Path, mark: Annotation) -> None:
     """Add a mark to a recording.
 
     Raises:

@@ -16,11 +16,11 @@ import numpy as np
 
 from tsd_twin.control.logged_controller import (
     Call,
+    ControllerCheckpoint,
     InputBatch,
     LeaseDrawn,
     PosesCall,
     ServeCall,
-    Snapshot,
     StepCall,
     StopCall,
     decode_batch,
@@ -39,7 +39,7 @@ from tsd_twin.recording.mcap_file import McapWriter
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class RecordingSlice:
     """Time range of a recording; seconds since its start."""
 
     path: Path
@@ -73,7 +73,7 @@ class Part:
         return recording.start_ns + round(end_s * 1e9)
 
 
-def to_mcap(part: Part, out: Path) -> str:
+def to_mcap(part: RecordingSlice, out: Path) -> str:
     """Write the range as MCAP with lease ids replaced; return a summary.
 
     The file begins with the robot descriptions and the input log since the previous controller
@@ -104,7 +104,7 @@ def to_mcap(part: Part, out: Path) -> str:
     return f"wrote {out}: {count} messages"
 
 
-def to_csv(part: Part, folder: Path) -> list[str]:
+def to_csv(part: RecordingSlice, folder: Path) -> list[str]:
     """Write each stream of the range as a CSV file; return a summary per file.
 
     Raises:
@@ -142,7 +142,7 @@ def _cell(value: object) -> object:
     return value
 
 
-def _entries(part: Part, recording: Recording) -> Iterator[Entry]:
+def _entries(part: RecordingSlice, recording: Recording) -> Iterator[Entry]:
     start_ns = recording.start_ns + round(part.start_s * 1e9)
     end_ns = None if part.end_s is None else recording.start_ns + round(part.end_s * 1e9)
     if part.start_s > 0.0:
@@ -153,7 +153,7 @@ def _entries(part: Part, recording: Recording) -> Iterator[Entry]:
             yield entry
 
 
-def _before(part: Part, recording: Recording, start_ns: int) -> Iterator[Entry]:
+def _before(part: RecordingSlice, recording: Recording, start_ns: int) -> Iterator[Entry]:
     """Yield the entries before the range that are required to use it."""
     kept: dict[str, list[Entry]] = {}
     needed = {
@@ -241,7 +241,9 @@ class Redactor:
             state = snapshot.state
             for lease in snapshot.leases:
                 state = state.replace(lease, self.id(lease))
-            snapshot = Snapshot(snapshot.build, state, [self.id(each) for each in snapshot.leases])
+            snapshot = ControllerCheckpoint(
+                snapshot.build, state, [self.id(each) for each in snapshot.leases]
+            )
         calls = [self._call(call) for call in batch.calls]
         return encode_batch(InputBatch(batch.first, calls, snapshot, batch.pose))
 

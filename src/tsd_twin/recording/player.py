@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from tsd_twin.bus import Bus, Publisher, Request
+from tsd_twin.bus import Bus, PendingQuery, Publisher
 from tsd_twin.client.connection import SentCommand
 from tsd_twin.client.monitor import RoundTrips, Snapshot
 from tsd_twin.errors import BusError, RecordingError
@@ -173,7 +173,7 @@ class Player:
 LEAST_SPEED, MOST_SPEED = 0.1, 16.0
 
 
-class Playback:
+class PlaybackCursor:
     """Playback position, with time as an argument; pauses at the end."""
 
     def __init__(self, duration_s: float, now_s: float) -> None:
@@ -288,7 +288,7 @@ class Replay:
             for request in server.take_requests():
                 self._answer(service, request)
 
-    def _answer(self, service: Service, request: Request) -> None:
+    def _answer(self, service: Service, request: PendingQuery) -> None:
         if service is Service.DESC:
             request.reply(self._description)
         else:

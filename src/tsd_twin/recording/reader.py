@@ -25,7 +25,7 @@ from tsd_twin.messages.services import Description
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import Service, Topic
 from tsd_twin.recording.channels import Entry, robot_of
-from tsd_twin.recording.events import EventKind, Mark, RecordedEvent, read_events, read_marks
+from tsd_twin.recording.events import Annotation, EventKind, RecordedEvent, read_events, read_marks
 from tsd_twin.recording.index import RecordingIndex
 from tsd_twin.recording.records import RecordFile, readable
 from tsd_twin.robots import RobotDescription
@@ -177,7 +177,7 @@ class RecordingReader:
             found = [e for e in read_events(self.index) if e.kind is not EventKind.OTHER]
         return [replace(event, text=event.text[:_TEXT_LENGTH]) for event in found[:_MOST_EVENTS]]
 
-    def marks(self) -> list[Mark]:
+    def marks(self) -> list[Annotation]:
         """Return the marks.
 
         Raises:

@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from tsd_twin.errors import RecordingError
-from tsd_twin.recording.events import Mark, RecordedEvent
+from tsd_twin.recording.events import Annotation, RecordedEvent
 from tsd_twin.recording.reader import Contents, Listing, RobotStates
 
 MOST_ANSWER_BYTES = 2 << 20
@@ -150,9 +150,9 @@ class RemoteReader:
         """See `RecordingReader.events`."""
         return self._ask("events", list[RecordedEvent])
 
-    def marks(self) -> list[Mark]:
+    def marks(self) -> list[Annotation]:
         """See `RecordingReader.marks`."""
-        return self._ask("marks", list[Mark])
+        return self._ask("marks", list[Annotation])
 
     def _ask(self, name: str, kind: Any, *arguments: Any) -> Any:
         return self._connection.ask(self._path, name, kind, *arguments)

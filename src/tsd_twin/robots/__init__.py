@@ -8,10 +8,10 @@ from tsd_twin.robots.description import (
     JointCompliance,
     JointErrors,
     RobotDescription,
-    SpinUp,
     WheelSpeedRange,
+    WheelSpeedResponse,
 )
-from tsd_twin.robots.external import ImportedDescription
+from tsd_twin.robots.external import ExternalDescription
 from tsd_twin.robots.kinds import DESCRIPTIONS, kind_names, kind_of
 from tsd_twin.robots.loader import (
     description_of_kind,
@@ -26,16 +26,16 @@ from tsd_twin.robots.singularity import SingularityDescription
 __all__ = [
     "DESCRIPTIONS",
     "RPM",
+    "ExternalDescription",
     "FloorErrors",
-    "ImportedDescription",
     "JointCompliance",
     "JointErrors",
     "OmniDescription",
     "RobotDescription",
     "SingularityDescription",
     "SphereDescription",
-    "SpinUp",
     "WheelSpeedRange",
+    "WheelSpeedResponse",
     "description_of_kind",
     "kind_names",
     "kind_of",

@@ -143,7 +143,7 @@ class FloorErrors:
 
     at_rad_per_s: float = 1.0
     """Wheel speed at which the other values hold."""
-    spin_share: float = 0.0
+    speed_scale_sigma: float = 0.0
     """Relative speed loss of a wheel due to floor friction; the absolute loss is the same at any
     speed."""
     turn_rad_per_s: float = 0.0
@@ -171,7 +171,7 @@ class JointErrors:
     """White noise of a position joint."""
     rounding_rad: float = 0.0
     """Additional rounding error of a joint at rest between two encoder steps."""
-    spin_share: float = 0.0
+    speed_scale_sigma: float = 0.0
     """Bias of a velocity joint, relative to its speed."""
     common_spin_share: float = 0.0
     """Common relative bias of all velocity joints."""
@@ -182,18 +182,18 @@ class JointErrors:
     creep_lag_s: tuple[tuple[float, ...], ...] | None = None
     """(3, 3): twist by which a body lags its rollers per acceleration in m/s² and rad/s², scaled by
     one standard normal number; None without creep."""
-    walk_rad: float = 0.0
+    random_walk_rad: float = 0.0
     """Random walk of each velocity joint's angle after one second in which any of them turns; grows
     with the square root of time."""
 
     @property
-    def alike_spin_share(self) -> float:
+    def common_mode_sigma(self) -> float:
         """Total common relative bias of all velocity joints."""
-        return math.hypot(self.common_spin_share, self.floor.spin_share)
+        return math.hypot(self.common_spin_share, self.floor.speed_scale_sigma)
 
 
 @dataclass(frozen=True, slots=True)
-class SpinUp:
+class WheelSpeedResponse:
     """First-order model of a wheel speed following its setpoint."""
 
     start_speed_rad_per_s: float
@@ -222,7 +222,7 @@ class JointCompliance:
     """Slip per wheel speed at which the force reaches 71 % of the friction."""
     lag_s: float
     """Time constant with which joints follow their setpoints."""
-    play_rad: float
+    backlash_rad: float
     """Total backlash: maximum lag of a joint after a reversal, within its dynamic lag."""
     dead_band_rad: float
     """Maximum error of a joint at rest."""
@@ -318,7 +318,7 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         """Return the deflection of joints under forces, or None if they are rigid."""
         return None
 
-    def spin_up(self) -> SpinUp:
+    def spin_up(self) -> WheelSpeedResponse:
         """Return the first-order model of the wheel speeds."""
         raise NotImplementedError
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, TypeAlias
 from msgspec import Meta, field
 
 from tsd_twin.kinematics import Joint, JointKind, TwistKinematics
-from tsd_twin.robots.description import JointErrors, RobotDescription, SpinUp
+from tsd_twin.robots.description import JointErrors, RobotDescription, WheelSpeedResponse
 from tsd_twin.tables import Colour, NotNegative, Positive, Problem, Table
 
 Triple: TypeAlias = tuple[float, float, float]
@@ -38,7 +38,7 @@ NOT_PROMISED = (
 _LAG_S = 0.1
 
 
-class ImportedPart(Table, frozen=True):
+class ExternalPart(Table, frozen=True):
     """Entry of `[[drive.parts]]`."""
 
     shape: Literal["box", "cylinder", "sphere"]
@@ -51,7 +51,7 @@ class ImportedPart(Table, frozen=True):
     colour_rgba: Colour = (0.7, 0.72, 0.75, 1.0)
 
 
-class ImportedJoint(Table, frozen=True):
+class ExternalJoint(Table, frozen=True):
     """Entry of `[[drive.joints]]`; parent joints come first."""
 
     name: JointName
@@ -63,23 +63,23 @@ class ImportedJoint(Table, frozen=True):
     axis: Triple = (0.0, 0.0, 1.0)
 
 
-class ImportedGeometry(Table, frozen=True, tag="imported", tag_field="kind"):
+class ExternalGeometry(Table, frozen=True, tag="imported", tag_field="kind"):
     """`[drive]` of an external ROS robot."""
 
-    parts: Annotated[list[ImportedPart], Meta(min_length=1, max_length=MOST_PARTS)]
+    parts: Annotated[list[ExternalPart], Meta(min_length=1, max_length=MOST_PARTS)]
     sideways: bool = False
     """Whether the robot follows `vy`."""
     height_m: NotNegative = 0.0
     """Height of `base_link` above the floor."""
-    joints: Annotated[list[ImportedJoint], Meta(max_length=MOST_JOINTS)] = field(
-        default_factory=list[ImportedJoint]
+    joints: Annotated[list[ExternalJoint], Meta(max_length=MOST_JOINTS)] = field(
+        default_factory=list[ExternalJoint]
     )
 
 
-class ImportedDescription(RobotDescription, frozen=True, kw_only=True):
+class ExternalDescription(RobotDescription, frozen=True, kw_only=True):
     """External robot driven through ROS `cmd_vel`."""
 
-    drive: ImportedGeometry
+    drive: ExternalGeometry
 
     @property
     def sensors(self) -> tuple[Joint, ...]:
@@ -111,9 +111,9 @@ class ImportedDescription(RobotDescription, frozen=True, kw_only=True):
         """Return zero errors, because they are unknown."""
         return JointErrors()
 
-    def spin_up(self) -> SpinUp:
+    def spin_up(self) -> WheelSpeedResponse:
         """Return an assumed first-order model of the robot's response to a twist."""
-        return SpinUp(0.0, _LAG_S, _LAG_S)
+        return WheelSpeedResponse(0.0, _LAG_S, _LAG_S)
 
     def problems(self) -> Iterator[Problem]:
         """Yield duplicate joints, unknown parents, zero axes, and parts on unknown joints."""

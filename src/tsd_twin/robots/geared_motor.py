@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsd_twin.lie import Array
-from tsd_twin.robots.description import RPM, JointErrors, RobotDescription, SpinUp
+from tsd_twin.robots.description import RPM, JointErrors, RobotDescription, WheelSpeedResponse
 from tsd_twin.tables import NotNegative, Positive, Table
 
 
@@ -44,9 +44,9 @@ class GearedMotor(Table, frozen=True):
         """Return the acceleration of a wheel with this inertia from rest."""
         return self.stall_torque_nm * min(1.0, self.current_limit) / inertia_kg_m2
 
-    def spin_up(self) -> SpinUp:
+    def spin_up(self) -> WheelSpeedResponse:
         """Return a first-order model of a wheel speed, valid while torque and grip suffice."""
-        return SpinUp(0.0, self.time_constant_s, self.time_constant_s)
+        return WheelSpeedResponse(0.0, self.time_constant_s, self.time_constant_s)
 
 
 def carried_kg_m2(twist_from_speeds: Array, body: Array) -> float:
@@ -61,7 +61,7 @@ def carried_kg_m2(twist_from_speeds: Array, body: Array) -> float:
 class WheelNoise(Table, frozen=True):
     """`[noise]`: standard deviations, for the covariance and as the simulator's default."""
 
-    spin_share: NotNegative = 0.0
+    speed_scale_sigma: NotNegative = 0.0
     """Standard deviation of a measured wheel speed."""
     creep_m: NotNegative = 0.0002
     """Standard deviation of each contact's creep distance in a second, while wheels turn."""
@@ -82,9 +82,10 @@ class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
         """Return the errors of the wheel speeds."""
         noise = self.noise
         return JointErrors(
-            spin_share=noise.spin_share, walk_rad=noise.creep_m / self.wheel_radius_m
+            speed_scale_sigma=noise.speed_scale_sigma,
+            random_walk_rad=noise.creep_m / self.wheel_radius_m,
         )
 
-    def spin_up(self) -> SpinUp:
+    def spin_up(self) -> WheelSpeedResponse:
         """Return the first-order model of the wheel speeds."""
         return self.motor.spin_up()

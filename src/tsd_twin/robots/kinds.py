@@ -9,7 +9,7 @@ from typing import Any
 from tsd_twin import registry
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots.description import RobotDescription
-from tsd_twin.robots.external import ImportedDescription
+from tsd_twin.robots.external import ExternalDescription
 from tsd_twin.robots.omni import OmniDescription, SphereDescription
 from tsd_twin.robots.singularity import SingularityDescription
 
@@ -17,7 +17,7 @@ DESCRIPTIONS: dict[str, type[RobotDescription]] = {
     "singularity": SingularityDescription,
     "omni": OmniDescription,
     "sphere": SphereDescription,
-    "imported": ImportedDescription,
+    "imported": ExternalDescription,
 }
 """Shipped kinds: maps `drive.kind` to the description class."""
 

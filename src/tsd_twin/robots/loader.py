@@ -23,9 +23,12 @@ from tsd_twin.robots.singularity import SingularityDescription
 from tsd_twin.tables import Problem, Table
 
 _PACKAGE = "tsd_twin.robots"
-LONGEST = 16_384
+MAX_FILE_CHARS = 16_384
 """Maximum number of characters of a description; shipped ones have fewer than 3,000. Descriptions
 also arrive over the bus, and a crafted longer one can occupy a TOML parser for a minute."""
+
+_RENAMED_KEYS = {("noise", "spin_share"): "speed_scale_sigma"}
+"""Keys of version 0.1 and before, by table; still read, also from old recordings."""
 
 RobotT = TypeVar("RobotT", bound=RobotDescription)
 
@@ -89,8 +92,10 @@ def parse_description(toml: str, file: str) -> RobotDescription:
     Raises:
         RobotFileError: As in `load_robot`.
     """
-    if len(toml) > LONGEST:
-        raise RobotFileError(file, f"{len(toml)} characters are too many", f"at most {LONGEST}")
+    if len(toml) > MAX_FILE_CHARS:
+        raise RobotFileError(
+            file, f"{len(toml)} characters are too many", f"at most {MAX_FILE_CHARS}"
+        )
     try:
         tables: Any = msgspec.toml.decode(toml)
     except RecursionError as error:
@@ -108,6 +113,7 @@ def description_of_tables(tables: Any, file: str) -> RobotDescription:
         RobotFileError: As in `load_robot`.
     """
     kind = _kind(tables, file)
+    tables = _with_current_keys(tables)
     try:
         robot = msgspec.convert(tables, kind)
     except msgspec.ValidationError as error:
@@ -138,6 +144,16 @@ def _kind(tables: Any, file: str) -> type[RobotDescription]:
     package = tables.get("package", "")
     named = package if isinstance(package, str) and PACKAGE_NAME.fullmatch(package) else ""
     return description_class(str(drive["kind"]), file, named)
+
+
+def _with_current_keys(tables: dict[str, Any]) -> dict[str, Any]:
+    """Return the tables with renamed keys replaced; a table with both keys keeps both, an error."""
+    for (name, old), new in _RENAMED_KEYS.items():
+        table = tables.get(name)
+        if isinstance(table, dict) and old in table and new not in table:
+            values = typing.cast("dict[str, Any]", table)
+            tables = tables | {name: {new if key == old else key: values[key] for key in values}}
+    return tables
 
 
 def _check(robot: RobotDescription, file: str) -> None:

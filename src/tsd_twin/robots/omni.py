@@ -195,7 +195,7 @@ class SphereMass(Table, frozen=True):
     wheel_kg: Positive
 
 
-class Estimate(Table, frozen=True):
+class EstimateSettings(Table, frozen=True):
     """`[estimate]`: settings of the estimator."""
 
     model: Literal["ideal", "dual"] = "dual"
@@ -207,7 +207,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
     drive: SphereGeometry
     mass: SphereMass
-    estimate: Estimate = Estimate()
+    estimate: EstimateSettings = EstimateSettings()
 
     @property
     def not_drawn(self) -> frozenset[str]:

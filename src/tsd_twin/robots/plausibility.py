@@ -86,7 +86,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "mass.sphere_kg": (0.0005, 1e7),
     "mass.yaw_inertia_kg_m2": (1e-8, 1e10),
     "noise.gimbal_angle_deg": (0.0, 45.0),
-    "noise.spin_share": (0.0, 1.0),
+    "noise.speed_scale_sigma": (0.0, 1.0),
     "noise.creep_m": (0.0, 0.5),
     "gyro.noise_rad_per_s": (0.0, 1.0),
     "gyro.bias_rad_per_s": (0.0, 1.0),

@@ -22,8 +22,8 @@ from tsd_twin.robots.description import (
     JointErrors,
     ModelErrors,
     RobotDescription,
-    SpinUp,
     WheelSpeedRange,
+    WheelSpeedResponse,
 )
 from tsd_twin.robots.plausibility import proportion_problems
 from tsd_twin.sensors.gyro import GYRO_SENSORS, Gyro
@@ -189,7 +189,7 @@ class Noise(Table, frozen=True):
     """`[noise]`: standard deviations, for the covariance and as the simulator's default."""
 
     gimbal_angle_deg: NotNegative = 0.0
-    spin_share: NotNegative = 0.0
+    speed_scale_sigma: NotNegative = 0.0
     """Standard deviation of a wheel speed."""
 
 
@@ -283,7 +283,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return JointErrors(
             angle_rad=math.radians(noise.gimbal_angle_deg),
             rounding_rad=step_rad / math.sqrt(12.0) if errors.dead_band_deg > 0.0 else 0.0,
-            spin_share=math.hypot(noise.spin_share, layer_share),
+            speed_scale_sigma=math.hypot(noise.speed_scale_sigma, layer_share),
             common_spin_share=errors.battery_share,
             zero_rad=math.radians(errors.zero_deg),
             floor=self._floor_errors(),
@@ -295,7 +295,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         drive = self.drive
         return FloorErrors(
             at_rad_per_s=drive.cruise_speed_rpm * RPM,
-            spin_share=self.spin_friction_share * _FRICTION_SIGMA,
+            speed_scale_sigma=self.spin_friction_share * _FRICTION_SIGMA,
             turn_rad_per_s=self.floor_turn_rad_per_s * _FRICTION_SIGMA,
             slip_lag_s=self.slip_lag_s * _FRICTION_SIGMA,
             droop_s2_per_m2=self.spin_droop_s2_per_m2 * _FRICTION_SIGMA,
@@ -373,7 +373,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             friction_n=self.floor.friction * self._load_n,
             spin_to_slip_m=_SPIN_IN_SLIP * self.floor.patch_radius_m,
             lag_s=1.0 / self.servo.approach_rate_per_s,
-            play_rad=math.radians(errors.backlash_deg),
+            backlash_rad=math.radians(errors.backlash_deg),
             dead_band_rad=math.radians(errors.dead_band_deg),
         )
 
@@ -400,10 +400,12 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         floor = self.floor
         return floor.friction * self._load_n * _MEAN_LEVER * floor.patch_radius_m
 
-    def spin_up(self) -> SpinUp:
+    def spin_up(self) -> WheelSpeedResponse:
         """Return the model of the drive motors' acceleration and run-down."""
         m = self.motor
-        return SpinUp(m.start_speed_rpm * RPM, m.time_constant_up_s, m.time_constant_down_s)
+        return WheelSpeedResponse(
+            m.start_speed_rpm * RPM, m.time_constant_up_s, m.time_constant_down_s
+        )
 
     @property
     def wheel_speed_range(self) -> WheelSpeedRange:
@@ -507,8 +509,8 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             )
         ratio = [*self.drive.spin_ratio[i : i + 1], 1.0][0]
         scale = [*self.calibration.spin_scale[i : i + 1], 1.0][0]
-        wanted_rpm = self.drive.cruise_speed_rpm * ratio / scale
-        if column and not motor.start_speed_rpm <= wanted_rpm <= column[-1]:
+        requested_rpm = self.drive.cruise_speed_rpm * ratio / scale
+        if column and not motor.start_speed_rpm <= requested_rpm <= column[-1]:
             times = f" times drive.spin_ratio[{i}] = {ratio:g}" if ratio != 1.0 else ""
             times += f" over calibration.spin_scale[{i}] = {scale:g}" if scale != 1.0 else ""
             yield (

@@ -45,7 +45,7 @@ class CommandGate:
         """Age on arrival of the status echoed by the latest accepted command."""
         self.echoed_s = -math.inf
         """Send time of the status echoed by the latest accepted command."""
-        self.is_late = False
+        self.is_stale_zero = False
         """Whether the latest accepted command is a zero older than the maximum age."""
         self.overaged: Overaged | None = None
         """Latest command with an echo that was too old, or None after a fresh one."""
@@ -92,7 +92,7 @@ class CommandGate:
         problem = self._age_problem(command.status_seq, sent_s, lease, now_s)
         if problem is not None and command.twist.any():
             raise RejectedMessage("stale", problem)
-        self.is_late = problem is not None
+        self.is_stale_zero = problem is not None
         if problem is None:
             self.overaged = None
         if sent_s is not None:

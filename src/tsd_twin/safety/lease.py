@@ -20,7 +20,7 @@ DENIED_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class TimedClaim:
+class LeaseClaim:
     """Pending request or reservation of an operator, with an expiry time."""
 
     operator: str
@@ -28,7 +28,7 @@ class TimedClaim:
     until_s: float
 
 
-class HandOver:
+class LeaseHandover:
     """Handover of the lease between operators, with at most one pending request.
 
     A request alone has no effect. A grant ends the holder's lease and reserves the next one for the
@@ -37,16 +37,16 @@ class HandOver:
     """
 
     def __init__(self) -> None:
-        self._pending: TimedClaim | None = None
-        self._reserved: TimedClaim | None = None
-        self._denied: TimedClaim | None = None
+        self._pending: LeaseClaim | None = None
+        self._reserved: LeaseClaim | None = None
+        self._denied: LeaseClaim | None = None
 
-    def pending_request(self, now_s: float) -> TimedClaim | None:
+    def pending_request(self, now_s: float) -> LeaseClaim | None:
         """Return the pending request for control, if any."""
         self._pending = _still_valid(self._pending, now_s)
         return self._pending
 
-    def reservation(self, now_s: float) -> TimedClaim | None:
+    def reservation(self, now_s: float) -> LeaseClaim | None:
         """Return the reservation of the next lease, if any."""
         self._reserved = _still_valid(self._reserved, now_s)
         return self._reserved
@@ -60,7 +60,7 @@ class HandOver:
         if asked is not None and asked.operator != operator:
             return because(Code.OTHER_REQUEST, asker=asked.operator)
         if asked is None:
-            self._pending = TimedClaim(operator, now_s, now_s + REQUEST_TIMEOUT_S)
+            self._pending = LeaseClaim(operator, now_s, now_s + REQUEST_TIMEOUT_S)
         return None
 
     def withdraw(self, operator: str, now_s: float) -> Reason | None:
@@ -77,23 +77,23 @@ class HandOver:
 
     def deny(self, asker: str | None, now_s: float) -> Reason | None:
         """Deny the request of `asker`; return why it is refused, or None."""
-        if refusal := self._not_asked_by(asker, now_s):
+        if refusal := self._requester_mismatch(asker, now_s):
             return refusal
-        self._pending, self._denied = None, TimedClaim(asker or "", now_s, now_s + DENIED_S)
+        self._pending, self._denied = None, LeaseClaim(asker or "", now_s, now_s + DENIED_S)
         return None
 
     def grant(self, asker: str | None, now_s: float) -> Reason | None:
         """Reserve the next lease for `asker`; return why it is refused, or None."""
-        if refusal := self._not_asked_by(asker, now_s):
+        if refusal := self._requester_mismatch(asker, now_s):
             return refusal
-        self._pending, self._reserved = None, TimedClaim(asker or "", now_s, now_s + RESERVATION_S)
+        self._pending, self._reserved = None, LeaseClaim(asker or "", now_s, now_s + RESERVATION_S)
         return None
 
     def end(self) -> None:
         """Clear all claims after the lease has ended or changed hands."""
         self._pending = self._reserved = self._denied = None
 
-    def _not_asked_by(self, asker: str | None, now_s: float) -> Reason | None:
+    def _requester_mismatch(self, asker: str | None, now_s: float) -> Reason | None:
         asked = self.pending_request(now_s)
         if asked is None:
             return because(Code.NO_REQUEST)
@@ -101,7 +101,7 @@ class HandOver:
         return None if asked.operator == asker else because(Code.REQUEST_OF, asker=asked.operator)
 
 
-def _still_valid(claim: TimedClaim | None, now_s: float) -> TimedClaim | None:
+def _still_valid(claim: LeaseClaim | None, now_s: float) -> LeaseClaim | None:
     return claim if claim is not None and now_s < claim.until_s else None
 
 
@@ -133,7 +133,7 @@ class LeaseManager:
         self._robot = robot
         self._new_id = new_id
         self._lease: Lease | None = None
-        self.hand_over = HandOver()
+        self.hand_over = LeaseHandover()
 
     def current(self, now_s: float) -> Lease | None:
         """Return the active lease, if any; ends an expired one."""
@@ -155,11 +155,13 @@ class LeaseManager:
                 refusal = self.hand_over.withdraw(request.operator, now_s)
                 return self._done(lease, refusal, because(Code.WITHDRAWN))
             case "renew" | "release" | "grant" | "deny":
-                if lease is None or not held_by(lease, request.operator, request.lease):
+                if lease is None or not is_held_by(lease, request.operator, request.lease):
                     return self._refuse(lease, because(Code.LEASE_NOT_IN_FORCE))
-                return self._of_holder(request, lease, now_s)
+                return self._handle_holder_request(request, lease, now_s)
 
-    def _of_holder(self, request: LeaseRequest, lease: Lease, now_s: float) -> LeaseReply:
+    def _handle_holder_request(
+        self, request: LeaseRequest, lease: Lease, now_s: float
+    ) -> LeaseReply:
         hand_over = self.hand_over
         match request.op:
             case "release":
@@ -171,13 +173,13 @@ class LeaseManager:
                     self._end()
                 return self._done(None, None, because(Code.RELEASED))
             case "grant":
-                refusal = hand_over.grant(request.asker, now_s)
+                refusal = hand_over.grant(request.requester, now_s)
                 if not refusal:
                     self._lease = None
-                reserved = because(Code.RESERVED, operator=request.asker or "")
+                reserved = because(Code.RESERVED, operator=request.requester or "")
                 return self._done(self._lease, refusal, reserved)
             case "deny":
-                refusal = hand_over.deny(request.asker, now_s)
+                refusal = hand_over.deny(request.requester, now_s)
                 return self._done(lease, refusal, because(Code.CONTROL_KEPT))
             case _:
                 lease.expires_s = now_s + TTL_S
@@ -248,7 +250,7 @@ class LeaseManager:
         return LeaseReply(False, holder=holder, reason=sentence(why), why=why)
 
 
-def held_by(lease: Lease | None, operator: str | None, lease_hex: str | None) -> bool:
+def is_held_by(lease: Lease | None, operator: str | None, lease_hex: str | None) -> bool:
     """Return whether `operator` (None for any) holds exactly this lease."""
     return (
         lease is not None
@@ -266,11 +268,11 @@ def speed_cap_mps(robot: RobotDescription, max_age_s: float) -> float:
     """
     limits = robot.limits
     late_s = max_age_s + REACTION_S + robot.lag_s + robot.delay_s
-    cap_mps = speed_within(limits.deceleration_mps2, late_s, limits.stop_allowance_m)
+    cap_mps = max_speed_for_distance(limits.deceleration_mps2, late_s, limits.stop_allowance_m)
     return min(cap_mps, limits.speed_mps)
 
 
-def speed_within(deceleration_mps2: float, late_s: float, allowed_m: float) -> float:
+def max_speed_for_distance(deceleration_mps2: float, late_s: float, allowed_m: float) -> float:
     """Return the speed in m/s from which a robot stops within `allowed_m`.
 
     It travels for `late_s` before braking: the positive root of v late + v^2 / (2 a) = d.
@@ -285,15 +287,15 @@ class LeaseEvents:
     def __init__(self, leases: LeaseManager) -> None:
         self._leases = leases
         self._holder = ""
-        self._pending: TimedClaim | None = None
-        self._reserved: TimedClaim | None = None
+        self._pending: LeaseClaim | None = None
+        self._reserved: LeaseClaim | None = None
 
     def after(self, request: LeaseRequest, before: Lease | None, now_s: float) -> Reason | None:
         """Reason for the event of a request, None when it changed nothing."""
         asked, after = self._pending, self._leases.current(now_s)
         self._update(now_s)
         if after is not before:
-            return self._of_change(request, before, after)
+            return self._change_event(request, before, after)
         if request.op == "deny" and asked is not None and self._pending is None:
             return because(Code.REQUEST_DENIED, operator=request.operator, asker=asked.operator)
         if request.op == "withdraw" and asked is not None and self._pending is None:
@@ -303,7 +305,7 @@ class LeaseEvents:
             return because(Code.CONTROL_REQUESTED, operator=asker, holder=self._holder)
         return None
 
-    def run_out(self, now_s: float) -> Reason | None:
+    def expiry_event(self, now_s: float) -> Reason | None:
         """Reason for the event of a lease or claim that has expired, None when none has."""
         holder, asked, reserved = self._holder, self._pending, self._reserved
         self._update(now_s)
@@ -321,7 +323,7 @@ class LeaseEvents:
         self._pending = self._leases.hand_over.pending_request(now_s)
         self._reserved = self._leases.hand_over.reservation(now_s)
 
-    def _of_change(
+    def _change_event(
         self, request: LeaseRequest, before: Lease | None, after: Lease | None
     ) -> Reason:
         if after is None:

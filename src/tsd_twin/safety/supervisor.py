@@ -17,7 +17,7 @@ from tsd_twin.messages.services import LeaseReply, LeaseRequest, Reply, StopRequ
 from tsd_twin.messages.status import ArmingStatus
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety.command_gate import CommandGate
-from tsd_twin.safety.lease import HandOver, Lease, LeaseEvents, LeaseManager, held_by
+from tsd_twin.safety.lease import Lease, LeaseEvents, LeaseHandover, LeaseManager, is_held_by
 from tsd_twin.safety.loop_watch import LoopWatch
 
 TRANSITIONS: dict[tuple[Mode, Mode], str] = {
@@ -56,15 +56,15 @@ class Heartbeat:
     """Whether a stop is latched, which must also block other command sources."""
 
 
-UNATTENDED_S = 10.0
+NO_OPERATOR_TIMEOUT_S = 10.0
 """The wheels spin down after this time without a lease."""
-QUIET_BEFORE_RESET_S = 0.5
+RESET_HOLDOFF_S = 0.5
 """Time after the last non-zero command before a reset is accepted."""
 NEUTRAL_S = 1.0
 """Arming timeout for the gimbals to reach neutral tilt."""
 SPIN_UP_S = 5.0
 """Arming timeout for the wheels to reach their speed."""
-_NOT_DRIVABLE = {
+_DRIVE_REFUSALS = {
     Mode.DISARMED: because(Code.ARM_FIRST),
     Mode.ARMING: because(Code.STILL_ARMING),
     Mode.STOPPING: because(Code.COMING_TO_REST),
@@ -107,8 +107,8 @@ class SafetySupervisor:
         """Number of controlled stops initiated by the robot."""
         self._leases = LeaseManager(robot, new_lease_id)
         self._lease_events = LeaseEvents(self._leases)
-        self._drove: bytes = b""
-        self._stands_until_s = -np.inf
+        self._driving_lease: bytes = b""
+        self._command_expires_s = -np.inf
         """Expiry time of the latest command."""
         self._fresh_s = -np.inf
         """Arrival time of the latest command within the maximum age."""
@@ -116,8 +116,8 @@ class SafetySupervisor:
         """Whether that command expires by echo age rather than by timeout."""
         self._hold_s = robot.arming_hold_s
         self._since_s = 0.0
-        self._attended_s = -np.inf
-        self._pushed_s = -np.inf
+        self._operator_seen_s = -np.inf
+        self._last_nonzero_command_s = -np.inf
         self._spin_up_s: float | None = None
         self._disarm_at_rest = False
         self._heartbeat_count = 0
@@ -138,7 +138,7 @@ class SafetySupervisor:
         reply = self._leases.answer(request, now_s)
         after = self._leases.current(now_s)
         if after is not None:
-            self._attended_s = now_s
+            self._operator_seen_s = now_s
         if after is not before and self.mode is Mode.DRIVING:
             # Not in the next step, because a command of the new holder may arrive first.
             self._transition(Mode.STOPPING, _LOST, now_s)
@@ -204,7 +204,7 @@ class SafetySupervisor:
     def holder_refusal(self, lease_hex: str, now_s: float) -> Reason | None:
         """Refusal of any request that requires the lease, and of disarming."""
         lease = self._leases.current(now_s)
-        if held_by(lease, None, lease_hex):
+        if is_held_by(lease, None, lease_hex):
             return None
         if lease is None:
             return because(Code.TAKE_CONTROL_FIRST)
@@ -224,7 +224,7 @@ class SafetySupervisor:
             return refusal
         if self.mode not in LATCHED:
             return because(Code.NOT_LATCHED, mode=self.mode.value)
-        if now_s - self._pushed_s < QUIET_BEFORE_RESET_S:
+        if now_s - self._last_nonzero_command_s < RESET_HOLDOFF_S:
             return because(Code.RELEASE_FIRST)
         return None
 
@@ -235,13 +235,13 @@ class SafetySupervisor:
         if self.mode in (Mode.READY, Mode.DRIVING):
             return None
         # A new holder starts from standstill, not from the previous holder's motion.
-        goes_on = self.mode is Mode.STOPPING and lease_hex == self._drove.hex()
-        return None if goes_on and not self._disarm_at_rest else _NOT_DRIVABLE[self.mode]
+        goes_on = self.mode is Mode.STOPPING and lease_hex == self._driving_lease.hex()
+        return None if goes_on and not self._disarm_at_rest else _DRIVE_REFUSALS[self.mode]
 
     @property
     def latched_refusal(self) -> Reason | None:
         """Refusal of requests that need a reset first."""
-        return _NOT_DRIVABLE[self.mode] if self.mode in LATCHED else None
+        return _DRIVE_REFUSALS[self.mode] if self.mode in LATCHED else None
 
     # Called by the control loop.
 
@@ -253,16 +253,16 @@ class SafetySupervisor:
             dropped = because(Code.COMMAND_DROPPED, rejection(outcome))
             self._report_now_and_then("drop", dropped, outcome.reason, now_s)
             return
-        if lease is not None and not self.gate.is_late:
+        if lease is not None and not self.gate.is_stale_zero:
             # A stale zero stops the robot but does not prove that the sender is connected.
             self._leases.renew(now_s)
             self._heartbeat_count += 1
             oldest_s = self.gate.echoed_s + lease.max_age_s
-            self._stands_until_s = min(now_s + lease.timeout_s, oldest_s)
+            self._command_expires_s = min(now_s + lease.timeout_s, oldest_s)
             self._fresh_s, self._echo_ends_first = now_s, oldest_s < now_s + lease.timeout_s
         self.command_s, self.command_seq = now_s, outcome.seq
         if outcome.twist.any():
-            self._pushed_s = now_s
+            self._last_nonzero_command_s = now_s
             refusal = self.drive_refusal(outcome.lease.hex(), now_s)
             if self.mode is not Mode.DRIVING and not refusal:
                 self._transition(Mode.DRIVING, None, now_s)
@@ -279,8 +279,8 @@ class SafetySupervisor:
             case Mode.ARMING:
                 self._step_arming(inputs, now_s)
             case Mode.READY:
-                if now_s - self._attended_s >= UNATTENDED_S:
-                    unattended = because(Code.UNATTENDED, s=UNATTENDED_S)
+                if now_s - self._operator_seen_s >= NO_OPERATOR_TIMEOUT_S:
+                    unattended = because(Code.UNATTENDED, s=NO_OPERATOR_TIMEOUT_S)
                     self._transition(Mode.DISARMED, unattended, now_s)
             case Mode.DRIVING:
                 self._step_driving(lease, inputs, now_s)
@@ -324,7 +324,7 @@ class SafetySupervisor:
         return self._leases.current(now_s)
 
     @property
-    def hand_over(self) -> HandOver:
+    def hand_over(self) -> LeaseHandover:
         """Pending request and reservation of the lease."""
         return self._leases.hand_over
 
@@ -338,14 +338,16 @@ class SafetySupervisor:
     def _watch_lease(self, now_s: float) -> Lease | None:
         lease = self._leases.current(now_s)
         if lease is not None:
-            self._attended_s = now_s
-        if expired := self._lease_events.run_out(now_s):
+            self._operator_seen_s = now_s
+        if expired := self._lease_events.expiry_event(now_s):
             self._report("lease", expired, "lease", now_s)
         return lease
 
     def _step_arming(self, inputs: SupervisorInputs, now_s: float) -> None:
-        if now_s - self._attended_s >= UNATTENDED_S:
-            self._transition(Mode.DISARMED, because(Code.UNATTENDED, s=UNATTENDED_S), now_s)
+        if now_s - self._operator_seen_s >= NO_OPERATOR_TIMEOUT_S:
+            self._transition(
+                Mode.DISARMED, because(Code.UNATTENDED, s=NO_OPERATOR_TIMEOUT_S), now_s
+            )
         elif self._spin_up_s is None:
             waited_s = now_s - self._since_s
             if not inputs.neutral and waited_s >= NEUTRAL_S:
@@ -361,7 +363,7 @@ class SafetySupervisor:
         if lease is None or self.command is None or lease.id != self.command.lease:
             self._transition(Mode.STOPPING, _LOST, now_s)
             return
-        if now_s > self._stands_until_s:
+        if now_s > self._command_expires_s:
             self._transition(Mode.STOPPING, self._why_no_command_stands(lease, now_s), now_s)
         elif inputs.at_rest and not self.command.twist.any():
             self._transition(Mode.READY, None, now_s)
@@ -373,7 +375,7 @@ class SafetySupervisor:
         self._spin_up_s = None
         if mode is Mode.STOPPING:
             self.stops += 1
-            self._drove = self.command.lease if self.command is not None else b""
+            self._driving_lease = self.command.lease if self.command is not None else b""
             self._heartbeat_count += 1
         else:
             self._disarm_at_rest = False

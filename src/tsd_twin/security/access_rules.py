@@ -39,14 +39,14 @@ class Role(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class BusIdentity:
     """Owner of a certificate: common name and organizational unit."""
 
     name: str
     role: Role
 
 
-def client(name: str, role: Role) -> Identity:
+def client(name: str, role: Role) -> BusIdentity:
     """Return the identity of an operator, viewer, sensor or recorder.
 
     Raises:
@@ -60,10 +60,10 @@ def client(name: str, role: Role) -> Identity:
         raise TwinError(f"'{name}' is too long: pages add to it, so {LONGEST} characters are left")
     if name in (ROBOT, AUTHORITY):
         raise TwinError(f"'{name}' is not for people here: choose another")
-    return Identity(name, role)
+    return BusIdentity(name, role)
 
 
-def merged(known: Sequence[Identity], new: Iterable[Identity]) -> list[Identity]:
+def merged(known: Sequence[BusIdentity], new: Iterable[BusIdentity]) -> list[BusIdentity]:
     """Return all identities, without duplicates, sorted by name.
 
     Raises:
@@ -84,7 +84,7 @@ def merged(known: Sequence[Identity], new: Iterable[Identity]) -> list[Identity]
                     f"'{other}' could be a page of '{name}': a name must not continue another "
                     "with a dash"
                 )
-    return [Identity(name, roles[name]) for name in sorted(roles)]
+    return [BusIdentity(name, roles[name]) for name in sorted(roles)]
 
 
 def _a(role: Role) -> str:
@@ -180,7 +180,7 @@ def drive_rule(name: str) -> Rule:
     return Rule(f"drive-{name}", "ingress", ("put",), own)
 
 
-def access_control(identities: Sequence[Identity]) -> dict[str, Any]:
+def access_control(identities: Sequence[BusIdentity]) -> dict[str, Any]:
     """Return section `access_control` of a robot's Zenoh configuration.
 
     Subjects are the common names of client certificates; all other names have no rights.
@@ -226,7 +226,7 @@ _PORT = re.compile(r"^tls/.*?:(\d+)(?:[?#].*)?$")
 
 
 def robot_settings(
-    base: Mapping[str, Any], listen: str, identities: Sequence[Identity]
+    base: Mapping[str, Any], listen: str, identities: Sequence[BusIdentity]
 ) -> dict[str, Any]:
     """Return the settings of a robot node that other machines can reach.
 

@@ -19,7 +19,7 @@ from tsd_twin.security.access_rules import (
     AUTHORITY,
     LISTEN,
     ROBOT,
-    Identity,
+    BusIdentity,
     Role,
     access_control,
     client_settings,
@@ -169,12 +169,12 @@ class CertificateAuthority:
             TwinError: If a host is malformed, or the certificate would outlive the authority.
         """
         alternatives = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
-        builder = self._leaf(key, Identity(ROBOT, Role.ROBOT), now, days)
+        builder = self._leaf(key, BusIdentity(ROBOT, Role.ROBOT), now, days)
         builder = builder.add_extension(alternatives, critical=False)
         return self._sign(builder, ExtendedKeyUsageOID.SERVER_AUTH)
 
     def issue_client(
-        self, key: Key, person: Identity, now: datetime, days: int
+        self, key: Key, person: BusIdentity, now: datetime, days: int
     ) -> x509.Certificate:
         """Issue a client certificate, which is not valid for servers.
 
@@ -184,7 +184,7 @@ class CertificateAuthority:
         return self._sign(self._leaf(key, person, now, days), ExtendedKeyUsageOID.CLIENT_AUTH)
 
     def _leaf(
-        self, key: Key, identity: Identity, now: datetime, days: int
+        self, key: Key, identity: BusIdentity, now: datetime, days: int
     ) -> x509.CertificateBuilder:
         # Certificates store whole seconds.
         end, last = (now + timedelta(days=days)).replace(microsecond=0), self.end
@@ -207,7 +207,7 @@ class CertificateAuthority:
         return builder.sign(self.key, hashes.SHA256())
 
 
-def identity_of(certificate: x509.Certificate) -> Identity:
+def identity_of(certificate: x509.Certificate) -> BusIdentity:
     """Return the identity in a certificate.
 
     Raises:
@@ -216,7 +216,7 @@ def identity_of(certificate: x509.Certificate) -> Identity:
     try:
         (name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
         (unit,) = certificate.subject.get_attributes_for_oid(NameOID.ORGANIZATIONAL_UNIT_NAME)
-        return Identity(str(name.value), Role(str(unit.value)))
+        return BusIdentity(str(name.value), Role(str(unit.value)))
     except ValueError as error:
         subject = certificate.subject.rfc4514_string()
         raise TwinError(f"the certificate of {subject} was not made by tsd-certs") from error
@@ -297,7 +297,7 @@ class KeyFolder:
 
     # Reading.
 
-    def identities(self) -> list[Identity]:
+    def identities(self) -> list[BusIdentity]:
         """Return the identities with a certificate in the folder, by name.
 
         Raises:
@@ -390,7 +390,7 @@ class KeyFolder:
             self.made.append(self.settings_file(name))
 
 
-def certificate_identity(file: Path) -> Identity:
+def certificate_identity(file: Path) -> BusIdentity:
     """Return the identity in a certificate file.
 
     Raises:
@@ -418,7 +418,7 @@ class CertificateRequest:
 
     hosts: tuple[str, ...] = ()
     """Names and addresses of the robot; clients connect to the first."""
-    identities: tuple[Identity, ...] = ()
+    identities: tuple[BusIdentity, ...] = ()
     days: int = 365
     """Validity of new certificates, days."""
     listen: str | None = None
@@ -482,7 +482,7 @@ def provision(
 def _robot_settings(
     folder: KeyFolder,
     listen: str | None,
-    identities: Sequence[Identity],
+    identities: Sequence[BusIdentity],
     base: Mapping[str, Any],
 ) -> dict[str, Any]:
     settings = folder.settings(ROBOT)

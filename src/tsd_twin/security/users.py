@@ -56,20 +56,20 @@ class User:
     may_stop: bool
 
 
-class _Entry(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+class _UserRecord(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     role: str
     argon2: str
     may_stop: bool | None = None
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
-    users: dict[str, _Entry] = {}
+    users: dict[str, _UserRecord] = {}
 
 
 class Users:
     """User accounts of a file."""
 
-    def __init__(self, entries: dict[str, _Entry]) -> None:
+    def __init__(self, entries: dict[str, _UserRecord]) -> None:
         self._entries = entries
 
     @classmethod
@@ -142,7 +142,7 @@ class Users:
                 f"a password has {LEAST_CHARACTERS} to {_MOST_CHARACTERS} characters: three or "
                 "four words that have nothing to do with each other are good"
             )
-        entry = _Entry(role, _HASHER.hash(password), may_stop=may_stop or None)
+        entry = _UserRecord(role, _HASHER.hash(password), may_stop=may_stop or None)
         self._entries[name] = entry
 
     def remove(self, name: str) -> None:
@@ -168,7 +168,7 @@ class Users:
         replace_file(file, text.encode(), mode=0o600)
 
 
-def _check(file: Path, name: str, entry: _Entry) -> None:
+def _check(file: Path, name: str, entry: _UserRecord) -> None:
     if entry.role not in (Role.OPERATOR, Role.VIEWER):
         raise TwinError(f"{file}: the role of '{name}' is '{entry.role}', not operator or viewer")
     try:

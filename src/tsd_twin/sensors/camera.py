@@ -15,7 +15,7 @@ class CameraNoise:
     """Noise, delay and frame rate of an overhead camera (24 fps in the thesis, rest assumed)."""
 
     rate_hz: float = 24.0
-    late_s: float = 0.08
+    latency_s: float = 0.08
     sigma_m: float = 0.005
     sigma_rad: float = 0.02
     mounting_m: float = 0.0
@@ -55,6 +55,8 @@ class Camera:
             seen = pose.xy_heading + self._mounting + sigma * self._random.standard_normal(3)
             self._in_transit.append(Frame(now_s, seen))
         known: list[Frame] = []
-        while self._in_transit and self._in_transit[0].taken_s + self.noise.late_s <= now_s + 1e-9:
+        while (
+            self._in_transit and self._in_transit[0].taken_s + self.noise.latency_s <= now_s + 1e-9
+        ):
             known.append(self._in_transit.popleft())
         return known

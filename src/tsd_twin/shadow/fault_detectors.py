@@ -145,7 +145,7 @@ class ServoTest:
     def __init__(self, robot: RobotDescription, names: list[str]) -> None:
         self._names = names
         errors, gives = robot.joint_errors(), robot.joint_compliance()
-        self._backlash_rad = 0.0 if gives is None else gives.play_rad
+        self._backlash_rad = 0.0 if gives is None else gives.backlash_rad
         dead_band_rad = 0.0 if gives is None else gives.dead_band_rad
         step_rad = math.sqrt(12.0) * errors.angle_rad
         self._floor2 = errors.angle_rad**2 + step_rad**2 / 6.0
@@ -284,7 +284,7 @@ class WheelTest:
         self._names = names
         errors = robot.joint_errors()
         count = len(names)
-        own, common = max(errors.spin_share, 0.002), errors.alike_spin_share
+        own, common = max(errors.speed_scale_sigma, 0.002), errors.common_mode_sigma
         sizes = np.zeros(0) if nuisances is None else nuisances
         self.prior: Array = own**2 * np.eye(count) + common**2
         """(k, k): covariance of the losses of healthy wheels."""

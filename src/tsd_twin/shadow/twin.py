@@ -17,7 +17,7 @@ import numpy as np
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array, wrap
 from tsd_twin.messages.cdr import JointState, Odometry
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.messages.topics import JOINTS, ODOM, SETPOINT
 from tsd_twin.robots import RPM, RobotDescription
 from tsd_twin.shadow.fault_detectors import (
@@ -138,7 +138,7 @@ class ShadowTwin:
         joints: JointState,
         setpoint: JointState,
         odom: Odometry | None,
-        status: Status | None,
+        status: RobotStatus | None,
     ) -> None:
         """Process the messages of a robot period, unless older than the last.
 
@@ -194,7 +194,7 @@ class ShadowTwin:
         rows = [place[name] for name in self._joints]
         return np.where(self._is_angle, state.position_rad[rows], state.velocity_rad_per_s[rows])
 
-    def _process_status(self, status: Status, dt_s: float) -> None:
+    def _process_status(self, status: RobotStatus, dt_s: float) -> None:
         sensor = status.pose_sensor
         self._sensed_s = self._sensed_s + dt_s if sensor is not None and sensor.hz > 0.0 else 0.0
         volts = status.hardware.get("battery_v")
@@ -383,7 +383,7 @@ class ShadowTwin:
             bands[self._angles] = self._servo_test.bands(self._rates[self._angles])
             scale[self._angles] = 180.0 / math.pi
         errors = self._robot.joint_errors()
-        share = math.hypot(errors.spin_share, errors.alike_spin_share)
+        share = math.hypot(errors.speed_scale_sigma, errors.common_mode_sigma)
         speeds = np.abs(self._nominal[self._wheels])
         bands[self._wheels] = 3.0 * np.hypot(share * speeds, self._speed_noise())
         rows: list[JointComparison] = []
@@ -463,7 +463,7 @@ class ShadowFeed:
 
     def __init__(self, twin: ShadowTwin) -> None:
         self.twin = twin
-        self.status: Status | None = None
+        self.status: RobotStatus | None = None
         """Latest status."""
         self._incomplete: dict[int, dict[str, Any]] = {}
 

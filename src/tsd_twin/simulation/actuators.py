@@ -18,7 +18,7 @@ _ARMING_SHARE = 0.9
 margin."""
 
 
-class SpeedControllers:
+class EscModel:
     """Arming state machine of speed controllers (ESCs); arrays have one entry per motor.
 
     The hold starts with the first command, and restarts with each signal above zero throttle. Once

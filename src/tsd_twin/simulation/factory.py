@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 from tsd_twin.errors import RobotFileError
 from tsd_twin.registry import KindTable
 from tsd_twin.robots import (
-    ImportedDescription,
+    ExternalDescription,
     OmniDescription,
     RobotDescription,
     SingularityDescription,
@@ -69,7 +69,7 @@ _SIMULATIONS = KindTable[Mapping[str, _Factory]](
         },
         OmniDescription: {"kinematic": simulate_omni},
         SphereDescription: {"kinematic": SphereSimulation},
-        ImportedDescription: _NONE,
+        ExternalDescription: _NONE,
     },
     lambda kind: kind.plants,
     _NONE,

@@ -323,9 +323,9 @@ class MujocoSimulation:
         """
         actuation, edge_rad = self.actuation, 0.5 * self.actuation.servos.backlash_rad
         ahead = actuation.servos.speed_limit_rad_per_s * voltage - self._data.qvel[self._angles_v]
-        ahead_rad = actuation.play_rad + ahead * dt_s
-        actuation.play_rad = np.minimum(np.maximum(ahead_rad, -edge_rad), edge_rad)
-        return voltage * (np.copysign(edge_rad, voltage) == actuation.play_rad)
+        ahead_rad = actuation.backlash_rad + ahead * dt_s
+        actuation.backlash_rad = np.minimum(np.maximum(ahead_rad, -edge_rad), edge_rad)
+        return voltage * (np.copysign(edge_rad, voltage) == actuation.backlash_rad)
 
     def _apply_friction(self) -> None:
         """Apply floor friction to the wheels, with the loads of the last step."""

@@ -17,7 +17,7 @@ _MIN_STEP_S = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Truth:
+class SimulationTruth:
     """Ground truth of a simulated robot."""
 
     pose: SE2 | SO3
@@ -96,11 +96,11 @@ class SimRobot:
         self._advance(now_s)
         self._simulation.command(setpoint)
 
-    def truth(self, now_s: float) -> Truth:
+    def truth(self, now_s: float) -> SimulationTruth:
         """Return the true state."""
         self._advance(now_s)
         simulation = self._simulation
-        return Truth(simulation.pose, simulation.twist(), simulation.joints.copy())
+        return SimulationTruth(simulation.pose, simulation.twist(), simulation.joints.copy())
 
     def hardware(self) -> dict[str, object]:
         """Return JSON-serializable facts for the status."""
@@ -159,7 +159,7 @@ class BoardModel:
             self._simulated.write(setpoint, now_s)
             self._obeyed, self._fed_s = setpoint.copy(), now_s
 
-    def truth(self, now_s: float) -> Truth:
+    def truth(self, now_s: float) -> SimulationTruth:
         """Return the true state."""
         self._check_watchdog(now_s)
         return self._simulated.truth(now_s)

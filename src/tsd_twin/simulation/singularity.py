@@ -14,10 +14,10 @@ from tsd_twin.kinematics import JointKind, SingularityKinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.simulation.actuators import (
+    EscModel,
     Motors,
     Servos,
     SimulationOptions,
-    SpeedControllers,
     WheelSurface,
 )
 
@@ -84,12 +84,10 @@ class Actuation:
         self.servo_shares: Array = np.ones((*batch, len(self.angles)))
         """(..., 2k): speed of each servo relative to a healthy one."""
         self.motors = Motors.of(robot)
-        self.controllers = SpeedControllers(
-            shape, float(self.motors.signals[0]), robot.motor.arming_hold_s
-        )
+        self.controllers = EscModel(shape, float(self.motors.signals[0]), robot.motor.arming_hold_s)
         self._random = np.random.default_rng(seed)
         self._angle_noise_rad = noise * float(np.radians(robot.noise.gimbal_angle_deg))
-        spin_errors = noise * robot.noise.spin_share * self._random.standard_normal(shape)
+        spin_errors = noise * robot.noise.speed_scale_sigma * self._random.standard_normal(shape)
         self._nominal_v = nominal_v
         self._sound_share = (1.0 + spin_errors) * self._offsets.scale[self.wheels]
         self._wheel_shares: Array = np.ones(shape)
@@ -105,7 +103,7 @@ class Actuation:
         """(..., 2k): goal angles of the servos."""
         self.speed_goals: Array = np.zeros(shape)
         """(..., k): steady-state speeds of the motors, rad/s."""
-        self.play_rad: Array = np.zeros_like(self.goals)
+        self.backlash_rad: Array = np.zeros_like(self.goals)
         """(..., 2k): lead of each servo's motor over its gimbal."""
         self._all_on = False
         """Whether all motors are running."""
@@ -195,8 +193,8 @@ class Actuation:
         angles, goals = joints[..., self.angles], self.goals
         turning_s = elapsed_s
         if not self.servos.are_ideal:
-            turning_s, play = self.servos.cross(angles, goals, self.play_rad, elapsed_s)
-            self.play_rad = play[-1]
+            turning_s, play = self.servos.cross(angles, goals, self.backlash_rad, elapsed_s)
+            self.backlash_rad = play[-1]
         later = np.empty((len(elapsed_s), *joints.shape))
         modules = later.reshape(*later.shape[:-1], len(self.wheels), 3)
         turned = self.servos.after(angles, goals, turning_s)
@@ -238,7 +236,7 @@ class Actuation:
         rates = np.zeros_like(joints)
         speed = self.servos.rate(joints[..., self.angles], self.goals)
         edge_rad = 0.5 * self.servos.backlash_rad
-        touches = np.abs(np.copysign(edge_rad, speed) - self.play_rad) <= 1e-12
+        touches = np.abs(np.copysign(edge_rad, speed) - self.backlash_rad) <= 1e-12
         rates[..., self.angles] = speed * touches
         return rates
 
@@ -429,14 +427,14 @@ class SingularitySimulation:
 
     def _move_joints(self, dt_s: float) -> SE2:
         """Move the joints by a step, and return the displacement of the body."""
-        before = self.joints.tobytes() + self.actuation.play_rad.tobytes()
+        before = self.joints.tobytes() + self.actuation.backlash_rad.tobytes()
         nodes = np.empty((3, *self.joints.shape))
         nodes[0] = self.joints
         nodes[1:] = self.actuation.after(self.joints, dt_s * self._halves)
         moved = self._plant.displacement(self.actuation.surface.roll(nodes), dt_s)
         self.joints = nodes[2]
         self.actuation.come_to_rest(self.joints)
-        if self.joints.tobytes() + self.actuation.play_rad.tobytes() != before:
+        if self.joints.tobytes() + self.actuation.backlash_rad.tobytes() != before:
             self._displacements.clear()
             self._measured = None
         elif len(self._displacements) < _CACHED_STEPS:

@@ -122,7 +122,7 @@ class Wear:
         return Wear(found["part"], size if found["unit"] == "V" else size / 100.0, after_s)
 
 
-class WornRobot(RobotWithStuckJoint):
+class DegradedRobot(RobotWithStuckJoint):
     """Simulated robot whose parts wear while it drives."""
 
     def __init__(self, robot: RobotDescription, wear: Sequence[Wear] = (), **kwargs: Any) -> None:

@@ -80,7 +80,9 @@ class GearedSimulation(ABC):
         self._robot, self._driven_kg_m2 = robot, inertia_kg_m2
         self.set_battery(self.battery_v)
         self._random = np.random.default_rng(seed)
-        self._scale = 1.0 + noise * robot.noise.spin_share * self._random.standard_normal(shape)
+        self._scale = 1.0 + noise * robot.noise.speed_scale_sigma * self._random.standard_normal(
+            shape
+        )
 
     def command(self, setpoint: Array) -> None:
         """Set the speed setpoints (..., k) of all motors, rad/s.

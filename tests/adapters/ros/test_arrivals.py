@@ -20,10 +20,10 @@ from tsd_twin.adapters.ros.arrivals import (
     SILENT_S,
     STEADY_S,
     Arrival,
-    Arrivals,
     Echoes,
-    OnePublisher,
     Origin,
+    PublisherArbiter,
+    PublisherTracker,
 )
 
 A, B = b"a" * 16, b"b" * 16
@@ -49,7 +49,7 @@ def counts(arrival: Arrival | None, now_s: float) -> bool:
 class Stream:
     """Publisher with a link, as the adapter meets it."""
 
-    arrivals: Arrivals
+    arrivals: PublisherTracker
     sequence: int = 0
 
     def send(self, sent_s: float, arrived_s: float, publisher: bytes = A) -> Arrival:
@@ -66,7 +66,7 @@ class Stream:
 
 def known(delay_s: float = 0.0) -> Stream:
     """Stream whose clock has become known, up to time 0."""
-    stream = Stream(Arrivals())
+    stream = Stream(PublisherTracker())
     assert stream.drive(-2.0 * STEADY_S, 0.0, delay_s)[-1]
     return stream
 
@@ -78,7 +78,7 @@ def drained(backlog_s: float, rate: float) -> Iterator[tuple[float, float]]:
 
 
 def test_a_new_clock_is_known_after_half_a_second_at_a_steady_rate() -> None:
-    counted = Stream(Arrivals()).drive(0.0, 2.0)
+    counted = Stream(PublisherTracker()).drive(0.0, 2.0)
     late = round(STEADY_S / PERIOD_S)
     assert not any(counted[:late])
     assert all(counted[late + 1 :])
@@ -86,7 +86,7 @@ def test_a_new_clock_is_known_after_half_a_second_at_a_steady_rate() -> None:
 
 @pytest.mark.parametrize("rate", [1.25, 3.0, 20.0, math.inf])
 def test_what_a_stalled_link_held_back_of_a_new_publisher_does_not_count(rate: float) -> None:
-    stream = Stream(Arrivals())
+    stream = Stream(PublisherTracker())
     for sent_s, arrived_s in drained(4.0, rate):
         assert not counts(stream.send(sent_s, arrived_s), arrived_s)
 
@@ -110,7 +110,7 @@ def test_a_clock_set_forward_as_the_link_stalls_makes_old_twists_no_younger(rate
 
 
 def test_further_publishers_are_refused_with_a_sentence_until_others_are_silent() -> None:
-    arrivals = Arrivals()
+    arrivals = PublisherTracker()
     for i in range(MOST_PUBLISHERS):
         arrivals.note(origin(1, 0.0, i.to_bytes(16, "big")), 0.0)
     refused = arrivals.note(origin(1, 1.0), 1.0)
@@ -128,13 +128,13 @@ def test_a_push_after_a_pause_counts_after_a_moment() -> None:
 
 
 def test_messages_seldom_sent_never_count() -> None:
-    stream = Stream(Arrivals())
+    stream = Stream(PublisherTracker())
     assert not any(counts(stream.send(0.35 * i, 0.35 * i), 0.35 * i) for i in range(100))
 
 
 def test_clocks_that_drift_apart_are_followed() -> None:
     for drift in (-0.8 * DRIFT, 0.8 * DRIFT):
-        stream = Stream(Arrivals())
+        stream = Stream(PublisherTracker())
         counted = [
             counts(stream.send((1.0 + drift) * at_s, at_s), at_s)
             for at_s in np.arange(0.0, 600.0, PERIOD_S)
@@ -144,7 +144,7 @@ def test_clocks_that_drift_apart_are_followed() -> None:
 
 def test_a_constant_delay_cannot_be_seen_without_an_echo() -> None:
     """One-way traffic looks the same with any constant delay."""
-    assert Stream(Arrivals()).drive(0.0, 2.0, 3.0)[-1]
+    assert Stream(PublisherTracker()).drive(0.0, 2.0, 3.0)[-1]
     echoes = Echoes()
     for i in range(100):
         echoes.sent(i, 0.02 * i)
@@ -197,7 +197,7 @@ def journey(rng: np.random.Generator) -> Iterator[tuple[float, float, float]]:
 def oldest_counted_s(seed: int) -> float:
     """Greatest age of a twist that counts, in a run with faults at random."""
     rng = np.random.default_rng(seed)
-    stream, oldest_s = Stream(Arrivals()), 0.0
+    stream, oldest_s = Stream(PublisherTracker()), 0.0
     for sent_s, arrived_s, clock_s in journey(rng):
         if rng.random() < 0.05:
             other = rng.bytes(16)
@@ -215,7 +215,7 @@ def test_no_twist_counts_that_is_older_than_the_limit_apart_from_a_constant_dela
 
 
 def test_a_message_that_comes_twice_or_late_is_dropped() -> None:
-    arrivals = Arrivals()
+    arrivals = PublisherTracker()
     assert arrivals.note(origin(5, 0.0), 0.0) is not None
     assert arrivals.note(origin(5, 0.0), 0.1) is None
     assert arrivals.note(origin(4, -0.1), 0.2) is None
@@ -224,7 +224,7 @@ def test_a_message_that_comes_twice_or_late_is_dropped() -> None:
 
 
 def test_one_publisher_drives_and_another_has_to_wait_and_to_pause() -> None:
-    turn = OnePublisher()
+    turn = PublisherArbiter()
     assert turn.admits(A, True, 0.0)
     assert not turn.admits(B, True, 0.1)
     assert not turn.admits(B, False, 0.15), "its zeros do not stop the other"
@@ -239,7 +239,7 @@ def test_one_publisher_drives_and_another_has_to_wait_and_to_pause() -> None:
 
 
 def test_zeros_do_not_keep_the_turn() -> None:
-    turn = OnePublisher()
+    turn = PublisherArbiter()
     assert turn.admits(A, True, 0.0)
     for i in range(10):
         assert turn.admits(A, False, 0.1 * i)

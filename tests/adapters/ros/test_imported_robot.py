@@ -13,11 +13,11 @@ from tsd_twin.adapters.ros.external_robot import (
     HELD_S,
     SEND_EVERY_S,
     ZEROS,
-    ImportedRobot,
-    ImportLimits,
+    ExternalLimits,
+    ExternalRobot,
     describe,
 )
-from tsd_twin.adapters.ros.port import UNTOLD
+from tsd_twin.adapters.ros.port import UNKNOWN_PUBLISHER
 from tsd_twin.adapters.ros_messages import ODOMETRY, RosMessage, RosNames
 from tsd_twin.control import LoggedController
 from tsd_twin.control.logged_controller import load_state
@@ -25,7 +25,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.cdr import Odometry, encode_odometry
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.ros_types import decode_cdr
-from tsd_twin.robots import ImportedDescription
+from tsd_twin.robots import ExternalDescription
 from tsd_twin.safety import Heartbeat
 
 TIMEOUT_S = 0.5
@@ -55,15 +55,15 @@ class Outbox:
         self.sent.append(0.0)
 
 
-def imported(port: Outbox) -> ImportedRobot:
-    made = ImportedRobot(lambda _: port, RosNames("", shared=False), TIMEOUT_S, description_s=0.0)
-    robot = robots.parse_description(describe("cart", made.urdf, ImportLimits()), "cart")
-    assert isinstance(robot, ImportedDescription)
+def imported(port: Outbox) -> ExternalRobot:
+    made = ExternalRobot(lambda _: port, RosNames("", shared=False), TIMEOUT_S, description_s=0.0)
+    robot = robots.parse_description(describe("cart", made.urdf, ExternalLimits()), "cart")
+    assert isinstance(robot, ExternalDescription)
     made.configure(robot)
     return made
 
 
-def say(robot: ImportedRobot, number: int, late_s: float = 0.0, publisher: bytes = b"a") -> None:
+def say(robot: ExternalRobot, number: int, late_s: float = 0.0, publisher: bytes = b"a") -> None:
     """Deliver odometry now that was sent some time ago, by a clock with the same rate."""
     square = np.zeros((3, 3))
     x = np.array([float(number), 0.0, 0.0])
@@ -98,7 +98,7 @@ def test_one_publisher_of_odometry_counts_until_it_is_silent() -> None:
     robot = imported(Outbox())
     say(robot, 1)
     say(robot, 90, publisher=b"b")
-    say(robot, 91, publisher=UNTOLD)
+    say(robot, 91, publisher=UNKNOWN_PUBLISHER)
     now_s = time.monotonic()
     assert x_m(robot.read(now_s)) == 1.0
     assert robot.read(now_s + TIMEOUT_S + 0.1) is None
@@ -160,7 +160,7 @@ def test_after_a_pause_of_the_loop_the_rest_of_a_motion_is_zeros() -> None:
 
 
 def test_a_controller_of_such_a_robot_is_recorded_and_goes_on_from_its_state() -> None:
-    robot = robots.parse_description(describe("cart", "", ImportLimits()), "cart")
+    robot = robots.parse_description(describe("cart", "", ExternalLimits()), "cart")
     controller = LoggedController(robot, lambda: bytes(16), build="x")
     controller.begin_log()
     measured = np.array([0.1, 0.0, 1.0, 2.0, 0.3])

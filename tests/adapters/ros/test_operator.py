@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsd_twin.adapters.ros.arrivals import Origin
-from tsd_twin.adapters.ros.operator import MOST_POSES, MOST_WAITING, Inbox, Received
+from tsd_twin.adapters.ros.operator import MAX_QUEUED_MESSAGES, MOST_POSES, Inbox, Received
 from tsd_twin.adapters.ros_messages import CMD_VEL, INITIAL_POSE, MEASURED_POSE, READ, RosTopic
 
 
@@ -32,5 +32,8 @@ def test_of_each_topic_the_newest_messages_wait() -> None:
         for number in range(200):
             inbox.put(received(row, number))
     taken = inbox.take()
-    assert len(taken) == MOST_WAITING + (len(READ) - 1) * MOST_POSES
-    assert min(each.origin.sequence for each in taken if each.row is CMD_VEL) == 200 - MOST_WAITING
+    assert len(taken) == MAX_QUEUED_MESSAGES + (len(READ) - 1) * MOST_POSES
+    assert (
+        min(each.origin.sequence for each in taken if each.row is CMD_VEL)
+        == 200 - MAX_QUEUED_MESSAGES
+    )

@@ -17,12 +17,12 @@ from tests.support.viser_client import CAMERA, ViserClient
 from tsd_twin.dashboard.gateway.auth import LOGGED_OUT_CODE, AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY, Principal, operator_name
 from tsd_twin.errors import TwinError
-from tsd_twin.security import Identity, Role
+from tsd_twin.security import BusIdentity, Role
 from tsd_twin.security.users import ABSOLUTE_S, LoginRateLimiter
 
 PAGE = "0123456789abcdef"
 OTHER = "fedcba9876543210"
-EVERYTHING = ["/healthz", "/static/overlay.js", "/static/page.css", f"/teleop?page={PAGE}"]
+EVERYTHING = ["/healthz", "/static/main.js", "/static/page.css", f"/teleop?page={PAGE}"]
 EVERYTHING += [
     f"/viser/{PAGE}",
     "/nothing",
@@ -263,7 +263,7 @@ def test_the_page_of_one_login_is_not_that_of_another(served: Site) -> None:
         (AccessSettings(users=users()), "0.0.0.0", "--tls-cert"),
         (AccessSettings(users=users()), "::", "--tls-cert"),
         (AccessSettings(users=users(), proxy="127.0.0.1"), "0.0.0.0", "--behind-proxy"),
-        (AccessSettings(Identity("x" * 20, Role.OPERATOR), users()), "127.0.0.1", "too long"),
+        (AccessSettings(BusIdentity("x" * 20, Role.OPERATOR), users()), "127.0.0.1", "too long"),
     ],
 )
 def test_what_would_let_in_everybody_is_refused(
@@ -274,7 +274,7 @@ def test_what_would_let_in_everybody_is_refused(
 
 
 def test_a_certificate_on_the_bus_bounds_what_its_users_may() -> None:
-    door = AuthMiddleware(AccessSettings(Identity("desk", Role.VIEWER), users()))
+    door = AuthMiddleware(AccessSettings(BusIdentity("desk", Role.VIEWER), users()))
     with site(auth=door) as made:
         cookie = cookie_of(made.port, "alice")
         with made.page(PAGE, user="desk-alice", cookie=cookie) as page:
@@ -283,7 +283,7 @@ def test_a_certificate_on_the_bus_bounds_what_its_users_may() -> None:
             assert page.take()["why"]["code"] == "viewer"
 
 
-DESK = Identity("desk", Role.OPERATOR)
+DESK = BusIdentity("desk", Role.OPERATOR)
 
 
 @pytest.mark.parametrize(
@@ -301,7 +301,7 @@ DESK = Identity("desk", Role.OPERATOR)
     ],
 )
 def test_a_typed_name_is_used_as_far_as_the_bus_permits_it(
-    owner: Identity, typed: str, name: str
+    owner: BusIdentity, typed: str, name: str
 ) -> None:
     assert operator_name(Principal(owner, may_stop=True), typed) == name
 

@@ -47,7 +47,7 @@ def at_once(page: Page, *texts: str | bytes) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", [FLOOD, "[" * 30, '{"t":"heartbeat","seen":0,"sent_ms":1}', b"ping"]
+    "text", [FLOOD, "[" * 30, '{"t":"heartbeat","status_seq":0,"sent_ms":1}', b"ping"]
 )
 def test_a_page_that_floods_is_cut_off_and_stays_out_for_a_while(
     guarded: Site, text: str | bytes
@@ -143,7 +143,7 @@ def test_while_viewers_flood_an_operator_drives_and_another_stops(guarded: Site)
 
 # A release is never behind a motion, and never lost.
 
-DRIVE = '{"t":"drive","vx":0.5,"vy":0,"omega":0,"seen":%d}'
+DRIVE = '{"t":"drive","vx":0.5,"vy":0,"omega":0,"status_seq":%d}'
 
 
 @pytest.mark.parametrize("last", ['{"t":"release"}', '{"t":"stop"}'])
@@ -153,7 +153,7 @@ def test_what_arrives_together_with_a_release_after_it_moves_nothing(
     with served.page() as page:
         page.make_ready()
         commands = CommandRecorder(served, page)
-        at_once(page, *[DRIVE % page.state["seen"]] * 12, last)
+        at_once(page, *[DRIVE % page.state["status_seq"]] * 12, last)
         settle(page)
         assert not any(command.twist.any() for command in commands.take())
         assert page.mode in ("ready", "stopped")
@@ -163,7 +163,7 @@ def test_of_motions_that_arrive_together_the_newest_counts(served: Site) -> None
     with served.page() as page:
         page.make_ready()
         commands = CommandRecorder(served, page)
-        seen = page.state["seen"]
+        seen = page.state["status_seq"]
         at_once(page, *[DRIVE % seen] * 8, (DRIVE % seen).replace("0.5", "0.1"))
         page.until(lambda: page.last("released"))
         pushed = [command.twist[0] for command in commands.take() if command.twist.any()]

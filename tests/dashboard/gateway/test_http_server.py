@@ -64,13 +64,13 @@ def test_the_page_is_that_of_viser_with_our_scripts_first_and_last(served: Site)
     assert answer.status == 200
     names = Scripts(body.decode()).names
     assert names[:2] == ["static/boot.js", "static/render_throttle.js"]
-    assert names[-1] == "static/overlay.js"
+    assert names[-1] == "static/main.js"
     own = Path(viser.__file__).parent / "client" / "build" / "index.html"
     rest = body.decode()
     for ours in (
         'src="static/boot.js"',
         'src="static/render_throttle.js"',
-        'type="module" src="static/overlay.js"',
+        'type="module" src="static/main.js"',
     ):
         rest = rest.replace(f"<script {ours}></script>", "")
     assert rest == own.read_text(encoding="utf-8")
@@ -79,7 +79,7 @@ def test_the_page_is_that_of_viser_with_our_scripts_first_and_last(served: Site)
 def test_a_script_that_mentions_the_end_of_the_head_is_left_alone() -> None:
     html = "<html><head><script>const s = '</head>'</script></head><body></body></html>"
     page = with_scripts(html)
-    assert page.index("static/overlay.js") > page.index("const s")
+    assert page.index("static/main.js") > page.index("const s")
     assert page.count("<script") == html.count("<script") + 3
 
 
@@ -89,7 +89,7 @@ def test_the_page_is_the_same_when_it_is_sent_compressed(served: Site) -> None:
     assert gzip.decompress(packed) == get(served.port, "/")[1]
 
 
-@pytest.mark.parametrize("path", ["/", "/static/overlay.js"])
+@pytest.mark.parametrize("path", ["/", "/static/main.js"])
 def test_what_a_browser_has_already_is_not_sent_again(served: Site, path: str) -> None:
     answer, _ = get(served.port, path)
     assert answer.headers["Cache-Control"] == "no-cache"

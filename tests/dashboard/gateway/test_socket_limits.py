@@ -13,16 +13,17 @@ from tsd_twin.dashboard.gateway.socket_limits import (
     TELEOP,
     VISER,
     Bucket,
+    FloodBlocklist,
     LimitDecision,
     Quota,
-    SocketCutOff,
     SocketLimiter,
 )
 
 DRIVE = (
-    '{"t":"drive","vx":0.123456,"vy":-0.123456,"omega":1.234567,"frame":"base_link","seen":12345}'
+    '{"t":"drive","vx":0.123456,"vy":-0.123456,"omega":1.234567,"frame":"base_link",'
+    '"status_seq":12345}'
 )
-BEAT = '{"t":"heartbeat","seen":12345,"sent_ms":123456.7,"focus":true}'
+BEAT = '{"t":"heartbeat","status_seq":12345,"sent_ms":123456.7,"focus":true}'
 RELEASED = '{"t":"panel_released"}'
 MOST_AT_ONCE = round((1.0 + GRACE) * TELEOP.messages.burst)
 
@@ -119,24 +120,24 @@ def test_a_message_of_a_flood_costs_little() -> None:
 
 
 def test_who_was_cut_off_waits_and_is_forgotten_then() -> None:
-    cut_off = SocketCutOff()
+    cut_off = FloodBlocklist()
     for number in range(5000):
         cut_off.note(str(number), 10.0)
-    assert cut_off.waits_s("4999", 10.0) == SocketCutOff.STAYS_OUT_S
-    assert cut_off.waits_s("4999", 10.0 + SocketCutOff.STAYS_OUT_S) == 0.0
+    assert cut_off.waits_s("4999", 10.0) == FloodBlocklist.STAYS_OUT_S
+    assert cut_off.waits_s("4999", 10.0 + FloodBlocklist.STAYS_OUT_S) == 0.0
     assert cut_off.waits_s("somebody else", 10.0) == 0.0
     assert len(cut_off) <= 1000
     assert cut_off.count == 5000
 
 
 def test_who_floods_again_and_again_stays_out_longer_and_longer_up_to_a_minute() -> None:
-    cut_off, now_s, waits_s = SocketCutOff(), 100.0, list[float]()
+    cut_off, now_s, waits_s = FloodBlocklist(), 100.0, list[float]()
     for _ in range(6):
         cut_off.note("guest", now_s)
         cut_off.note("guest", now_s)  # A second socket of the same login counts once.
         waits_s.append(cut_off.waits_s("guest", now_s))
         now_s += waits_s[-1] + 1.0
     assert waits_s == pytest.approx([5.0, 10.0, 20.0, 40.0, 60.0, 60.0])
-    now_s += SocketCutOff.LONGEST_S
+    now_s += FloodBlocklist.LONGEST_S
     cut_off.note("guest", now_s)
     assert cut_off.waits_s("guest", now_s) == pytest.approx(5.0)

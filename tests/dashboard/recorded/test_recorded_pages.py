@@ -25,13 +25,13 @@ from tsd_twin.recording.player import Player
 NAME = "drive.mcap"
 TOO_MANY = round((1.0 + GRACE) * TELEOP.messages.burst) + 100
 COMMANDS: list[dict[str, Any]] = [
-    {"t": "drive", "vx": 0.2, "vy": 0.0, "omega": 0.0, "seen": 1},
+    {"t": "drive", "vx": 0.2, "vy": 0.0, "omega": 0.0, "status_seq": 1},
     {"t": "lease", "op": "acquire", "take_over": True},
     {"t": "arm"},
     {"t": "reset"},
     {"t": "wheel_speed", "cruise_speed_rpm": 2000.0},
     {"t": "plan", "kind": "to", "points": [[1.0, 0.0]], "on": "floor"},
-    {"t": "follow_plan", "route": 1, "seen": 1},
+    {"t": "follow_plan", "route": 1, "status_seq": 1},
 ]
 
 
@@ -89,7 +89,7 @@ def test_a_seek_shows_the_recorded_state_of_that_time(page: Page, folder: Path) 
         assert state["status"]["mode"] == snapshot.status.mode
         assert state["robot_s"] == pytest.approx(snapshot.status_robot_s, abs=1e-5)
         assert state["age_ms"] < 60.0
-        assert state["you"] is False
+        assert state["has_control"] is False
     player.close()
 
 
@@ -274,17 +274,19 @@ def test_the_last_half_minute_of_a_live_robot_is_shown_on_request(served: Site) 
         began = live.state["robot_s"]
         live.until(lambda: live.state["robot_s"] > began + 1.5)
         assert live.state["past"] is None
-        live.send(t="look_back", ago_s=1.0)
+        live.send(t="look_back", history_offset_s=1.0)
         past = live.until(lambda: live.state["past"])
         now_s = live.state["robot_s"]
         then = min(live.all("state"), key=lambda state: abs(state["robot_s"] - (now_s - 1.0)))
-        assert (past["ago_s"], past["mode"]) == (1.0, "driving")
+        assert (past["history_offset_s"], past["mode"]) == (1.0, "driving")
         np.testing.assert_allclose(past["pose"], then["pose"], atol=0.06)
         assert np.hypot(*np.subtract(past["pose"], live.state["pose"])[:2]) > 0.1
-        live.send(t="look_back", ago_s=29.0)  # No page was open then, or the site was not there.
-        live.send(t="look_back", ago_s=None)
+        live.send(
+            t="look_back", history_offset_s=29.0
+        )  # No page was open then, or the site was not there.
+        live.send(t="look_back", history_offset_s=None)
         live.until(lambda: live.state["past"] is None)
         for wrong in (31.0, 0.0, -1.0, "x"):
-            live.send(t="look_back", ago_s=wrong)
+            live.send(t="look_back", history_offset_s=wrong)
         live.until(lambda: live.last("reply")["to"] == "message")
         assert live.state["past"] is None

@@ -15,7 +15,7 @@ from tests.support.robot_node import ANY_PORT
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.events import duplicate_id_text
-from tsd_twin.messages.status import Status, decode_status
+from tsd_twin.messages.status import RobotStatus, decode_status
 
 SHARED = duplicate_id_text("tsd")
 
@@ -32,7 +32,7 @@ class TwoBuses:
     served: Site
     live: Bus
     other: Bus
-    heard: list[Status]
+    heard: list[RobotStatus]
     """Statuses on the bus of the live robot."""
 
     @property
@@ -45,7 +45,7 @@ def two_buses() -> Generator[TwoBuses]:
     with robot_on_a_bus() as endpoint, Bus(node_config([ANY_PORT])) as other:
         joined = [endpoint, *other.endpoints()]
         with Bus(client_config([endpoint])) as live, Bus(client_config(joined)) as bus:
-            heard: list[Status] = []
+            heard: list[RobotStatus] = []
             live.subscribe(topics.STATUS.key("tsd"), lambda s: heard.append(_status(s.payload)))
             served = Site(bus, 1, None)
             try:
@@ -54,7 +54,7 @@ def two_buses() -> Generator[TwoBuses]:
                 served.close()
 
 
-def _status(payload: bytes) -> Status:
+def _status(payload: bytes) -> RobotStatus:
     return decode_status(payload)
 
 

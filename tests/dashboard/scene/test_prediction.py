@@ -18,7 +18,7 @@ from tsd_twin.dashboard.scene.robot_overlays import MotionPredictor, Prediction
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import BASE, ODOM
 from tsd_twin.messages.modes import Mode
-from tsd_twin.messages.status import LimitStatus, Status
+from tsd_twin.messages.status import LimitStatus, RobotStatus
 from tsd_twin.simulation import SimRobot
 
 DRIVE = ROBOT.kinematics()
@@ -45,7 +45,7 @@ def look(
     sent: list[SentCommand],
     max_age_s: float,
 ) -> Prediction:
-    status = Status(mode, limits=LimitStatus(1.0, 3.0, max_age_s))
+    status = RobotStatus(mode, limits=LimitStatus(1.0, 3.0, max_age_s))
     setpoint = DRIVE.inverse(twist)
     feed.say(pose=np.zeros(3), setpoint=setpoint, status=status)
     return MotionPredictor(DRIVE, ROBOT).predict(feed.snapshot, setpoint, sent, trips_of(trip_s))
@@ -70,7 +70,7 @@ def test_a_robot_whose_link_dies_comes_to_rest_within_what_was_drawn(
     pose, setpoint = rig.pose, rig.setpoint
     feed = RobotFeed()
     sent = commands(feed, twist)
-    status = Status("driving", limits=LimitStatus(1.0, 3.0, AGE_S))
+    status = RobotStatus("driving", limits=LimitStatus(1.0, 3.0, AGE_S))
     feed.say(pose=pose, setpoint=setpoint, status=status)
     trips = trips_of(delay_periods * 0.01)
     path = MotionPredictor(DRIVE, ROBOT).predict(feed.snapshot, setpoint, sent, trips).path
@@ -168,7 +168,7 @@ def test_a_command_in_the_axes_of_the_world_does_not_turn_with_the_robot() -> No
 def test_a_status_whose_limits_are_none_predicts_nothing(speed_mps: float) -> None:
     feed, setpoint = RobotFeed(), DRIVE.inverse(np.array([0.3, 0.0, 0.0]))
     limits = LimitStatus(speed_mps, 3.0, AGE_S)
-    feed.say(pose=np.zeros(3), setpoint=setpoint, status=Status(Mode.DRIVING, limits=limits))
+    feed.say(pose=np.zeros(3), setpoint=setpoint, status=RobotStatus(Mode.DRIVING, limits=limits))
     found = MotionPredictor(DRIVE, ROBOT).predict(feed.snapshot, setpoint, [], trips_of(0.1))
     assert found.path is None
     assert found.arrival_pose is None

@@ -14,7 +14,7 @@ from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import overlay_node
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.wire.view import Layer
-from tsd_twin.messages.status import LimitStatus, Status
+from tsd_twin.messages.status import LimitStatus, RobotStatus
 
 AREA = f"{overlay_node(Layer.ENVELOPE, 'tsd')}/a"
 RIM = f"{overlay_node(Layer.ENVELOPE, 'tsd')}/r"
@@ -56,14 +56,14 @@ def drive(scene: Scene, feed: RobotFeed, x: float) -> None:
         SentCommand(now_s - 0.02 * i, FORWARD, "base_link") for i in range(40, 0, -1)
     ]
     setpoint = feed.kinematics.inverse(FORWARD)
-    status = Status("driving", limits=LIMITS)
+    status = RobotStatus("driving", limits=LIMITS)
     feed.say(pose=np.array([x, 0.0, 0.0]), setpoint=setpoint, status=status, after_s=EVERY_S)
     scene.draw()
 
 
 def rest(scene: Scene, feed: RobotFeed) -> None:
     setpoint = feed.kinematics.inverse(np.zeros(3))
-    feed.say(setpoint=setpoint, status=Status("ready", limits=LIMITS), after_s=EVERY_S)
+    feed.say(setpoint=setpoint, status=RobotStatus("ready", limits=LIMITS), after_s=EVERY_S)
     scene.draw()
 
 

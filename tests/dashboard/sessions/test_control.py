@@ -43,7 +43,7 @@ def test_with_control_and_armed_the_robot_goes_where_the_stick_says(served: Site
         page.until(lambda: np.allclose(page.state["commanded"], [0.3, -0.1, 0.4], atol=0.02))
         sent = commands.take()
         assert all(np.allclose(c.twist, [0.3, -0.1, 0.0, 0.0, 0.0, 0.4]) for c in sent)
-        seen = {state["seen"] for state in page.all("state")}
+        seen = {state["status_seq"] for state in page.all("state")}
         assert {command.status_seq for command in sent} <= seen
         page.holds = None
         page.send(t="release")
@@ -125,17 +125,17 @@ def test_a_page_without_a_beat_loses_control(served: Site) -> None:
         witness.until(lambda: witness.state["status"]["lease"]["holder"] == page.operator)
         witness.until(lambda: witness.state["status"]["lease"]["holder"] is None)
         page.beats = True
-        page.until(lambda: not page.state["you"])
+        page.until(lambda: not page.state["has_control"])
 
 
 def test_control_is_kept_for_as_long_as_the_page_beats(served: Site) -> None:
     with served.page() as page:
         page.until(lambda: page.state)
         assert page.take()["ok"]
-        page.until(lambda: page.state["you"])
+        page.until(lambda: page.state["has_control"])
         count = len(page.all("state"))
         page.until(lambda: len(page.all("state")) > count + 60)  # Three seconds: a lease has two.
-        assert all(state["you"] for state in page.all("state")[count:])
+        assert all(state["has_control"] for state in page.all("state")[count:])
 
 
 def test_another_gets_control_by_taking_over_only_and_the_holder_is_told(served: Site) -> None:
@@ -147,9 +147,9 @@ def test_another_gets_control_by_taking_over_only_and_the_holder_is_told(served:
         assert not refusal["ok"]
         assert page.operator == refusal["why"]["params"]["holder"]
         assert other.take(take_over=True)["ok"]
-        page.until(lambda: not page.state["you"])
+        page.until(lambda: not page.state["has_control"])
         page.until(lambda: page.last("event")["why"]["code"] == "control_is_lost")
-        other.until(lambda: other.state["you"])
+        other.until(lambda: other.state["has_control"])
         commands = CommandRecorder(served, page)
         settle(page)
         assert commands.take() == []

@@ -47,7 +47,7 @@ def ask(bob: Page, alice: Page) -> None:
     """Let bob ask, and wait until alice sees it."""
     bob.until(lambda: lease(bob)["holder"] == alice.operator)
     bob.until(lambda: press(bob, "request")["ok"])
-    alice.until(lambda: lease(alice)["asked_by"] == bob.operator)
+    alice.until(lambda: lease(alice)["requested_by"] == bob.operator)
 
 
 def told(page: Page, code: str, **params: str) -> Any:
@@ -63,16 +63,16 @@ def test_a_grant_moves_control_to_another_dashboard_and_stops_the_robot(two: Two
         alice.drive()
         ask(bob, alice)
         settle(alice)
-        assert alice.state["you"], "a request changes nothing"
+        assert alice.state["has_control"], "a request changes nothing"
         told(alice, "control_requested", operator=bob.operator, holder=alice.operator)
         from_alice, from_bob = CommandRecorder(two.here, alice), CommandRecorder(two.there, bob)
         bob.holds = {"vx": 0.2, "vy": 0.0, "omega": 0.0}  # Too early.
         assert press(alice, "grant", asker=bob.operator)["ok"]
-        bob.until(lambda: bob.state["you"])
+        bob.until(lambda: bob.state["has_control"])
         bob.until(lambda: bob.mode == "ready")
         settle(bob)
         assert bob.mode == "ready", "control never moves with a stick that is held"
-        assert not alice.state["you"]
+        assert not alice.state["has_control"]
         assert not any(command.twist.any() for command in from_bob.take())
         assert not any(command.twist.any() for command in from_alice.take()[-1:])
         bob.send(t="release")
@@ -86,9 +86,9 @@ def test_control_that_is_kept_stays_where_it_is(two: Two) -> None:
         ask(bob, alice)
         assert press(alice, "deny", asker=bob.operator)["ok"]
         told(bob, "request_denied", operator=alice.operator, asker=bob.operator)
-        bob.until(lambda: lease(bob)["asked_by"] is None)
+        bob.until(lambda: lease(bob)["requested_by"] is None)
         settle(bob)
-        assert alice.state["you"]
+        assert alice.state["has_control"]
         assert press(bob, "request")["why"]["code"] == "denied_lately"
 
 
@@ -98,11 +98,11 @@ def test_a_request_is_withdrawn_by_hand_and_when_its_page_goes(two: Two) -> None
         with two.there.page(BOB) as bob:
             ask(bob, alice)
             assert press(bob, "withdraw")["ok"]
-            alice.until(lambda: lease(alice)["asked_by"] is None)
+            alice.until(lambda: lease(alice)["requested_by"] is None)
             ask(bob, alice)
-        alice.until(lambda: lease(alice)["asked_by"] is None)
+        alice.until(lambda: lease(alice)["requested_by"] is None)
         assert not press(alice, "grant", asker=bob.operator)["ok"]
-        assert alice.state["you"]
+        assert alice.state["has_control"]
 
 
 def test_who_asks_and_falls_asleep_asks_no_longer(two: Two) -> None:
@@ -119,7 +119,7 @@ def test_a_holder_who_leaves_leaves_control_to_who_asks(two: Two) -> None:
             alice.make_ready()
             alice.drive()
             ask(bob, alice)
-        bob.until(lambda: bob.state["you"])
+        bob.until(lambda: bob.state["has_control"])
         bob.until(lambda: bob.mode == "ready")
 
 
@@ -136,7 +136,7 @@ def test_nobody_else_answers_and_nobody_else_gets_it(two: Two) -> None:
         for op in ("grant", "deny"):
             assert press(carol, op, asker=bob.operator)["why"]["code"] == "take_control_first"
             assert not press(alice, op, asker=carol.operator)["ok"]
-        assert alice.state["you"]
+        assert alice.state["has_control"]
 
 
 def test_a_take_over_tells_everybody_why(two: Two) -> None:
@@ -162,7 +162,7 @@ def test_a_control_that_is_held_before_control_is_taken_does_nothing(two: Two) -
         bob.until(lambda: bob.last("released")["why"]["code"] == "take_control_first")
         commands = CommandRecorder(two.there, bob)
         assert bob.take(take_over=True)["ok"]
-        bob.until(lambda: bob.state["you"] and bob.mode == "ready")
+        bob.until(lambda: bob.state["has_control"] and bob.mode == "ready")
         settle(bob)
         assert commands.take() == []
         assert bob.mode == "ready"

@@ -46,7 +46,7 @@ def stage(server: viser.ViserServer) -> Generator[Stage]:
 def take_control(page: Page) -> None:
     page.until(lambda: page.state)
     page.until(lambda: page.take(take_over=True)["ok"])
-    page.until(lambda: page.state["you"])
+    page.until(lambda: page.state["has_control"])
 
 
 REFUSED: dict[str, dict[str, Any]] = {

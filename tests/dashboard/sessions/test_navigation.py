@@ -32,7 +32,7 @@ from tsd_twin.dashboard.wire.to_page import ActionReply
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SO3
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.status import Refusals, Status, WheelSpeedStatus
+from tsd_twin.messages.status import Refusals, RobotStatus, WheelSpeedStatus
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep
 
 THERE_M = 0.05
@@ -115,7 +115,7 @@ def test_held_the_robot_arrives_stops_and_does_nothing_more(served: Site) -> Non
         assert page.state["pose"][2] == pytest.approx(0.4, abs=0.1)
         assert page.state["route"]["off_mm"] < 1000.0 * THERE_M
         sent = commands.take()
-        seen = {state["seen"] for state in page.all("state")}
+        seen = {state["status_seq"] for state in page.all("state")}
         assert {command.status_seq for command in sent if command.twist.any()} <= seen
         assert is_put_to_rest(sent)
         settle(page)  # The button is still held.
@@ -317,7 +317,7 @@ class Desk:
         rpm: float = 2500.0,
         refusals: Refusals | None = None,
     ) -> None:
-        status = Status(mode, refusals=refusals, wheel_speed=WheelSpeedStatus(rpm, rpm))
+        status = RobotStatus(mode, refusals=refusals, wheel_speed=WheelSpeedStatus(rpm, rpm))
         self.feed.say(pose=np.array([x, 0.0, 0.0]), status=status)
         self.feed.snapshot = replace(self.feed.snapshot, odom_received_s=odom_s)
 

@@ -147,7 +147,7 @@ def test_values_and_times_are_those_that_a_subscriber_sees(served: Site) -> None
         for message in (decode_joints(sample.payload) for sample in joints.take_samples())
     }
     for state in states:
-        robot_s, status = sent[state["seen"]]
+        robot_s, status = sent[state["status_seq"]]
         assert state["robot_s"] == pytest.approx(robot_s, abs=1e-6)
         assert state["status"]["consistency"]["residual_mps"] == status.consistency.residual_mps
         assert state["plot"][ALPHA] in angles

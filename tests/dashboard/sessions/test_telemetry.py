@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.robot_feed import RobotFeed
 from tsd_twin import robots
-from tsd_twin.adapters.ros.external_robot import ImportLimits, describe
+from tsd_twin.adapters.ros.external_robot import ExternalLimits, describe
 from tsd_twin.dashboard.sessions.actuator_telemetry import SphereTelemetry
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.to_page import encode_message
@@ -36,7 +36,7 @@ def test_a_card_says_what_the_robot_has_and_nothing_else(name: str) -> None:
 
 
 def test_the_card_of_a_robot_by_ros_says_what_is_not_promised() -> None:
-    robot = robots.parse_description(describe("cart", "", ImportLimits()), "cart")
+    robot = robots.parse_description(describe("cart", "", ExternalLimits()), "cart")
     link: Any = SimpleNamespace(id="cart", robot=robot, kinematics=robot.kinematics())
     card = json.loads(encode_message(RobotTelemetry(link).info()))
     assert card["panel"] == "twist"

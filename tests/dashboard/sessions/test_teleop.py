@@ -35,7 +35,7 @@ def test_a_page_learns_who_it_is_which_robots_there_are_and_how_its_robot_is(ser
         assert robot["modules"] == ["module1", "module2", "module3"]
         assert robot["limits"] == {"speed_mps": 1.0, "turn_rate_rad_per_s": 3.0}
         page.until(lambda: len(page.all("state")) >= 5)
-        numbers = [state["seen"] for state in page.all("state")]
+        numbers = [state["status_seq"] for state in page.all("state")]
         assert numbers == sorted(set(numbers))
         assert len(page.state["modules"]) == 3
         assert page.state["truth"] is not None
@@ -43,13 +43,13 @@ def test_a_page_learns_who_it_is_which_robots_there_are_and_how_its_robot_is(ser
 
 def test_the_round_trip_to_the_robot_is_measured(served: Site) -> None:
     with served.page() as page:
-        assert 0.0 < page.until(lambda: page.state["robot_ms"]) < 1000.0
+        assert 0.0 < page.until(lambda: page.state["rtt_ms"]) < 1000.0
 
 
 def test_a_beat_comes_back(served: Site) -> None:
     with served.page() as page:
         page.beats = False
-        page.send(t="heartbeat", seen=0, sent_ms=1234.5, focus=True)
+        page.send(t="heartbeat", status_seq=0, sent_ms=1234.5, focus=True)
         page.until(lambda: page.last("heartbeat")["sent_ms"] == 1234.5)
 
 
@@ -90,12 +90,12 @@ def test_stops_that_come_in_a_flood_are_all_heard_and_answered(served: Site) -> 
         "null",
         '{"t": "fly"}',
         '{"t": "drive"}',
-        '{"t": "drive", "vx": NaN, "vy": 0, "omega": 0, "seen": 1}',
-        '{"t": "drive", "vx": 1e999, "vy": 0, "omega": 0, "seen": 1}',
-        '{"t": "drive", "vx": "1", "vy": 0, "omega": 0, "seen": 1}',
-        '{"t": "drive", "vx": 1, "vy": 0, "omega": 0, "seen": -1}',
-        '{"t": "drive", "vx": 1, "vy": 0, "omega": 0, "seen": 18446744073709551616}',
-        '{"t": "drive", "vx": 1, "vy": 0, "omega": 0, "seen": 1, "frame": "map"}',
+        '{"t": "drive", "vx": NaN, "vy": 0, "omega": 0, "status_seq": 1}',
+        '{"t": "drive", "vx": 1e999, "vy": 0, "omega": 0, "status_seq": 1}',
+        '{"t": "drive", "vx": "1", "vy": 0, "omega": 0, "status_seq": 1}',
+        '{"t": "drive", "vx": 1, "vy": 0, "omega": 0, "status_seq": -1}',
+        '{"t": "drive", "vx": 1, "vy": 0, "omega": 0, "status_seq": 18446744073709551616}',
+        '{"t": "drive", "vx": 1, "vy": 0, "omega": 0, "status_seq": 1, "frame": "map"}',
         '{"t": "lease", "op": "steal"}',
         '{"t": "robot", "id": 5}',
         "\x00\ud7ff",
@@ -155,7 +155,7 @@ def test_a_page_that_comes_back_takes_the_place_of_its_lost_socket(served: Site)
             back.until(lambda: back.state)
             assert lost.until(lambda: lost.closed) == 1001
             back.until(lambda: back.state["status"]["lease"]["holder"] is None)
-            assert not back.state["you"]
+            assert not back.state["has_control"]
 
 
 def test_a_page_that_does_not_say_what_it_has_seen_gets_a_handful_of_states_only(

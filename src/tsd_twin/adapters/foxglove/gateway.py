@@ -269,13 +269,13 @@ class _Client:
 
     def __init__(self, socket: web.WebSocketResponse) -> None:
         self._socket = socket
-        self._inner: aiohttp.ClientWebSocketResponse | None = None
+        self._wrapped: aiohttp.ClientWebSocketResponse | None = None
         self._operator: ClientOperator | None = None
         self._budget = _Budget()
         self._channels: dict[int, _ClientChannel] = {}
         self._services: dict[int, str] = {}
         self._calls: set[asyncio.Task[None]] = set()
-        self._said: set[asyncio.Task[None]] = set()
+        self._notified_s: set[asyncio.Task[None]] = set()
         self._pings: deque[tuple[bytes, float]] = deque(maxlen=256)
         self._trips_s: deque[float] = deque(maxlen=_TRIPS)
         self._sent_after_s = self._answered_s = time.monotonic()
@@ -284,7 +284,7 @@ class _Client:
         self, inner: aiohttp.ClientWebSocketResponse, make_operator: MakeOperator | None
     ) -> None:
         """Serve until one side closes; then the client's operator releases its robots."""
-        self._inner = inner
+        self._wrapped = inner
         if make_operator is not None:
             self._operator = make_operator(self.say, self.trip_s)
         # Pings can be stuck behind unread data, so a separate task watches for silence.
@@ -293,7 +293,7 @@ class _Client:
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            tasks += self._calls | self._said
+            tasks += self._calls | self._notified_s
             for task in tasks:
                 task.cancel()
             for result in await asyncio.gather(*tasks, return_exceptions=True):
@@ -346,7 +346,7 @@ class _Client:
                 self._pings.popleft()
 
     async def _on_text(self, text: str) -> None:
-        assert self._inner is not None  # noqa: S101  `run` has set it.
+        assert self._wrapped is not None  # noqa: S101  `run` has set it.
         try:
             operation = msgspec.json.decode(text, type=_Operation).op
             if operation == "advertise" and self._operator is not None:
@@ -359,7 +359,7 @@ class _Client:
         except (msgspec.DecodeError, RecursionError) as error:
             self.say(f"this is no message of the protocol: {error}", _ERROR)
             return
-        await self._inner.send_str(text)
+        await self._wrapped.send_str(text)
 
     def _advertise(self, channels: list[_ClientChannel]) -> None:
         for channel in channels:
@@ -369,13 +369,13 @@ class _Client:
             self._channels[channel.id] = channel
 
     async def _on_binary(self, data: bytes) -> None:
-        assert self._inner is not None  # noqa: S101  `run` has set it.
+        assert self._wrapped is not None  # noqa: S101  `run` has set it.
         if data[:1] == bytes([_PUBLISH]):
             self._on_publish(data)
         elif data[:1] == bytes([_CALL]):
             self._on_call(data)
         else:
-            await self._inner.send_bytes(data)
+            await self._wrapped.send_bytes(data)
 
     def _on_publish(self, data: bytes) -> None:
         number = int.from_bytes(data[1:5], "little")
@@ -413,9 +413,9 @@ class _Client:
         self._send_json({**failure, "message": text})
 
     def _send_json(self, message: dict[str, object]) -> None:
-        if len(self._said) < _MOST_SENTENCES:  # Otherwise the client is not reading.
+        if len(self._notified_s) < _MOST_SENTENCES:  # Otherwise the client is not reading.
             text = msgspec.json.encode(message).decode()
-            self._later(self._socket.send_str(text), self._said)
+            self._later(self._socket.send_str(text), self._notified_s)
 
     # Server to client.
 

@@ -52,7 +52,7 @@ def load_sdk() -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class Playback:
+class PlaybackControls:
     """Playback control of a recording by clients."""
 
     start_ns: int
@@ -65,7 +65,7 @@ class SdkServer:
     """Channels, services and assets of all robots; thread-safe."""
 
     def __init__(
-        self, name: str, *, may_drive: bool = False, playback: Playback | None = None
+        self, name: str, *, may_drive: bool = False, playback: PlaybackControls | None = None
     ) -> None:
         """Listen on a free loopback port.
 
@@ -209,7 +209,9 @@ def _refuse(_request: Any) -> bytes:
     raise TwinError("services are called through the front door of tsd-foxglove")
 
 
-def _listener(web: Any, on_subscribe: Callable[[str], None], playback: Playback | None) -> Any:
+def _listener(
+    web: Any, on_subscribe: Callable[[str], None], playback: PlaybackControls | None
+) -> Any:
     """Return a listener that sends latched messages to new subscribers."""
 
     def subscribed(_self: Any, _client: Any, channel: Any) -> None:

@@ -19,7 +19,7 @@ import msgspec
 
 from tsd_twin import robots
 from tsd_twin.adapters.cmd_vel import CmdVelOperator, decode_cmd_vel
-from tsd_twin.adapters.cmd_vel_bridge import RobotDriver
+from tsd_twin.adapters.cmd_vel_bridge import CmdVelBridge
 from tsd_twin.adapters.fleet import (
     LONGEST_OPERATOR,
     Fleet,
@@ -29,7 +29,7 @@ from tsd_twin.adapters.fleet import (
     package_of,
 )
 from tsd_twin.adapters.foxglove.gateway import Access, Front
-from tsd_twin.adapters.foxglove.sdk import Playback, SdkServer
+from tsd_twin.adapters.foxglove.sdk import PlaybackControls, SdkServer
 from tsd_twin.adapters.ros_messages import (
     CMD_VEL,
     PUBLISHED,
@@ -108,7 +108,7 @@ class LiveOperator:
         """
         self._fleet, self._say, self._trip_s = fleet, say, trip_s
         self._name = f"{operator}-{secrets.token_hex(4)}"
-        self._drivers: dict[str, tuple[FoxgloveSource, RobotDriver]] = {}
+        self._drivers: dict[str, tuple[FoxgloveSource, CmdVelBridge]] = {}
         self._unread_s = -math.inf
         self._closing: asyncio.Task[None] | None = None
 
@@ -148,7 +148,7 @@ class LiveOperator:
         drivers, self._drivers = self._drivers, {}
         await asyncio.gather(*(driver.close() for _, driver in drivers.values()))
 
-    def _driver(self, source: FoxgloveSource) -> RobotDriver:
+    def _driver(self, source: FoxgloveSource) -> CmdVelBridge:
         made = self._drivers.get(source.id)
         if made is None or made[0] is not source:
             say = partial(self._tell, source.id)
@@ -158,7 +158,7 @@ class LiveOperator:
             else:  # The robot was restarted or unreachable.
                 machine = made[1].machine
                 self._closing = asyncio.create_task(made[1].close())
-            driver = RobotDriver(source.client, machine, say, self._trip_s)
+            driver = CmdVelBridge(source.client, machine, say, self._trip_s)
             if made is not None:
                 driver.connected()
             made = self._drivers[source.id] = source, driver
@@ -238,7 +238,7 @@ class RecordingPlayback:
         self._entries: Iterator[Entry] | None = None
         self._pending: Entry | None = None
         start_ns, end_ns = self._index.start_ns, self._index.end_ns
-        self.server = SdkServer(name, playback=Playback(start_ns, end_ns, self.on_request))
+        self.server = SdkServer(name, playback=PlaybackControls(start_ns, end_ns, self.on_request))
         self._web: Any = importlib.import_module("foxglove.websocket")
         self._mappings: dict[str, RobotMapping] = {}
         self._show_robots(path)

@@ -113,7 +113,7 @@ class _Clock:
         self.first_s, self.first_offset_s, self.is_steady = now_s, offset_s, False
 
 
-class Arrivals:
+class PublisherTracker:
     """Clocks and sequence numbers of all publishers on a topic."""
 
     def __init__(self) -> None:
@@ -164,7 +164,7 @@ class Echoes:
         return next((at_s for each_ns, at_s in reversed(known) if each_ns == stamp_ns), None)
 
 
-class OnePublisher:
+class PublisherArbiter:
     """Admits one `cmd_vel` publisher at a time; others are refused until it pauses.
 
     A refused publisher must also pause first, so that a held stick does not start to move the

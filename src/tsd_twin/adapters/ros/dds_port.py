@@ -15,7 +15,13 @@ from functools import partial
 from typing import Any
 
 from tsd_twin.adapters.ros.arrivals import Origin
-from tsd_twin.adapters.ros.port import ADAPTER, UNTOLD, Endpoints, Inputs, types_of
+from tsd_twin.adapters.ros.port import (
+    ADAPTER,
+    UNKNOWN_PUBLISHER,
+    Endpoints,
+    PortCallbacks,
+    types_of,
+)
 from tsd_twin.adapters.ros_messages import RosMessage, RosNames, RosQoS, RosTopic
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.ros_types import TRIGGER
@@ -83,7 +89,7 @@ class DdsPort:
         self,
         domain: int,
         names: RosNames,
-        inputs: Inputs | None,
+        inputs: PortCallbacks | None,
         endpoints: Endpoints = ADAPTER,
     ) -> None:
         """Without `inputs`, subscribe to nothing and offer no services.
@@ -103,7 +109,7 @@ class DdsPort:
             raise TwinError(f"no node of ROS can be opened: {error}") from error
 
     def _open(
-        self, domain: int, names: RosNames, inputs: Inputs | None, endpoints: Endpoints
+        self, domain: int, names: RosNames, inputs: PortCallbacks | None, endpoints: Endpoints
     ) -> None:
         namespace = f"/{names.namespace}" if names.shared else "/"
         self._nodes.append(_Node(endpoints.node, domain, namespace))
@@ -191,7 +197,7 @@ class _Node:
         """Create a publisher."""
         return self._node.create_publisher(load_type(row.type), name, self._profile(row.qos))
 
-    def subscribe(self, name: str, row: RosTopic, type_name: str, inputs: Inputs) -> None:
+    def subscribe(self, name: str, row: RosTopic, type_name: str, inputs: PortCallbacks) -> None:
         """Forward the messages of a topic as CDR."""
         numbers = itertools.count()
 
@@ -201,7 +207,7 @@ class _Node:
             several = self._node.get_publishers_info_by_topic(name)
             if not several:  # It has left, or is not yet in the graph.
                 return
-            publisher = bytes(several[0].endpoint_gid) if len(several) == 1 else UNTOLD
+            publisher = bytes(several[0].endpoint_gid) if len(several) == 1 else UNKNOWN_PUBLISHER
             origin = Origin(publisher, next(numbers), info["source_timestamp"])
             inputs.on_message(row, type_name, payload, origin)
 

@@ -19,9 +19,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from tsd_twin.adapters.cmd_vel import SAY_AGAIN_S, TWIST_STAMPED
-from tsd_twin.adapters.ros.arrivals import Arrivals, Origin
-from tsd_twin.adapters.ros.port import UNTOLD, Endpoints, RosPort
+from tsd_twin.adapters.cmd_vel import NOTICE_INTERVAL_S, TWIST_STAMPED
+from tsd_twin.adapters.ros.arrivals import Origin, PublisherTracker
+from tsd_twin.adapters.ros.port import UNKNOWN_PUBLISHER, Endpoints, RosPort
 from tsd_twin.adapters.ros.shared_names import NameWatch
 from tsd_twin.adapters.ros_messages import (
     DESCRIPTION,
@@ -46,8 +46,8 @@ from tsd_twin.messages.ros_types import (
     make_twist,
 )
 from tsd_twin.models.external import MOST_BYTES, geometry_toml, read_urdf, stand_in
-from tsd_twin.robots import ImportedDescription, parse_description
-from tsd_twin.robots.external import ImportedGeometry
+from tsd_twin.robots import ExternalDescription, parse_description
+from tsd_twin.robots.external import ExternalGeometry
 from tsd_twin.safety import Heartbeat
 
 _LOG = logging.getLogger(__name__)
@@ -67,7 +67,7 @@ _WAITING = 16
 """Queue size per topic; the oldest messages are dropped."""
 _UNSENT_S = 1.0
 """Duration of a fault after a failed send."""
-_FARTHEST_M = 1e6
+_MAX_COORDINATE_M = 1e6
 _FASTEST = 100.0
 """Maximum plausible speed, in m/s or rad/s."""
 _UNIT = 0.01
@@ -83,7 +83,7 @@ def endpoints(*, stamped: bool) -> Endpoints:
 
 
 @dataclass(frozen=True, slots=True)
-class ImportLimits:
+class ExternalLimits:
     """Limits of a third-party robot."""
 
     speed_mps: float = 0.5
@@ -92,7 +92,7 @@ class ImportLimits:
     sideways: bool = False
 
 
-def describe(name: str, urdf: str, limits: ImportLimits) -> str:
+def describe(name: str, urdf: str, limits: ExternalLimits) -> str:
     """Return the description of a robot with the shape in `urdf`, which may be "".
 
     Raises:
@@ -113,7 +113,7 @@ def describe(name: str, urdf: str, limits: ImportLimits) -> str:
     return text
 
 
-def _toml(name: str, shape: ImportedGeometry, said: tuple[str, ...], limits: ImportLimits) -> str:
+def _toml(name: str, shape: ExternalGeometry, said: tuple[str, ...], limits: ExternalLimits) -> str:
     speed, acceleration = limits.speed_mps, limits.acceleration_mps2
     drives = "It drives in all directions." if limits.sideways else (
         "Driving sideways: it cannot, so that part of a command has no effect."
@@ -121,7 +121,7 @@ def _toml(name: str, shape: ImportedGeometry, said: tuple[str, ...], limits: Imp
     # Large enough not to lower the speed limit.
     allowance_m = min(100.0, speed * 0.6 + speed * speed / (2.0 * acceleration))
     assumptions = said if limits.sideways else (drives, *said)
-    encoded = [msgspec.json.encode(_plain(sentence)).decode() for sentence in assumptions]
+    encoded = [msgspec.json.encode(_reported_odom(sentence)).decode() for sentence in assumptions]
     return f"""name = "{name}"
 title = "{name}, by ROS"
 assumptions = [{", ".join(encoded)}]
@@ -142,7 +142,7 @@ kind = "imported"
 {geometry_toml(msgspec.structs.replace(shape, sideways=limits.sideways))}"""
 
 
-def _plain(sentence: str) -> str:
+def _reported_odom(sentence: str) -> str:
     """Remove characters with a special meaning in TOML or terminals, and truncate."""
     return "".join(c if c.isprintable() else "?" for c in sentence)[:300]
 
@@ -155,7 +155,7 @@ class _Received:
     arrived_s: float
 
 
-class ImportedRobot:
+class ExternalRobot:
     """RobotIO of a third-party robot, and receiver of its topics.
 
     The middleware calls `on_message` on its own threads, which only enqueues; all other methods are
@@ -164,7 +164,7 @@ class ImportedRobot:
 
     def __init__(
         self,
-        open_port: Callable[[ImportedRobot], RosPort],
+        open_port: Callable[[ExternalRobot], RosPort],
         names: RosNames,
         odom_timeout_s: float,
         *,
@@ -180,13 +180,13 @@ class ImportedRobot:
         self._timeout_s = odom_timeout_s
         self._driven = endpoints(stamped=stamped).published[0]
         self._waiting = {row.name: deque[_Received](maxlen=_WAITING) for row in IMPORTED}
-        self._arrivals = {row.name: Arrivals() for row in IMPORTED}
+        self._arrivals = {row.name: PublisherTracker() for row in IMPORTED}
         self._described = threading.Event()
-        self._said: dict[str, float] = {}
+        self._notified_s: dict[str, float] = {}
         self._problem: tuple[str, str] | None = None
         self.urdf = ""
         """Content of `robot_description`, or "" if it did not arrive in time."""
-        self._robot: ImportedDescription | None = None
+        self._robot: ExternalDescription | None = None
         self._columns: Mapping[str, int] = {}
         self._measured = np.zeros(0)
         self._odom_s = -math.inf
@@ -206,7 +206,7 @@ class ImportedRobot:
         for received in self._taken(DESCRIPTION):
             self._describe(received)
 
-    def configure(self, robot: ImportedDescription) -> None:
+    def configure(self, robot: ExternalDescription) -> None:
         """Set the description; call before the first `read`."""
         self._robot = robot
         joints = (*robot.kinematics().joints, *robot.sensors)
@@ -336,7 +336,7 @@ class ImportedRobot:
 
     def _take_odometry(self, received: _Received, sent_s: float, now_s: float) -> None:
         publisher = received.origin.publisher
-        if publisher == UNTOLD:
+        if publisher == UNKNOWN_PUBLISHER:
             raise MessageError("publishers", "it has several publishers: end all but one")
         if publisher != self._odom_from and not self._is_silent(now_s):
             raise MessageError("publishers", "it has a second publisher, which is not followed")
@@ -352,7 +352,7 @@ class ImportedRobot:
         # Comparisons with NaN are false.
         if not abs(length - 1.0) <= _UNIT:
             raise MessageError("quaternion", "its orientation is no unit quaternion")
-        if not all(abs(number) <= _FARTHEST_M for number in numbers[:2]):
+        if not all(abs(number) <= _MAX_COORDINATE_M for number in numbers[:2]):
             raise MessageError("nonfinite", "its position is no place")
         if not all(abs(number) <= _FASTEST for number in numbers[3:]):
             raise MessageError("nonfinite", "its speed is none")
@@ -372,7 +372,11 @@ class ImportedRobot:
         for name, position in zip(raw.name, raw.position.tolist(), strict=True):
             column = self._columns.get(name)
             # Drive joints come from odometry; no ROS joint shares their names.
-            if column is not None and column >= self._first_joint and abs(position) <= _FARTHEST_M:
+            if (
+                column is not None
+                and column >= self._first_joint
+                and abs(position) <= _MAX_COORDINATE_M
+            ):
                 self._measured[column] = position
 
     @property
@@ -409,7 +413,9 @@ class ImportedRobot:
 
     def _say(self, about: str, text: str, now_s: float) -> None:
         """Log a sentence, one about the same no more often than every two seconds."""
-        recent = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
+        recent = {
+            key: at_s for key, at_s in self._notified_s.items() if now_s - at_s < NOTICE_INTERVAL_S
+        }
         if about not in recent:
             _LOG.warning("%s", text)
-        self._said = {about: now_s, **recent}
+        self._notified_s = {about: now_s, **recent}

@@ -14,15 +14,21 @@ from typing import Any, Protocol
 from tsd_twin.adapters.cmd_vel import (
     MAX_AGE_S,
     MUST_PAUSE,
-    SAY_AGAIN_S,
+    NOTICE_INTERVAL_S,
     TWIST_STAMPED,
     CmdVelOperator,
     decode_cmd_vel,
 )
-from tsd_twin.adapters.cmd_vel_bridge import RobotDriver
+from tsd_twin.adapters.cmd_vel_bridge import CmdVelBridge
 from tsd_twin.adapters.fleet import frames_of
-from tsd_twin.adapters.ros.arrivals import Arrival, Arrivals, Echoes, OnePublisher, Origin
-from tsd_twin.adapters.ros.port import UNTOLD, decode_pose_input
+from tsd_twin.adapters.ros.arrivals import (
+    Arrival,
+    Echoes,
+    Origin,
+    PublisherArbiter,
+    PublisherTracker,
+)
+from tsd_twin.adapters.ros.port import UNKNOWN_PUBLISHER, decode_pose_input
 from tsd_twin.adapters.ros_messages import CMD_VEL, INITIAL_POSE, READ, RosNames, RosTopic
 from tsd_twin.client import AsyncRobotClient
 from tsd_twin.messages.cdr import ODOM
@@ -30,7 +36,7 @@ from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.pose import encode_pose
 from tsd_twin.messages.ros_types import decode_cdr, stamp_ns
 
-MOST_WAITING = 64
+MAX_QUEUED_MESSAGES = 64
 """Maximum number of queued twists per robot; the oldest are dropped."""
 MOST_POSES = 8
 """Maximum number of queued poses per topic; the oldest are dropped."""
@@ -39,7 +45,7 @@ MOST_CALLS = 16
 MOST_STOPS = 1000
 """Maximum number of pending `stop` calls; one stop completes all that precede it."""
 MOST_SENTENCES = 10
-"""Maximum number of messages per `SAY_AGAIN_S`."""
+"""Maximum number of messages per `NOTICE_INTERVAL_S`."""
 SEVERAL = "it has several publishers, and ROS does not say which one: run twist_mux, or end one"
 NO_ECHO = (
     "cmd_vel needs the stamp of the newest odom, as TwistStamped: tsd-ros runs with --require-echo"
@@ -84,7 +90,7 @@ class Inbox:
 
     def __init__(self) -> None:
         self._waiting = {
-            row.name: deque[Received](maxlen=MOST_WAITING if row is CMD_VEL else MOST_POSES)
+            row.name: deque[Received](maxlen=MAX_QUEUED_MESSAGES if row is CMD_VEL else MOST_POSES)
             for row in READ
         }
 
@@ -109,17 +115,17 @@ class RosOperator:
     def __init__(self, source: OperatedSource, machine: CmdVelOperator) -> None:
         """`machine` keeps the operator state of the robot across disconnections."""
         self._source = source
-        self._driver = RobotDriver(source.client, machine, self._tell, conflict=source.shared_name)
+        self._driver = CmdVelBridge(source.client, machine, self._tell, conflict=source.shared_name)
         self._loop = asyncio.get_running_loop()
         self._inbox = Inbox()
         self._woken = False
-        self._arrivals: dict[str, Arrivals] = {}
-        self._turn = OnePublisher()
+        self._arrivals: dict[str, PublisherTracker] = {}
+        self._turn = PublisherArbiter()
         self._calls = 0
         self._stops: list[Answer] = []
         self._stopping = False
         self._tasks: set[asyncio.Task[None]] = set()
-        self._said: dict[str, float] = {}
+        self._notified_s: dict[str, float] = {}
         self._told: deque[float] = deque([-math.inf] * MOST_SENTENCES, MOST_SENTENCES)
         self._lock = threading.Lock()
         self._driver.connected()  # May report lost control.
@@ -194,7 +200,7 @@ class RosOperator:
 
     def _receive(self, received: Received) -> None:
         row, names = received.row, self._source.names
-        arrivals = self._arrivals.setdefault(f"{row.name} {received.type_name}", Arrivals())
+        arrivals = self._arrivals.setdefault(f"{row.name} {received.type_name}", PublisherTracker())
         arrival = arrivals.note(received.origin, received.arrived_s)
         if arrival is None or names is None:
             return
@@ -221,7 +227,7 @@ class RosOperator:
         frames, now_s = frames_of(names), time.monotonic()
         if message.frame in frames:
             message = replace(message, frame=frames[message.frame])
-        if received.origin.publisher == UNTOLD:
+        if received.origin.publisher == UNKNOWN_PUBLISHER:
             if not message.is_zero:
                 raise MessageError("publishers", SEVERAL)
             self._driver.on_cmd_vel(message, now_s, arrival.sent_after_s)
@@ -286,11 +292,15 @@ class RosOperator:
             self._say(f"initialpose is refused: {text}")
 
     def _say(self, text: str, kind: str = "") -> None:
-        """Report a message, limited per kind to one per `SAY_AGAIN_S`."""
+        """Report a message, limited per kind to one per `NOTICE_INTERVAL_S`."""
         now_s, kind = time.monotonic(), kind or text
         with self._lock:
-            recent = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
-            known, self._said = kind in recent, recent
+            recent = {
+                key: at_s
+                for key, at_s in self._notified_s.items()
+                if now_s - at_s < NOTICE_INTERVAL_S
+            }
+            known, self._notified_s = kind in recent, recent
             recent.setdefault(kind, now_s)
         if not known:
             self._tell(text)
@@ -299,7 +309,7 @@ class RosOperator:
         """Report a message unless the overall rate limit is reached."""
         now_s = time.monotonic()
         with self._lock:
-            if now_s - self._told[0] < SAY_AGAIN_S:
+            if now_s - self._told[0] < NOTICE_INTERVAL_S:
                 return
             self._told.append(now_s)
         self._source.tell(text)

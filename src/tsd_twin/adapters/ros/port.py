@@ -43,7 +43,7 @@ ADAPTER = Endpoints(NODE, PUBLISHED, READ, SERVICES)
 """Endpoints of a bus robot shown as a ROS node."""
 
 
-class Inputs(Protocol):
+class PortCallbacks(Protocol):
     """Receiver of ROS messages and calls, called on middleware threads."""
 
     def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:
@@ -83,7 +83,7 @@ class RosPort(Protocol):
         ...
 
 
-OpenPort = Callable[[RosNames, Inputs | None], RosPort]
+OpenPort = Callable[[RosNames, PortCallbacks | None], RosPort]
 """Opens the port of a robot; without inputs it is read-only. May raise TwinError."""
 
 
@@ -92,7 +92,7 @@ def types_of(row: RosTopic) -> tuple[str, ...]:
     return (row.type, TWIST_STAMPED) if row is CMD_VEL else (row.type,)
 
 
-UNTOLD = b""
+UNKNOWN_PUBLISHER = b""
 """Publisher id of messages where the middleware does not identify one of several."""
 _UNIT = 0.01
 """Tolerance on the length of a quaternion."""

@@ -16,9 +16,9 @@ from functools import partial
 import xxhash
 
 from tsd_twin.adapters.ros.arrivals import Origin
-from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, Inputs, types_of
+from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, PortCallbacks, types_of
 from tsd_twin.adapters.ros_messages import CMD_VEL, ODOMETRY, RosMessage, RosNames, RosQoS, RosTopic
-from tsd_twin.bus import Bus, Publisher, Request
+from tsd_twin.bus import Bus, PendingQuery, Publisher
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.ros_types import TRIGGER, encode_trigger_response, type_hash
@@ -152,7 +152,7 @@ class ZenohPort:
         bus: Bus,
         domain: int,
         names: RosNames,
-        inputs: Inputs | None,
+        inputs: PortCallbacks | None,
         endpoints: Endpoints = ADAPTER,
     ) -> None:
         """Without `inputs`, subscribe to nothing and offer no services."""
@@ -230,7 +230,7 @@ class ZenohPort:
         return gid_of(token)
 
 
-def _receive(inputs: Inputs, row: RosTopic, type_name: str, sample: Sample) -> None:
+def _receive(inputs: PortCallbacks, row: RosTopic, type_name: str, sample: Sample) -> None:
     if not sample.is_put:
         return
     try:
@@ -242,7 +242,7 @@ def _receive(inputs: Inputs, row: RosTopic, type_name: str, sample: Sample) -> N
     inputs.on_message(row, type_name, sample.payload, origin)
 
 
-def _serve(inputs: Inputs, service: str, request: Request) -> None:
+def _serve(inputs: PortCallbacks, service: str, request: PendingQuery) -> None:
     try:
         asked = decode_attachment(request.attachment)
     except MessageError as error:

@@ -17,7 +17,7 @@ from aiohttp.typedefs import Handler
 
 from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY, Principal, bus_identity_of
 from tsd_twin.errors import TwinError
-from tsd_twin.security import Identity, Logins, Users
+from tsd_twin.security import BusIdentity, Logins, Users
 from tsd_twin.security.web_access import is_loopback, origin_refusal
 
 _CONTENT_SOURCES = {
@@ -133,7 +133,7 @@ _CLOSE_TIMEOUT_S = 1.0
 class AccessSettings:
     """Access settings: users, TLS, proxy and allowed hosts."""
 
-    owner: Identity = DEFAULT_IDENTITY
+    owner: BusIdentity = DEFAULT_IDENTITY
     """Identity of the dashboard on the bus."""
     users: Users | None = None
     """Users who may log in; None if no login is required."""

@@ -78,7 +78,7 @@ class _Connection(asyncio.Protocol):
         self.handshake: asyncio.Task[Any] | None = None
         self._transport: asyncio.Transport | None = None
         self._exceeds: Callable[[int], bool] | None = None
-        self._inner = inner
+        self._wrapped = inner
         self._on_lost = on_lost
         self._stalled: tuple[int, float] | None = None
 
@@ -86,28 +86,28 @@ class _Connection(asyncio.Protocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
-        self._inner.connection_made(transport)
+        self._wrapped.connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
         if self._exceeds is not None and self._exceeds(len(data)):
             self.drop()
         else:
-            self._inner.data_received(data)
+            self._wrapped.data_received(data)
 
     def eof_received(self) -> bool | None:
-        return self._inner.eof_received()
+        return self._wrapped.eof_received()
 
     def pause_writing(self) -> None:
         self._stalled = (self._unsent(), time.monotonic())
-        self._inner.pause_writing()
+        self._wrapped.pause_writing()
 
     def resume_writing(self) -> None:
         self._stalled = None
-        self._inner.resume_writing()
+        self._wrapped.resume_writing()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._on_lost(self)
-        self._inner.connection_lost(exc)
+        self._wrapped.connection_lost(exc)
 
     def limit_bytes(self, exceeds: Callable[[int], bool]) -> None:
         """Drop the connection once `exceeds`, called with the number of received bytes, returns

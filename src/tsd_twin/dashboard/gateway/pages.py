@@ -29,7 +29,7 @@ BLOCKED_PARAMETERS = frozenset({"websocket", "playbackPath"})
 _FIRST_SCRIPTS = (
     '<script src="static/boot.js"></script><script src="static/render_throttle.js"></script>'
 )
-_LAST_SCRIPTS = '<script type="module" src="static/overlay.js"></script>'
+_LAST_SCRIPTS = '<script type="module" src="static/main.js"></script>'
 
 
 class IndexPage:
@@ -46,9 +46,9 @@ class IndexPage:
             html = with_scripts(file.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise TwinError(f"viser's page cannot be used: {error}") from error
-        self._plain = html.encode()
-        self._zipped = gzip.compress(self._plain, mtime=0)
-        self._etag = hashlib.sha256(self._plain).hexdigest()[:16]
+        self._plain_text = html.encode()
+        self._zipped = gzip.compress(self._plain_text, mtime=0)
+        self._etag = hashlib.sha256(self._plain_text).hexdigest()[:16]
 
     async def serve(self, request: web.Request) -> web.StreamResponse:
         """Answer `GET /`."""
@@ -68,7 +68,7 @@ class IndexPage:
             response.headers["Content-Encoding"] = "gzip"
             response.body = self._zipped
         else:
-            response.body = self._plain
+            response.body = self._plain_text
         return response
 
 

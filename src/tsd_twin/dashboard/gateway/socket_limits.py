@@ -169,7 +169,7 @@ def _kind_of(text: str) -> str:
     return "" if found is None else found[1]
 
 
-class SocketCutOff:
+class FloodBlocklist:
     """Block list of logins and pages whose socket was closed for flooding.
 
     The block time doubles if a client floods again within a minute.
@@ -228,7 +228,7 @@ class SocketReader:
     """Reader of the sockets of all pages; event loop only."""
 
     def __init__(self) -> None:
-        self.cut_off = SocketCutOff()
+        self.cut_off = FloodBlocklist()
         """Block list of flooding clients."""
         self.dropped = 0
         """Number of messages dropped because of a limit."""

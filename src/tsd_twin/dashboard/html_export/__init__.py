@@ -27,7 +27,7 @@ from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.update_loop import STALE_S
 from tsd_twin.errors import MissingExtraError, TwinError
-from tsd_twin.recording.export import Part
+from tsd_twin.recording.export import RecordingSlice
 from tsd_twin.recording.player import Player, RecordedRobot
 
 FRAMES_PER_S = 30
@@ -57,7 +57,7 @@ _NO_WARNING = "[class*='Notifications-root'] { display: none }"
 _HERE = Path(__file__).parent
 
 
-def to_html(part: Part, out: Path) -> str:
+def to_html(part: RecordingSlice, out: Path) -> str:
     """Write a part as one HTML file; return what was written.
 
     Raises:
@@ -74,7 +74,7 @@ def to_html(part: Part, out: Path) -> str:
     return f"wrote {out}: {len(html.encode()) / 1e6:.1f} MB"
 
 
-def build(part: Part) -> str:
+def build(part: RecordingSlice) -> str:
     """Return a part as an HTML document.
 
     Raises:
@@ -199,7 +199,7 @@ def _speed(twist: Any, *, planar: bool) -> float:
     return round(float(np.linalg.norm(twist[:2] if planar else twist)), 3)
 
 
-def to_picture(part: Part, out: Path) -> str:
+def to_picture(part: RecordingSlice, out: Path) -> str:
     """Write a part as a moving picture; return what was written.
 
     Raises:

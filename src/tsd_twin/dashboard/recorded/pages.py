@@ -24,9 +24,9 @@ from tsd_twin.messages.services import Reply
 from tsd_twin.recording.folder import Catalogue
 from tsd_twin.recording.remote import ReaderProcesses, RemoteFolderReader, RemoteReader
 
-MOST_VIEWS = 5
+MAX_VIEWS = 5
 """Maximum number of pages that show recordings; each keeps a scene in memory."""
-LINGER_S = 3.0
+IDLE_TIMEOUT_S = 3.0
 """Time a view stays open without sockets, because a page reconnects its two sockets separately."""
 _PATH_POINTS = 64
 _PATHS_KEPT = 256
@@ -143,10 +143,10 @@ class RecordedPages:
             raise web.HTTPForbidden(text="This page belongs to another login.")
         if page not in self._views:
             path = self._file(name)
-            if len(self._views) >= MOST_VIEWS:  # Close idle views first.
+            if len(self._views) >= MAX_VIEWS:  # Close idle views first.
                 idle = [each for each in self._views if not self._uses.get(each)]
                 await asyncio.gather(*(self._close(each) for each in idle))
-            if len(self._views) >= MOST_VIEWS:
+            if len(self._views) >= MAX_VIEWS:
                 raise web.HTTPServiceUnavailable(text="Too many pages show recordings.")
             self._loop = asyncio.get_running_loop()
             self._owners[page] = principal
@@ -213,7 +213,7 @@ class RecordedPages:
 
     async def _close_unused(self, page: str) -> None:
         with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._ended.wait(), LINGER_S)
+            await asyncio.wait_for(self._ended.wait(), IDLE_TIMEOUT_S)
         if not self._uses.get(page):
             await self._close(page)
 

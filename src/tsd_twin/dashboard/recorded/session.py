@@ -52,7 +52,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.services import Reply
-from tsd_twin.recording.events import Mark, RecordedEvent, add_mark
+from tsd_twin.recording.events import Annotation, RecordedEvent, add_mark
 from tsd_twin.recording.player import Player, RecordedRobot
 from tsd_twin.security import Role
 
@@ -165,7 +165,7 @@ class RecordedSession(PageSession):
             return
         match message:
             case PageHeartbeat():
-                self.send_queue.acknowledge(message.seen)
+                self.send_queue.acknowledge(message.status_seq)
                 self._send(HeartbeatReply(sent_ms=message.sent_ms))
             case StopCommand():
                 self._stop()
@@ -246,7 +246,7 @@ class RecordedSession(PageSession):
         player = self._view.player
         log_ns = player.start_ns + round(1e9 * player.t_s)
         try:
-            await asyncio.to_thread(add_mark, player.path, Mark(log_ns, note, self._operator))
+            await asyncio.to_thread(add_mark, player.path, Annotation(log_ns, note, self._operator))
         except RecordingError as error:
             self._send(ActionReply(to="mark", ok=False, why=because(Code.TEXT, text=str(error))))
             return
@@ -353,7 +353,7 @@ class RecordedSession(PageSession):
             # Use a separate number, because updates continue while the recording is paused.
             number = next(self._numbers)
             shown = self._map_data.state(robot_id) if self._shows_map else None
-            state = msgspec.structs.replace(state, seen=number, map=shown)
+            state = msgspec.structs.replace(state, status_seq=number, map=shown)
             self.send_queue.put_state(number, encode_message(state))
 
 

@@ -20,7 +20,7 @@ from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.errors import RecordingError
-from tsd_twin.recording.player import Playback, Player
+from tsd_twin.recording.player import PlaybackCursor, Player
 from tsd_twin.recording.remote import RemoteReader
 
 RATE_HZ = 30.0
@@ -52,7 +52,7 @@ class RecordedView:
         self.robot_id = next(iter(self.player.robots))
         """Robot that is selected."""
         self.roster = RobotRoster()
-        self.playback = Playback(self.player.duration_s, time.monotonic())
+        self.playback = PlaybackCursor(self.player.duration_s, time.monotonic())
         self.on_shown: Callable[[bool], None] = _ignore
         """Called on the thread of the view after each frame, with whether its time has jumped."""
         self._requests: queue.SimpleQueue[Callable[[float], None]] = queue.SimpleQueue()

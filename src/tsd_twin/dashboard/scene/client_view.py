@@ -96,7 +96,7 @@ class PosePreview:
         hide_links(self._client, body, body.id)
 
 
-class PastGhost:
+class HistoryGhost:
     """Ghost in a client's scene: wireframe and moving links of a robot's past state, labelled."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
@@ -196,7 +196,7 @@ class ClientView:
         self._preview = PosePreview(client)
         self._tilt = ExaggeratedTilt(client)
         self._past: tuple[Snapshot | None, float] = None, 0.0
-        self._ghost = PastGhost(client)
+        self._ghost = HistoryGhost(client)
 
     # Selection and camera.
 

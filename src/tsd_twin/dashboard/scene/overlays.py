@@ -16,7 +16,7 @@ from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape, Skeleton, Surface
 from tsd_twin.estimation import heading_region_rad, position_region
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 
 
 class RateLimiter:
@@ -384,7 +384,7 @@ class FaultRing:
             visible=False,
         )
 
-    def update(self, status: Status) -> None:
+    def update(self, status: RobotStatus) -> None:
         """Show the suspected actuator, if any."""
         suspect = status.consistency.suspect
         if suspect == self._shown:

@@ -39,7 +39,7 @@ from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array, wrap
 from tsd_twin.messages.cdr import ODOM, Odometry
 from tsd_twin.messages.modes import Mode
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.motion.prediction import PendingCommand, Predictor
 from tsd_twin.robots import RobotDescription
 
@@ -98,7 +98,7 @@ class MotionPredictor:
 
     def _path(
         self,
-        status: Status,
+        status: RobotStatus,
         twist: Array,
         sent: Sequence[SentCommand],
         now_s: float,

@@ -142,7 +142,7 @@ _MAX_STATE_GAP_S = 0.1
 """After a longer gap between states, the wheels are not turned."""
 
 
-class RobotSource(Protocol):
+class VisualSource(Protocol):
     """Source of a robot's description and latest state, such as a `RobotClient`."""
 
     @property
@@ -180,7 +180,7 @@ class RobotVisual:
     """Visual of a robot: meshes, overlays and motion prediction."""
 
     def __init__(
-        self, link: RobotSource, meshes: BatchedRobotMeshes, overlays: RobotOverlays
+        self, link: VisualSource, meshes: BatchedRobotMeshes, overlays: RobotOverlays
     ) -> None:
         self.id = link.id
         self.link = link

@@ -24,7 +24,7 @@ from tsd_twin.dashboard.scene.appearance import (
 from tsd_twin.dashboard.scene.picking import OnClick
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.dashboard.scene.robot_overlays import RobotOverlays
-from tsd_twin.dashboard.scene.robot_visual import BatchedRobotMeshes, RobotSource, RobotVisual
+from tsd_twin.dashboard.scene.robot_visual import BatchedRobotMeshes, RobotVisual, VisualSource
 from tsd_twin.lie import Array
 
 _LETTER_ADVANCE = 0.75
@@ -180,7 +180,7 @@ class Scene:
         x, y, _ = self._world.position
         return float(x), float(y)
 
-    def add(self, link: RobotSource) -> None:
+    def add(self, link: VisualSource) -> None:
         """Add a robot, or replace the one with the same id; new meshes take a second."""
         key = msgspec.json.encode(link.robot)
         shape = robot_shape(link.robot)  # Slow for a new robot, so outside the lock.

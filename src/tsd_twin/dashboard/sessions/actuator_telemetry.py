@@ -23,7 +23,7 @@ from tsd_twin.lie import SO3, Array, wrap
 from tsd_twin.messages.cdr import Odometry
 from tsd_twin.robots import (
     RPM,
-    ImportedDescription,
+    ExternalDescription,
     OmniDescription,
     RobotDescription,
     SingularityDescription,
@@ -43,7 +43,7 @@ class ActuatorTelemetry(Protocol):
         ...
 
 
-MIN_SPIN_SHARE = 0.01
+MIN_SPEED_FRACTION = 0.01
 """A wheel that turns with less than this share of its cruising speed is shown as at rest."""
 _ROUNDING = 1e-6
 
@@ -69,7 +69,7 @@ class GimbalTelemetry:
             "wheel_speed_limits": WheelSpeedLimits(
                 least_rpm=math.ceil(speeds.least_rad_per_s / RPM - _ROUNDING),
                 most_rpm=math.floor(speeds.most_rad_per_s / RPM + _ROUNDING),
-                usual_rpm=round(self._drive.spin_rad_per_s / RPM),
+                default_rpm=round(self._drive.spin_rad_per_s / RPM),
                 wheel_radius_m=self._drive.wheel_radius_m,
                 servo_step_deg=math.degrees(speeds.servo_step_rad),
             ),
@@ -82,7 +82,7 @@ class GimbalTelemetry:
         tilt = np.degrees(self._drive.tilt(joints))
         radius_mm = 1000.0 * self._drive.effective_radius_m(joints)
         axles, wanted_axles = self._axles(joints), self._axles(setpoint)
-        slow = MIN_SPIN_SHARE * self._drive.spin_rad_per_s
+        slow = MIN_SPEED_FRACTION * self._drive.spin_rad_per_s
         modules = [
             GimbalState(
                 alpha=round(float(degrees[i, 0]), 2),
@@ -90,8 +90,8 @@ class GimbalTelemetry:
                 tilt=round(float(tilt[i]), 2),
                 radius_mm=round(float(radius_mm[i]), 2),
                 rpm=round(float(measured[i, 2]) / RPM),
-                set_alpha=round(float(wanted_degrees[i, 0]), 2),
-                set_beta=round(float(wanted_degrees[i, 1]), 2),
+                alpha_setpoint=round(float(wanted_degrees[i, 0]), 2),
+                beta_setpoint=round(float(wanted_degrees[i, 1]), 2),
                 axle=(round(float(axles[i, 0]), 4), round(float(axles[i, 1]), 4)),
                 set_axle=(round(float(wanted_axles[i, 0]), 4), round(float(wanted_axles[i, 1]), 4)),
                 spinning=bool(abs(measured[i, 2]) > slow),
@@ -143,7 +143,7 @@ def wheel_states(
     return [
         WheelState(
             rpm=round(float(joints[i]) / RPM, 1),
-            set_rpm=round(float(setpoint[i]) / RPM, 1),
+            rpm_setpoint=round(float(setpoint[i]) / RPM, 1),
             residual_mps=round(float(residual[i]), 4),
         )
         for i in range(len(joints))
@@ -164,7 +164,7 @@ def _planar_difference(snapshot: Snapshot) -> EstimateDifference | None:
 class TwistTelemetry:
     """Telemetry of robots that follow a twist: what cannot be promised for them."""
 
-    def __init__(self, robot: ImportedDescription) -> None:
+    def __init__(self, robot: ExternalDescription) -> None:
         self._robot = robot
 
     def info(self) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from tsd_twin.dashboard.wire.to_page import StudentWheel
 from tsd_twin.lie import Array
 from tsd_twin.registry import KindTable
 from tsd_twin.robots import (
-    ImportedDescription,
+    ExternalDescription,
     OmniDescription,
     RobotDescription,
     SingularityDescription,
@@ -33,7 +33,7 @@ from tsd_twin.robots import (
 
 
 @dataclass(frozen=True, slots=True)
-class Knob:
+class TunableParameter:
     """A tunable number of a description, or the same number for each entry of a list."""
 
     key: str
@@ -46,35 +46,39 @@ class Knob:
     step: float
 
 
-_WHEEL_RADIUS = Knob("drive.wheel_radius_m", "Wheel radius", "m", 0.01, 0.2, 0.001)
+_WHEEL_RADIUS = TunableParameter("drive.wheel_radius_m", "Wheel radius", "m", 0.01, 0.2, 0.001)
 _GEARED_MOTOR = (
-    Knob("motor.gear_ratio", "Gear ratio", "", 1.0, 60.0, 0.1),
-    Knob("motor.no_load_speed_rpm", "Motor speed, no load", "rpm", 500.0, 15000.0, 100.0),
+    TunableParameter("motor.gear_ratio", "Gear ratio", "", 1.0, 60.0, 0.1),
+    TunableParameter(
+        "motor.no_load_speed_rpm", "Motor speed, no load", "rpm", 500.0, 15000.0, 100.0
+    ),
 )
 SINGULARITY_KNOBS = (
-    Knob("drive.pivot_radius_m", "Pivot radius", "m", 0.05, 0.6, 0.005),
+    TunableParameter("drive.pivot_radius_m", "Pivot radius", "m", 0.05, 0.6, 0.005),
     _WHEEL_RADIUS,
-    Knob("drive.max_tilt_deg", "Tilt limit", "°", 2.0, 60.0, 1.0),
-    Knob("drive.cruise_speed_rpm", "Drive speed", "rpm", 500.0, 15000.0, 50.0),
-    Knob("drive.azimuths_deg.*", "Azimuth {}", "°", -360.0, 360.0, 5.0),
+    TunableParameter("drive.max_tilt_deg", "Tilt limit", "°", 2.0, 60.0, 1.0),
+    TunableParameter("drive.cruise_speed_rpm", "Drive speed", "rpm", 500.0, 15000.0, 50.0),
+    TunableParameter("drive.azimuths_deg.*", "Azimuth {}", "°", -360.0, 360.0, 5.0),
 )
 """Tunable parameters of a singularity drive."""
 OMNI_KNOBS = (
     _WHEEL_RADIUS,
     *_GEARED_MOTOR,
-    Knob("drive.wheels.*.x_m", "Wheel {} forward", "m", -0.6, 0.6, 0.01),
-    Knob("drive.wheels.*.y_m", "Wheel {} left", "m", -0.6, 0.6, 0.01),
-    Knob("drive.wheels.*.direction_deg", "Wheel {} direction", "°", -360.0, 360.0, 5.0),
-    Knob("drive.wheels.*.roller_deg", "Wheel {} roller", "°", -80.0, 80.0, 5.0),
+    TunableParameter("drive.wheels.*.x_m", "Wheel {} forward", "m", -0.6, 0.6, 0.01),
+    TunableParameter("drive.wheels.*.y_m", "Wheel {} left", "m", -0.6, 0.6, 0.01),
+    TunableParameter("drive.wheels.*.direction_deg", "Wheel {} direction", "°", -360.0, 360.0, 5.0),
+    TunableParameter("drive.wheels.*.roller_deg", "Wheel {} roller", "°", -80.0, 80.0, 5.0),
 )
 """Tunable parameters of a platform on wheels with rollers."""
 SPHERE_KNOBS = (
-    Knob("drive.sphere_radius_m", "Sphere radius", "m", 0.05, 0.6, 0.005),
+    TunableParameter("drive.sphere_radius_m", "Sphere radius", "m", 0.05, 0.6, 0.005),
     _WHEEL_RADIUS,
     *_GEARED_MOTOR,
-    Knob("drive.wheels.*.azimuth_deg", "Wheel {} azimuth", "°", -360.0, 360.0, 5.0),
-    Knob("drive.wheels.*.below_equator_deg", "Wheel {} below equator", "°", -80.0, 80.0, 5.0),
-    Knob("drive.wheels.*.turn_deg", "Wheel {} turn", "°", -180.0, 180.0, 5.0),
+    TunableParameter("drive.wheels.*.azimuth_deg", "Wheel {} azimuth", "°", -360.0, 360.0, 5.0),
+    TunableParameter(
+        "drive.wheels.*.below_equator_deg", "Wheel {} below equator", "°", -80.0, 80.0, 5.0
+    ),
+    TunableParameter("drive.wheels.*.turn_deg", "Wheel {} turn", "°", -180.0, 180.0, 5.0),
 )
 """Tunable parameters of a sphere on wheels."""
 
@@ -87,7 +91,7 @@ class RobotView:
     """Label of the panel tab that shows the actuators."""
     telemetry: Callable[[Any], ActuatorTelemetry]
     """Class or factory of the actuator telemetry, called with the description."""
-    knobs: tuple[Knob, ...] = ()
+    knobs: tuple[TunableParameter, ...] = ()
     """Description numbers offered in the Student tab."""
     student_wheels: Callable[[Any, Array], list[StudentWheel]] = no_wheels
     """Wheels at a twist (3,), for the Student tab."""
@@ -101,7 +105,7 @@ _VIEWS = KindTable(
         ),
         OmniDescription: RobotView("Wheels", WheelTelemetry, OMNI_KNOBS, roller_wheels),
         SphereDescription: RobotView("Sphere", SphereTelemetry, SPHERE_KNOBS, sphere_wheels),
-        ImportedDescription: RobotView("ROS", TwistTelemetry),
+        ExternalDescription: RobotView("ROS", TwistTelemetry),
     },
     lambda kind: None if kind.view is None else RobotView(_JOINTS.label, kind.view),
     _JOINTS,

@@ -6,9 +6,9 @@ import re
 from dataclasses import dataclass
 
 from tsd_twin.errors import TwinError
-from tsd_twin.security import LONGEST, Identity, Login, Role, User
+from tsd_twin.security import LONGEST, BusIdentity, Login, Role, User
 
-DEFAULT_IDENTITY = Identity("web", Role.OPERATOR)
+DEFAULT_IDENTITY = BusIdentity("web", Role.OPERATOR)
 """Bus identity of a dashboard without a certificate."""
 
 
@@ -16,7 +16,7 @@ DEFAULT_IDENTITY = Identity("web", Role.OPERATOR)
 class Principal:
     """Bus identity, stop permission and login of a request."""
 
-    identity: Identity
+    identity: BusIdentity
     """Operator identity on the bus."""
     may_stop: bool
     login: Login | None = None
@@ -33,7 +33,7 @@ class Principal:
         return None if self.login is None else self.login.user.name
 
 
-def bus_identity_of(user: User, owner: Identity) -> Identity:
+def bus_identity_of(user: User, owner: BusIdentity) -> BusIdentity:
     """Return the bus identity for a user of `owner`'s dashboard, with at most the owner's rights.
 
     With a certificate, the name is `<owner>-<user>`, because access rules let a dashboard use its
@@ -43,11 +43,11 @@ def bus_identity_of(user: User, owner: Identity) -> Identity:
         TwinError: If the combined name is too long.
     """
     if owner == DEFAULT_IDENTITY:
-        return Identity(user.name, user.role)
+        return BusIdentity(user.name, user.role)
     name = f"{owner.name}-{user.name}"
     if len(name) > LONGEST:
         raise TwinError(f"'{name}' is too long for the bus: {LONGEST} characters are left for both")
-    return Identity(name, user.role if owner.role is Role.OPERATOR else Role.VIEWER)
+    return BusIdentity(name, user.role if owner.role is Role.OPERATOR else Role.VIEWER)
 
 
 _TYPED_NAME = re.compile(r"[a-z0-9_][a-z0-9_-]*")

@@ -63,7 +63,7 @@ from tsd_twin.messages.errors import MessageError, rejection
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.sentences import full_sentence
 from tsd_twin.messages.services import Reply
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.messages.topics import Service
 from tsd_twin.security import Role
 
@@ -225,7 +225,7 @@ class Session(PageSession):
     def _move(self) -> None:
         message, self._motion = self._motion, None
         if message is not None:
-            self.send_queue.acknowledge(message.seen)
+            self.send_queue.acknowledge(message.status_seq)
             self._try(message)
 
     def _try(self, message: PageMessage) -> None:
@@ -292,7 +292,7 @@ class Session(PageSession):
                 if not was_shown:
                     self.send_map_lines(trails=True)
             case LookBack():
-                self._ago_s = message.ago_s
+                self._ago_s = message.history_offset_s
                 self._show_past()
             case ShowShadow():
                 self._shows_shadow = message.on
@@ -314,7 +314,7 @@ class Session(PageSession):
 
     def _on_heartbeat(self, message: PageHeartbeat) -> None:
         self._lease_client.on_heartbeat()
-        self.send_queue.acknowledge(message.seen)
+        self.send_queue.acknowledge(message.status_seq)
         self._send(HeartbeatReply(sent_ms=message.sent_ms))
         if not message.focus:
             self._teleop.release(because(Code.PAGE_NOT_IN_FRONT))
@@ -350,7 +350,7 @@ class Session(PageSession):
                 lease_client.start_request("lease", lease_client.withdraw())
             case "grant" | "deny":
                 lease_client.start_request(
-                    "lease", lease_client.answer_request(message.op, message.asker)
+                    "lease", lease_client.answer_request(message.op, message.requester)
                 )
 
     def select_robot(self, robot_id: str) -> None:
@@ -381,7 +381,7 @@ class Session(PageSession):
 
     # Messages from the robot.
 
-    def decide(self, status: Status) -> None:
+    def decide(self, status: RobotStatus) -> None:
         """Handle a new status of the selected robot, before it is shown."""
         if self.robot_id is None:
             return
@@ -400,14 +400,14 @@ class Session(PageSession):
         held = self._lease_client.lease is not None
         state = msgspec.structs.replace(
             state,
-            you=held and state.status.lease.holder == self._operator,
+            has_control=held and state.status.lease.holder == self._operator,
             route=self._teleop.navigation.route_state,
             plot=self._plot_values(),
             map=self._map_data.state(self.robot_id or "") if self._shows_map else None,
             past=self._show_past(),
             shadow=self._directory.shadow(self.robot_id) if self._shows_shadow else None,
         )
-        self.send_queue.put_state(state.seen, encode_message(state))
+        self.send_queue.put_state(state.status_seq, encode_message(state))
 
     def _show_past(self) -> PastState | None:
         """Draw the past state of the robot, if requested, and return it."""

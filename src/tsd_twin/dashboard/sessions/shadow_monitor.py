@@ -18,7 +18,7 @@ from tsd_twin.messages.topics import ODOM, STATUS, Topic
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
 from tsd_twin.simulation import plants_of
 
-LINGER_S = 10.0
+IDLE_TIMEOUT_S = 10.0
 """Time a twin keeps running after it was last shown, because a new one needs seconds to warm up."""
 _PERIOD_S = 0.1
 _DEPTH = 64
@@ -85,7 +85,7 @@ class ShadowMonitor:
             statuses = subscribed(STATUS)
             streams = {name: subscribed(topic) for name, topic in STREAMS.items()}
             while not self._ending.wait(_PERIOD_S):
-                if time.monotonic() - self._asked_s > LINGER_S:
+                if time.monotonic() - self._asked_s > IDLE_TIMEOUT_S:
                     return
                 if (sample := statuses.newest()) is not None:
                     feed.status = _decoded(link, STATUS, sample) or feed.status

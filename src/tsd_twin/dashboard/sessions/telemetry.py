@@ -16,7 +16,7 @@ from tsd_twin.dashboard.wire.to_page import RobotInfo, RobotState, SpeedLimits, 
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import JointState, Odometry
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 
 SPEED_LEVELS_PERCENT = (20, 50, 80, 100)
 """Selectable speeds in percent of the limits."""
@@ -57,7 +57,7 @@ class RobotTelemetry:
     def state(
         self,
         snapshot: Snapshot,
-        status: Status,
+        status: RobotStatus,
         now_s: float,
         *,
         mode_age_s: float,
@@ -72,15 +72,15 @@ class RobotTelemetry:
         if joints is not None and setpoint is not None:
             figures = self._actuators.state(joints, setpoint, snapshot)
         return RobotState(
-            seen=snapshot.status_seq,
+            status_seq=snapshot.status_seq,
             robot_s=round(snapshot.status_robot_s, 6),
             age_ms=round(1000.0 * (now_s - snapshot.received_s), 1),
             source=snapshot.source,
             status=status,
             mode_age_s=round(mode_age_s, 1),
-            you=False,
-            robot_ms=_milliseconds(typical_s),
-            robot_jitter_ms=_milliseconds(jitter_s),
+            has_control=False,
+            rtt_ms=_milliseconds(typical_s),
+            rtt_jitter_ms=_milliseconds(jitter_s),
             pose=self._planar_pose(odom),
             twist=rounded(odom.twist) if odom else None,
             commanded=self._commanded(setpoint, joints),

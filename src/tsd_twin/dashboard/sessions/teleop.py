@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, TypeAlias
 
 from tsd_twin.client import ClientError
-from tsd_twin.client.protocol import REST
+from tsd_twin.client.protocol import ZERO_TWIST
 from tsd_twin.dashboard.sessions.lease import Lease, LeaseClient, reason_of
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
 from tsd_twin.dashboard.wire.from_page import (
@@ -28,7 +28,7 @@ from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.modes import Mode
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.motion.tracking import ExecutionPhase
 
 COMMAND_TIMEOUT_S = 0.2
@@ -162,7 +162,7 @@ class TeleopController:
         self.release(must_recentre=False)
         self.navigation.clear()
 
-    def decide(self, robot_id: str, status: Status) -> None:
+    def decide(self, robot_id: str, status: RobotStatus) -> None:
         """Handle a new status: release controls if the robot no longer moves, and plan at rest."""
         if status.mode not in DRIVABLE_MODES:
             self.release(status.why_no_drive)
@@ -198,7 +198,7 @@ class TeleopController:
                     self.release()  # The page sees the arrival and also releases.
                     return
                 twist, frame = step.twist.tolist(), BASE
-            self._send(lease, twist, frame, message.seen)
+            self._send(lease, twist, frame, message.status_seq)
         except (PathError, ClientError) as error:
             self.release(reason_of(error))
             return
@@ -224,7 +224,7 @@ class TeleopController:
         protocol = lease.protocol
         if not protocol.has_lease or (first is not None and protocol.has_counted(first)):
             return
-        number = self._send(lease, REST, BASE, lease.link.snapshot.status_seq)
+        number = self._send(lease, ZERO_TWIST, BASE, lease.link.snapshot.status_seq)
         if left > 0:
             again = partial(self._send_zero, lease, left - 1, number if first is None else first)
             self._zeros = asyncio.get_running_loop().call_later(ZERO_PERIOD_S, again)

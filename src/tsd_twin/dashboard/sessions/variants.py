@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 import tomlkit
 
-from tsd_twin.dashboard.sessions.kinds import Knob, view_of
+from tsd_twin.dashboard.sessions.kinds import TunableParameter, view_of
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import RobotDescription, load_robot, read_description, robot_names
 from tsd_twin.robots.loader import description_of_tables
@@ -33,7 +33,7 @@ def base_robot(name: str) -> RobotDescription:
     return _base(name)
 
 
-def knobs_of(robot: RobotDescription) -> dict[str, tuple[Knob, str, float]]:
+def knobs_of(robot: RobotDescription) -> dict[str, tuple[TunableParameter, str, float]]:
     """Return a robot's tunable parameters by key, each with label and value."""
     tables = msgspec.to_builtins(robot)
     return {
@@ -91,7 +91,7 @@ def _check_changes(robot: RobotDescription, changes: Mapping[str, float]) -> Map
     return changes
 
 
-def _places(knob: Knob, tables: Any) -> Iterator[tuple[str, str]]:
+def _places(knob: TunableParameter, tables: Any) -> Iterator[tuple[str, str]]:
     """Yield the key of each number in `tables`, and its label."""
     before, star, after = knob.key.partition("*")
     if not star:

@@ -2,8 +2,8 @@
 
 import { Button } from "./button.js";
 import { el, setText } from "./dom.js";
-import { known } from "./link.js";
-import { notStop, WATCHES, watches } from "./permission.js";
+import { assertDefined } from "./link.js";
+import { stopBlockedReason, READ_ONLY, isReadOnly } from "./blocked_reasons.js";
 
 const ASK_MS = 2000;
 
@@ -22,13 +22,13 @@ export class Account {
   }
 
   _draw() {
-    const { user } = known(this._link.welcome);
+    const { user } = assertDefined(this._link.welcome);
     this.element.hidden = user === null;
     setText(this._user, user ?? "");
-    this._frame.toggleAttribute("data-watches", watches(this._link));
-    this._frame.toggleAttribute("data-cannot-stop", notStop(this._link) !== null);
-    this.watching.hidden = !watches(this._link);
-    setText(this.watching, notStop(this._link) ?? WATCHES);
+    this._frame.toggleAttribute("data-watches", isReadOnly(this._link));
+    this._frame.toggleAttribute("data-cannot-stop", stopBlockedReason(this._link) !== null);
+    this.watching.hidden = !isReadOnly(this._link);
+    setText(this.watching, stopBlockedReason(this._link) ?? READ_ONLY);
   }
 
   async _logOut() {

@@ -16,14 +16,14 @@
   // fewer pixels. Sent to viser's side in the socket address as one word, because its client does
   // not escape the address.
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  const plain = drawsInSoftware();
-  socket.searchParams.set("look", `${dark ? "dark" : "light"}-${plain ? "plain" : "rich"}`);
+  const lowDetail = drawsInSoftware();
+  socket.searchParams.set("look", `${dark ? "dark" : "light"}-${lowDetail ? "plain" : "rich"}`);
 
   // viser's client reads these from the address at startup and may write them back later.
   const start = new URL(location.href);
   const given = ["websocket"];
   start.searchParams.set("websocket", socket.href);
-  if (plain && !start.searchParams.has("fixedDpr")) {
+  if (lowDetail && !start.searchParams.has("fixedDpr")) {
     given.push("fixedDpr");
     start.searchParams.set("fixedDpr", sharpness().toFixed(2));
   }
@@ -42,7 +42,7 @@
   const hasFocus = document.hasFocus.bind(document);
   document.hasFocus = () => true;
 
-  window.tsd = Object.freeze({ page: id, hasFocus, plain, recording });
+  window.tsd = Object.freeze({ page: id, hasFocus, lowDetail, recording });
 
   function drawsInSoftware() {
     const context = document.createElement("canvas").getContext("webgl2");

@@ -1,7 +1,7 @@
 // Buttons that show a reason while disabled, and the tooltip.
 
 import { el, setAttribute, setText } from "./dom.js";
-import { known } from "./link.js";
+import { assertDefined } from "./link.js";
 
 const GAP_PX = 8;
 const DELAY_MS = 400;
@@ -46,7 +46,7 @@ class Tooltip {
       return;
     }
     setText(this.element, text);
-    const frame = known(this.element.parentElement).getBoundingClientRect();
+    const frame = assertDefined(this.element.parentElement).getBoundingClientRect();
     const target = node.getBoundingClientRect();
     const own = this.element.getBoundingClientRect();
     const left = target.left + target.width / 2 - own.width / 2 - frame.left;
@@ -89,10 +89,10 @@ export class Button {
   }
 
   /** Change the label and tip. @param {string} label @param {string} tip */
-  become(label, tip) {
+  setLabel(label, tip) {
     setText(this._label, label);
     this._tip = tip;
-    this.allow(this.reason);
+    this.setDisabledReason(this.reason);
   }
 
   /** Current label. */
@@ -101,7 +101,7 @@ export class Button {
   }
 
   /** Enable the button with null, or disable it with a reason. @param {string | null} reason */
-  allow(reason) {
+  setDisabledReason(reason) {
     this.reason = reason;
     setAttribute(this.button, "aria-disabled", reason === null ? null : "true");
     setText(this._why, reason ?? this._tip);

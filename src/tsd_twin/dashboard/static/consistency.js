@@ -2,7 +2,7 @@
 
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
-import { known } from "./link.js";
+import { assertDefined } from "./link.js";
 
 const FULL_MPS = 0.1; // End of the bar.
 const READ_MS = 4000; // Minimum duration of a warning after its cause ends.
@@ -70,7 +70,7 @@ export class ConsistencyWarning {
     const { suspect } = state.status.consistency;
     if (suspect === null) return;
     this._untilMs = performance.now() + READ_MS;
-    const { name, reason } = describeSuspect(known(this._link.robot), state, suspect);
+    const { name, reason } = describeSuspect(assertDefined(this._link.robot), state, suspect);
     setText(
       this._what,
       `${name} ${reason === null ? "contradicts the others" : "does not follow"}`,
@@ -101,9 +101,10 @@ function describeSuspect(robot, state, suspect) {
 /** @param {GimbalState | undefined} module @param {string} mode */
 function gimbalError(module, mode) {
   if (module === undefined) return null;
-  const [alpha, beta] = [module.alpha - module.set_alpha, module.beta - module.set_beta].map(
-    Math.abs,
-  );
+  const [alpha, beta] = [
+    module.alpha - module.alpha_setpoint,
+    module.beta - module.beta_setpoint,
+  ].map(Math.abs);
   const off = Math.max(alpha, beta);
   if (off < OFF_DEG) return null;
   const end = SHUT_OFF.has(mode)

@@ -1,19 +1,19 @@
 // Maps controls to commands. Each motion source (stick, turn slider, keys, gamepad, panel) has
 
 import { kindOf } from "./kinds.js";
-import { known } from "./link.js";
-import { LATCHED, notStop, whyNotDrive } from "./permission.js";
-import { againNotice, isToldElsewhere, notice } from "./reasons.js";
+import { assertDefined } from "./link.js";
+import { LATCHED, stopBlockedReason, whyNotDrive } from "./blocked_reasons.js";
+import { retryNotice, isToldElsewhere, notice } from "./reasons.js";
 import { noteMotion } from "./reload_note.js";
 
-/** @typedef {import("./permission.js").Refusal} Refusal */
+/** @typedef {import("./blocked_reasons.js").Refusal} Refusal */
 /** @typedef {import("./reasons.js").Notice} Notice */
 
 /** Whether the robot moves or is stopping. @param {RobotState} state */
 const isMoving = ({ status }) => status.mode === "driving" || status.mode === "stopping";
 
 const PERIOD_MS = 20;
-const LEAST_MS = 9.5; // Timers may fire a few tenths of a millisecond early.
+const MIN_SEND_INTERVAL_MS = 9.5; // Timers may fire a few tenths of a millisecond early.
 const STOP_RETRY_MS = 200;
 const STOP_CONFIRM_MS = 600;
 const STOP_RETRY_LIMIT_MS = 5000;
@@ -44,14 +44,14 @@ export class Drive {
     const lost = notice("The connection is lost.");
     link.on("down", () => this.release(lost, false, () => !link.connected));
     link.on("released", ({ why }) => {
-      this.release(isToldElsewhere(why) ? null : againNotice(why), true);
+      this.release(isToldElsewhere(why) ? null : retryNotice(why), true);
     });
     link.on("reply", ({ to, ok }) => {
       if (to === "stop" && ok) this._confirmStop();
     });
     addEventListener("blur", () => this.release());
     addEventListener("pagehide", () => {
-      const moved = this.held || (link.state?.you && isMoving(link.state));
+      const moved = this.held || (link.state?.has_control && isMoving(link.state));
       this.release();
       if (moved) noteMotion();
     });
@@ -126,7 +126,7 @@ export class Drive {
 
   /** A control is held that cannot drive now: release it and say why. @param {Refusal} refusal */
   _refuse({ why, text }) {
-    const message = isToldElsewhere(why) ? null : againNotice(why, text);
+    const message = isToldElsewhere(why) ? null : retryNotice(why, text);
     this.release(message, false, this._isStill(why.code));
   }
 
@@ -162,7 +162,7 @@ export class Drive {
 
   /** Stop the robot immediately, in every state, retrying until acknowledged. */
   stop() {
-    const reason = notStop(this.link);
+    const reason = stopBlockedReason(this.link);
     if (reason !== null) {
       this.onMessage(notice(reason));
       return;
@@ -170,7 +170,7 @@ export class Drive {
     const now = performance.now();
     const doubted = this.stopUnconfirmed; // Keep an earlier alarm until a stop is confirmed.
     const before = this.link.state;
-    const latchedAt = before && LATCHED.has(before.status.mode) ? before.seen : null;
+    const latchedAt = before && LATCHED.has(before.status.mode) ? before.status_seq : null;
     this._stop = { robot: this.link.robot?.id, sinceMs: now, sentMs: now, doubted, latchedAt };
     this.link.send({ t: "stop" });
     this.release();
@@ -200,9 +200,9 @@ export class Drive {
       return;
     }
     const now = performance.now();
-    if (now - this._sentMs < LEAST_MS) return;
+    if (now - this._sentMs < MIN_SEND_INTERVAL_MS) return;
     this._sentMs = now;
-    this.link.send({ ...this._command, seen: known(this.link.state).seen });
+    this.link.send({ ...this._command, status_seq: assertDefined(this.link.state).status_seq });
   }
 
   /** @returns {DriveCommand | FollowPlan} */
@@ -228,7 +228,7 @@ export class Drive {
    * while its state was in flight. Its reply confirms the stop, or a state well after it.
    * @param {RobotState} state
    */
-  _isOld({ seen }) {
+  _isOld({ status_seq: seen }) {
     const latchedAt = this._stop?.latchedAt ?? null;
     return latchedAt !== null && seen >= latchedAt && seen - latchedAt < STATES_IN_FLIGHT;
   }

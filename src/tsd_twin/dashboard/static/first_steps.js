@@ -4,9 +4,9 @@
 import { Button } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { kindOf } from "./kinds.js";
-import { known } from "./link.js";
+import { assertDefined } from "./link.js";
 import { keep, recall } from "./memory.js";
-import { watches } from "./permission.js";
+import { isReadOnly } from "./blocked_reasons.js";
 
 const KEY = "tsd.hints";
 const DONE_MS = 4000; // Time for which the last tick stays visible.
@@ -22,17 +22,17 @@ const STEPS = [
       status.lease.holder === null
         ? "One operator drives at a time."
         : "Ask for control: one operator drives at a time.",
-    done: ({ you }) => you,
+    done: ({ has_control: drives }) => drives,
   },
   {
     name: "Arm",
     hint: (robot) => kindOf(robot).armHint,
-    done: ({ you, status }) => you && ARMED.has(status.mode),
+    done: ({ has_control: drives, status }) => drives && ARMED.has(status.mode),
   },
   {
     name: "Drive",
     hint: () => "Push the stick, or hold W A S D or Q E. Let go and the robot stops.",
-    done: ({ you, status }) => you && status.mode === "driving",
+    done: ({ has_control: drives, status }) => drives && status.mode === "driving",
   },
   {
     name: "Stop",
@@ -89,9 +89,9 @@ export class FirstSteps {
 
   _draw() {
     const { state, robot } = this._link;
-    this.element.hidden = !this._isOpen || this._link.isStale() || watches(this._link);
+    this.element.hidden = !this._isOpen || this._link.isStale() || isReadOnly(this._link);
     if (this.element.hidden) return;
-    while (this._at < STEPS.length && STEPS[this._at].done(known(state))) this._at += 1;
+    while (this._at < STEPS.length && STEPS[this._at].done(assertDefined(state))) this._at += 1;
     this._items.forEach(({ tick, item }, i) => {
       const isDone = i < this._at;
       if (item.hasAttribute("data-done") !== isDone) tick.replaceChildren(mark(isDone));
@@ -99,7 +99,10 @@ export class FirstSteps {
       setAttribute(item, "aria-current", i === this._at ? "step" : null);
     });
     const isOver = this._at === STEPS.length;
-    setText(this._hint, isOver ? "That is all." : STEPS[this._at].hint(robot, known(state)));
+    setText(
+      this._hint,
+      isOver ? "That is all." : STEPS[this._at].hint(robot, assertDefined(state)),
+    );
     if (isOver) this._timer ||= setTimeout(() => this._close(), DONE_MS);
   }
 }

@@ -3,7 +3,7 @@
 import { ConsistencyMeter } from "./consistency.js";
 import { el, isVisible, legend, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
-import { known } from "./link.js";
+import { assertDefined } from "./link.js";
 import { enlargeModule } from "./module_inset.js";
 
 const REACH = 40; // Radius of the tilt limit in the drawing.
@@ -30,13 +30,13 @@ export class Gimbals {
     this._waiting.hidden = robot !== null;
     this._all.hidden = robot === null;
     if (robot === null) return;
-    this._dials = robot.modules.map((_, i) => new Dial(i + 1, known(robot.max_tilt_deg)));
+    this._dials = robot.modules.map((_, i) => new Dial(i + 1, assertDefined(robot.max_tilt_deg)));
     this._list.replaceChildren(...this._dials.map((dial) => dial.element));
   }
 
   _show() {
-    const { modules, status } = known(this._link.state);
-    const names = known(this._link.robot).modules;
+    const { modules, status } = assertDefined(this._link.state);
+    const names = assertDefined(this._link.robot).modules;
     modules.forEach((module, i) =>
       this._dials[i]?.show(module, names[i] === status.consistency.suspect),
     );

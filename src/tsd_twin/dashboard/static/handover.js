@@ -20,11 +20,11 @@ export class HandOver {
     this._text = el("strong");
     this._then = el("span.then");
     this._count = el("span.number", { "aria-hidden": "true" });
-    this._grant = new Button("Hand over", () => this._send("grant", { asker: this._asker }), {
+    this._grant = new Button("Hand over", () => this._send("grant", { requester: this._asker }), {
       tip: "The robot comes to rest first",
       kind: "primary",
     });
-    this._keep = new Button("Keep control", () => this._send("deny", { asker: this._asker }), {
+    this._keep = new Button("Keep control", () => this._send("deny", { requester: this._asker }), {
       tip: "You drive on",
     });
     this._withdraw = new Button("Withdraw", () => this.withdraw(), {
@@ -60,7 +60,7 @@ export class HandOver {
 
   /** Whether this page has requested control and waits for a response. */
   get waits() {
-    const asker = this._link.state?.status.lease.asked_by ?? null;
+    const asker = this._link.state?.status.lease.requested_by ?? null;
     return asker !== null && asker === this._link.welcome?.operator;
   }
 
@@ -113,12 +113,12 @@ export class HandOver {
     const lease = state?.status.lease ?? null;
     if (this._askedFrom !== null && lease?.holder !== this._askedFrom) {
       this._askedFrom = null; // The holder has changed, so ask again.
-      this._notices.unask();
+      this._notices.dismissPrompt();
     }
-    const asked = this._link.connected && (lease?.asked_by ?? null) !== null;
-    const holds = asked && state?.you === true;
+    const asked = this._link.connected && (lease?.requested_by ?? null) !== null;
+    const holds = asked && state?.has_control === true;
     this._card.hidden = !(holds || (asked && this.waits));
-    const asker = lease?.asked_by ?? "";
+    const asker = lease?.requested_by ?? "";
     this._asker = asker || null;
     if (this._card.hidden || lease === null) {
       setText(this._said, "");
@@ -134,7 +134,7 @@ export class HandOver {
         : `You have asked ${nameOf(lease.holder ?? "")} for control.`,
     );
     setText(this._then, holds ? "You drive on until you hand over." : "Waiting for the answer.");
-    setText(this._count, `${Math.ceil(lease.asks_for_s)} s`);
+    setText(this._count, `${Math.ceil(lease.request_expires_in_s)} s`);
     setText(this._said, `${this._text.textContent} ${this._then.textContent}`);
   }
 }

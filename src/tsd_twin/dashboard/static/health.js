@@ -3,7 +3,7 @@
 import { el, isVisible, setText } from "./dom.js";
 import { clock, fixed } from "./format.js";
 import { sentence, words } from "./reasons.js";
-import { known } from "./link.js";
+import { assertDefined } from "./link.js";
 import { quantityOf } from "./plot_fields.js";
 
 /** @type {Record<string, string>} */
@@ -43,7 +43,7 @@ export class Health {
     link.on("state", (state) => this._showIf(isVisible(place.host), state), signal);
     link.on("up", () => (this._isShown = false), signal);
     signal.addEventListener("abort", () => this._request(false));
-    link.on("event", () => this._add(known(link.history.at(-1) ?? null)), signal);
+    link.on("event", () => this._add(assertDefined(link.history.at(-1) ?? null)), signal);
     link.on("robot", () => this._log.replaceChildren(), signal);
     for (const event of link.history) this._add(event);
   }
@@ -88,7 +88,7 @@ export class Health {
     }
     for (const [title, rows] of tables) {
       for (const [name, value] of Object.entries(rows)) {
-        const cell = known(this._cells.get(`${title} ${name}`) ?? null);
+        const cell = assertDefined(this._cells.get(`${title} ${name}`) ?? null);
         setText(cell, value);
         const isAccused = name === "suspect" || name.startsWith(`· ${suspect} `);
         const isOutside = title === SHADOW && value.endsWith(OUTSIDE);
@@ -110,9 +110,9 @@ export class Health {
 }
 
 /** @type {(link: Link, state: RobotState) => Sections} */
-function sections(link, { status, age_ms: age, robot_ms: robot, shadow }) {
+function sections(link, { status, age_ms: age, rtt_ms: robot, shadow }) {
   const { loop, command, lease, limits, consistency, pose_sensor: poses, learned } = status;
-  const explained = Object.entries(consistency.explained).map(([name, level]) => [
+  const explained = Object.entries(consistency.contributions).map(([name, level]) => [
     `· ${called(name)} explains`,
     times(level),
   ]);
@@ -137,7 +137,9 @@ function sections(link, { status, age_ms: age, robot_ms: robot, shadow }) {
       "states lost": `${fixed(100 * link.lost, 1)} %`,
       "age of the state": `${fixed(age, 0)} ms`,
     },
-    Page: { "scene drawn by": window.tsd.plain ? "the processor, slowly" : "the graphics card" },
+    Page: {
+      "scene drawn by": window.tsd.lowDetail ? "the processor, slowly" : "the graphics card",
+    },
     Commands: {
       accepted: String(command.accepted),
       "round trip": milliseconds(command.echo_s),
@@ -199,7 +201,7 @@ function times(level) {
 }
 
 /** Rows of the pose sensor, such as a camera. @param {PoseSensorStatus} sensor */
-function seen({ hz, late_s: late, used, found, dropped }) {
+function seen({ hz, latency_s: late, used, found, dropped }) {
   return {
     "in use": hz > 0 ? `${fixed(hz, 0)} Hz, ${fixed(1000 * (late ?? NaN), 0)} ms late` : "none now",
     used: String(used),
@@ -219,11 +221,13 @@ const UNITS = [
 
 /**
  * Rows of the biases, each with its standard deviation.
- * @param {Record<string, LearnedError>} learned
+ * @param {Record<string, BiasStatus>} learned
  */
 function errors(learned) {
   const rows = Object.entries(learned).map(([name, { value, sigma }]) => {
-    const [end, factor, digits, unit] = known(UNITS.find(([last]) => name.endsWith(last)) ?? null);
+    const [end, factor, digits, unit] = assertDefined(
+      UNITS.find(([last]) => name.endsWith(last)) ?? null,
+    );
     const figures = [value, sigma].map((figure) => fixed(factor * figure, digits));
     return [name.slice(0, -end.length).replaceAll("_", " "), `${figures.join(" ± ")} ${unit}`];
   });

@@ -2,7 +2,7 @@
 
 import { el, isVisible, setText } from "./dom.js";
 import { fixed } from "./format.js";
-import { known } from "./link.js";
+import { assertDefined } from "./link.js";
 
 export class Imported {
   /** @param {Link} link @param {HTMLElement} place @param {AbortSignal} signal */
@@ -19,7 +19,10 @@ export class Imported {
   }
 
   _show() {
-    const [robot, { commanded, twist }] = [known(this._link.robot), known(this._link.state)];
+    const [robot, { commanded, twist }] = [
+      assertDefined(this._link.robot),
+      assertDefined(this._link.state),
+    ];
     if (this._built !== robot) this._build(robot);
     this._rows.forEach(({ set, now }, i) => {
       setText(set, fixed(commanded?.[i], 2));

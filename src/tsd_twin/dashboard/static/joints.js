@@ -2,7 +2,7 @@
 
 import { el, isVisible, setText } from "./dom.js";
 import { fixed } from "./format.js";
-import { known } from "./link.js";
+import { assertDefined } from "./link.js";
 
 export class Joints {
   /** @param {Link} link @param {HTMLElement} place @param {AbortSignal} signal */
@@ -17,7 +17,7 @@ export class Joints {
   }
 
   _show() {
-    const [robot, { joints }] = [known(this._link.robot), known(this._link.state)];
+    const [robot, { joints }] = [assertDefined(this._link.robot), assertDefined(this._link.state)];
     if (this._built !== robot) this._build(robot);
     this._rows.forEach(({ set, now }, i) => {
       setText(set, fixed(joints[i]?.setpoint, 2));

@@ -41,7 +41,7 @@ const twists = ({ twist_axes: axes }) =>
   ["commanded", "twist"].flatMap((twist) => axes.map(({ name }) => `${twist}.${name}`));
 /** @param {RobotInfo} robot */
 const wheelSpeeds = ({ wheels }) =>
-  ["set_rpm", "rpm"].flatMap((speed) => wheels.map((name) => `wheels.${name}.${speed}`));
+  ["rpm_setpoint", "rpm"].flatMap((speed) => wheels.map((name) => `wheels.${name}.${speed}`));
 const RESIDUAL = "status.consistency.residual_mps";
 const ROUND_TRIP = "link.round_trip_ms";
 

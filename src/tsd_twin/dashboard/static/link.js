@@ -25,7 +25,7 @@ function medianAndJitter(numbers) {
  * @param {T | null} value
  * @throws {TypeError} when it is null
  */
-export function known(value) {
+export function assertDefined(value) {
   if (value === null) throw new TypeError("a value is missing that the page relies on");
   return value;
 }
@@ -143,7 +143,7 @@ export class Link {
 
   /** Round trip from page to robot in ms, or null if unknown. */
   roundTripMs() {
-    const robotMs = this.state?.robot_ms ?? NaN;
+    const robotMs = this.state?.rtt_ms ?? NaN;
     if (!this.connected || this.pageMs === null || !Number.isFinite(robotMs)) return null;
     return this.pageMs + robotMs;
   }
@@ -151,7 +151,7 @@ export class Link {
   /** 95th percentile of the round trip minus its median in ms, or null if unknown. */
   jitterMs() {
     if (this.roundTripMs() === null) return null;
-    return (this.pageJitterMs ?? 0) + (this.state?.robot_jitter_ms ?? 0);
+    return (this.pageJitterMs ?? 0) + (this.state?.rtt_jitter_ms ?? 0);
   }
 
   /**
@@ -215,7 +215,7 @@ export class Link {
         socket?.close();
       } else {
         const focus = window.tsd.hasFocus() && document.visibilityState === "visible";
-        this.send({ t: "heartbeat", seen: this.state?.seen ?? 0, sent_ms: now, focus });
+        this.send({ t: "heartbeat", status_seq: this.state?.status_seq ?? 0, sent_ms: now, focus });
       }
     }
     this._emit("beat");
@@ -231,7 +231,7 @@ export class Link {
         this.state = message;
         this.stateMs = performance.now();
         this._loadingBeats = 0;
-        this._count(message.seen);
+        this._count(message.status_seq);
         break;
       case "robot":
         if (message.id !== this.robot?.id) this.stateMs = -Infinity;

@@ -8,7 +8,7 @@ import { kindOf } from "./kinds.js";
 import { drawMap } from "./map_drawing.js";
 import { MapTrails, MapView } from "./map_view.js";
 import { keep, recall } from "./memory.js";
-import { notPlan } from "./permission.js";
+import { planBlockedReason } from "./blocked_reasons.js";
 import { MIN_STEP_PX, thinned } from "./waypoints.js";
 
 const KEY = "tsd.map";
@@ -67,7 +67,7 @@ export class FloorMap {
     tooltip.attach(this.button, () => "View from above (M)");
     tooltip.attach(
       this._canvas,
-      () => notPlan(link) ?? "Click to plan a path there; drag to set the heading",
+      () => planBlockedReason(link) ?? "Click to plan a path there; drag to set the heading",
     );
     link.on("map_lines", ({ routes, trails }) => {
       this._routes = routes;

@@ -4,7 +4,7 @@
 import { Button } from "./button.js";
 import { el, icon, setText } from "./dom.js";
 import { duration } from "./format.js";
-import { notConnected } from "./permission.js";
+import { notConnected } from "./blocked_reasons.js";
 
 const SHOWN_MS = 6000;
 const READ_MS = 2000; // Minimum display time of a notice that is no longer true.
@@ -65,7 +65,7 @@ export class Notices {
   }
 
   /** Dismiss the question. */
-  unask() {
+  dismissPrompt() {
     this._question.replaceChildren();
   }
 
@@ -75,7 +75,7 @@ export class Notices {
    * @param {(word: string) => void} yes
    */
   ask(text, label, field, yes) {
-    const done = () => this.unask();
+    const done = () => this.dismissPrompt();
     const onkeydown = (/** @type {KeyboardEvent} */ { key }) => key === "Enter" && agree.use();
     const entry = el("input", { type: "text", maxlength: 120, onkeydown });
     const press = () => (done(), yes(entry.value.trim()));

@@ -31,7 +31,7 @@ export class PageSettings {
   }
 
   _show() {
-    const drives = this._link.state?.you ?? false;
+    const drives = this._link.state?.has_control ?? false;
     // With logins, the login name is used.
     this._field.hidden = (this._link.welcome?.user ?? null) !== null;
     this._name.readOnly = drives;

@@ -26,7 +26,7 @@ const DECIMALS = { "m/s": 3, m: 3, rad: 3, "°": 1, rpm: 0, ms: 1, Hz: 1 };
 /** @type {Record<string, ArrayLike<string>>} Element names of arrays, by key. */
 const ELEMENTS = { pose: ["x", "y", "heading"], truth: ["x", "y", "heading"], wxyz: "wxyz" };
 const COMPONENTS = "xyz"; // For any other short array.
-const NOT_PLOTTED = new Set(["seen", "robot_s", "plot"]);
+const NOT_PLOTTED = new Set(["status_seq", "robot_s", "plot"]);
 const ACTUATORS = new Set(["modules", "wheels", "joints", "setpoint"]);
 
 /**
@@ -90,7 +90,7 @@ function element(robot, path, i, length) {
  */
 function field(robot, path, keys) {
   const [parent, last] = [path.at(-2) ?? "", path[path.length - 1]];
-  const base = last.replace(/^set_/, ""); // Setpoints are plotted with the measured value.
+  const base = last.replace(/^set_|_setpoint$/, ""); // Setpoints are plotted with the measured value.
   const { quantity, unit: own } = quantityOf(base);
   const unit =
     own ?? SUFFIXES[suffixOf(parent) ?? ""] ?? UNITS[base] ?? unitInArray(robot, parent, last);

@@ -90,7 +90,7 @@ export function isAboutControl({ code }) {
   return ABOUT_CONTROL.has(code);
 }
 
-const TOLD_ELSEWHERE = new Set([
+const ALREADY_NOTIFIED = new Set([
   ...["stop_pressed", "stop_requested", "control_is_lost", "coming_to_rest", "reset_first"],
 ]);
 const STANDING = new Set(["stopped", "stopping", "fault"]);
@@ -101,7 +101,7 @@ const STANDING = new Set(["stopped", "stopping", "fault"]);
  */
 export function isToldElsewhere({ code, params }) {
   if (code === "mode_only") return STANDING.has(String(params?.mode));
-  return TOLD_ELSEWHERE.has(code);
+  return ALREADY_NOTIFIED.has(code);
 }
 
 /**
@@ -128,7 +128,7 @@ export function keyOf({ code, params = {}, cause }) {
  * @param {Reason} reason @param {string} [text] Its sentence.
  * @returns {Notice}
  */
-export function againNotice(reason, text = sentence(reason)) {
+export function retryNotice(reason, text = sentence(reason)) {
   if (isAboutControl(reason)) return notice(text, keyOf(reason));
   return { text: `${text} Let go, then push again.`, again: true, key: keyOf(reason) };
 }
@@ -142,7 +142,7 @@ export function noticeOf({ why }, you) {
   const cause = stoppingCause(why);
   if (cause === null) return notice(sentence(why), keyOf(why));
   const text = sentence(cause).replace(/\.$/, ", so the robot stopped.");
-  return you ? againNotice(cause, text) : notice(text, keyOf(cause));
+  return you ? retryNotice(cause, text) : notice(text, keyOf(cause));
 }
 
 /** @param {Reason} why */

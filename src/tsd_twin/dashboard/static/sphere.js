@@ -3,8 +3,8 @@
 
 import { el, isVisible, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
-import { known } from "./link.js";
-import { notDrive } from "./permission.js";
+import { assertDefined } from "./link.js";
+import { driveBlockedReason } from "./blocked_reasons.js";
 import { EstimateDifference, WheelList } from "./wheels.js";
 
 const RADIUS = 40; // In the drawing.
@@ -74,9 +74,9 @@ export class Sphere {
   _show() {
     this._list.show(null);
     this._difference.show();
-    const refused = notDrive(this._link) === null ? null : "true";
+    const refused = driveBlockedReason(this._link) === null ? null : "true";
     for (const button of this._buttons) setAttribute(button, "aria-disabled", refused);
-    const { sphere } = known(this._link.state);
+    const { sphere } = assertDefined(this._link.state);
     if (sphere === null) return;
     this._marks.forEach((node, i) => put(node, rotated(sphere.wxyz, ENDS[i][1])));
     this._cells.forEach(([ideal, dual], i) => {

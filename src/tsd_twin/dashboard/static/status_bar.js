@@ -4,8 +4,13 @@ import { Button, tooltip } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { kindOf } from "./kinds.js";
-import { known } from "./link.js";
-import { notArm, notConnected, notDisarm, notTake } from "./permission.js";
+import { assertDefined } from "./link.js";
+import {
+  armBlockedReason,
+  notConnected,
+  disarmBlockedReason,
+  acquireBlockedReason,
+} from "./blocked_reasons.js";
 import { nameOf } from "./reasons.js";
 
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
@@ -62,12 +67,12 @@ export class StatusBar {
 
   /** @param {boolean} folded */
   showFolded(folded) {
-    this._fold.become(folded ? "Show controls" : "Hide controls", "Stick, turn and figures");
+    this._fold.setLabel(folded ? "Show controls" : "Hide controls", "Stick, turn and figures");
     setAttribute(this._fold.button, "aria-expanded", String(!folded));
   }
 
   _pressControl() {
-    const { you, status } = known(this._link.state);
+    const { has_control: you, status } = assertDefined(this._link.state);
     if (you) this._handOver.release();
     else if (this._handOver.waits) this._handOver.withdraw();
     else if (status.lease.holder !== null) this._handOver.ask();
@@ -114,14 +119,16 @@ export class StatusBar {
     const { arm, disarm } = kindOf(robot);
     const several = (welcome?.robots.length ?? 0) > 1;
     const name = several && robot !== null ? ` ${robot.id}` : "";
-    this.arm.become(`${this._armed ? "Disarm" : "Arm"}${name}`, this._armed ? disarm : arm);
-    this.arm.allow(this._armed ? notDisarm(this._link) : notArm(this._link));
+    this.arm.setLabel(`${this._armed ? "Disarm" : "Arm"}${name}`, this._armed ? disarm : arm);
+    this.arm.setDisabledReason(
+      this._armed ? disarmBlockedReason(this._link) : armBlockedReason(this._link),
+    );
     this.arm.button.toggleAttribute("data-quiet", this._armed);
   }
 
   /** @param {Status | null} status */
   _drawControl(status) {
-    const you = this._link.state?.you ?? false;
+    const you = this._link.state?.has_control ?? false;
     const holder = status?.lease.holder ?? null;
     const kept = status?.lease.reserved_for ?? null;
     const waits = this._handOver.waits;
@@ -136,11 +143,12 @@ export class StatusBar {
     setText(this._does, does);
     setAttribute(this._who, "title", you ? null : holder);
     this._who.toggleAttribute("data-you", you);
-    if (you) this.control.become("Release control", "The robot comes to rest");
-    else if (waits) this.control.become("Withdraw request", "Ask for control no longer");
-    else if (holder === null) this.control.become("Take control", "One operator drives at a time");
-    else this.control.become("Ask for control", `${name} drives, and can hand control over`);
-    this.control.allow(notTake(this._link));
+    if (you) this.control.setLabel("Release control", "The robot comes to rest");
+    else if (waits) this.control.setLabel("Withdraw request", "Ask for control no longer");
+    else if (holder === null)
+      this.control.setLabel("Take control", "One operator drives at a time");
+    else this.control.setLabel("Ask for control", `${name} drives, and can hand control over`);
+    this.control.setDisabledReason(acquireBlockedReason(this._link));
     this.control.button.toggleAttribute("data-quiet", you || waits);
   }
 
@@ -162,8 +170,8 @@ export class StatusBar {
     const { used } = this._link.quality();
     const allowed = 1000 * (state?.status.limits.max_command_age_s ?? NaN);
     return (
-      `Round trip: page to dashboard ${fixed(pageMs, 0)} ms, dashboard to robot ${fixed(state?.robot_ms, 0)} ms; ` +
-      `jitter ${fixed(pageJitterMs, 0)} and ${fixed(state?.robot_jitter_ms, 0)} ms. ` +
+      `Round trip: page to dashboard ${fixed(pageMs, 0)} ms, dashboard to robot ${fixed(state?.rtt_ms, 0)} ms; ` +
+      `jitter ${fixed(pageJitterMs, 0)} and ${fixed(state?.rtt_jitter_ms, 0)} ms. ` +
       `That is ${fixed(100 * (used ?? NaN), 0)} % of the ${fixed(allowed, 0)} ms that a command may be old. ` +
       `States lost: ${fixed(100 * lost, 0)} %.`
     );

@@ -3,7 +3,7 @@
 import { LongPressButton } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { clock, duration } from "./format.js";
-import { notReset, showsRecording } from "./permission.js";
+import { resetBlockedReason, showsRecording } from "./blocked_reasons.js";
 import { stopReason } from "./reasons.js";
 
 /** @type {Record<string, string>} */
@@ -92,8 +92,8 @@ export class StatusCard {
   /** @param {Status} status */
   _drawLatched(status) {
     setText(this._text, stopReason(status.stop, this._link.welcome?.operator));
-    const refusal = notReset(this._link);
-    this.reset.allow(refusal);
+    const refusal = resetBlockedReason(this._link);
+    this.reset.setDisabledReason(refusal);
     setText(this._next, refusal ?? "Hold for one second, then arm.");
   }
 }

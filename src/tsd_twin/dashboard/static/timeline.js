@@ -176,7 +176,7 @@ export class TimelineBar {
   _lookBack(agoS) {
     const isNow = agoS === null || agoS < 0.1;
     this._agoS = isNow ? null : Math.min(BACK_S, Math.round(10 * agoS) / 10);
-    this._throttle.send({ t: "look_back", ago_s: this._agoS });
+    this._throttle.send({ t: "look_back", history_offset_s: this._agoS });
     this._drawLive(null);
   }
 
@@ -442,7 +442,7 @@ function iconButton(shape, tip, press, kind = "") {
 
 /** @param {Button} button @param {string} tip */
 function name(button, tip) {
-  button.become("", tip);
+  button.setLabel("", tip);
   setAttribute(button.button, "aria-label", tip.replace(/ \(.\)$/, ""));
 }
 

@@ -3,7 +3,7 @@
 import { el, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { kindOf } from "./kinds.js";
-import { notPlan } from "./permission.js";
+import { planBlockedReason } from "./blocked_reasons.js";
 
 /** @type {[string, string, string][]} */
 const FIELDS = [
@@ -49,7 +49,7 @@ export class WaypointForm {
 
   _show() {
     this._form.hidden = this._link.robot === null || !kindOf(this._link.robot).onFloor;
-    const reason = notPlan(this._link);
+    const reason = planBlockedReason(this._link);
     setAttribute(this._button, "aria-disabled", reason === null ? null : "true");
     const pose = this._link.state?.pose;
     for (const [i, name] of ["x", "y"].entries())

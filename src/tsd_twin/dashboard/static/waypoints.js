@@ -7,8 +7,8 @@ import { el, icon, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 import { HoldToRunButton, PointerCapture } from "./held_controls.js";
 import { kindOf } from "./kinds.js";
-import { known } from "./link.js";
-import { LATCHED, ofPage, textOf, whyNotDrive, whyNotPlan } from "./permission.js";
+import { assertDefined } from "./link.js";
+import { LATCHED, ofPage, textOf, whyNotDrive, whyNotPlan } from "./blocked_reasons.js";
 import { notice, words } from "./reasons.js";
 
 const MODE_HINTS = {
@@ -282,7 +282,7 @@ export class Waypoints {
     this._show();
   }
 
-  /** @returns {import("./permission.js").Refusal | null} */
+  /** @returns {import("./blocked_reasons.js").Refusal | null} */
   _whyNotGo() {
     const refusal = whyNotDrive(this._link);
     if (refusal !== null) return refusal;
@@ -300,7 +300,7 @@ export class Waypoints {
       this.cancel();
       this._drive.changed();
     }
-    const { mode } = known(this._link.state).status;
+    const { mode } = assertDefined(this._link.state).status;
     const end = LATCHED.has(mode) ? "stop" : isFinished(route) ? `path ${route?.number}` : "";
     if (end !== this._end && end !== "") this._choose(null); // Frees the camera.
     this._end = end;
@@ -315,7 +315,7 @@ export class Waypoints {
 
   _show() {
     const { robot, state } = this._link;
-    this.element.hidden = robot === null || !kindOf(robot).onFloor || !state?.you;
+    this.element.hidden = robot === null || !kindOf(robot).onFloor || !state?.has_control;
     if (this.element.hidden && this.mode !== null) this._choose(null);
     const isOver = isFinished(this.route);
     const route = isOver && this.mode !== null ? null : this.route;

@@ -2,8 +2,8 @@
 
 import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
-import { known } from "./link.js";
-import { notSetWheelSpeed } from "./permission.js";
+import { assertDefined } from "./link.js";
+import { wheelSpeedBlockedReason } from "./blocked_reasons.js";
 
 const STEP_RPM = 50;
 const KEPT_MS = 1500; // Maximum time to show a chosen value before the robot confirms it.
@@ -61,8 +61,8 @@ export class WheelSpeed {
     const take = () => {
       const rpm = rpmOf(Number(input.value));
       if (input.value === "" || !Number.isFinite(rpm)) return null;
-      const { least_rpm: least, most_rpm: most } = known(
-        known(this._link.robot).wheel_speed_limits,
+      const { least_rpm: least, most_rpm: most } = assertDefined(
+        assertDefined(this._link.robot).wheel_speed_limits,
       );
       return Math.round(Math.max(least, Math.min(most, rpm)));
     };
@@ -115,12 +115,12 @@ export class WheelSpeed {
   _show() {
     const speed = this._link.state?.status.wheel_speed ?? null;
     if (this._all.hidden || speed === null) return;
-    const reason = notSetWheelSpeed(this._link);
+    const reason = wheelSpeedBlockedReason(this._link);
     for (const input of [this._slider, this._rpm, this._top]) input.disabled = reason !== null;
     setText(this._why, reason ?? "");
-    if (this._draft === speed.wanted_rpm || performance.now() > this._keptMs || reason !== null)
+    if (this._draft === speed.requested_rpm || performance.now() > this._keptMs || reason !== null)
       this._draft = null;
-    const off = speed.spin_rpm - speed.wanted_rpm;
+    const off = speed.spin_rpm - speed.requested_rpm;
     const spins = speed.spin_rpm > 1;
     const now = Math.abs(off) > CHANGING_RPM ? `now ${thousands(speed.spin_rpm)} rpm` : "";
     setText(this._now, this._link.isStale() ? "" : spins ? now : "wheels stand");
@@ -131,7 +131,8 @@ export class WheelSpeed {
   _draw(but = null) {
     if (!this._link.robot?.wheel_speed_limits) return;
     const { wheel_speed_limits: range, limits, max_tilt_deg: tilt } = this._link.robot;
-    const rpm = this._draft ?? this._link.state?.status.wheel_speed?.wanted_rpm ?? range.usual_rpm;
+    const rpm =
+      this._draft ?? this._link.state?.status.wheel_speed?.requested_rpm ?? range.default_rpm;
     const top = this._topSpeed(rpm);
     /** @type {[HTMLInputElement, string][]} */
     const shown = [
@@ -164,12 +165,20 @@ export class WheelSpeed {
 
   /** Rim speed of a wheel in m/s. @param {number} rpm */
   _rim(rpm) {
-    return (known(known(this._link.robot).wheel_speed_limits).wheel_radius_m * rpm * Math.PI) / 30;
+    return (
+      (assertDefined(assertDefined(this._link.robot).wheel_speed_limits).wheel_radius_m *
+        rpm *
+        Math.PI) /
+      30
+    );
   }
 
   /** Ground speed at the tilt limit in m/s. @param {number} rpm */
   _topSpeed(rpm) {
-    return this._rim(rpm) * Math.sin(known(known(this._link.robot).max_tilt_deg) * DEGREE);
+    return (
+      this._rim(rpm) *
+      Math.sin(assertDefined(assertDefined(this._link.robot).max_tilt_deg) * DEGREE)
+    );
   }
 }
 

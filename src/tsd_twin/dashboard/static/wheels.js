@@ -3,7 +3,7 @@
 import { ConsistencyMeter } from "./consistency.js";
 import { el, isVisible, legend, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
-import { known } from "./link.js";
+import { assertDefined } from "./link.js";
 
 export class Wheels {
   /** @param {Link} link @param {HTMLElement} place @param {AbortSignal} signal */
@@ -17,8 +17,8 @@ export class Wheels {
   }
 
   _show() {
-    const { consistency } = known(this._link.state).status;
-    const { wheels } = known(this._link.robot);
+    const { consistency } = assertDefined(this._link.state).status;
+    const { wheels } = assertDefined(this._link.robot);
     this._list.show(consistency.suspect);
     this._difference.show();
     const isDetermined = wheels.length < 4;
@@ -43,7 +43,7 @@ export class WheelList {
 
   /** @param {string | null} suspect */
   show(suspect) {
-    const [robot, state] = [known(this._link.robot), known(this._link.state)];
+    const [robot, state] = [assertDefined(this._link.robot), assertDefined(this._link.state)];
     if (this._built !== robot) this._build(robot);
     state.wheels.forEach((wheel, i) => this._rows[i]?.(wheel, robot.wheels[i] === suspect));
   }
@@ -51,7 +51,7 @@ export class WheelList {
   /** @param {RobotInfo} robot */
   _build(robot) {
     this._built = robot;
-    const rows = robot.wheels.map((_, i) => row(i + 1, known(robot.max_rpm)));
+    const rows = robot.wheels.map((_, i) => row(i + 1, assertDefined(robot.max_rpm)));
     this._rows = rows.map(({ show }) => show);
     this._bars.replaceChildren(...rows.map(({ element }) => element));
   }
@@ -69,8 +69,8 @@ export class EstimateDifference {
   }
 
   show() {
-    const { alternative_estimate: source } = known(this._link.robot);
-    const { estimate_difference: difference, pose } = known(this._link.state);
+    const { alternative_estimate: source } = assertDefined(this._link.robot);
+    const { estimate_difference: difference, pose } = assertDefined(this._link.state);
     this.element.hidden = source === null || difference === null;
     if (source === null || difference === null) return;
     const distance = pose === null ? "" : `${fixed(difference.metres, 3)} m and `; // Not for spheres.
@@ -101,7 +101,7 @@ function row(number, maxRpm) {
     track,
   );
   /** @type {(wheel: WheelState, suspect: boolean) => void} */
-  const show = ({ rpm, set_rpm: set }, suspect) => {
+  const show = ({ rpm, rpm_setpoint: set }, suspect) => {
     setText(speed, fixed(rpm, 0));
     bar.style.transform = `scaleX(${clamp(rpm / maxRpm).toFixed(4)})`;
     tick.style.left = `${(50 + 50 * clamp(set / maxRpm)).toFixed(2)}%`;

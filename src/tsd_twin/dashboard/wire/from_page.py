@@ -35,7 +35,7 @@ class DriveCommand(Message, frozen=True, tag="drive"):
     vx: float
     vy: float
     omega: float
-    seen: Count
+    status_seq: Count
     frame: Literal["base_link", "odom"] = "base_link"
 
 
@@ -69,7 +69,7 @@ class FollowPlan(Message, frozen=True, tag="follow_plan"):
 
     route: Count
     """Number of the path, which changes with each planning."""
-    seen: Count
+    status_seq: Count
 
 
 class ReleaseControls(Message, frozen=True, tag="release"):
@@ -83,7 +83,7 @@ class PanelSlidersReleased(Message, frozen=True, tag="panel_released"):
 class PageHeartbeat(Message, frozen=True, tag="heartbeat"):
     """Heartbeat of the page; `sent_ms` on the page's clock is returned."""
 
-    seen: Count
+    status_seq: Count
     sent_ms: float
     focus: bool = True
 
@@ -95,7 +95,7 @@ class LeaseAction(Message, frozen=True, tag="lease"):
     take_over: bool = False
     reason: ShortText = ""
     """Reason for taking over."""
-    asker: Operator | None = None
+    requester: Operator | None = None
     """Requesting operator, for grant and deny."""
     max_age_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
 
@@ -158,7 +158,7 @@ LOOK_BACK_S = 30.0
 class LookBack(Message, frozen=True, tag="look_back"):
     """Request to draw a past state of the robot next to the live one; null ends it."""
 
-    ago_s: Annotated[float, Meta(ge=0.1, le=LOOK_BACK_S)] | None
+    history_offset_s: Annotated[float, Meta(ge=0.1, le=LOOK_BACK_S)] | None
 
 
 class ShowShadow(Message, frozen=True, tag="shadow"):

@@ -9,10 +9,10 @@ type Quaternion = [number, number, number, number];
 interface LeaseStatus {
   holder: string | null;
   remaining_s: number;
-  asked_by: string | null;
-  asks_for_s: number;
+  requested_by: string | null;
+  request_expires_in_s: number;
   reserved_for: string | null;
-  reserved_s: number;
+  reservation_expires_in_s: number;
 }
 
 /** Code of docs/codes.md with its parameters, and the reason behind it. */
@@ -24,7 +24,7 @@ interface Reason {
 
 interface Refusals {
   lease: string | null;
-  without_lease: string;
+  no_lease: string;
   arm: string | null;
   disarm: string | null;
   reset: string | null;
@@ -56,23 +56,23 @@ interface ConsistencyStatus {
   residual_mps: number;
   suspect: string | null;
   level: number;
-  explained: Record<string, number>;
+  contributions: Record<string, number>;
 }
 
 interface WheelSpeedStatus {
-  wanted_rpm: number;
+  requested_rpm: number;
   spin_rpm: number;
 }
 
 interface PoseSensorStatus {
   hz: number;
-  late_s: number | null;
+  latency_s: number | null;
   used: number;
   found: number;
   dropped: Record<string, number>;
 }
 
-interface LearnedError {
+interface BiasStatus {
   value: number;
   sigma: number;
 }
@@ -104,7 +104,7 @@ interface Status {
   consistency: ConsistencyStatus;
   wheel_speed: WheelSpeedStatus | null;
   pose_sensor: PoseSensorStatus | null;
-  learned: Record<string, LearnedError> | null;
+  learned: Record<string, BiasStatus> | null;
   loop: LoopStatus;
   hardware: Hardware;
 }
@@ -125,7 +125,7 @@ interface TwistAxisInfo {
 interface WheelSpeedLimits {
   least_rpm: number;
   most_rpm: number;
-  usual_rpm: number;
+  default_rpm: number;
   wheel_radius_m: number;
   servo_step_deg: number;
 }
@@ -163,8 +163,8 @@ interface GimbalState {
   tilt: number;
   radius_mm: number;
   rpm: number;
-  set_alpha: number;
-  set_beta: number;
+  alpha_setpoint: number;
+  beta_setpoint: number;
   axle: [number, number];
   set_axle: [number, number];
   spinning: boolean;
@@ -172,7 +172,7 @@ interface GimbalState {
 
 interface WheelState {
   rpm: number;
-  set_rpm: number;
+  rpm_setpoint: number;
   residual_mps: number;
 }
 
@@ -207,16 +207,16 @@ interface RouteState {
 
 interface RobotState {
   t: "state";
-  seen: number;
+  status_seq: number;
   robot_s: number;
   age_ms: number;
   /** Only states of a robot show that it is stopped. */
   source: "robot" | "recording" | "several";
   status: Status;
   mode_age_s: number;
-  you: boolean;
-  robot_ms: number | null;
-  robot_jitter_ms: number | null;
+  has_control: boolean;
+  rtt_ms: number | null;
+  rtt_jitter_ms: number | null;
   pose: Triple | null;
   twist: Triple | null;
   commanded: Triple | null;
@@ -234,7 +234,7 @@ interface RobotState {
 }
 
 interface PastState {
-  ago_s: number;
+  history_offset_s: number;
   mode: string;
   pose: Triple | null;
   twist: Triple | null;
@@ -462,7 +462,7 @@ interface LeaseAction {
   op: "acquire" | "release" | "request" | "withdraw" | "grant" | "deny";
   take_over?: boolean;
   reason?: string;
-  asker?: string | null;
+  requester?: string | null;
   max_age_s?: number | null;
 }
 
@@ -476,16 +476,16 @@ interface StudentRequest {
 
 type PageMessage =
   | (StudentRequest & { t: "student" })
-  | ((DriveCommand | FollowPlan) & { seen: number })
+  | ((DriveCommand | FollowPlan) & { status_seq: number })
   | (PlanRequest & { t: "plan"; level: number })
   | (LeaseAction & { t: "lease" })
   | { t: "speed_level"; level: number }
-  | { t: "heartbeat"; seen: number; sent_ms: number; focus: boolean }
+  | { t: "heartbeat"; status_seq: number; sent_ms: number; focus: boolean }
   | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }
   | { t: "view"; settings: ViewSettings; look: boolean }
   | { t: "map" | "shadow"; on: boolean }
-  | { t: "look_back"; ago_s: number | null }
+  | { t: "look_back"; history_offset_s: number | null }
   | { t: "plot_fields"; names: string[] }
   | { t: "clear_plan" | "release" | "panel_released" | "arm" | "disarm" | "reset" | "stop" };
 
@@ -574,7 +574,7 @@ interface Window {
   tsd: Readonly<{
     page: string;
     hasFocus: () => boolean;
-    plain: boolean;
+    lowDetail: boolean;
     recording: string | null;
   }>;
   /** Of the page that records, for the window of its plots. */

@@ -13,7 +13,7 @@ from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.commands import why_of
 from tsd_twin.messages.events import Event
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import RobotStatus
 from tsd_twin.security import Role
 from tsd_twin.shadow import ShadowReport
 
@@ -46,7 +46,7 @@ class WheelSpeedLimits(msgspec.Struct, frozen=True):
 
     least_rpm: int
     most_rpm: int
-    usual_rpm: int
+    default_rpm: int
     """Wheel speed from the description."""
     wheel_radius_m: float
     servo_step_deg: float
@@ -103,8 +103,8 @@ class GimbalState(msgspec.Struct, frozen=True):
     tilt: float
     radius_mm: float
     rpm: float
-    set_alpha: float
-    set_beta: float
+    alpha_setpoint: float
+    beta_setpoint: float
     axle: tuple[float, float]
     """Tilt direction of the axle in `base_link`, seen from above; length 1 is the tilt limit."""
     set_axle: tuple[float, float]
@@ -115,7 +115,7 @@ class WheelState(msgspec.Struct, frozen=True):
     """State of a rolling wheel."""
 
     rpm: float
-    set_rpm: float
+    rpm_setpoint: float
     residual_mps: float
     """Rim speed not explained by the robot's motion."""
 
@@ -190,7 +190,7 @@ class MapState(msgspec.Struct, frozen=True):
 class PastState(msgspec.Struct, frozen=True):
     """Past state of the robot while it is drawn."""
 
-    ago_s: float
+    history_offset_s: float
     mode: str
     pose: Triple | None
     twist: Triple | None
@@ -199,19 +199,19 @@ class PastState(msgspec.Struct, frozen=True):
 class RobotState(Message, frozen=True, tag="state"):
     """State of the robot."""
 
-    seen: int
+    status_seq: int
     robot_s: float
     """Monotonic time of the robot when it sent the status."""
     age_ms: float
     source: Source
     """Only states from a `robot` confirm that it has stopped."""
-    status: Status
+    status: RobotStatus
     mode_age_s: float
     """Time in the current mode, as observed by the gateway."""
-    you: bool
-    robot_ms: float | None
+    has_control: bool
+    rtt_ms: float | None
     """Median recent round-trip time between the gateway and the robot."""
-    robot_jitter_ms: float | None
+    rtt_jitter_ms: float | None
     """95th percentile minus median of the recent round-trip times."""
     pose: Triple | None
     twist: Triple | None

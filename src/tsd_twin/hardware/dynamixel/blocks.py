@@ -10,7 +10,7 @@ from tsd_twin.hardware.dynamixel.packets import Packed
 
 
 @dataclass(frozen=True, slots=True)
-class Identity(Packed):
+class BoardIdentity(Packed):
     """Identity of the board and fixed parameters."""
 
     ADDRESS: ClassVar[int] = 0
@@ -90,7 +90,7 @@ class Setup(Packed):
 
 
 @dataclass(frozen=True, slots=True)
-class Command(Packed):
+class BoardCommand(Packed):
     """Joint commands: one WRITE of the whole block per cycle; a partial one is error 5."""
 
     ADDRESS: ClassVar[int] = 101

@@ -77,7 +77,7 @@ class Packet:
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
+class StatusPacket:
     """Status packet: the response of a device."""
 
     id: int
@@ -108,7 +108,7 @@ class Framing(ABC):
         """Return the packet in a complete frame, or None if its checksum is wrong."""
 
     @abstractmethod
-    def as_status(self, packet: Packet) -> Status | None:
+    def as_status(self, packet: Packet) -> StatusPacket | None:
         """Parse a packet as a response, or return None."""
 
     @abstractmethod
@@ -166,9 +166,9 @@ class Protocol1(Framing):
             return None
         return Packet(frame[2], frame[4], frame[5:-1])
 
-    def as_status(self, packet: Packet) -> Status | None:
+    def as_status(self, packet: Packet) -> StatusPacket | None:
         """Return the packet as a status; Protocol 1.0 does not mark status packets."""
-        return Status(packet.id, packet.code, packet.params)
+        return StatusPacket(packet.id, packet.code, packet.params)
 
     def status(self, device: int, error: int, data: bytes = b"") -> bytes:
         """Return the frame of a response, with the error in place of the instruction."""
@@ -218,11 +218,11 @@ class Protocol2(Framing):
         body = frame[_BODY:-_SUM].replace(_STUFFED, _LIKE_HEADER)
         return Packet(frame[4], body[0], body[1:])
 
-    def as_status(self, packet: Packet) -> Status | None:
+    def as_status(self, packet: Packet) -> StatusPacket | None:
         """Parse a packet as a response, or return None."""
         if packet.code != Instruction.STATUS or not packet.params:
             return None
-        return Status(packet.id, packet.params[0], packet.params[1:])
+        return StatusPacket(packet.id, packet.params[0], packet.params[1:])
 
     def status(self, device: int, error: int, data: bytes = b"") -> bytes:
         """Return the frame of a response."""
@@ -251,7 +251,7 @@ class Decoder:
         self._longest = longest
         self._timeout_s = timeout_s
         self._kept = bytearray()
-        self._heard_s = -math.inf
+        self._received_s = -math.inf
         self.sum_errors = 0
         """Number of frames with a wrong checksum."""
         self.cut = 0
@@ -262,7 +262,7 @@ class Decoder:
     def feed(self, data: bytes, now_s: float) -> list[Packet]:
         """Return the packets completed by `data`, received at `now_s`; `data` may be empty."""
         packets: list[Packet] = []
-        if self._kept and now_s - self._heard_s > self._timeout_s:
+        if self._kept and now_s - self._received_s > self._timeout_s:
             # One frame at a time, because the following ones may be complete or incomplete too.
             while self._kept:
                 self._append_packets(packets)
@@ -270,7 +270,7 @@ class Decoder:
                     self.cut += self._kept.startswith(self._header)
                     self._skip(1)
         if data:
-            self._heard_s = now_s
+            self._received_s = now_s
             self._kept += data
         self._append_packets(packets)
         return packets

@@ -1,7 +1,7 @@
 // Permission checks: each returns the reason for a refusal as a sentence, or null. The robot status
 // provides the robot's reasons; the page adds link, role and lack of control.
 
-import { known } from "./link.js";
+import { assertDefined } from "./link.js";
 import { sentence } from "./reasons.js";
 
 const MOVABLE = new Set(["ready", "driving"]);
@@ -9,7 +9,7 @@ export const LATCHED = new Set(["stopped", "fault"]);
 
 /** Whether this page shows a recording, so its states are not from live robots. */
 export const SHOWS_RECORDING = (globalThis.window?.tsd?.recording ?? null) !== null;
-export const WATCHES = SHOWS_RECORDING
+export const READ_ONLY = SHOWS_RECORDING
   ? "This is a recording: press L for the live robots. STOP stops those."
   : "You watch: a viewer does not drive.";
 const REPLAY = "This is a recording: choose a live robot. STOP stops all of those.";
@@ -20,7 +20,7 @@ export function showsRecording(link) {
 }
 
 /** @param {Link} link */
-export function watches(link) {
+export function isReadOnly(link) {
   return link.welcome?.role === "viewer";
 }
 
@@ -49,13 +49,13 @@ function notAllowed(link) {
   if (!link.connected) return ofPage("not_connected", `${notConnected(link)}.`);
   if (link.robot === null) return ofPage("no_robot", "No robot is on the bus.");
   if (link.isStale()) return ofPage("gone_silent", "The robot has gone silent.");
-  if (watches(link)) return ofPage("watches", WATCHES);
+  if (isReadOnly(link)) return ofPage("watches", READ_ONLY);
   return showsRecording(link) ? ofPage("replay", REPLAY) : null;
 }
 
 /** Null also for robots that send no reasons. @param {Link} link @param {string} request */
 function robotRefusal(link, request) {
-  const why = known(link.state).status.refusals?.why?.[request];
+  const why = assertDefined(link.state).status.refusals?.why?.[request];
   return why ? ofRobot(why) : null;
 }
 
@@ -63,8 +63,8 @@ function robotRefusal(link, request) {
 function notNow(link, request) {
   const refusal = notAllowed(link);
   if (refusal !== null) return refusal;
-  if (known(link.state).you) return robotRefusal(link, request);
-  return robotRefusal(link, "without_lease") ?? ofRobot({ code: "take_control_first" });
+  if (assertDefined(link.state).has_control) return robotRefusal(link, request);
+  return robotRefusal(link, "no_lease") ?? ofRobot({ code: "take_control_first" });
 }
 
 /** @param {Link} link */
@@ -72,7 +72,7 @@ export function whyNotDrive(link) {
   const refusal = notNow(link, "drive");
   if (refusal !== null) return refusal;
   // A control held while the robot stops must be released before it acts again.
-  const mode = known(link.state).status.mode;
+  const mode = assertDefined(link.state).status.mode;
   return MOVABLE.has(mode) ? null : ofRobot({ code: "mode_only", params: { mode } });
 }
 
@@ -81,7 +81,7 @@ export function whyNotPlan(link) {
   const refusal = notNow(link, "disarm");
   if (refusal !== null) return refusal;
   // A path can be planned before the robot is armed; a latched stop ends it.
-  return LATCHED.has(known(link.state).status.mode) ? whyNotDrive(link) : null;
+  return LATCHED.has(assertDefined(link.state).status.mode) ? whyNotDrive(link) : null;
 }
 
 /** @param {Refusal | null} refusal */
@@ -90,47 +90,47 @@ export function textOf(refusal) {
 }
 
 /** @param {Link} link */
-export function notDrive(link) {
+export function driveBlockedReason(link) {
   return textOf(whyNotDrive(link));
 }
 
 /** @param {Link} link */
-export function notTake(link) {
+export function acquireBlockedReason(link) {
   const refusal = notAllowed(link);
   if (refusal !== null) return refusal.text;
-  const { holder, reserved_for: reserved } = known(link.state).status.lease;
+  const { holder, reserved_for: reserved } = assertDefined(link.state).status.lease;
   // The holder can release it, and others can request it.
   if (holder !== null || reserved === link.welcome?.operator) return null;
   return textOf(robotRefusal(link, "lease"));
 }
 
 /** @param {Link} link */
-export function notStop(link) {
+export function stopBlockedReason(link) {
   const may = link.welcome?.may_stop ?? true;
   return may ? null : "You watch: a viewer neither drives nor stops.";
 }
 
 /** @param {Link} link */
-export function notArm(link) {
+export function armBlockedReason(link) {
   return textOf(notNow(link, "arm"));
 }
 
 /** @param {Link} link */
-export function notSetWheelSpeed(link) {
+export function wheelSpeedBlockedReason(link) {
   return textOf(notNow(link, "speed"));
 }
 
 /** @param {Link} link */
-export function notPlan(link) {
+export function planBlockedReason(link) {
   return textOf(whyNotPlan(link));
 }
 
 /** @param {Link} link */
-export function notDisarm(link) {
+export function disarmBlockedReason(link) {
   return textOf(notNow(link, "disarm"));
 }
 
 /** @param {Link} link */
-export function notReset(link) {
+export function resetBlockedReason(link) {
   return textOf(notNow(link, "reset"));
 }

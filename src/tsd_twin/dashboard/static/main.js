@@ -5,7 +5,7 @@ import { tooltip } from "./button.js";
 import { CanvasFrame } from "./canvas_frame.js";
 import { ConsistencyWarning } from "./consistency.js";
 import { el, setAttribute, setText } from "./dom.js";
-import { Joystick, SpeedLevel, StopButton, TurnSlider } from "./dock.js";
+import { Joystick, SpeedLevel, StopButton, TurnSlider } from "./drive_controls.js";
 import { Drive } from "./drive.js";
 import { FloorMap } from "./map.js";
 import { FirstSteps } from "./first_steps.js";
@@ -14,13 +14,13 @@ import { HandOver } from "./handover.js";
 import { KeySheet } from "./key_sheet.js";
 import { Keyboard } from "./keyboard.js";
 import { kindOf } from "./kinds.js";
-import { known, Link } from "./link.js";
+import { assertDefined, Link } from "./link.js";
 import { ModuleInset } from "./module_inset.js";
 import { Notices, StaleBanner, StopAlarm } from "./notices.js";
 import { typedName } from "./operator_name.js";
 import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
-import { LATCHED, notDrive, SHOWS_RECORDING, showsRecording } from "./permission.js";
+import { LATCHED, driveBlockedReason, SHOWS_RECORDING, showsRecording } from "./blocked_reasons.js";
 import { PoseReadout } from "./pose_readout.js";
 import { isNotable, noticeOf, sentence } from "./reasons.js";
 import { takeMotionNote } from "./reload_note.js";
@@ -37,7 +37,7 @@ const NARROW_PX = 600; // As in small.css.
 const LEVEL_IN_DOCK_PX = 1060;
 const LEVEL_IN_DOCK_SEVERAL_PX = 1230;
 const TOLD_MS = 1000;
-let toldMs = -Infinity; // Time of the last notice about the end of a motion.
+let notifiedMs = -Infinity; // Time of the last notice about the end of a motion.
 let takenMs = -Infinity; // Time of the last notice about a take-over.
 // Later style sheets hide elements styled by earlier ones.
 const STYLES = [
@@ -132,7 +132,7 @@ stopButton.button.after(waypoints.element); // Above STOP, and after it in tab o
 stick.head.append(axes);
 
 const keys = new Keyboard(drive, {
-  focused: keyOfFocused,
+  focused: forwardKeyToFocused,
   stop: (isOnBox) => {
     stop();
     if (isOnBox) notices.say("The space bar is STOP. Enter ticks a box.");
@@ -142,7 +142,7 @@ for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphe
   drive.add(source);
 drive.onChange(draw);
 drive.onMessage = ({ text, again, key }, isTrue) => {
-  if (!again || isFirstToTell()) notices.say(text, untilLatched(isTrue), key);
+  if (!again || isFirstToTell()) notices.say(text, unlessLatched(isTrue), key);
 };
 link.on(["state", "beat"], draw);
 link.on("event", (event) => {
@@ -150,7 +150,7 @@ link.on("event", (event) => {
   if (event.why.code === "lease_taken_over")
     takenMs = performance.now(); // It includes the reason, so the loss is not reported again.
   else if (event.kind === "lease" && performance.now() - takenMs < TOLD_MS) return;
-  const { text, again, key } = noticeOf(event, link.state?.you ?? false);
+  const { text, again, key } = noticeOf(event, link.state?.has_control ?? false);
   const isTrue = () => event.kind !== "mode" || !isLatched();
   if (!again || isFirstToTell()) notices.say(text, isTrue, key);
 });
@@ -168,8 +168,8 @@ link.on("robot", (robot) => {
   axes.hidden = !kindOf(robot).onFloor; // Its base is the world.
   if (axes.hidden && drive.frame !== "base_link") turnAxes("base_link");
 });
-tooltip.attach(stick.pad, () => notDrive(link) ?? kindOf(link.robot).controls.help);
-tooltip.attach(turn.track, () => notDrive(link) ?? "Left turns left");
+tooltip.attach(stick.pad, () => driveBlockedReason(link) ?? kindOf(link.robot).controls.help);
+tooltip.attach(turn.track, () => driveBlockedReason(link) ?? "Left turns left");
 tooltip.attach(axes, () => "Up on the stick: forward of the robot, or along x of the world");
 
 inner.style.visibility = "hidden"; // Until the styles are loaded.
@@ -183,7 +183,7 @@ const sheet = (/** @type {string} */ name) => ({ rel: "stylesheet", href: `stati
 root.append(...STYLES.map((name) => el("link", sheet(name), { onload, onerror: onload })), inner);
 document.head.append(el("link", sheet("colours")), el("link", sheet("page")));
 document.body.prepend(host); // Before the panel in tab order.
-inner.toggleAttribute("data-plain", window.tsd.plain); // Blur effects halve the frame rate.
+inner.toggleAttribute("data-plain", window.tsd.lowDetail); // Blur effects halve the frame rate.
 for (const element of [bar.element, dock, waypoints.element])
   new ResizeObserver(reserve).observe(element);
 new ResizeObserver(layOut).observe(host);
@@ -201,8 +201,8 @@ link.open();
 /** Page, server and robot may all report the end of a motion; only the first one is shown. */
 function isFirstToTell() {
   const nowMs = performance.now();
-  const isFirst = nowMs - toldMs > TOLD_MS;
-  if (isFirst) toldMs = nowMs;
+  const isFirst = nowMs - notifiedMs > TOLD_MS;
+  if (isFirst) notifiedMs = nowMs;
   return isFirst;
 }
 
@@ -214,13 +214,13 @@ function isLatched() {
  * Hide the advice after an automatic stop once the robot is latched, because its card has details.
  * @param {() => boolean} [isTrue]
  */
-function untilLatched(isTrue = () => true) {
+function unlessLatched(isTrue = () => true) {
   const wasLatched = isLatched();
   return () => isTrue() && (wasLatched || !isLatched());
 }
 
 /** @param {KeyboardEvent} event */
-function keyOfFocused(event) {
+function forwardKeyToFocused(event) {
   for (const each of [keySheet, timeline, waypoints, map, view]) if (each.key(event)) return true;
   const focused = root.activeElement;
   if (focused === stick.pad) return stick.key(event);
@@ -230,13 +230,14 @@ function keyOfFocused(event) {
 
 function draw() {
   const { scale, twist } = drive;
-  const refusal = notDrive(link);
+  const refusal = driveBlockedReason(link);
   const { controls } = kindOf(link.robot);
   const byItself = sliders.held || sphereGoTo.held;
   const unit = byItself
     ? share(controls.unit([twist.vx, twist.vy, twist.omega]), scale)
     : drive.unit;
-  const commanded = refusal === null ? share(commandedUnit(known(link.state)), scale) : null;
+  const commanded =
+    refusal === null ? share(commandedUnit(assertDefined(link.state)), scale) : null;
   const heading = drive.frame === "odom" ? 0 : (link.state?.pose?.[2] ?? null);
   stick.point(kindOf(link.robot).onFloor && !link.isStale() ? heading : null);
   stick.draw(unit, commanded, controls.labels);

@@ -8,8 +8,8 @@ import pytest
 
 from tsd_twin import robots
 from tsd_twin.control.state_estimator import StateEstimator
-from tsd_twin.estimation import ConstantsFilter, TwistErrors
-from tsd_twin.estimation.learned import CAUTION, Comparison
+from tsd_twin.estimation import BiasFilter, TwistErrors
+from tsd_twin.estimation.bias_filter import CAUTION, Comparison
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
@@ -25,7 +25,7 @@ MOUNTING = np.hstack([np.zeros((3, 4)), np.diag([0.01, 0.01, 0.009])])
 WHITE_PER_S = np.diag([1e-6, 1e-6, 1e-6])
 
 
-def by_constants(twist: Array) -> Array:
+def bias_jacobian(twist: Array) -> Array:
     """A share of the speed, two velocities of creep, a turn rate; the mounting moves nothing."""
     columns = np.column_stack([0.03 * twist * [1, 1, 0], np.diag([0.005, 0.005, 0.01])])
     return np.hstack([columns, np.zeros((3, 3))])
@@ -37,7 +37,7 @@ class Ride:
     def __init__(self, seed: int) -> None:
         self.random = np.random.default_rng(seed)
         self.constants = self.random.standard_normal(7)
-        self.filter = ConstantsFilter(7)
+        self.filter = BiasFilter(7)
         self.truth = SE2.identity()
         self.now_s = 0.0
         self.sizes = self.random.uniform(0.3, 0.8, 3)
@@ -49,12 +49,12 @@ class Ride:
             if i % 10 == 0:
                 waves = np.sin(np.array([1.0, 1.7, 0.9]) * self.now_s + [1.0, 0.0, 0.5])
                 self.twist = self.sizes * waves
-                self.errors = TwistErrors(by_constants(self.twist), WHITE_PER_S, np.zeros((3, 3)))
+                self.errors = TwistErrors(bias_jacobian(self.twist), WHITE_PER_S, np.zeros((3, 3)))
             speed, omega = np.hypot(*self.twist[:2]), self.twist[2]
             own_per_s = np.square(CAUTION * np.array([speed, speed, omega]))
             spread = np.sqrt((np.diag(WHITE_PER_S) + own_per_s) / DT_S)
             noise = spread * self.random.standard_normal(3)
-            true = self.twist + self.errors.by_constants @ self.constants + noise
+            true = self.twist + self.errors.bias_jacobian @ self.constants + noise
             self.truth = self.truth @ SE2.exp(DT_S * true)
             self.now_s += DT_S
             self.filter.follow(self.now_s, self.twist, self.errors)
@@ -112,7 +112,7 @@ def test_a_pose_older_than_the_last_changes_nothing() -> None:
 
 def test_what_nothing_measures_changes_by_itself_only_towards_the_description() -> None:
     """Over hours, what was known once is as unknown as at the start."""
-    filtered = ConstantsFilter(1)
+    filtered = BiasFilter(1)
     filtered.compare(0.0, Comparison(2.0, np.array([1.0]), 1e-6))
     assert filtered.constants == pytest.approx([2.0], abs=1e-3)
     filtered.compare(7200.0, Comparison(0.0, np.array([0.0]), 1.0))
@@ -174,7 +174,7 @@ def test_the_core_learns_wheel_speeds_and_the_bias_of_a_gyro() -> None:
             found = learned[name]
             assert abs(found.value - error) < 3.5 * found.sigma, name
             is_share = name.endswith("share")
-            size = robot.joint_errors().spin_share if is_share else Gyro().bias_rad_per_s
+            size = robot.joint_errors().speed_scale_sigma if is_share else Gyro().bias_rad_per_s
             assert found.sigma < 0.7 * size, name
 
 

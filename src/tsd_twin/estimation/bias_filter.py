@@ -28,15 +28,15 @@ bands."""
 
 
 class Comparison(NamedTuple):
-    """Sensor reading minus its prediction from the joints: `by_constants @ u` plus noise."""
+    """Sensor reading minus its prediction from the joints: `bias_jacobian @ u` plus noise."""
 
     difference: float
-    by_constants: Array
+    bias_jacobian: Array
     """(m,): Jacobian with respect to the biases."""
     variance: float
 
 
-class LearnedError(NamedTuple):
+class BiasEstimate(NamedTuple):
     """Estimated bias, in the unit given by its name."""
 
     value: float
@@ -49,7 +49,7 @@ class _BiasStep(NamedTuple):
     errors: TwistErrors
 
 
-class ConstantsFilter:
+class BiasFilter:
     """Extended Kalman filter for the biases of `TwistErrors` and the resulting pose.
 
     It integrates the same twists as the pose estimate, corrected by the biases estimated so far, up
@@ -84,10 +84,10 @@ class ConstantsFilter:
         """(m, m): covariance of `constants`."""
         return self._covariance[3:, 3:]
 
-    def learned(self, rows: Mapping[str, Array]) -> dict[str, LearnedError]:
+    def learned(self, rows: Mapping[str, Array]) -> dict[str, BiasEstimate]:
         """Return the named biases whose Jacobian rows (m,) are `rows`."""
         return {
-            name: LearnedError(
+            name: BiasEstimate(
                 float(row @ self.constants), math.sqrt(float(row @ self.covariance @ row))
             )
             for name, row in rows.items()
@@ -112,7 +112,7 @@ class ConstantsFilter:
         if self._at_s is None and self._measured_s is not None:
             self._forget(now_s - self._measured_s)
         self._measured_s = now_s
-        rows = np.concatenate([np.zeros(3), found.by_constants])[None]
+        rows = np.concatenate([np.zeros(3), found.bias_jacobian])[None]
         off = np.array([found.difference]) - rows @ self._state
         self._correct(rows, off, np.array([[found.variance]]))
 
@@ -165,7 +165,7 @@ class ConstantsFilter:
 
     def _begin(self) -> None:
         """Begin a block of steps with equal twist errors."""
-        self._rate: Array = self._errors.by_constants @ self.constants
+        self._rate: Array = self._errors.bias_jacobian @ self.constants
         """(3,): correction of the twist."""
         self._elapsed_s = 0.0
         self._heading, self._turned = float(self._state[2]), 0.0
@@ -216,7 +216,7 @@ class ConstantsFilter:
         by_twist = np.array([[c, -s, far], [s, c, left], [0.0, 0.0, dt_s]])
         move = np.eye(len(self._state))
         move[0, 2], move[1, 2] = -y, x
-        move[:3, 3:] = by_twist @ self._errors.by_constants
+        move[:3, 3:] = by_twist @ self._errors.bias_jacobian
         heading = self._mid_heading_s / dt_s
         c, s = math.cos(heading), math.sin(heading)
         axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

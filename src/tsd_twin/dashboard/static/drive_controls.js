@@ -4,7 +4,7 @@ import { tooltip } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { SpringControl } from "./held_controls.js";
-import { showsRecording } from "./permission.js";
+import { showsRecording } from "./blocked_reasons.js";
 import { words } from "./reasons.js";
 
 const STICK_MARGIN_PX = 22; // Half of the knob, which stays inside.
