@@ -20,7 +20,7 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import decode_odometry
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.robots import RobotDescription
-from tsd_twin.sensors.camera import Camera, CameraNoise
+from tsd_twin.sensors.pose import Camera, CameraNoise
 from tsd_twin.simulation import BoardModel, DegradedRobot, StuckJoint, Wear
 from tsd_twin.simulation.wear import USUAL_LEAN_DEG
 

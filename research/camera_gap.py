@@ -30,8 +30,7 @@ from tsd_twin.messages.cdr import Odometry
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.topics import SENSOR_POSE
-from tsd_twin.sensors.camera import Camera, CameraNoise, Frame
-from tsd_twin.sensors.pose import PoseSensor
+from tsd_twin.sensors.pose import Camera, CameraNoise, Frame, PoseSensor
 from tsd_twin.simulation import PLANTS, simulate
 
 

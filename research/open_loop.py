@@ -25,8 +25,8 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.topics import SENSOR_POSE
 from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
-from tsd_twin.sensors.camera import Camera, CameraNoise
 from tsd_twin.sensors.gyro import Gyro
+from tsd_twin.sensors.pose import Camera, CameraNoise
 from tsd_twin.simulation import SimRobot, simulate
 
 TIMES_S = (2.0, 5.0, 20.0)

@@ -24,7 +24,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.status import BiasStatus
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.sensors.camera import Camera, CameraNoise
+from tsd_twin.sensors.pose import Camera, CameraNoise
 
 ROBOT = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription)
 ZEROS_DEG = np.array([[0.4, -0.3], [0.2, 0.5], [-0.4, 0.1]])

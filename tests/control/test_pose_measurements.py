@@ -21,7 +21,7 @@ from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import PoseSensorDrops
 from tsd_twin.robots import RobotDescription
-from tsd_twin.sensors.camera import Camera, CameraNoise
+from tsd_twin.sensors.pose import Camera, CameraNoise
 from tsd_twin.simulation import SimRobot
 
 KEY = "twin/tsd/sensor/pose"

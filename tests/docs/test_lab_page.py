@@ -13,8 +13,8 @@ from tests.support.experiment_runs import run
 from tests.support.markdown_pages import page, quoted, section, tables
 from tsd_lab import EXPERIMENTS
 from tsd_twin.lab.observer import Loop
-from tsd_twin.sensors.camera import CameraNoise
 from tsd_twin.sensors.gyro import Gyro
+from tsd_twin.sensors.pose import CameraNoise
 
 PAGE = page("lab.md")
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")

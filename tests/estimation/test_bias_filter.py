@@ -15,8 +15,8 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.topics import SENSOR_POSE
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.sensors.camera import Camera, CameraNoise
 from tsd_twin.sensors.gyro import Gyro
+from tsd_twin.sensors.pose import Camera, CameraNoise
 from tsd_twin.simulation import simulate
 
 DT_S = 0.01

@@ -12,7 +12,7 @@ from tsd_twin.cli.experiment import Output
 from tsd_twin.errors import PathError, TwinError
 from tsd_twin.lab.tracking import named_path
 from tsd_twin.lie import SE2, Array
-from tsd_twin.sensors.camera import Camera, CameraNoise
+from tsd_twin.sensors.pose import Camera, CameraNoise
 
 
 def off(columns: dict[str, Array], of: str = "truth") -> Array:

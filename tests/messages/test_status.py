@@ -188,3 +188,24 @@ def test_a_status_may_have_lists_of_tables_below_hardware() -> None:
     assert (
         decode_status(encode_status(RobotStatus("ready", hardware=hardware))).hardware == hardware
     )
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('{"mode":"ready","lease":{"asked_by":"bob","asks_for_s":3.0}}', ("bob", 3.0)),
+        (
+            '{"mode":"ready","lease":{"requested_by":"bob","request_expires_in_s":3.0}}',
+            ("bob", 3.0),
+        ),
+    ],
+)
+def test_a_status_with_old_keys_is_read(old: str, new: tuple[str, float]) -> None:
+    lease = decode_status(old.encode()).lease
+    assert (lease.requested_by, lease.request_expires_in_s) == new
+
+
+def test_old_keys_are_not_replaced_inside_of_texts() -> None:
+    text = '"asked_by": said the note'
+    status = RobotStatus(mode="ready", stop_reason=text)
+    assert decode_status(encode_status(status)).stop_reason == text

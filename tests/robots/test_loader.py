@@ -306,3 +306,14 @@ def test_what_would_take_a_reader_for_ever_is_refused_in_one_sentence(toml: str,
 def test_thresholds_of_the_battery_that_do_not_rise_are_refused() -> None:
     message = refusal(edited("stop_v = 10.0", "stop_v = 11.1"))
     assert "stop_v, arm_v and warn_v must rise in this order" in message
+
+
+def test_a_renamed_key_is_still_read() -> None:
+    text = read_description("tsd").replace("speed_scale_sigma", "spin_share")
+    assert parse_description(text, "my.toml") == load_robot("tsd")
+
+
+def test_a_key_with_its_old_name_beside_the_new_one_is_unknown() -> None:
+    text = read_description("tsd").replace("[noise]\n", "[noise]\nspin_share = 0.02\n")
+    with pytest.raises(RobotFileError, match="unknown key 'spin_share' in \\[noise\\]"):
+        parse_description(text, "my.toml")

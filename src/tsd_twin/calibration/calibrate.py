@@ -29,7 +29,7 @@ from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.client.virtual_robot import VOLT_STEP
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.sensors.camera import CameraNoise
+from tsd_twin.sensors.pose import CameraNoise
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:

@@ -44,7 +44,7 @@ from tsd_twin.messages.cdr import decode_odometry
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.status import BiasStatus, decode_stamp
 from tsd_twin.robots import SingularityDescription, description_of_kind
-from tsd_twin.sensors.camera import Camera, CameraNoise, Frame
+from tsd_twin.sensors.pose import Camera, CameraNoise, Frame
 from tsd_twin.simulation import SimRobot
 
 OFFSET_SIGMA_DEG = 0.3

@@ -15,7 +15,7 @@ from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.status import BiasStatus
 from tsd_twin.robots import JointErrors
-from tsd_twin.sensors.camera import CameraNoise
+from tsd_twin.sensors.pose import CameraNoise
 
 PRIOR_OFFSET_RAD, PRIOR_SHARE, PRIOR_DELAY_S = float(np.radians(1.0)), 0.05, 0.05
 """Standard deviations of the prior, which keeps unobservable parameters near zero."""

@@ -21,6 +21,7 @@ from tsd_twin.estimation import (
     GyroOdometry,
     MeasurementOutage,
     ReportedOdometry,
+    SensorCorrection,
     WheelSpeedModel,
     sensor_odometry_of,
 )
@@ -60,8 +61,13 @@ class StateEstimator:
         )
         self._fused = None
         if self.kinematics.pose_type is SE2:
-            self._fused = FusedEstimate(self.kinematics, self._dead_reckoning, robot.pose_sensor)
-        self._constant_rows = self._dead_reckoning.bias_rows()
+            own = sum(len(sensor.channels) for sensor in robot.own_sensors)
+            correction = SensorCorrection(
+                own, robot.mounted_sensors, self._dead_reckoning.spread.constants
+            )
+            self._fused = FusedEstimate(
+                self.kinematics, self._dead_reckoning, robot.pose_sensor, correction
+            )
         self._output: Estimate = self._fused or self._dead_reckoning
         self.pose_sensor = PoseMeasurements(self._fused)
         """Measurements from an external pose sensor."""
@@ -121,8 +127,11 @@ class StateEstimator:
             self._aux_odom.follow(joints, self.sensors, motion, dt_s)
         if self._fused is not None:
             self._fused.follow(now_s)
+            self._fused.fuse_readings(self.sensors, now_s)
             if isinstance(self._aux_odom, GyroOdometry) and self._aux_odom.comparison is not None:
-                self._fused.learning.compare(now_s, self._aux_odom.comparison)
+                comparison = self._aux_odom.comparison
+                by = self._fused.sensors.padded(comparison.bias_jacobian)
+                self._fused.learning.compare(now_s, comparison._replace(bias_jacobian=by))
         self._consistency.advance(joints, dt_s, modelled=modelled)
 
     def _coast(self, now_s: float, dt_s: float) -> None:
@@ -205,7 +214,8 @@ class StateEstimator:
         """Return estimated biases by name, or None before a pose sensor or gyro observed any."""
         if self._fused is None or not self._fused.learning.has_measured:
             return None
-        found = self._fused.learning.learned(self._constant_rows)
+        rows = self._fused.sensors.bias_rows(self._dead_reckoning.bias_rows())
+        found = self._fused.learning.learned(rows)
         return {name: BiasStatus(each.value, each.sigma) for name, each in found.items()}
 
     def consistency(self, *, wheels_spin: bool) -> ConsistencyStatus:

@@ -17,6 +17,7 @@ from tsd_twin.estimation.pose_uncertainty import (
     heading_region_rad,
     position_region,
 )
+from tsd_twin.estimation.sensor_correction import SensorCorrection
 from tsd_twin.estimation.sensor_fusion import (
     DeadReckoning,
     Estimate,
@@ -52,6 +53,7 @@ __all__ = [
     "PoseErrors",
     "PoseFilter",
     "ReportedOdometry",
+    "SensorCorrection",
     "SensorOdometry",
     "TwistErrors",
     "WheelOdometry",

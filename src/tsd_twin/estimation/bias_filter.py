@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
 from tsd_twin.estimation.pose_filter import GATE
-from tsd_twin.estimation.pose_uncertainty import TwistErrors
+from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
+from tsd_twin.estimation.sensor_correction import LinearReading
 from tsd_twin.lie import SE2, Array, wrap
 
 _STEPS_KEPT = 128
@@ -136,6 +138,36 @@ class BiasFilter:
                 self._begin()
                 return
         self._begin_at(pose, covariance, mounting, at_s)
+
+    def begin_pose(self, pose: SE2, errors: PoseErrors, at_s: float) -> None:
+        """Begin with a pose that the estimate has, with its errors, unless there is one."""
+        if self._at_s is not None:
+            return
+        self._steps.clear()
+        self._at_s = at_s
+        by, prior = errors.bias_jacobian, self.covariance
+        self._state[:3] = pose.xy_heading + by @ self.constants
+        self._covariance[:3, :3] = errors.rest + by @ prior @ by.T
+        self._covariance[:3, 3:] = by @ prior
+        self._covariance[3:, :3] = prior @ by.T
+        self._begin()
+
+    def fuse_readings(
+        self, at_s: float, linearized: Callable[[SE2], Sequence[LinearReading]]
+    ) -> None:
+        """Fuse readings taken at `at_s`, linearized at the pose of this filter."""
+        if self._at_s is None or at_s < self._at_s:
+            return
+        self._carry(at_s)
+        self._end_block()
+        for reading in linearized(SE2(self._state[:3].copy())):
+            rows = np.hstack([reading.rows, reading.bias_jacobian])
+            off = reading.offset - reading.bias_jacobian @ self.constants
+            expected = rows @ self._covariance @ rows.T + reading.covariance
+            bound = chi_square_bound(len(off), FALSE_ALARM)
+            if off @ np.linalg.solve(expected, off) <= bound:
+                self._correct(rows, off, reading.covariance)
+        self._begin()
 
     def _begin_at(self, pose: SE2, covariance: Array, mounting: Array, at_s: float) -> None:
         while self._steps and self._steps[0].end_s <= at_s:

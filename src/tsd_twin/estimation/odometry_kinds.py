@@ -22,6 +22,7 @@ from tsd_twin.robots import (
     SingularityDescription,
     SphereDescription,
 )
+from tsd_twin.sensors.dead_wheels import DEAD_WHEELS
 
 _PULSE_S = 1.0
 """Time over which pulse rounding persists."""
@@ -57,18 +58,9 @@ class DeadWheelOdometry(PlanarOdometry):
 
     def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
-        sensors, first = self._sensors, self._constants.count
-        mounting = math.radians(sensors.mounting_deg)
-        drift = math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
-        sizes = {
-            "dead_wheel1_share": sensors.radius_share,
-            "dead_wheel2_share": sensors.radius_share,
-            "dead_wheel1_mounting_rad": mounting,
-            "dead_wheel2_mounting_rad": mounting,
-            "gyro_bias_rad_per_s": drift,
-        }
-        unit = np.eye(self.spread.constants)[first:]
-        own = {name: size * row for (name, size), row in zip(sizes.items(), unit, strict=False)}
+        unit = np.eye(self.spread.constants)[self._constants.count :]
+        biases = zip(DEAD_WHEELS.biases(self._sensors), unit, strict=False)
+        own = {bias.name: bias.sigma * row for bias, row in biases}
         return {**super().bias_rows(), **own}
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:

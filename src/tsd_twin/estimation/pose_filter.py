@@ -35,6 +35,8 @@ class _Measurement:
     covariance: Array
     bias_jacobian: Array
     """(..., j, m): Jacobian of the measured value with respect to the biases."""
+    weighs_biases: bool = False
+    """Whether the gain accounts for the biases, so that the pose does not follow a biased value."""
 
 
 @dataclass(slots=True, eq=False)
@@ -193,6 +195,16 @@ class PoseFilter:
         value = np.array(pose.xy_heading, dtype=float)
         return self._fuse(_Measurement(_POSE, value, np.array(covariance), by), measured_s)
 
+    def fuse_linear(
+        self, rows: Array, value: Array, covariance: Array, bias_jacobian: Array
+    ) -> bool:
+        """Fuse a `value` (j,) of `rows` (j, 3) @ pose, measured now; return as `fuse_heading`.
+
+        The gain accounts for the biases of the value, unlike that of a measured pose.
+        """
+        measurement = _Measurement(rows, value, covariance, bias_jacobian, weighs_biases=True)
+        return self._fuse(measurement, None)
+
     def mahalanobis_sq(
         self,
         pose: SE2,
@@ -329,10 +341,15 @@ def _correct(step: _FilterStep, measurement: _Measurement) -> None:
     """
     rows, pose = measurement.rows, step.pose
     off = measurement.value - pose @ rows.T
-    heading = rows[:, 2] != 0.0
+    heading = (rows == _HEADING).all(axis=-1)
     off[..., heading] = wrap(off[..., heading])
     innovation: Array = rows @ step.cautious @ rows.T + measurement.covariance
-    gain = _transposed(np.asarray(np.linalg.solve(innovation, rows @ step.cautious), dtype=float))
+    crossed: Array = rows @ step.cautious
+    if measurement.weighs_biases:
+        by = rows @ step.bias_jacobian + measurement.bias_jacobian
+        innovation = rows @ step.rest @ rows.T + by @ _transposed(by) + measurement.covariance
+        crossed = rows @ step.rest + by @ _transposed(step.bias_jacobian)
+    gain = _transposed(np.asarray(np.linalg.solve(innovation, crossed), dtype=float))
     keep = np.eye(3) - gain @ rows
     noise = gain @ measurement.covariance @ _transposed(gain)
     step.pose = pose + (gain @ off[..., None])[..., 0]

@@ -17,6 +17,7 @@ import numpy as np
 from tsd_twin.estimation.bias_filter import BiasFilter
 from tsd_twin.estimation.pose_filter import GATE, PoseFilter
 from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
+from tsd_twin.estimation.sensor_correction import SensorCorrection
 from tsd_twin.estimation.sensor_fusion import DeadReckoning
 from tsd_twin.estimation.wheel_odometry import POSE_SENSOR_CONSTANTS
 from tsd_twin.kinematics import Kinematics
@@ -135,15 +136,22 @@ class FusedEstimate:
     """
 
     def __init__(
-        self, kinematics: Kinematics[SE2], inner: DeadReckoning, noise: PoseSensor
+        self,
+        kinematics: Kinematics[SE2],
+        inner: DeadReckoning,
+        noise: PoseSensor,
+        sensors: SensorCorrection | None = None,
     ) -> None:
+        """`sensors` correct the pose, too; none by default."""
         self.inner = inner
+        own = inner.spread.constants
+        self.sensors = sensors or SensorCorrection(0, (), own)
         self._kinematics = kinematics
         sigma = np.array([noise.sigma_m, noise.sigma_m, math.radians(noise.sigma_deg)])
         self._noise = np.diag(np.square(sigma))
         mounting = [noise.mounting_m, noise.mounting_m, math.radians(noise.mounting_deg)]
-        self._mounting: Array = np.zeros((3, inner.spread.constants))
-        self._mounting[:, -POSE_SENSOR_CONSTANTS:] = np.diag(mounting)
+        self._mounting: Array = np.zeros((3, self.sensors.constants))
+        self._mounting[:, own - POSE_SENSOR_CONSTANTS : own] = np.diag(mounting)
         self._past: deque[_EstimateRecord] = deque(maxlen=_STEPS_KEPT)
         self._filter: PoseFilter | None = None
         self._well_founded_limit = _NARROW_FACTOR * (
@@ -154,7 +162,7 @@ class FusedEstimate:
         """Time when a pose was last used or set, or None until the next step."""
         self._hypothesis: PoseHypothesis | None = None
         self._rested = False
-        self.learning = BiasFilter(inner.spread.constants)
+        self.learning = BiasFilter(self.sensors.constants)
         """Estimates the biases from the poses used."""
 
     @property
@@ -192,7 +200,7 @@ class FusedEstimate:
     def follow(self, now_s: float) -> None:
         """Update with the step of `inner` that ends at `now_s`."""
         inner = self.inner
-        twist, errors = inner.motion.twist, inner.errors
+        twist, errors = inner.motion.twist, self.sensors.twist_errors(inner.errors)
         self.learning.follow(now_s, twist, errors)
         self._past.append(_EstimateRecord(now_s, twist, errors, inner.pose, inner.spread.state))
         if self._used_s is None:
@@ -204,9 +212,31 @@ class FusedEstimate:
             held = self._hypothesis.filter
             held.advance(now_s, twist, errors.white_per_s, errors.bias_jacobian)
         if now_s - self._received_s > _SENSOR_TIMEOUT_S:
-            self.inner.set_pose(self._filter.pose, self._filter.errors)
+            self._set_inner(self._filter)
             self._past.clear()
             self._filter = self._hypothesis = None
+
+    def _set_inner(self, pose_filter: PoseFilter) -> None:
+        self.inner.set_pose(pose_filter.pose, self.sensors.own_errors(pose_filter.errors))
+
+    def fuse_readings(self, readings: Array, now_s: float) -> None:
+        """Fuse the sensor readings (s,) of the step that ended at `now_s`; NaN are left out."""
+        if not self.sensors:
+            return
+        running = self._filter or self._caught_up()
+        if running is None:
+            return
+        found = self.sensors.readings(readings, running.pose)
+        if not found:
+            return
+        self._filter, self._received_s = running, running.now_s
+        self.learning.begin_pose(running.pose, running.errors, now_s)
+        self.learning.fuse_readings(now_s, lambda pose: self.sensors.readings(readings, pose))
+        for reading in found:
+            if reading.is_plausible(running.errors):
+                value = reading.rows @ running.pose.xy_heading + reading.offset
+                running.fuse_linear(reading.rows, value, reading.covariance, reading.bias_jacobian)
+                self._used_s = running.now_s
 
     def fuse(self, pose: SE2, measured_s: float, *, at_rest: bool) -> FusionResult:
         """Fuse a pose measured at `measured_s`, and return the result.
@@ -275,7 +305,7 @@ class FusedEstimate:
             self.learning.fuse_pose(pose, self._noise, self._mounting, at_s)
             return FusionResult.USED
         self.learning.forget_pose()
-        self.inner.set_pose(held.filter.pose, held.filter.errors)
+        self._set_inner(held.filter)
         return FusionResult.RELOCALIZED
 
     def _new_hypothesis(
@@ -297,6 +327,7 @@ class FusedEstimate:
             return None
         first, *others = steps
         errors = self.inner.spread.errors_at(first.spread)
+        errors = PoseErrors(self.sensors.padded(errors.bias_jacobian), errors.rest)
         made = self._new_filter(first.pose, errors, first.end_s)
         for past in others:
             made.advance(past.end_s, past.twist, past.errors.white_per_s, past.errors.bias_jacobian)

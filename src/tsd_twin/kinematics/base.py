@@ -37,6 +37,8 @@ class Joint:
 
     name: str
     kind: JointKind
+    unit: str = ""
+    """Unit of a sensor's channel, such as `m`; "" for rad or rad/s, by `kind`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,8 +33,8 @@ from tsd_twin.messages.topics import STATUS
 from tsd_twin.recording import Recording, open_recording
 from tsd_twin.recording.mcap_file import entries
 from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
-from tsd_twin.sensors.camera import Camera, CameraNoise
 from tsd_twin.sensors.gyro import Gyro
+from tsd_twin.sensors.pose import Camera, CameraNoise
 from tsd_twin.shadow import STREAMS, Drift, ShadowFeed, ShadowReport, ShadowTwin
 from tsd_twin.simulation import BATTERY, PLANTS, DegradedRobot, Wear
 

@@ -16,8 +16,8 @@ from tsd_twin.estimation.joint_errors import JointNoise
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.sensors.camera import Camera, CameraNoise, Frame
 from tsd_twin.sensors.gyro import Gyro, YawGyro
+from tsd_twin.sensors.pose import Camera, CameraNoise, Frame
 
 _GRAVITY_MPS2 = 9.81
 _SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)

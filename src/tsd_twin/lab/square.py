@@ -31,7 +31,7 @@ from tsd_twin.motion.routes import Route
 from tsd_twin.motion.tracking import Gains, TrackingController, TrackingSettings
 from tsd_twin.motion.trajectory import SpeedProfile, Trajectory, plan
 from tsd_twin.robots import RPM, RobotDescription, SingularityDescription, description_of_kind
-from tsd_twin.sensors.camera import Camera, CameraNoise, Frame
+from tsd_twin.sensors.pose import Camera, CameraNoise, Frame
 from tsd_twin.simulation import PLANTS, SimRobot
 
 _FEEDFORWARD_STEP_S = 0.005

@@ -27,7 +27,7 @@ from tsd_twin.motion.routes import FixedHeading, HeadingProfile, Route, TangentH
 from tsd_twin.motion.tracking import TrackingController, TrackingSettings
 from tsd_twin.motion.trajectory import Trajectory, plan
 from tsd_twin.robots import OmniDescription, description_of_kind
-from tsd_twin.sensors.camera import Frame
+from tsd_twin.sensors.pose import Frame
 from tsd_twin.simulation import SimRobot
 
 _RIGHT = np.array([[0.0, 0.0], [0.7, 0.5], [1.4, 0.0], [0.7, -0.5], [0.0, 0.0]])

@@ -19,6 +19,7 @@ from msgspec import Meta
 from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import Joint, Kinematics, SingularityKinematics
 from tsd_twin.lie import Array
+from tsd_twin.sensors import MountedSensor, SensorTable, mounted, read_tables
 from tsd_twin.sensors.pose import PoseSensor
 from tsd_twin.tables import Colour, Name, NotNegative, Positive, Problem, Table
 
@@ -237,7 +238,7 @@ class JointCompliance:
 
 NOT_DRAWN = frozenset((
     "title", "package", "sources", "assumptions", "limits", "battery", "pose_sensor",
-    "calibration", "noise", "errors", "floor", "gyro", "motor",
+    "calibration", "noise", "errors", "floor", "gyro", "motor", "sensor_tables",
 ))  # fmt: skip
 """Description fields that models of most kinds do not depend on."""
 
@@ -261,6 +262,16 @@ class RobotDescription(Table, frozen=True, kw_only=True):
     battery: Battery
     body: Body = Body()
     pose_sensor: PoseSensor = PoseSensor()
+    sensor_tables: Sequence[Any] = msgspec.field(default=(), name="sensors")
+    """Entries of `[[sensors]]`, as `SensorTable`."""
+
+    def __post_init__(self) -> None:
+        """Convert the entries of `[[sensors]]` to the tables of their kinds.
+
+        Raises:
+            ValueError: If one is unknown or impossible.
+        """
+        msgspec.structs.force_setattr(self, "sensor_tables", read_tables(self.sensor_tables))
 
     @property
     def arming_hold_s(self) -> float:
@@ -273,9 +284,21 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         return True
 
     @property
-    def sensors(self) -> tuple[Joint, ...]:
-        """Additional sensors; their readings follow the drive's joints in this order."""
+    def own_sensors(self) -> tuple[MountedSensor, ...]:
+        """Sensors with a table of their own, such as `[gyro]`."""
         return ()
+
+    @property
+    def mounted_sensors(self) -> tuple[MountedSensor, ...]:
+        """Entries of `[[sensors]]`."""
+        tables: Sequence[SensorTable] = self.sensor_tables
+        return tuple(map(mounted, tables))
+
+    @property
+    def sensors(self) -> tuple[Joint, ...]:
+        """Channels of all sensors; their readings follow the drive's joints in this order."""
+        every = (*self.own_sensors, *self.mounted_sensors)
+        return tuple(channel for sensor in every for channel in sensor.channels)
 
     @property
     def not_promised(self) -> tuple[str, ...]:

@@ -16,11 +16,12 @@ from typing import Any, TypeVar
 import msgspec
 
 from tsd_twin.errors import RobotFileError
+from tsd_twin.lie import SE2
 from tsd_twin.robots.description import PACKAGE_NAME, RobotDescription
 from tsd_twin.robots.kinds import description_class, kind_names, kind_of
 from tsd_twin.robots.plausibility import range_problems
 from tsd_twin.robots.singularity import SingularityDescription
-from tsd_twin.tables import Problem, Table
+from tsd_twin.tables import closest, value_problem
 
 _PACKAGE = "tsd_twin.robots"
 MAX_FILE_CHARS = 16_384
@@ -49,7 +50,7 @@ def read_description(name_or_path: str) -> str:
         if name_or_path not in robot_names():
             raise RobotFileError(
                 name_or_path,
-                "no such robot" + _closest(name_or_path, robot_names()),
+                "no such robot" + closest(name_or_path, robot_names()),
                 f"shipped are {', '.join(robot_names())}; your own is given by its path, "
                 f"my_robot.toml",
             )
@@ -118,7 +119,7 @@ def description_of_tables(tables: Any, file: str) -> RobotDescription:
         robot = msgspec.convert(tables, kind)
     except msgspec.ValidationError as error:
         raise RobotFileError(
-            file, *(_schema_problem(tables, kind, "") or (str(error), ""))
+            file, *(value_problem(tables, kind, "") or (str(error), ""))
         ) from error
     except RecursionError as error:
         raise RobotFileError(file, "tables or lists are nested too deeply") from error
@@ -169,6 +170,8 @@ def _check(robot: RobotDescription, file: str) -> None:
         raise RobotFileError(
             file, "limits.max_command_age_s is above limits.max_command_age_ceiling_s"
         )
+    if robot.sensor_tables and (robot.driven_by_ros or robot.kinematics().pose_type is not SE2):
+        raise RobotFileError(file, "[[sensors]] are for robots that a node drives on a floor")
     for problem, valid in robot.problems():
         raise RobotFileError(file, problem, valid)
 
@@ -183,68 +186,3 @@ def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
     elif isinstance(value, list | tuple):
         for i, item in enumerate(typing.cast("Sequence[Any]", value)):
             yield from _numbers(item, f"{path}[{i}]")
-
-
-def _schema_problem(value: Any, hint: Any, path: str) -> Problem | None:
-    """Return the first problem of `value` with its type, deepest first, or None."""
-    problem: Problem | None = None
-    table = _table(hint)
-    if table is not None and isinstance(value, dict):
-        problem = _table_problem(typing.cast("dict[str, Any]", value), table, path)
-    elif isinstance(value, list):
-        items = enumerate(typing.cast("list[Any]", value))
-        found = (_schema_problem(one, _item_hint(hint, i), f"{path}[{i}]") for i, one in items)
-        problem = next(filter(None, found), None)
-    if problem is not None or hint is None:
-        return problem
-    try:
-        msgspec.convert(value, hint)
-    except msgspec.ValidationError as error:
-        text = str(error)
-        return f"{path or 'the file'}: {text[0].lower()}{text[1:].replace('`', '')}", ""
-    return None
-
-
-def _table_problem(values: dict[str, Any], table: type[Table], path: str) -> Problem | None:
-    fields = {field.encode_name: field for field in msgspec.structs.fields(table)}
-    tag = table.__struct_config__.tag_field
-    keys = [*filter(None, [tag]), *fields]
-    place, valid = f"[{path}]" if path else "the top level", f"valid here: {', '.join(keys)}"
-    for key in values:
-        if key not in keys:
-            return f"unknown key '{key}' in {place}{_closest(key, keys)}", valid
-    for key, field in fields.items():
-        if key in values:
-            below = f"{path}.{key}" if path else key
-            problem = _schema_problem(values[key], field.type, below)
-            if problem:
-                return problem
-        elif field.required:
-            return f"key '{key}' is missing in {place}", valid
-    return None
-
-
-def _table(hint: Any) -> type[Table] | None:
-    """Return the table class of a type hint, also of an optional one."""
-    if isinstance(hint, type):
-        return hint if issubclass(hint, Table) else None
-    if typing.get_origin(hint) in (list, tuple):
-        return None
-    inside = (_table(part) for part in typing.get_args(hint))
-    return next((table for table in inside if table is not None), None)
-
-
-def _item_hint(hint: Any, index: int) -> Any:
-    """Return the type of an item of a list or tuple, also of an optional one; None if neither."""
-    origin, parts = typing.get_origin(hint), typing.get_args(hint)
-    if origin is list:
-        return parts[0]
-    if origin is tuple:
-        return parts[min(index, len(parts) - 1)]
-    inside = (_item_hint(part, index) for part in parts)
-    return next((each for each in inside if each is not None), None)
-
-
-def _closest(word: str, valid: list[str]) -> str:
-    near = difflib.get_close_matches(word, valid, n=1)
-    return f", did you mean '{near[0]}'?" if near else ""

@@ -10,14 +10,15 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from tsd_twin.kinematics import Joint, JointKind, OmniKinematics, SphereKinematics
+from tsd_twin.kinematics import OmniKinematics, SphereKinematics
 from tsd_twin.kinematics.omni import contacts_and_directions, layout_problem, sphere_layout_problem
 from tsd_twin.lie import Array
 from tsd_twin.robots.description import NOT_DRAWN, JointErrors
 from tsd_twin.robots.geared_motor import GearedMotorDescription, carried_kg_m2
 from tsd_twin.robots.plausibility import proportion_problems
-from tsd_twin.sensors.dead_wheels import DeadWheels
-from tsd_twin.sensors.gyro import GYRO_SENSORS, Gyro
+from tsd_twin.sensors import MountedSensor
+from tsd_twin.sensors.dead_wheels import DEAD_WHEELS, DeadWheels
+from tsd_twin.sensors.gyro import GYRO, Gyro
 from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
 ROLLER_CREEP_MPS = 0.01
@@ -65,15 +66,11 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
     dead_wheels: DeadWheels | None = None
 
     @property
-    def sensors(self) -> tuple[Joint, ...]:
-        """Sensors: angles of the tracking wheels, and the turn rate of the gyro."""
-        if self.dead_wheels is None:
-            return () if self.gyro is None else GYRO_SENSORS
-        return (
-            Joint("dead1", JointKind.POSITION),
-            Joint("dead2", JointKind.POSITION),
-            Joint("gyro", JointKind.VELOCITY),
-        )
+    def own_sensors(self) -> tuple[MountedSensor, ...]:
+        """Tracking wheels, which have a gyro of their own, or the gyro."""
+        if self.dead_wheels is not None:
+            return (MountedSensor(DEAD_WHEELS, self.dead_wheels),)
+        return () if self.gyro is None else (MountedSensor(GYRO, self.gyro),)
 
     @property
     def wheel_radius_m(self) -> float:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from tsd_twin.kinematics import Joint, SingularityKinematics
+from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 from tsd_twin.robots.description import (
     RPM,
@@ -26,7 +26,8 @@ from tsd_twin.robots.description import (
     WheelSpeedResponse,
 )
 from tsd_twin.robots.plausibility import proportion_problems
-from tsd_twin.sensors.gyro import GYRO_SENSORS, Gyro
+from tsd_twin.sensors import MountedSensor
+from tsd_twin.sensors.gyro import GYRO, Gyro
 from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
 _GRAVITY_MPS2 = 9.81
@@ -234,9 +235,9 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return False
 
     @property
-    def sensors(self) -> tuple[Joint, ...]:
-        """Turn rate of the gyro, if any."""
-        return () if self.gyro is None else GYRO_SENSORS
+    def own_sensors(self) -> tuple[MountedSensor, ...]:
+        """The gyro, if any."""
+        return () if self.gyro is None else (MountedSensor(GYRO, self.gyro),)
 
     def kinematics(self) -> SingularityKinematics:
         """Return the kinematics at cruise speed."""

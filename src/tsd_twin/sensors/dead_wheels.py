@@ -1,4 +1,4 @@
-"""Dead wheels: their tables, and their simulation."""
+"""Dead wheels: passive tracking wheels with encoders, and a rate gyro for the heading."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
+from tsd_twin.kinematics import Joint, JointKind
 from tsd_twin.lie import Array
+from tsd_twin.sensors.base import Bias, BodyMotion, Sensor
 from tsd_twin.tables import NotNegative, Positive, Table
 
 
@@ -63,14 +65,48 @@ class DeadWheelSensors:
         self._rows = (np.cos(turned) * rows + np.sin(turned) * across) / (sensors.radius_m * radius)
         # Wheels start anywhere between two pulses.
         between = random.uniform(0.0, self._step_rad, (*batch, 2))
+        self._rate: Array = np.zeros(batch)
         self._angles = between if noise > 0.0 else np.zeros((*batch, 2))
 
-    def advance(self, twist: Array, dt_s: float) -> None:
-        """Integrate the wheel angles for `dt_s` at a mean `twist` (..., 3)."""
-        self._angles = self._angles + dt_s * (self._rows @ twist[..., None])[..., 0]
+    def advance(self, motion: BodyMotion, dt_s: float) -> None:
+        """Integrate the wheel angles for `dt_s` at the twist of `motion`."""
+        self._rate = motion.twist[..., 2]
+        self._angles = self._angles + dt_s * (self._rows @ motion.twist[..., None])[..., 0]
 
-    def measure(self, twist: Array) -> Array:
+    def read(self) -> Array:
         """Return both angles in whole pulses, radians, and the rate, rad/s, (..., 3)."""
         pulses = np.floor(self._angles / self._step_rad) * self._step_rad
-        rate = np.clip(twist[..., 2] + self._drift, -self._range, self._range)
+        rate = np.clip(self._rate + self._drift, -self._range, self._range)
         return np.concatenate([pulses, rate[..., None]], axis=-1)
+
+
+class _DeadWheelSensor:
+    """Dead wheels; `DeadWheelOdometry` computes pose and twist from them."""
+
+    def channels(self, table: DeadWheels) -> tuple[Joint, ...]:  # noqa: ARG002  Common signature.
+        """Return the angles of both wheels, and the turn rate."""
+        angles = (Joint(name, JointKind.POSITION) for name in ("dead1", "dead2"))
+        return (*angles, Joint("gyro", JointKind.VELOCITY))
+
+    def biases(self, table: DeadWheels) -> tuple[Bias, ...]:
+        """Return the errors of radii and directions, and the drift of the gyro."""
+        mounting_rad = math.radians(table.mounting_deg)
+        return (
+            Bias("dead_wheel1_share", table.radius_share),
+            Bias("dead_wheel2_share", table.radius_share),
+            Bias("dead_wheel1_mounting_rad", mounting_rad),
+            Bias("dead_wheel2_mounting_rad", mounting_rad),
+            Bias("gyro_bias_rad_per_s", math.radians(table.gyro_drift_deg_per_h) / 3600.0),
+        )
+
+    def simulate(
+        self, table: DeadWheels, batch: tuple[int, ...], random: np.random.Generator, scale: float
+    ) -> DeadWheelSensors:
+        """Return the dead wheels of simulated robots."""
+        return DeadWheelSensors(table, batch, random, scale)
+
+    def model(self, table: DeadWheels) -> None:
+        """Return None: an odometry uses the sensor."""
+
+
+DEAD_WHEELS: Sensor[DeadWheels] = _DeadWheelSensor()

@@ -1,4 +1,4 @@
-"""Gyro: its table, and its simulation."""
+"""Yaw gyro."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from tsd_twin.kinematics import Joint, JointKind
 from tsd_twin.lie import Array
+from tsd_twin.sensors.base import Bias, BodyMotion, Sensor
 from tsd_twin.tables import NotNegative, Positive, Table
 
 
@@ -19,10 +20,6 @@ class Gyro(Table, frozen=True):
     """Standard deviation of a reading at 100 Hz."""
     bias_rad_per_s: NotNegative = 0.0005
     """Standard deviation of the bias per run, after one second of zeroing at rest."""
-
-
-GYRO_SENSORS = (Joint("gyro", JointKind.VELOCITY),)
-"""Sensors of a robot with a yaw gyro only."""
 
 
 class YawGyro:
@@ -44,7 +41,40 @@ class YawGyro:
         self._batch = batch
         self._bias = scale * noise.bias_rad_per_s * random.standard_normal(batch)
         self._sigma = scale * noise.noise_rad_per_s
+        self._rate: Array = np.zeros(batch)
+
+    def advance(self, motion: BodyMotion, dt_s: float) -> None:  # noqa: ARG002  Common signature.
+        """Follow the turn rate."""
+        self._rate = motion.twist[..., 2]
+
+    def read(self) -> Array:
+        """Return the turn rate (..., 1), rad/s."""
+        return self.measure(self._rate)[..., None]
 
     def measure(self, rate: Array) -> Array:
         """Return readings (...), rad/s, for true turn rates `rate` (...)."""
         return rate + self._bias + self._sigma * self._random.standard_normal(self._batch)
+
+
+class _GyroSensor:
+    """The yaw gyro; `GyroOdometry` fuses it with the wheels."""
+
+    def channels(self, table: Gyro) -> tuple[Joint, ...]:  # noqa: ARG002  Common signature.
+        """Return the turn rate."""
+        return (Joint("gyro", JointKind.VELOCITY),)
+
+    def biases(self, table: Gyro) -> tuple[Bias, ...]:
+        """Return the bias of the turn rate."""
+        return (Bias("gyro_bias_rad_per_s", table.bias_rad_per_s),)
+
+    def simulate(
+        self, table: Gyro, batch: tuple[int, ...], random: np.random.Generator, scale: float
+    ) -> YawGyro:
+        """Return the gyro of simulated robots."""
+        return YawGyro(table, random, batch, scale=scale)
+
+    def model(self, table: Gyro) -> None:
+        """Return None: an odometry uses the sensor."""
+
+
+GYRO: Sensor[Gyro] = _GyroSensor()

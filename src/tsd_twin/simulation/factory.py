@@ -15,10 +15,11 @@ from tsd_twin.robots import (
     SphereDescription,
     kind_of,
 )
+from tsd_twin.sensors.dead_wheels import DEAD_WHEELS
 from tsd_twin.simulation.base import Simulation
 from tsd_twin.simulation.delay import Actuated, DelayWrapper
 from tsd_twin.simulation.mujoco_plant import MujocoSimulation
-from tsd_twin.simulation.sensed import GyroSimulation
+from tsd_twin.simulation.sensed import SensedSimulation
 from tsd_twin.simulation.singularity import SingularitySimulation
 from tsd_twin.simulation.wheeled import GearedSimulation, OmniSimulation, SphereSimulation
 
@@ -35,11 +36,14 @@ def _behind_bus(plant: Callable[..., Actuated]) -> _Factory:
     return make
 
 
-def _with_gyro(make: _Factory) -> _Factory:
-    """Return a factory that adds the described gyro, if any."""
+def _sensed(make: _Factory, *, simulates_own: bool = False) -> _Factory:
+    """Return a factory that adds the sensors of the robot.
+
+    `simulates_own`: the plant has dead wheels already.
+    """
 
     def add(
-        robot: SingularityDescription | OmniDescription,
+        robot: RobotDescription,
         batch: tuple[int, ...],
         *,
         seed: int | None,
@@ -47,18 +51,20 @@ def _with_gyro(make: _Factory) -> _Factory:
         **options: Any,
     ) -> Simulation:
         simulation = make(robot, batch, seed=seed, noise=noise, **options)
-        if robot.gyro is None:
+        own = [s for s in robot.own_sensors if not (simulates_own and s.sensor is DEAD_WHEELS)]
+        sensors = (*own, *robot.mounted_sensors)
+        if not sensors:
             return simulation
-        return GyroSimulation(simulation, robot.gyro, batch, seed=seed, noise=noise)
+        return SensedSimulation(simulation, sensors, batch, seed=seed, noise=noise)
 
     return add
 
 
-simulate_singularity = _with_gyro(_behind_bus(SingularitySimulation))
+simulate_singularity = _sensed(_behind_bus(SingularitySimulation))
 """Factory of the kinematic simulation of a singularity drive."""
-simulate_singularity_mujoco = _with_gyro(_behind_bus(MujocoSimulation))
+simulate_singularity_mujoco = _sensed(_behind_bus(MujocoSimulation))
 """Factory of the MuJoCo simulation of a singularity drive."""
-simulate_omni = _with_gyro(OmniSimulation)
+simulate_omni = _sensed(OmniSimulation, simulates_own=True)
 """Factory of the simulation of a platform on wheels with rollers."""
 _NONE: Mapping[str, _Factory] = {}
 _SIMULATIONS = KindTable[Mapping[str, _Factory]](
@@ -119,7 +125,7 @@ def simulate(
         raise RobotFileError(robot.name, f"the plant `{plant}` cannot move it", f"only {kinds}")
     built = robot.with_errors(errors)
     made = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
-    moves = made.simulation if isinstance(made, GyroSimulation) else made
+    moves = made.simulation if isinstance(made, SensedSimulation) else made
     if step_s is not None and isinstance(moves, GearedSimulation):
         moves.longest_step_s = step_s
     return made

@@ -12,6 +12,7 @@ from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import OmniDescription, SphereDescription
 from tsd_twin.robots.geared_motor import GearedMotor, GearedMotorDescription
 from tsd_twin.robots.omni import ROLLER_CREEP_MPS
+from tsd_twin.sensors.base import BodyMotion
 from tsd_twin.sensors.dead_wheels import DeadWheelSensors
 from tsd_twin.simulation.actuators import SimulationOptions
 
@@ -175,7 +176,8 @@ class OmniSimulation(GearedSimulation):
         speeds = super().measure()
         if self._sensors is None:
             return speeds
-        return np.concatenate([speeds, self._sensors.measure(self._twist)], axis=-1)
+        self._sensors.advance(BodyMotion(self.pose, self._twist), 0.0)
+        return np.concatenate([speeds, self._sensors.read()], axis=-1)
 
     def twist(self) -> Array:
         """Return the true twist (..., 3) in the body frame."""
@@ -200,7 +202,7 @@ class OmniSimulation(GearedSimulation):
         middle = 0.5 * (self._twist + twist)
         self.pose = self.pose @ SE2.exp(dt_s * middle)
         if self._sensors is not None:
-            self._sensors.advance(middle, dt_s)
+            self._sensors.advance(BodyMotion(self.pose, middle), dt_s)
         # The axes have turned with the body, but the velocity in the world has not.
         angle = -dt_s * middle[..., 2]
         cos, sin = np.cos(angle), np.sin(angle)

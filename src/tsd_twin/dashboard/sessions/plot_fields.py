@@ -44,7 +44,9 @@ class PlotFields:
             for joint in joints:
                 is_angle = joint.kind is JointKind.POSITION
                 value = "position_rad" if is_angle else "velocity_rad_per_s"
-                self._readers[f"{stream}.{joint.name}.{value}"] = partial(
+                unit = _SUFFIXES.get(joint.unit, joint.unit)
+                name = f"reading_{unit}" if joint.unit else value
+                self._readers[f"{stream}.{joint.name}.{name}"] = partial(
                     _joint_value, stream, joint.name, value
                 )
         for i, axis in enumerate(axes):

@@ -1,0 +1,130 @@
+"""Correction of the pose by readings of `[[sensors]]` with a measurement model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
+from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
+from tsd_twin.lie import SE2, Array
+from tsd_twin.sensors import MountedSensor
+from tsd_twin.sensors.base import SensorModel
+
+
+class LinearReading(NamedTuple):
+    """Reading, linear in the error of a pose: `offset` = `rows` @ error + biases + noise."""
+
+    offset: Array
+    """(c,): reading minus prediction, with all biases zero."""
+    rows: Array
+    """(c, 3)."""
+    bias_jacobian: Array
+    """(c, m): with respect to all biases of the estimate, in standard deviations."""
+    covariance: Array
+    """(c, c): covariance of the noise."""
+
+    def is_plausible(self, errors: PoseErrors) -> bool:
+        """Return whether the offset is within the gate, for a pose with these errors.
+
+        One in 10,000 correct readings is not.
+        """
+        by = self.rows @ errors.bias_jacobian + self.bias_jacobian
+        expected = self.rows @ errors.rest @ self.rows.T + by @ by.T + self.covariance
+        distance_sq = float(self.offset @ np.linalg.solve(expected, self.offset))
+        return distance_sq <= chi_square_bound(len(self.offset), FALSE_ALARM)
+
+
+class _Entry(NamedTuple):
+    model: SensorModel
+    channels: tuple[int, int]
+    """First and last index of its readings among those of a step, as of a slice."""
+    biases: tuple[int, int]
+    """First and last index of its biases among those of the estimate."""
+    sigmas: Array
+
+
+class SensorCorrection:
+    """Sensors of a robot that correct its pose, and the biases that they add to an estimate.
+
+    Their biases follow the `own` ones of the dead reckoning.
+    """
+
+    def __init__(
+        self, other_channels: int, sensors: Sequence[MountedSensor], own_biases: int
+    ) -> None:
+        """`sensors` follow `other_channels` in the readings of a step."""
+        self._own = own_biases
+        self._entries: list[_Entry] = []
+        self._names: list[str] = []
+        self._sigmas: list[float] = []
+        channel, bias = other_channels, own_biases
+        for sensor in sensors:
+            channels = (channel, channel + len(sensor.channels))
+            channel, biases, model = channels[1], sensor.biases, sensor.model()
+            if model is None:
+                continue
+            sigmas = np.array([each.sigma for each in biases])
+            columns = (bias, bias + len(biases))
+            self._entries.append(_Entry(model, channels, columns, sigmas))
+            self._names += [each.name for each in biases]
+            self._sigmas += sigmas.tolist()
+            bias = columns[1]
+        self.constants = bias
+        """Number of all biases of the estimate."""
+        self._padded: tuple[TwistErrors | None, TwistErrors | None] = (None, None)
+
+    def __bool__(self) -> bool:
+        """Whether there are sensors."""
+        return bool(self._entries)
+
+    def bias_rows(self, own: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the Jacobian row (m,) of each parameter w.r.t. all biases."""
+        count = self.constants
+        rows = {name: np.pad(row, (0, count - len(row))) for name, row in own.items()}
+        unit = np.eye(count)[self._own :]
+        return rows | {
+            name: sigma * row
+            for name, sigma, row in zip(self._names, self._sigmas, unit, strict=True)
+        }
+
+    def twist_errors(self, own: TwistErrors) -> TwistErrors:
+        """Return twist errors with columns for all biases; the same object for the same errors."""
+        if self._own == self.constants:
+            return own
+        if own is not self._padded[0]:
+            self._padded = own, replace(own, bias_jacobian=self.padded(own.bias_jacobian))
+        return self._padded[1] or own
+
+    def padded(self, jacobian: Array) -> Array:
+        """Return a Jacobian (..., own) with zero columns for the biases of the sensors."""
+        extra = self.constants - self._own
+        return np.pad(jacobian, [(0, 0)] * (jacobian.ndim - 1) + [(0, extra)])
+
+    def own_errors(self, errors: PoseErrors) -> PoseErrors:
+        """Return pose errors whose part from the sensors' biases is noise."""
+        by = errors.bias_jacobian[:, self._own :]
+        return PoseErrors(errors.bias_jacobian[:, : self._own], errors.rest + by @ by.T)
+
+    def readings(self, readings: Array, pose: SE2) -> list[LinearReading]:
+        """Return the readings (s,) of a step, linearized at a pose; NaN has none."""
+        return [
+            linear
+            for entry in self._entries
+            if (linear := self._linear(entry, readings, pose)) is not None
+        ]
+
+    def _linear(self, entry: _Entry, readings: Array, pose: SE2) -> LinearReading | None:
+        reading = readings[slice(*entry.channels)]
+        if not len(reading) or not np.isfinite(reading).all():
+            return None
+        expected = entry.model.predict(pose)
+        if expected is None:
+            return None
+        by = np.zeros((len(reading), self.constants))
+        by[:, slice(*entry.biases)] = expected.bias_jacobian * entry.sigmas
+        offset = reading - expected.value
+        return LinearReading(offset, expected.pose_jacobian, by, expected.covariance)
