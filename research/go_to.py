@@ -19,6 +19,7 @@ from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.client.virtual import PERIOD_S
 from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import CommandStatus
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.prediction import CommandDelay
@@ -176,7 +177,7 @@ def go(case: Case, seed: int) -> Arrival:
         float(beside.max()),
         float(np.hypot(*(way[-1] - goal))),
         time_s,
-        step.reason,
+        sentence(step.why) if step.why else "",
     )
 
 

@@ -73,6 +73,9 @@ class SeveralAnswersError(BusError):
 class PathError(TwinError):
     """A path that no robot can follow: zero length, a gap, or a forbidden corner."""
 
+    why: CodedReason | None = None
+    """Code and parameters, if an operator can cause it."""
+
 
 class RecordingError(TwinError):
     """A file is not a recording, or lacks a topic."""

@@ -56,7 +56,9 @@ def test_the_urdf_of_a_robot_of_ones_own_is_drawn() -> None:
 def test_what_a_robot_is_not_drawn_by_is_not_read_by_what_draws(name: str) -> None:
     """So a robot that was calibrated has the URDF of the shipped one; and that is the drawn one."""
     robot = load_robot(name)
-    unread = {field: object() for field in robot.not_drawn if field in robot.__struct_fields__}
+    # Tables of sensors are checked when a description is made.
+    fields = robot.not_drawn & set(robot.__struct_fields__) - {"sensor_tables"}
+    unread = {field: object() for field in fields}
     assert len(unread) >= 6
     own = msgspec.structs.replace(robot, **unread)
     assert robot_urdf(own) == robot_urdf(robot) == urdf(own, load_parts(own))

@@ -14,6 +14,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.estimation import PoseFilter
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.paths import line, polyline
 from tsd_twin.motion.routes import FixedHeading, Route, SampledHeading
@@ -262,8 +263,8 @@ class CalibrationDriver:
         if self._follower is None:
             return np.zeros(3)
         step = self._follower.advance(now_s, local)
-        if step.phase is ExecutionPhase.LOST:
-            raise TwinError(step.reason)
+        if step.why is not None:
+            raise TwinError(sentence(step.why))
         trajectory = self._follower.trajectory
         share = min(step.done_m / trajectory.length_m, 1.0)
         self.progress = (self._done_s + share * trajectory.duration_s) / self._route.duration_s

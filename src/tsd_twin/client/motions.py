@@ -27,6 +27,7 @@ from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.modes import Mode
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import RobotStatus
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.routes import NavigationGoal
@@ -215,8 +216,8 @@ def follow(
         outcome = yield Compute(lambda: plan(goal, start, limits))
         path = _PathFollower(protocol, outcome.value, speed_mps)
         yield from _send_twists(protocol, outcome.now_s, motion, path, BASE)
-        if path.step is not None and path.step.phase is ExecutionPhase.LOST:
-            reason = path.step.reason
+        if path.step is not None and path.step.why is not None:
+            reason = sentence(path.step.why)
             if stale := protocol.stale_commands:
                 reason += f"; {stale} commands came too late and were dropped"
             raise MotionFailed(f"{protocol.robot_id} stopped on its way: {reason}", "left_path")

@@ -194,6 +194,20 @@ class Code(StrEnum):
     UNKNOWN_STATUS = "unknown_status"
     SENT_BEFORE_CHANGE = "sent_before_change"
     TOO_OLD = "too_old"
+    # Paths.
+    PATH_NOT_ON_FLOOR = "path_not_on_floor"
+    PATH_NOT_FINITE = "path_not_finite"
+    PATH_TOO_LONG = "path_too_long"
+    ALREADY_THERE = "already_there"
+    PATH_CANNOT_BE_FOLLOWED = "path_cannot_be_followed"
+    PATH_NO_LONGER_PLANNED = "path_no_longer_planned"
+    POSE_OUT_OF_DATE = "pose_out_of_date"
+    PATH_OUT_OF_DATE = "path_out_of_date"
+    PATH_STARTS_AT_REST = "path_starts_at_rest"
+    POSE_NOT_FINITE = "pose_not_finite"
+    OFF_PATH = "off_path"
+    NO_PROGRESS = "no_progress"
+    STAYS_FROM_GOAL = "stays_from_goal"
 
 
 class Type(StrEnum):
@@ -404,6 +418,19 @@ PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.UNKNOWN_STATUS: {"number": Type.COUNT},
     Code.SENT_BEFORE_CHANGE: {},
     Code.TOO_OLD: {"s": Type.S, "limit_s": Type.S},
+    Code.PATH_NOT_ON_FLOOR: {},
+    Code.PATH_NOT_FINITE: {},
+    Code.PATH_TOO_LONG: {"limit_m": Type.M},
+    Code.ALREADY_THERE: {},
+    Code.PATH_CANNOT_BE_FOLLOWED: {"at_m": Type.M},
+    Code.PATH_NO_LONGER_PLANNED: {},
+    Code.POSE_OUT_OF_DATE: {"s": Type.S},
+    Code.PATH_OUT_OF_DATE: {},
+    Code.PATH_STARTS_AT_REST: {},
+    Code.POSE_NOT_FINITE: {},
+    Code.OFF_PATH: {"metres": Type.M, "deg": Type.DEG},
+    Code.NO_PROGRESS: {},
+    Code.STAYS_FROM_GOAL: {"metres": Type.M},
 }
 """Parameters of each code, by name; a name that ends with "?" may be missing."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tsd_twin.errors import TwinError
+from tsd_twin.errors import PathError, TwinError
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.sentences import sentence
 
@@ -29,3 +29,17 @@ def rejection(error: MessageError) -> Reason:
     if isinstance(error, RejectedMessage):
         return error.why
     return because(Code.BAD_SHAPE, detail=str(error))
+
+
+def path_refusal(why: Reason) -> PathError:
+    """Return an error for a path that an operator asked for."""
+    error = PathError(sentence(why))
+    error.why = why
+    return error
+
+
+def reason_of_path(error: PathError) -> Reason:
+    """Return why a path is refused; a text if only a program can cause it."""
+    if isinstance(error.why, Reason):
+        return error.why
+    return because(Code.PATH_REFUSED, text=str(error))

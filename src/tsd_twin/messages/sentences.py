@@ -185,6 +185,19 @@ TEMPLATES: Mapping[Code, str] = {
     Code.UNKNOWN_STATUS: "status {number} was not sent lately",
     Code.SENT_BEFORE_CHANGE: "command was sent before the robot last stopped or was armed",
     Code.TOO_OLD: "command is {s:.2} s old, {limit_s} s are allowed",
+    Code.PATH_NOT_ON_FLOOR: "that is not on the floor",
+    Code.PATH_NOT_FINITE: "the pose of the robot, or the heading to turn to, is no number",
+    Code.PATH_TOO_LONG: "a path may be {limit_m} long at most",
+    Code.ALREADY_THERE: "the robot is there already",
+    Code.PATH_CANNOT_BE_FOLLOWED: "the route cannot be followed at {at_m}",
+    Code.PATH_NO_LONGER_PLANNED: "that path is no longer planned",
+    Code.POSE_OUT_OF_DATE: "the robot has not sent its pose for {s}",
+    Code.PATH_OUT_OF_DATE: "the robot has moved or its limits have changed; a new path is planned",
+    Code.PATH_STARTS_AT_REST: "the robot is not at rest",
+    Code.POSE_NOT_FINITE: "the pose is no number",
+    Code.OFF_PATH: "the robot is {metres} and {deg} off its path",
+    Code.NO_PROGRESS: "the robot makes no progress",
+    Code.STAYS_FROM_GOAL: "the robot stays {metres} from its goal",
 }
 
 _DRIVE = "the speed controllers have no power: the stop circuit is open"

@@ -11,6 +11,8 @@ import numpy as np
 
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.errors import path_refusal
 from tsd_twin.motion.paths import Curve, Path, PathPoints, line
 
 _HEADING_ASIDE_M = 1e-9
@@ -226,14 +228,14 @@ class NavigationGoal:
         """
         here, goal = start.xy_heading, np.asarray(self.points[-1], dtype=float)
         if not (np.isfinite(here).all() and math.isfinite(self.heading_rad or 0.0)):
-            raise PathError("the pose of the robot, or the heading to turn to, is no number")
+            raise path_refusal(because(Code.PATH_NOT_FINITE))
         turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - here[2]))
         way = np.concatenate([here[None, :2], self.points])
         length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
         if not np.isfinite(length_m) or length_m > LONGEST_M:
-            raise PathError(f"a path may be {LONGEST_M:g} m long at most")
+            raise path_refusal(because(Code.PATH_TOO_LONG, limit_m=LONGEST_M))
         if self.is_done(start):
-            raise PathError("the robot is there already")
+            raise path_refusal(because(Code.ALREADY_THERE))
         path: Path
         if length_m >= ARRIVAL_TOLERANCE_M:
             path = line(here[:2].tolist(), goal.tolist()) if len(way) == 2 else _smooth(way)

@@ -10,6 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.motion.trajectory import Reference, Trajectory
 
 
@@ -191,7 +192,7 @@ class ExecutionStep:
     cross_track_m: float
     """Distance between the robot and the reference."""
     heading_error_rad: float
-    reason: str = ""
+    why: Reason | None = None
     """Reason for the phase `LOST`."""
 
 
@@ -238,7 +239,8 @@ class TrajectoryExecutor:
         last.
         """
         if not np.isfinite(pose.xy_heading).all():
-            return self._step(ExecutionPhase.LOST, 0.0, math.inf, math.inf, "the pose is no number")
+            why = because(Code.POSE_NOT_FINITE)
+            return self._step(ExecutionPhase.LOST, 0.0, math.inf, math.inf, why)
         dt_s = 0.0 if self._last_s is None else min(max(now_s - self._last_s, 0.0), _GAP_S)
         self._last_s = now_s
         if delay_s is not None:
@@ -257,10 +259,7 @@ class TrajectoryExecutor:
         pace = float(np.clip(1.0 - (cross_track_m - _LAG_ALLOWED_M) / _LAG_RAMP_M, 0.0, 1.0))
         self._stuck_s = self._stuck_s + dt_s if pace < 0.1 else 0.0
         if cross_track_m > MAX_TRACKING_ERROR_M or heading_error_rad > LOST_RAD:
-            why = (
-                f"the robot is {cross_track_m:.2f} m and {math.degrees(heading_error_rad):.0f}° "
-                f"off its path"
-            )
+            why = because(Code.OFF_PATH, metres=cross_track_m, deg=math.degrees(heading_error_rad))
             return self._step(ExecutionPhase.LOST, done_m, cross_track_m, heading_error_rad, why)
         if self._stuck_s > STUCK_S:
             return self._step(
@@ -268,7 +267,7 @@ class TrajectoryExecutor:
                 done_m,
                 cross_track_m,
                 heading_error_rad,
-                "the robot makes no progress",
+                because(Code.NO_PROGRESS),
             )
         over_s = seen_s - self.trajectory.duration_s
         if over_s >= 0.0 and cross_track_m < GOAL_TOLERANCE_M and heading_error_rad < NEAR_RAD:
@@ -276,7 +275,7 @@ class TrajectoryExecutor:
         if over_s > SETTLE_S:
             if cross_track_m < TIMEOUT_TOLERANCE_M and heading_error_rad < FAIR_RAD:
                 return self._step(ExecutionPhase.ARRIVED, done_m, cross_track_m, heading_error_rad)
-            why = f"the robot stays {cross_track_m:.2f} m from its goal"
+            why = because(Code.STAYS_FROM_GOAL, metres=cross_track_m)
             return self._step(ExecutionPhase.LOST, done_m, cross_track_m, heading_error_rad, why)
         gain = min(_GAIN_PER_S, _GAIN_TIMES_DELAY / (_PERIODS_S + self._delay_s))
         ahead_s = self._delay_s + _LEAD_S
@@ -290,9 +289,9 @@ class TrajectoryExecutor:
         done_m: float,
         cross_track_m: float,
         heading_error_rad: float,
-        reason: str = "",
+        why: Reason | None = None,
     ) -> ExecutionStep:
-        return ExecutionStep(phase, np.zeros(3), done_m, cross_track_m, heading_error_rad, reason)
+        return ExecutionStep(phase, np.zeros(3), done_m, cross_track_m, heading_error_rad, why)
 
 
 def _delay(measured_s: float, otherwise_s: float) -> float:

@@ -19,6 +19,8 @@ import numpy.typing as npt
 from tsd_twin.errors import PathError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.errors import path_refusal
 from tsd_twin.motion.routes import Route, RoutePoints
 from tsd_twin.robots.description import Limits
 
@@ -341,7 +343,7 @@ def plan(
     speed = np.sqrt(squared)
     mean = 0.5 * (speed[:-1] + speed[1:])
     if not mean.min() > 0.0:
-        raise PathError(f"the route cannot be followed at {s[int(mean.argmin())]:.3f} m")
+        raise path_refusal(because(Code.PATH_CANNOT_BE_FOLLOWED, at_m=float(s[int(mean.argmin())])))
     at_s = np.concatenate([[0.0], np.cumsum(np.diff(s) / mean)])
     profile = SpeedProfile(s, speed, acceleration, at_s)
     return Trajectory(route, smoothed(profile, smooth_s))

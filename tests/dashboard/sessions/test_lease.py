@@ -67,7 +67,7 @@ def test_a_grant_moves_control_to_another_dashboard_and_stops_the_robot(two: Two
         told(alice, "control_requested", operator=bob.operator, holder=alice.operator)
         from_alice, from_bob = CommandRecorder(two.here, alice), CommandRecorder(two.there, bob)
         bob.holds = {"vx": 0.2, "vy": 0.0, "omega": 0.0}  # Too early.
-        assert press(alice, "grant", asker=bob.operator)["ok"]
+        assert press(alice, "grant", requester=bob.operator)["ok"]
         bob.until(lambda: bob.state["has_control"])
         bob.until(lambda: bob.mode == "ready")
         settle(bob)
@@ -84,7 +84,7 @@ def test_control_that_is_kept_stays_where_it_is(two: Two) -> None:
         alice.make_ready()
         alice.drive()
         ask(bob, alice)
-        assert press(alice, "deny", asker=bob.operator)["ok"]
+        assert press(alice, "deny", requester=bob.operator)["ok"]
         told(bob, "request_denied", operator=alice.operator, asker=bob.operator)
         bob.until(lambda: lease(bob)["requested_by"] is None)
         settle(bob)
@@ -101,7 +101,7 @@ def test_a_request_is_withdrawn_by_hand_and_when_its_page_goes(two: Two) -> None
             alice.until(lambda: lease(alice)["requested_by"] is None)
             ask(bob, alice)
         alice.until(lambda: lease(alice)["requested_by"] is None)
-        assert not press(alice, "grant", asker=bob.operator)["ok"]
+        assert not press(alice, "grant", requester=bob.operator)["ok"]
         assert alice.state["has_control"]
 
 
@@ -134,8 +134,8 @@ def test_nobody_else_answers_and_nobody_else_gets_it(two: Two) -> None:
         carol.until(lambda: carol.state)
         assert press(carol, "request")["why"]["code"] == "other_request"
         for op in ("grant", "deny"):
-            assert press(carol, op, asker=bob.operator)["why"]["code"] == "take_control_first"
-            assert not press(alice, op, asker=carol.operator)["ok"]
+            assert press(carol, op, requester=bob.operator)["why"]["code"] == "take_control_first"
+            assert not press(alice, op, requester=carol.operator)["ok"]
         assert alice.state["has_control"]
 
 

@@ -21,6 +21,7 @@ from tsd_twin.dashboard.wire.to_page import ActionReply
 from tsd_twin.errors import PathError, TwinError
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import why_of
+from tsd_twin.messages.errors import reason_of_path
 from tsd_twin.messages.services import HolderRequest, LeaseReply, Reply
 from tsd_twin.messages.status import LeaseStatus
 from tsd_twin.messages.topics import Service
@@ -37,8 +38,9 @@ def reason_of(error: TwinError) -> Reason:
     """Return the reason of an error: that of the robot if it refused, otherwise the text."""
     if isinstance(error, ControlDenied | RequestRefused) and isinstance(error.why, Reason):
         return error.why
-    code = Code.PATH_REFUSED if isinstance(error, PathError) else Code.TEXT
-    return because(code, text=str(error))
+    if isinstance(error, PathError):
+        return reason_of_path(error)
+    return because(Code.TEXT, text=str(error))
 
 
 class RpcExecutor:

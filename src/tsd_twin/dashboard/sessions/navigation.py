@@ -21,6 +21,7 @@ from tsd_twin.dashboard.wire.to_page import ActionReply, RouteState
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.errors import path_refusal, reason_of_path
 from tsd_twin.messages.modes import LATCHED, Mode
 from tsd_twin.motion.routes import NavigationGoal
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
@@ -63,12 +64,8 @@ class TimedPlan:
             time_s=round(self.trajectory.duration_s, 2),
             done_m=0.0 if step is None else round(step.done_m, 3),
             off_mm=0.0 if step is None else round(1000.0 * min(step.cross_track_m, 1e3), 1),
-            why=None if step is None else _ended(step),
+            why=None if step is None else step.why,
         )
-
-
-def _ended(step: ExecutionStep) -> Reason | None:
-    return because(Code.PATH_REFUSED, text=step.reason) if step.reason else None
 
 
 def navigation_goal(request: PlanRequest, points: Array) -> NavigationGoal:
@@ -78,7 +75,7 @@ def navigation_goal(request: PlanRequest, points: Array) -> NavigationGoal:
         PathError: If there are no floor points.
     """
     if not len(points):
-        raise PathError("that is not on the floor")
+        raise path_refusal(because(Code.PATH_NOT_ON_FLOOR))
     heading = request.heading
     if request.kind == "to":
         if len(points) > 1 and np.hypot(*(ahead := points[1] - points[0])) > _MIN_DRAG_M:
@@ -233,10 +230,10 @@ class NavigationSession:
         """
         timed_plan = self._timed_plan
         if timed_plan is None or link is not self._link or timed_plan.number != number:
-            raise PathError("that path is no longer planned")
+            raise path_refusal(because(Code.PATH_NO_LONGER_PLANNED))
         snapshot = link.snapshot
         if snapshot.odom is None or now_s - snapshot.odom_received_s > max_age_s:
-            raise PathError(f"the robot has not sent its pose for {max_age_s:g} s")
+            raise path_refusal(because(Code.POSE_OUT_OF_DATE, s=max_age_s))
         pose = SE2(snapshot.odom.xy_heading)
         if self._follower is None:
             self._follower = self._start_following(link, timed_plan, pose)
@@ -248,7 +245,7 @@ class NavigationSession:
                 self._finish(timed_plan.route_state("arrived", step))
             case ExecutionPhase.LOST:
                 self._finish(timed_plan.route_state("ended", step))
-                raise PathError(step.reason)
+                raise path_refusal(step.why or because(Code.PATH_GIVEN_UP))
         return step
 
     def _start_following(
@@ -256,12 +253,10 @@ class NavigationSession:
     ) -> TrajectoryExecutor:
         status = link.snapshot.status
         if status is None or status.mode != Mode.READY:
-            raise PathError("the robot is not at rest")
+            raise path_refusal(because(Code.PATH_STARTS_AT_REST))
         if not timed_plan.is_valid(pose, current_limits(link, self._speed_level_percent)):
             self._timed_plan = None
-            raise PathError(
-                "the robot has moved or its limits have changed: the path is planned again"
-            )
+            raise path_refusal(because(Code.PATH_OUT_OF_DATE))
         return TrajectoryExecutor(
             timed_plan.trajectory,
             lambda twist: current_limits(link, self._speed_level_percent).cap(twist),
@@ -276,7 +271,7 @@ class NavigationSession:
             try:
                 await work
             except PathError as error:
-                self._reject(because(Code.PATH_REFUSED, text=str(error)))
+                self._reject(reason_of_path(error))
             except Exception:  # The page needs a reply for every error.
                 _LOG.exception("a way was not planned")
                 self._reject(because(Code.PATH_NOT_PLANNED))

@@ -154,6 +154,19 @@ export const TEMPLATES = {
   unknown_status: "status {number} was not sent lately",
   sent_before_change: "command was sent before the robot last stopped or was armed",
   too_old: "command is {s:.2} s old, {limit_s} s are allowed",
+  path_not_on_floor: "that is not on the floor",
+  path_not_finite: "the pose of the robot, or the heading to turn to, is no number",
+  path_too_long: "a path may be {limit_m} long at most",
+  already_there: "the robot is there already",
+  path_cannot_be_followed: "the route cannot be followed at {at_m}",
+  path_no_longer_planned: "that path is no longer planned",
+  pose_out_of_date: "the robot has not sent its pose for {s}",
+  path_out_of_date: "the robot has moved or its limits have changed; a new path is planned",
+  path_starts_at_rest: "the robot is not at rest",
+  pose_not_finite: "the pose is no number",
+  off_path: "the robot is {metres} and {deg} off its path",
+  no_progress: "the robot makes no progress",
+  stays_from_goal: "the robot stays {metres} from its goal",
 };
 
 /** @type {Record<string, Record<string, string>>} */
@@ -307,6 +320,19 @@ export const TYPES = {
   unknown_status: { number: "count" },
   sent_before_change: {},
   too_old: { s: "s", limit_s: "s" },
+  path_not_on_floor: {},
+  path_not_finite: {},
+  path_too_long: { limit_m: "m" },
+  already_there: {},
+  path_cannot_be_followed: { at_m: "m" },
+  path_no_longer_planned: {},
+  pose_out_of_date: { s: "s" },
+  path_out_of_date: {},
+  path_starts_at_rest: {},
+  pose_not_finite: {},
+  off_path: { metres: "m", deg: "deg" },
+  no_progress: {},
+  stays_from_goal: { metres: "m" },
 };
 
 /** @type {Record<string, Record<string, string>>} */

@@ -203,11 +203,20 @@ def _macro(name: str, rows: list[tuple[Block, Item]], limited: bool) -> list[str
     return [f"{line} \\" for line in lines[:-1]] + [lines[-1]]
 
 
+_CLASS_NAMES = {"identity": "BoardIdentity", "command": "BoardCommand"}
+"""Names of classes that would be ambiguous outside of the module."""
+
+
+def class_name(block: control_table.Block) -> str:
+    """Return the name of the class of a block."""
+    return _CLASS_NAMES.get(block.name, block.name.capitalize())
+
+
 def _dataclass(block: Block) -> list[str]:
     layout = "<" + "".join(
         (str(item.count) if item.count > 1 else "") + _LETTERS[item.type] for item in block.items
     )
-    lines = ["@dataclass(frozen=True, slots=True)", f"class {block.name.capitalize()}(Packed):"]
+    lines = ["@dataclass(frozen=True, slots=True)", f"class {class_name(block)}(Packed):"]
     lines += [f'    """{block.doc}"""', ""]
     lines += [f"    ADDRESS: ClassVar[int] = {ADDRESS[block.name]}"]
     lines += [f'    LAYOUT: ClassVar[Struct] = Struct("{layout}")', ""]
