@@ -308,6 +308,15 @@ def test_state_of_another_version_is_refused() -> None:
         setattr(owner, name, value)
 
 
+@pytest.mark.parametrize("renamed", [b"supervisor", b"SafetySupervisor"])
+def test_a_state_with_renamed_modules_or_classes_is_of_another_version(renamed: bytes) -> None:
+    ids = LeaseIds(bytes)
+    state = dump_state(RobotController(robots.load_robot("tsd"), ids), ids, frozenset())
+    assert renamed in state
+    with pytest.raises(TwinError, match="is of another version"):
+        load_state(state.replace(renamed, renamed[:-1] + b"x"), bytes)
+
+
 def test_a_log_without_lease_ids_runs_all_the_same() -> None:
     run = run_of("tsd")
     ids = {call.id for call in run.calls if isinstance(call, LeaseDrawn)}

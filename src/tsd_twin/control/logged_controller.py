@@ -245,13 +245,19 @@ class _SafeUnpickler(pickle.Unpickler):
 
     def find_class(self, module_name: str, global_name: str) -> Any:
         package = module_name.split(".")[:2]
-        if (module_name, global_name) in _OTHERS:
-            return super().find_class(module_name, global_name)
-        if package[0] == "tsd_twin" and len(package) == 2 and package[1] in PURE:
-            found = super().find_class(module_name, global_name)
-            if isinstance(found, type) and found.__module__ == module_name:
-                return found
-        raise pickle.UnpicklingError(f"{module_name}.{global_name} is not of this version")
+        own = package[0] == "tsd_twin" and len(package) == 2 and package[1] in PURE
+        try:
+            if (module_name, global_name) in _OTHERS:
+                return super().find_class(module_name, global_name)
+            if own:
+                found = super().find_class(module_name, global_name)
+                if isinstance(found, type) and found.__module__ == module_name:
+                    return found
+        except (ImportError, AttributeError) as error:
+            raise pickle.UnpicklingError(
+                f"{module_name}.{global_name} is of another version"
+            ) from error
+        raise pickle.UnpicklingError(f"{module_name}.{global_name} is not part of a state")
 
 
 _LEASES_KEPT = 8
