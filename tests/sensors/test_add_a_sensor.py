@@ -195,6 +195,16 @@ def test_a_reading_far_off_is_not_used() -> None:
     assert np.abs(drive.estimator.pose.xy_heading - before).max() < 0.01
 
 
+@pytest.mark.parametrize("sent", [0, 1])
+def test_hardware_may_omit_readings(sent: int) -> None:
+    left = TABLE.replace("front", "left").replace("wall_deg = 0.0", "wall_deg = 90.0")
+    drive = Drive(robot(TABLE, left), 7).run(0.1)
+    measured = drive.simulated.measure()
+    few = measured[: len(measured) - 2 + sent]
+    drive.estimator.advance(0.11, few, drive.simulated.joints, PERIOD_S)
+    assert np.isfinite(drive.estimator.pose.xy_heading).all()
+
+
 def test_setting_the_pose_discards_earlier_readings() -> None:
     drive = Drive(robot(TABLE), 6).run(2.0)
     drive.estimator.set_pose(SE2(np.array([0.3, 0.2, 0.1])))

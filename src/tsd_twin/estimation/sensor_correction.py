@@ -119,7 +119,8 @@ class SensorCorrection:
 
     def _linear(self, entry: _Entry, readings: Array, pose: SE2) -> LinearReading | None:
         reading = readings[slice(*entry.channels)]
-        if not len(reading) or not np.isfinite(reading).all():
+        first, end = entry.channels
+        if len(reading) < end - first or not np.isfinite(reading).all():  # It may be omitted.
             return None
         expected = entry.model.predict(pose)
         if expected is None:
