@@ -44,10 +44,10 @@ def page(browser: Browser) -> Generator[Page]:
 def test_a_button_that_becomes_another_one_has_its_description(page: Page) -> None:
     hide = page.get_by_role("button", name="Hide controls")
     expect(hide).to_have_accessible_description("Hides the stick")
-    page.evaluate("hide.become('Show controls', 'Shows the stick')")
+    page.evaluate("hide.setLabel('Show controls', 'Shows the stick')")
     shown = page.get_by_role("button", name="Show controls")
     expect(shown).to_have_accessible_description("Shows the stick")
-    page.evaluate("hide.allow('Not now.')")
+    page.evaluate("hide.setDisabledReason('Not now.')")
     expect(shown).to_have_accessible_description("Not now.")
 
 
@@ -61,8 +61,8 @@ def test_the_tooltip_of_a_focused_button_ends_when_the_pointer_shows_another(pag
 
 
 def test_a_reason_is_shown_no_longer_than_it_holds(page: Page) -> None:
-    page.evaluate("hide.allow('Not now.'); hide.use()")
+    page.evaluate("hide.setDisabledReason('Not now.'); hide.use()")
     tip = page.locator(".tip")
     expect(tip).to_have_text("Not now.")
-    page.evaluate("hide.allow(null)")
+    page.evaluate("hide.setDisabledReason(null)")
     expect(tip).to_be_hidden()

@@ -30,7 +30,7 @@ MADE = """async () => {
   link.welcome = { role: "operator", may_stop: true };
   link.robot = { panel: "gimbals", twist_scale_m: 1 };
   const status = { mode: "ready", limits: { speed_mps: 1, turn_rate_rad_per_s: 1 } };
-  link.state = { you: true, seen: 1, age_ms: 0, status };
+  link.state = { has_control: true, status_seq: 1, age_ms: 0, status };
   setInterval(() => (link.stateMs = performance.now()), 5);
   link.stateMs = performance.now();
   const drive = new Drive(link);

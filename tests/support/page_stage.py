@@ -58,7 +58,7 @@ window.say = (message) => window.socket.onmessage({data: JSON.stringify(message)
 let seen = 0;
 window.show = (state) => {
   window.now = state;
-  if (state !== null) say({...state, seen: (seen += 1)});
+  if (state !== null) say({...state, status_seq: (seen += 1)});
 };
 setInterval(() => window.now !== null && window.show(window.now), 50);
 window.overlay = () => document.getElementById("tsd-overlay").shadowRoot;
