@@ -33,7 +33,7 @@ window.WebSocket = class extends Plain {
     super(...words);
     if (!String(words[0]).includes("teleop")) return;
     this.addEventListener("message", ({ data }) => {
-      const { t, seen } = JSON.parse(data);
+      const { t, status_seq: seen } = JSON.parse(data);
       const note = () => (shownMs[seen] = performance.timeOrigin + performance.now());
       if (t === "state") nextFrame(() => nextFrame(note));
     });
