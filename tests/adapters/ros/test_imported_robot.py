@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -23,7 +21,7 @@ from tsd_twin.control import LoggedController
 from tsd_twin.control.logged_controller import load_state
 from tsd_twin.lie import Array
 from tsd_twin.messages.cdr import Odometry, encode_odometry
-from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.ros_types import decode_cdr
 from tsd_twin.robots import ExternalDescription
 from tsd_twin.safety import Heartbeat
@@ -55,76 +53,94 @@ class Outbox:
         self.sent.append(0.0)
 
 
-def imported(port: Outbox) -> ExternalRobot:
-    made = ExternalRobot(lambda _: port, RosNames("", shared=False), TIMEOUT_S, description_s=0.0)
-    robot = robots.parse_description(describe("cart", made.urdf, ExternalLimits()), "cart")
-    assert isinstance(robot, ExternalDescription)
-    made.configure(robot)
-    return made
+class Cart:
+    """Imported robot on a clock that moves only when told."""
 
+    def __init__(self, port: Outbox) -> None:
+        self.now_s = 100.0
+        self.robot = ExternalRobot(
+            lambda _: port,
+            RosNames("", shared=False),
+            TIMEOUT_S,
+            description_s=0.0,
+            clock=lambda: self.now_s,
+        )
+        text = describe("cart", self.robot.urdf, ExternalLimits())
+        robot = robots.parse_description(text, "cart")
+        assert isinstance(robot, ExternalDescription)
+        self.robot.configure(robot)
 
-def say(robot: ExternalRobot, number: int, late_s: float = 0.0, publisher: bytes = b"a") -> None:
-    """Deliver odometry now that was sent some time ago, by a clock with the same rate."""
-    square = np.zeros((3, 3))
-    x = np.array([float(number), 0.0, 0.0])
-    payload = encode_odometry(Odometry(x, np.zeros(3), square, square))
-    sent_ns = round((5000.0 + time.monotonic() - late_s) * 1e9)
-    robot.on_message(ODOMETRY, ODOMETRY.type, payload, Origin(publisher, number, sent_ns))
+    def say(self, number: int, late_s: float = 0.0, publisher: bytes = b"a") -> None:
+        """Deliver odometry now that was sent some time ago, by a clock with the same rate."""
+        square = np.zeros((3, 3))
+        x = np.array([float(number), 0.0, 0.0])
+        payload = encode_odometry(Odometry(x, np.zeros(3), square, square))
+        sent_ns = round((5000.0 + self.now_s - late_s) * 1e9)
+        self.robot.on_message(ODOMETRY, ODOMETRY.type, payload, Origin(publisher, number, sent_ns))
 
+    def x_m(self) -> float | None:
+        measured: Array | None = self.robot.read(self.now_s)
+        return None if measured is None else float(measured[2])
 
-def x_m(measured: Array | None) -> float | None:
-    return None if measured is None else float(measured[2])
+    def fault(self) -> Reason | None:
+        return self.robot.fault(self.now_s)
 
 
 def test_odometry_counts_from_when_it_was_sent_and_once() -> None:
-    robot = imported(Outbox())
-    now_s = time.monotonic()
-    assert robot.read(now_s) is None
-    assert robot.fault(now_s) == because(Code.NO_ODOMETRY, topic="/odom")
-    say(robot, 1)
-    assert x_m(robot.read(time.monotonic())) == 1.0
-    assert robot.fault(time.monotonic()) is None
+    cart = Cart(Outbox())
+    assert cart.x_m() is None
+    assert cart.fault() == because(Code.NO_ODOMETRY, topic="/odom")
+    cart.say(1)
+    cart.now_s += TIMEOUT_S
+    assert cart.x_m() == 1.0
+    assert cart.fault() is None
     # All that follows has waited in a link that stalled, or comes again.
-    say(robot, 1)
-    say(robot, 2, late_s=TIMEOUT_S + 0.2)
-    assert robot.read(time.monotonic()) is None
-    assert robot.fault(time.monotonic()) == because(Code.ODOMETRY_OLD, topic="/odom", s=0.5)
-    say(robot, 3)
-    assert x_m(robot.read(time.monotonic())) == 3.0
-    assert robot.read(time.monotonic() + TIMEOUT_S + 0.1) is None
+    cart.now_s += 0.1
+    cart.say(1)
+    cart.say(2, late_s=TIMEOUT_S + 0.2)
+    assert cart.x_m() is None
+    assert cart.fault() == because(Code.ODOMETRY_OLD, topic="/odom", s=0.5)
+    cart.say(3)
+    assert cart.x_m() == 3.0
+    cart.now_s += TIMEOUT_S + 0.1
+    assert cart.x_m() is None
 
 
 def test_one_publisher_of_odometry_counts_until_it_is_silent() -> None:
-    robot = imported(Outbox())
-    say(robot, 1)
-    say(robot, 90, publisher=b"b")
-    say(robot, 91, publisher=UNKNOWN_PUBLISHER)
-    now_s = time.monotonic()
-    assert x_m(robot.read(now_s)) == 1.0
-    assert robot.read(now_s + TIMEOUT_S + 0.1) is None
-    robot.read(now_s + 10.0)
-    say(robot, 92, publisher=b"b")
-    assert x_m(robot.read(now_s + 10.0)) is None, "its time is not that of this clock"
+    cart = Cart(Outbox())
+    cart.say(1)
+    cart.say(90, publisher=b"b")
+    cart.say(91, publisher=UNKNOWN_PUBLISHER)
+    assert cart.x_m() == 1.0
+    cart.now_s += TIMEOUT_S + 0.1
+    assert cart.x_m() is None
+    cart.say(92, publisher=b"b")
+    assert cart.x_m() == 92.0, "the next one may be another's"
 
 
 def test_it_is_a_fault_while_another_robot_reads_its_cmd_vel() -> None:
     port = Outbox()
-    robot = imported(port)
-    say(robot, 1)
-    now_s = time.monotonic()
-    robot.read(now_s)
-    assert robot.fault(now_s) is None
+    cart = Cart(port)
+    cart.say(1)
+    assert cart.x_m() == 1.0
+    assert cart.fault() is None
     port.readers = ["tsd_ros"]
-    assert robot.fault(now_s + 0.3).code == Code.ROS_NAME_READ
+    cart.now_s += 0.3
+    shared = cart.fault()
+    assert shared is not None
+    assert shared.code == Code.ROS_NAME_READ
     port.readers = []
-    assert robot.fault(now_s + 0.4) is not None
-    later = robot.fault(now_s + 0.7)
-    assert later is None or later.code != Code.ROS_NAME_READ
+    cart.now_s += 0.1
+    assert cart.fault() is not None
+    cart.now_s += 0.3
+    cart.say(2)
+    assert cart.x_m() == 2.0
+    assert cart.fault() is None
 
 
 def test_twists_come_in_their_period_then_zeros_then_nothing() -> None:
     port = Outbox()
-    robot = imported(port)
+    robot = Cart(port).robot
     now_s = 0.0
     robot.set_heartbeat(Heartbeat(True, 0))
     for speed in [0.0] * 50 + [0.2] * 100 + [0.0] * 200:
@@ -143,7 +159,7 @@ def test_twists_come_in_their_period_then_zeros_then_nothing() -> None:
 
 def test_after_a_pause_of_the_loop_the_rest_of_a_motion_is_zeros() -> None:
     port = Outbox()
-    robot = imported(port)
+    robot = Cart(port).robot
     robot.write(np.zeros(2), -PERIOD_S)
     robot.write(np.array([0.3, 0.0]), 0.0)
     before = len(port.sent)

@@ -170,13 +170,17 @@ class ExternalRobot:
         *,
         stamped: bool = False,
         description_s: float = 5.0,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Wait for `robot_description`, at most `description_s`.
+
+        `clock` must be the one that `now_s` of the methods below comes from.
 
         Raises:
             TwinError: If the port cannot be opened.
         """
         self._names = names
+        self._clock = clock
         self._timeout_s = odom_timeout_s
         self._driven = endpoints(stamped=stamped).published[0]
         self._waiting = {row.name: deque[_Received](maxlen=_WAITING) for row in IMPORTED}
@@ -217,7 +221,7 @@ class ExternalRobot:
 
     def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:  # noqa: ARG002  Interface.
         """Queue a message for the loop."""
-        self._waiting[row.name].append(_Received(row, payload, origin, time.monotonic()))
+        self._waiting[row.name].append(_Received(row, payload, origin, self._clock()))
         if row.name == DESCRIPTION.name:
             self._described.set()
 
@@ -293,7 +297,7 @@ class ExternalRobot:
 
     def hardware(self) -> Mapping[str, Any]:
         """Return the hardware part of the status."""
-        age_s = time.monotonic() - self._odom_s
+        age_s = self._clock() - self._odom_s
         return {
             "kind": "ros",
             "odom_age_s": round(age_s, 2) if math.isfinite(age_s) else None,
@@ -309,7 +313,7 @@ class ExternalRobot:
         self._closed = True
         if self._zeros:
             for _ in range(_LAST_ZEROS):
-                self._publish(np.zeros(3), time.monotonic())
+                self._publish(np.zeros(3), self._clock())
                 time.sleep(_LAST_PAUSE_S)
         self._port.close()
 
