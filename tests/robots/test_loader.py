@@ -296,11 +296,11 @@ def test_what_no_gyro_can_be_is_refused(line: str, said: str) -> None:
     ],
 )
 def test_what_would_take_a_reader_for_ever_is_refused_in_one_sentence(toml: str, says: str) -> None:
-    start_s = time.monotonic()
+    start_s = time.process_time()
     message = refusal(toml)
     assert says in message
     assert len(message) < 200
-    assert time.monotonic() - start_s < 3.0
+    assert time.process_time() - start_s < 3.0
 
 
 def test_thresholds_of_the_battery_that_do_not_rise_are_refused() -> None:
