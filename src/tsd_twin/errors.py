@@ -73,8 +73,10 @@ class SeveralAnswersError(BusError):
 class PathError(TwinError):
     """A path that no robot can follow: zero length, a gap, or a forbidden corner."""
 
-    why: CodedReason | None = None
-    """Code and parameters, if an operator can cause it."""
+    def __init__(self, text: str, why: CodedReason | None = None) -> None:
+        """`why` is the code with its parameters, if an operator can cause it."""
+        super().__init__(text)
+        self.why = why
 
 
 class RecordingError(TwinError):

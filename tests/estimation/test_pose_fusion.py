@@ -258,7 +258,7 @@ def test_a_robot_at_rest_is_found_again_where_it_is_always_seen(turned: float) -
     for _ in range(15):
         ride.steps(4)
         fates.append(ride.estimate.fuse(ride.seen(elsewhere), ride.now_s - 0.08, at_rest=True))
-    # Half a second of 25 frames a second.
+    # Half a second of frames at 25 Hz.
     first = fates.index(FusionResult.RELOCALIZED)
     assert fates == [FusionResult.GATED] * first + [FusionResult.RELOCALIZED] + [
         FusionResult.USED

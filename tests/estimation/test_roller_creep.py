@@ -87,7 +87,7 @@ def test_the_lag_does_not_depend_on_the_mass_for_a_straight_way() -> None:
 
 
 def test_dead_wheels_see_the_creep_and_their_gyro_what_it_misses_between_two_readings() -> None:
-    """A turn that starts at once: the heading is off by what a rate read each 10 ms leaves out."""
+    """The turn starts abruptly, so a gyro sampled every 10 ms misses part of the heading change."""
     robot = robots.description_of_kind(robots.load_robot("omni4"), OmniDescription)
     assert robot.dead_wheels is not None
     exact = msgspec.structs.replace(

@@ -1,4 +1,4 @@
-"""Two estimates of one robot: which is better, by how much, and what becomes of lost sensors."""
+"""Odometry from a gyro or dead wheels, compared with wheel odometry and with lost sensors."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def solved(joints: Array, rates: Array) -> tuple[Array, float]:
         upright = np.sin(beta) * along + np.cos(beta) * up
         axle = np.cos(alpha) * upright + np.sin(alpha) * outward
         omega = spin * axle + beta_rate * outward - alpha_rate * inner
-        # What is at rest on the floor is a wheel's radius below the centre of the sphere.
+        # The contact point is one wheel radius below the centre of the sphere.
         ground.append(-np.cross(omega, -DRIVE.wheel_radius_m * up)[:2])
         x, y = DRIVE.pivot_radius_m * outward[:2]
         rows.append([[1.0, 0.0, -y], [0.0, 1.0, x]])
@@ -189,7 +189,7 @@ def test_doubt_of_what_is_new_in_each_sample_never_shrinks(script: list[Array]) 
     volume, heading_variance = 0.0, 0.0
     for twist in script:
         drive_for(odometry, twist, 0.1)
-        # What is known can be moved about by driving, but there is never more of it.
+        # Driving redistributes uncertainty but never reduces it.
         assert np.linalg.det(odometry.pose_covariance) >= volume * (1.0 - 1e-9)
         assert odometry.pose_covariance[2, 2] > heading_variance
         volume = np.linalg.det(odometry.pose_covariance)
@@ -197,7 +197,7 @@ def test_doubt_of_what_is_new_in_each_sample_never_shrinks(script: list[Array]) 
 
 
 def test_what_a_wrong_spin_adds_on_the_way_out_it_takes_off_on_the_way_back() -> None:
-    """The same twist forward and backward: a constant share of it cancels, to the last digit."""
+    """A constant relative error cancels exactly when a twist is driven forward and backward."""
     odometry = new_odometry(JointErrors(speed_scale_sigma=0.01, common_spin_share=0.02))
     drive_for(odometry, np.array([0.5, 0.0, 0.0]), 2.0)
     out_m = np.sqrt(np.diag(odometry.pose_covariance))
@@ -240,7 +240,7 @@ def test_what_joints_contradict_one_another_by_is_doubted_as_much(
         doubts.append((np.trace(odometry.twist_covariance), odometry.pose_covariance[2, 2]))
         lefts.append(solved(joints, np.zeros(9))[1])
     grown, expected = np.array(doubts[2]) / doubts[1], lefts[2] / lefts[1]
-    # What noise makes of a residual depends a little on how far gimbals lean.
+    # The residual caused by noise depends slightly on the gimbal angles.
     np.testing.assert_allclose(grown, expected, rtol=0.25)
     assert doubts[1][0] > 4.0 * doubts[0][0]
     assert doubts[1][1] > 4.0 * doubts[0][1]
@@ -255,9 +255,9 @@ FLOOR = FloorErrors(
     restore_up_s=0.12,
     restore_down_s=0.3,
 )
-"""Errors of one cause, for a start: none turns the robot."""
+"""Errors with a single cause, none of which turns the robot."""
 START_MPS = [*[0.0] * 20, *np.linspace(0.0, 0.5, 13), *[0.5] * 92]
-"""A rest, and a start at 4 m/s2: speeds of 1.25 s."""
+"""Speeds during 1.25 s: at rest, then accelerating at 4 m/s2."""
 
 
 def spread_of(floor: FloorErrors, joints: Sequence[Array]) -> Array:
@@ -344,7 +344,7 @@ def test_without_noise_in_the_description_nothing_is_uncertain() -> None:
     ids=["straight", "strafe", "turn", "circle"],
 )
 def test_constant_errors_spread_as_far_as_is_claimed(twist: list[float], turned: float) -> None:
-    """Robots with zeros and spins of their own for 10 s: means and shares of the claim."""
+    """Drive robots with random zeros and spins for 10 s; compare means and covariances."""
     random = np.random.default_rng(1)
     noise = JointErrors(speed_scale_sigma=0.01, common_spin_share=0.01, zero_rad=2e-4)
     joints, runs, seconds = DRIVE.inverse(np.array(twist)), 600, 10.0

@@ -41,7 +41,7 @@ def test_a_minute_at_100_hertz_without_a_trip_and_gimbals_follow(bench: Bench) -
     # With the return delay that servos come with, and eleven bits to a byte, it is a near thing.
     assert seen.overruns < 10
     assert (pilot.simulation.servo_bus.nonsense, seen.trips, seen.resets) == (0, 0, 0)
-    # The servos need 1 / 32 s to follow, the bus two cycles more to tell and to be told.
+    # Servos lag by 1 / 32 s; commands and readings each add a bus cycle.
     fastest = 80 * 2 * math.pi * 0.7
     assert (behind < fastest * (1 / 32 + 3 * CYCLE_S)).all()
     assert (behind > 0).all()
@@ -218,7 +218,7 @@ def test_the_radio_control_drives_by_the_kinematics_of_the_drive(bench: Bench) -
 
 
 def dead(stick: float) -> float:
-    """The share of a stick between its dead bands of 20 in 400 us at the centre and the end."""
+    """Return the stick travel between dead bands of 20 in 400 us at the centre and the end."""
     return math.copysign(min(1.0, max(0.0, abs(stick) - 0.05) / 0.9), stick)
 
 

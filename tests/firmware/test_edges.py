@@ -87,7 +87,7 @@ def test_each_value_is_taken_up_to_its_limits_and_refused_beyond(native_bench: B
 
 
 def test_a_receiver_drives_nothing_with_sticks_that_have_no_way(native_bench: Bench) -> None:
-    """Between dead bands that meet, or overlap, a stick says nothing; beyond them it says all."""
+    """A stick whose dead bands meet or overlap has no effect; a wider one has its full effect."""
     for way_us, moves in ((30, False), (40, False), (41, True), (50, True)):
         pilot = native_bench.pilot(receiver=True).get_ready(
             Setup(
@@ -150,7 +150,7 @@ def goals_of(pilot: FirmwareHost, seconds: float) -> tuple[list[float], list[tup
 
 
 def approached(wanted: np.ndarray) -> list[np.ndarray]:
-    """Gimbals on the way from rest to a twist, one every 20 ms, in steps of the servos."""
+    """Return the gimbal goals from rest to a twist, every 20 ms, in servo steps."""
     robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     drive, limits = robot.kinematics(), robot.limits
     twist, found = np.zeros(3), [np.zeros(6)]
@@ -187,7 +187,7 @@ def test_sticks_are_approached_from_rest_in_steps_of_the_accelerations(native_be
         assert np.diff(times_s[1:]) == pytest.approx(PERIOD_S, abs=0.0021)
         give_back(pilot, (FULL,) * 3, 600)
         pilot.simulation.run(0.1)
-        # What was put out before is forgotten.
+        # Earlier outputs have no influence.
         take_over(pilot, (CENTRE,) * 3, 600 - shift_us)
         assert goals_of(pilot, 0.1)[1] == [(0,) * 6]
 
@@ -217,7 +217,7 @@ def test_a_lost_byte_is_counted_though_more_came_since(native_bench: Bench) -> N
 
 
 def test_what_comes_while_the_board_is_busy_is_handled_then(native_bench: Bench) -> None:
-    """255 bytes from the PC can wait, wherever in their memory the first one stands."""
+    """The receive buffer holds 255 bytes, at any position of its first byte."""
     pilot = native_bench.pilot()
     pilot.simulation.run(0.1)
     question = read(Telemetry.ADDRESS, 1)
@@ -329,7 +329,7 @@ def test_the_session_lasts_while_nothing_is_asked(native_bench: Bench) -> None:
 def test_a_block_is_refused_that_is_behind_or_of_another_session(native_bench: Bench) -> None:
     """The same beat again is none, but no mistake; and 0 in `arm` is always taken."""
     pilot = native_bench.pilot()
-    pilot.beat = 65500  # Counting on from 65535 to 0 is no step back.
+    pilot.beat = 65500  # Wrapping from 65535 to 0 counts as progress.
     pilot.get_driving()
     for _ in range(60):
         assert pilot.ask(pilot.command(1, CRUISE))[0] == 0

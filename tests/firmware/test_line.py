@@ -1,4 +1,4 @@
-"""Whatever comes over the line, the board answers the next ping."""
+"""After any input on the serial line, the board answers the next ping."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def wrong(servo: str, setting: str, register: int, value: int, wanted: str) -> R
 
 
 class Bench:
-    """A robot, its pretended board, and somebody who writes set-points as the node does."""
+    """A robot with an emulated board, written to in the way the node does."""
 
     def __init__(self, board: PretendBoard, peer: Peer, robot: ArduinoMegaIO) -> None:
         self.board, self.peer, self.robot = board, peer, robot
@@ -664,7 +664,7 @@ def test_what_was_left_over_for_another_program_is_not_taken_for_an_answer(
 
 
 def test_a_node_that_hangs_is_not_obeyed_any_more(it: Bench) -> None:
-    """The line's own thread lives on: it must not keep the last set-point alive."""
+    """The serial thread keeps running, but must not repeat the last set-point."""
     it.arm(AHEAD)
     wait_until(lambda: it.told.arm == 0, "at rest")
     assert it.told.throttle == (2000,) * 3

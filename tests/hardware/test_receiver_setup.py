@@ -45,7 +45,7 @@ def by_sbus(pulses: tuple[int, ...]) -> tuple[int, ...]:
 
 
 class Person:
-    """Does at each step what it says, or makes a mistake."""
+    """Emulated user who follows each instruction, or makes one mistake."""
 
     def __init__(
         self,

@@ -53,7 +53,7 @@ class Pauses:
 
 
 class Bench:
-    """A robot with two lines, and somebody who writes set-points as the node does."""
+    """A robot with two serial lines, written to in the way the node does."""
 
     def __init__(self, folder: Path, chain: ServoChain, calibration: ServoCalibration) -> None:
         self.board, self.chain = PretendBoard(), chain
@@ -66,7 +66,7 @@ class Bench:
         self._words = 0
 
     def connect(self) -> U2D2IO:
-        """Connect, anew when a device says nothing: its thread here is held up at times."""
+        """Connect; retry if an emulated device is silent because its thread was delayed."""
         ports, motors = (self.wheels.port, self.line.port), Motors.of(ROBOT)
         for left in reversed(range(CONNECTS)):
             try:

@@ -71,7 +71,7 @@ class Field extends FakeElement {
   }
 }
 
-/** A socket that keeps what is sent, as objects. */
+/** WebSocket that records sent messages as objects. */
 class Socket {
   static OPEN = 1;
   static newest = null;
@@ -121,7 +121,7 @@ export function openPage() {
   mock.timers.enable({ apis: ["setInterval", "setTimeout"] });
 }
 
-/** Let time pass; timers run on the way. */
+/** Advance time by `ms` and run due timers. */
 export function pass(ms) {
   for (let i = 0; i < ms; i += 1) {
     nowMs += 1;

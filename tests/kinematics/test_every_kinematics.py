@@ -1,4 +1,4 @@
-"""What holds for every kind of drive, whatever its geometry."""
+"""Laws of every drive kind with any geometry."""
 
 from __future__ import annotations
 

@@ -102,6 +102,8 @@ class SensorCorrection:
     def padded(self, jacobian: Array) -> Array:
         """Return a Jacobian (..., own) with zero columns for the biases of the sensors."""
         extra = self.constants - self._own
+        if not extra:
+            return jacobian
         return np.pad(jacobian, [(0, 0)] * (jacobian.ndim - 1) + [(0, extra)])
 
     def own_errors(self, errors: PoseErrors) -> PoseErrors:

@@ -33,9 +33,7 @@ def rejection(error: MessageError) -> Reason:
 
 def path_refusal(why: Reason) -> PathError:
     """Return an error for a path that an operator asked for."""
-    error = PathError(sentence(why))
-    error.why = why
-    return error
+    return PathError(sentence(why), why)
 
 
 def reason_of_path(error: PathError) -> Reason:

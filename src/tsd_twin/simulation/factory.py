@@ -39,7 +39,8 @@ def _behind_bus(plant: Callable[..., Actuated]) -> _Factory:
 def _sensed(make: _Factory, *, simulates_own: bool = False) -> _Factory:
     """Return a factory that adds the sensors of the robot.
 
-    `simulates_own`: the plant has dead wheels already.
+    `simulates_own` is for a plant that has dead wheels: it turns them by the mean twist of a step,
+    while an added sensor only gets the twist at its end.
     """
 
     def add(
