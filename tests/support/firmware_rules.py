@@ -770,8 +770,8 @@ def zero_throttle_changes_without_power_only(bench: Bench) -> None:
 def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_driving()
     pilot.simulation.set_switches(manual=True)
-    # A frame of the receiver, and gimbals that the PC has tilted become upright.
-    seen = pilot.drive(0.15, goal=TILTED)
+    # A frame of the receiver, and gimbals that the PC has tilted become upright: 97 ms at most.
+    seen = pilot.drive(0.11, goal=TILTED)
     assert seen.mode == BoardMode.RC
     assert seen.throttle_out == ZERO, "its stick for the speed is at zero"
     assert [servo.goal for servo in pilot.simulation.servos] == NEUTRAL_GOALS
@@ -848,12 +848,18 @@ def questions_are_answered_at_once(bench: Bench) -> None:
     for servo in pilot.simulation.servos:
         servo.dead = True  # Answers of servos take their time too, on the chip.
     pilot.simulation.run(0.1)
+    early = 0
     for _ in range(20):
         pilot.simulation.board.receive()
         pilot.simulation.board.send(PING)
-        pilot.simulation.run(0.00062)
-        assert len(pilot.simulation.board.receive()) == 14, "it waits for its next millisecond"
+        pilot.simulation.run(0.00058)
+        answer = pilot.simulation.board.receive()
+        early += len(answer) == 14
+        pilot.simulation.run(0.00004)
+        answer += pilot.simulation.board.receive()
+        assert len(answer) == 14, "it waits for its next millisecond"
         pilot.simulation.run(0.00133)
+    assert early >= 16, "the longest stage of a tick delays few answers"
 
 
 def servos_have_the_ids_of_the_setup(bench: Bench) -> None:
