@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib import metadata
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
@@ -48,7 +48,8 @@ def read_tables(entries: Any) -> tuple[SensorTable, ...]:
     """
     if not isinstance(entries, list | tuple):
         raise ValueError("sensors is no list of tables: write [[sensors]]")
-    tables = tuple(_read(entry, f"sensors[{i}]") for i, entry in enumerate(entries))  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+    listed = cast(Sequence[Any], entries)
+    tables = tuple(_read(entry, f"sensors[{i}]") for i, entry in enumerate(listed))
     names = [table.name for table in tables]
     if len(set(names)) < len(names):
         raise ValueError(f"two sensors have the same name: {', '.join(names)}")
@@ -65,7 +66,7 @@ def _read(entry: Any, path: str) -> SensorTable:
         return entry
     if not isinstance(entry, Mapping) or "kind" not in entry:
         raise ValueError(f"{path}: key 'kind' is missing (sensors are {', '.join(kinds())})")
-    values: dict[str, Any] = dict(entry)  # pyright: ignore[reportUnknownArgumentType]
+    values = dict(cast(Mapping[str, Any], entry))
     try:
         _, cls = find(str(values["kind"]))
     except KindError as error:
