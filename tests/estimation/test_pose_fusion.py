@@ -235,7 +235,7 @@ def test_what_it_claims_is_right_while_all_is_wrong_as_described(mounting: float
 
 
 def test_a_camera_that_is_off_all_the_time_is_not_believed_to_a_millimetre() -> None:
-    """A minute of poses from 2 cm beside: they do not average out, and the claim says so."""
+    """A constant offset of 2 cm does not average out, and the covariance reflects it."""
     ride = Ride(3)
     off = np.array([0.02, 0.0, 0.0])
     for i in range(2000):
@@ -258,7 +258,7 @@ def test_a_robot_at_rest_is_found_again_where_it_is_always_seen(turned: float) -
     for _ in range(15):
         ride.steps(4)
         fates.append(ride.estimate.fuse(ride.seen(elsewhere), ride.now_s - 0.08, at_rest=True))
-    # Half a second of frames at 25 Hz.
+    # It is relocalized after half a second of gated frames at 25 Hz.
     first = fates.index(FusionResult.RELOCALIZED)
     assert fates == [FusionResult.GATED] * first + [FusionResult.RELOCALIZED] + [
         FusionResult.USED

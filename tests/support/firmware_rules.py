@@ -403,7 +403,7 @@ def settings_of_servos_are_checked(bench: Bench) -> None:
         pilot = bench.pilot(version)
         servos = pilot.simulation.servos
         wrong: list[tuple[int, int, int]] = []
-        # Those of one read are at different servos.
+        # Registers of the same read are wrong at different servos.
         for i, s in enumerate(MODEL[version].settings[half::2]):
             value = (s.most + 1 if above else s.least - 1) % (1 << 8 * s.size)
             servos[i % 6].set_register(s.address, s.size, value)

@@ -1,4 +1,4 @@
-"""Robot of others in given time: age of its odometry, and what goes out on `cmd_vel`."""
+"""Third-party robot in virtual time: the age of its odometry, and its `cmd_vel`."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_odometry_counts_from_when_it_was_sent_and_once() -> None:
     cart.now_s += TIMEOUT_S
     assert cart.x_m() == 1.0
     assert cart.fault() is None
-    # All that follows has waited in a link that stalled, or comes again.
+    # A duplicate, then a message delayed by a stalled link.
     cart.now_s += 0.1
     cart.say(1)
     cart.say(2, late_s=TIMEOUT_S + 0.2)
