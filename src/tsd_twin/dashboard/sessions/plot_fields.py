@@ -1,4 +1,4 @@
-"""Fields of the plots."""
+"""Fields that the page requests for its plots, beside those that every state contains."""
 
 from __future__ import annotations
 
