@@ -127,6 +127,7 @@ def limit_status(
     )
 
 
+_REST = np.zeros(3)
 LONGEST_STEP_S = 0.02
 """Maximum time step for a change of wheel speed or twist."""
 
@@ -157,6 +158,8 @@ class RobotController:
         self._limiter = TwistLimiter(self.kinematics, robot.limits)
         self._capped: tuple[tuple[bytes, float], Array] | None = None
         """Latest request and factor, and the result of `_limiter`."""
+        self._solved: tuple[bytes, Array] | None = None
+        """Latest twist, and its joints (n,) by inverse kinematics."""
         self._components = np.array(self.kinematics.twist_axes)
         self._now_s = -math.inf
         self._saturation = SaturationMonitor()
@@ -230,9 +233,7 @@ class RobotController:
         at_rest = not any(self.twist.tolist())
         if supervisor.mode is not Mode.ARMING:
             return SupervisorInputs(neutral=False, at_speed=False, at_rest=at_rest, fault=fault)
-        neutral, at_speed = self._estimator.neutral_and_at_speed(
-            self._wheel_speed.inverse(np.zeros(3))
-        )
+        neutral, at_speed = self._estimator.neutral_and_at_speed(self._inverse(_REST))
         return SupervisorInputs(neutral and not faults.silent(now_s), at_speed, at_rest, fault)
 
     def _update_wheel_speed(self, now_s: float, dt_s: float) -> None:
@@ -246,7 +247,7 @@ class RobotController:
             ramps=armed and mode is not Mode.ARMING,
         ):
             self._limiter = TwistLimiter(self.kinematics, self.robot.limits)
-            self._capped = None
+            self._capped = self._solved = None
             # Slower wheels saturate earlier: scale the whole twist, not each gimbal.
             self.twist = self.twist / max(1.0, float(self.kinematics.joint_utilization(self.twist)))
 
@@ -269,7 +270,7 @@ class RobotController:
             # Non-zero only when latched. The limiter then starts from zero, without a jump.
             self.twist = np.zeros(3)
             self._saturation.forget()
-        self.setpoint = self._wheel_speed.inverse(self.twist)
+        self.setpoint = self._inverse(self.twist)
         if not supervisor.wheels_spin:
             self.setpoint[self._wheels] = 0.0
 
@@ -279,6 +280,17 @@ class RobotController:
         if self._capped is None or self._capped[0] != asked:
             self._capped = (asked, self._limiter.cap(request, share))
         return self._capped[1]
+
+    def _inverse(self, twist: Array) -> Array:
+        """Return the joints (n,) for a twist (3,), reusing the last solution if unchanged."""
+        if not any(twist.tolist()):
+            twist = _REST  # A negative zero would miss the last solution.
+        asked = twist.tobytes()
+        if self._solved is None or self._solved[0] != asked:
+            self._solved = (asked, self.kinematics.inverse(twist))
+        joints = self._solved[1].copy()
+        self._wheel_speed.set_wheels(joints)
+        return joints
 
     def _request(self) -> Array:
         """Return the commanded twist (3,) in the base frame."""
