@@ -19,7 +19,6 @@ from tsd_twin.control.monitors import (
     JointFaultMonitor,
     SaturationMonitor,
 )
-from tsd_twin.control.pose_codec import POSE_CODECS
 from tsd_twin.control.services import ServiceHandler
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.control.wheel_spin import WheelSpeedController
@@ -149,10 +148,7 @@ class RobotController:
         self._estimator = StateEstimator(robot)
         if pose is not None:
             self._estimator.set_pose(pose)
-        self._pose_codec = POSE_CODECS[self.kinematics.pose_type]
-        self._services = ServiceHandler(
-            self.supervisor, self._wheel_speed, self._estimator, self._pose_codec
-        )
+        self._services = ServiceHandler(self.supervisor, self._wheel_speed, self._estimator)
         self._states = JointStateEncoder(robot)
         self._wheels = np.flatnonzero(~self._estimator.is_angle)
         self._limiter = TwistLimiter(self.kinematics, robot.limits)
@@ -298,7 +294,9 @@ class RobotController:
         assert command is not None  # noqa: S101  Checked by the caller.
         twist = command.twist[self._components]
         if command.frame == ODOM:
-            twist = self._pose_codec.to_base_frame(self._estimator.pose, clip_to_finite(twist))
+            twist, pose = clip_to_finite(twist), self._estimator.pose
+            if isinstance(pose, SE2):  # The base of a sphere is fixed in the world.
+                twist[:2] = pose.inverse().rotate(twist[:2])  # Eq. 1 of Carothers.
         return twist
 
     # Operator requests.
