@@ -45,38 +45,6 @@ from tsd_twin.safety import Lease, SafetySupervisor, SupervisorInputs
 from tsd_twin.safety.lease import speed_cap_mps
 
 
-class JointStateEncoder:
-    """Encoder for joint-state messages: setpoints, measured joints and other sensors."""
-
-    def __init__(self, robot: RobotDescription) -> None:
-        joints, sensors = robot.kinematics().joints, robot.sensors
-        self._names = [joint.name for joint in joints]
-        self._is_angle = np.array([joint.kind is JointKind.POSITION for joint in joints])
-        self._sensors = [sensor.name for sensor in sensors]
-        self._sensor_is_angle = [sensor.kind is JointKind.POSITION for sensor in sensors]
-
-    def measured(self, joints: Array, rates: Array, sensors: Array, stamp_ns: int) -> JointState:
-        """Encode measured joints (n,), their rates (n,), and other sensors (s,)."""
-        state = self._state(joints, rates, stamp_ns)
-        if not self._sensors:
-            return state
-        is_angle = self._sensor_is_angle
-        return JointState(
-            [*state.names, *self._sensors],
-            np.append(state.position_rad, np.where(is_angle, sensors, np.nan)),
-            np.append(state.velocity_rad_per_s, np.where(is_angle, np.nan, sensors)),
-            stamp_ns,
-        )
-
-    def commanded(self, setpoint: Array, stamp_ns: int) -> JointState:
-        """Encode a setpoint (n,)."""
-        return self._state(setpoint, np.full(len(setpoint), np.nan), stamp_ns)
-
-    def _state(self, joints: Array, rates: Array, stamp_ns: int) -> JointState:
-        position = np.where(self._is_angle, joints, np.nan)
-        return JointState(self._names, position, np.where(self._is_angle, rates, joints), stamp_ns)
-
-
 def lease_status(supervisor: SafetySupervisor, lease: Lease | None, now_s: float) -> LeaseStatus:
     """Return the lease part of the status: holder, pending request and reservation."""
     asked = supervisor.hand_over.pending_request(now_s) if lease else None
@@ -149,8 +117,11 @@ class RobotController:
         if pose is not None:
             self._estimator.set_pose(pose)
         self._services = ServiceHandler(self.supervisor, self._wheel_speed, self._estimator)
-        self._states = JointStateEncoder(robot)
-        self._wheels = np.flatnonzero(~self._estimator.is_angle)
+        self._is_angle = self._estimator.is_angle
+        self._wheels = np.flatnonzero(~self._is_angle)
+        self._joint_names = [joint.name for joint in self.kinematics.joints]
+        self._sensor_names = [sensor.name for sensor in robot.sensors]
+        self._sensor_is_angle = [sensor.kind is JointKind.POSITION for sensor in robot.sensors]
         self._limiter = TwistLimiter(self.kinematics, robot.limits)
         self._capped: tuple[tuple[bytes, float], Array] | None = None
         """Latest request and factor, and the result of `_limiter`."""
@@ -343,12 +314,26 @@ class RobotController:
 
     def joint_state(self, stamp_ns: int) -> JointState:
         """Return the measured joints, followed by the other sensors."""
-        estimator = self._estimator
-        return self._states.measured(estimator.joints, estimator.rates, estimator.sensors, stamp_ns)
+        sensors, is_angle = self._estimator.sensors, self._sensor_is_angle
+        state = self._joint_state(self._estimator.joints, self._estimator.rates, stamp_ns)
+        if not self._sensor_names:
+            return state
+        return JointState(
+            [*state.names, *self._sensor_names],
+            np.append(state.position_rad, np.where(is_angle, sensors, np.nan)),
+            np.append(state.velocity_rad_per_s, np.where(is_angle, np.nan, sensors)),
+            stamp_ns,
+        )
 
     def setpoint_state(self, stamp_ns: int) -> JointState:
         """Return the joint setpoints."""
-        return self._states.commanded(self.setpoint, stamp_ns)
+        unknown = np.full(len(self.setpoint), np.nan)
+        return self._joint_state(self.setpoint, unknown, stamp_ns)
+
+    def _joint_state(self, joints: Array, rates: Array, stamp_ns: int) -> JointState:
+        position = np.where(self._is_angle, joints, np.nan)
+        velocity = np.where(self._is_angle, rates, joints)
+        return JointState(self._joint_names, position, velocity, stamp_ns)
 
     def odometry(self, stamp_ns: int) -> Odometry:
         """Return the estimated pose in `odom` and twist in `base_link`, with covariances."""
