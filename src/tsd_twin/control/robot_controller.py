@@ -41,7 +41,7 @@ from tsd_twin.messages.status import (
 from tsd_twin.messages.topics import Service
 from tsd_twin.motion import TwistLimiter, clip_to_finite
 from tsd_twin.robots import RobotDescription
-from tsd_twin.safety import Lease, SafetySupervisor, SupervisorInputs
+from tsd_twin.safety import Lease, SafetySupervisor
 from tsd_twin.safety.lease import speed_cap_mps
 
 
@@ -174,7 +174,12 @@ class RobotController:
         self._update_pose_measurements(now_s)
         for sample in samples:
             self.supervisor.receive(sample, now_s)
-        self.supervisor.step(self._supervisor_inputs(now_s, fault), now_s)
+        fault = self._faults.step(now_s, self.setpoint, self.supervisor, fault)
+        neutral, at_speed = self._neutral_and_at_speed(now_s)
+        at_rest = not any(self.twist.tolist())
+        self.supervisor.step(
+            now_s, neutral=neutral, at_speed=at_speed, at_rest=at_rest, fault=fault
+        )
         armed = self.supervisor.mode in ARMED
         self._add_event(self._battery.step(battery_v, now_s, armed=armed))
         self._add_event(self._heat.step(servo_c, now_s, armed=armed))
@@ -194,14 +199,11 @@ class RobotController:
         if event is not None:
             self._events.append(event)
 
-    def _supervisor_inputs(self, now_s: float, fault: Reason | None) -> SupervisorInputs:
-        supervisor, faults = self.supervisor, self._faults
-        fault = faults.step(now_s, self.setpoint, supervisor, fault)
-        at_rest = not any(self.twist.tolist())
-        if supervisor.mode is not Mode.ARMING:
-            return SupervisorInputs(neutral=False, at_speed=False, at_rest=at_rest, fault=fault)
+    def _neutral_and_at_speed(self, now_s: float) -> tuple[bool, bool]:
+        if self.supervisor.mode is not Mode.ARMING:
+            return False, False
         neutral, at_speed = self._estimator.neutral_and_at_speed(self._inverse(_REST))
-        return SupervisorInputs(neutral and not faults.silent(now_s), at_speed, at_rest, fault)
+        return neutral and not self._faults.silent(now_s), at_speed
 
     def _update_wheel_speed(self, now_s: float, dt_s: float) -> None:
         mode, lease = self.supervisor.mode, self.supervisor.lease_in_force(now_s)
