@@ -385,8 +385,8 @@ class SafetySupervisor:
         self._report("mode", changed, TRANSITIONS[before, mode], now_s)
 
     def _why_no_command_stands(self, lease: Lease, now_s: float) -> Reason:
-        if self.gate.overaged is not None:
-            return self._based_on(self.gate.overaged.echoed_s, lease, now_s)
+        if self.gate.is_overaged:
+            return self._based_on(self.gate.overaged_s, lease, now_s)
         if self._echo_ends_first:
             return self._based_on(self.gate.echoed_s, lease, now_s)
         return self.loop.explains(self._fresh_s, lease.timeout_s, now_s) or because(
