@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -51,17 +51,8 @@ class Pid:
         self._previous = None
 
 
-@dataclass(frozen=True, slots=True)
-class TrackingSettings:
-    """Settings of the tracking controller: actuator lag and PID gains."""
-
-    lag_s: float = 0.04
-    """Actuator lag, used as the lead time of the feed-forward."""
-    along: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
-    """Gains of the along-track error."""
-    across: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
-    """Gains of the cross-track error, the signed distance to the path."""
-    heading: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.2))
+_POSITION_GAINS = Gains(8.0, 1.0, integral_limit=0.05)
+_HEADING_GAINS = Gains(8.0, 1.0, integral_limit=0.2)
 
 
 class TrackingController:
@@ -77,18 +68,26 @@ class TrackingController:
     def __init__(
         self,
         trajectory: Trajectory,
-        settings: TrackingSettings | None = None,
+        *,
+        lag_s: float = 0.04,
+        position: Gains = _POSITION_GAINS,
+        heading: Gains = _HEADING_GAINS,
         feed_forward: Callable[[float], Array] | None = None,
     ) -> None:
-        """`feed_forward` maps a time to the twist (3,) for a robot without lag.
+        """Initialize the controller.
 
-        It defaults to the twist of the trajectory.
+        Args:
+            trajectory: Trajectory to follow.
+            lag_s: Actuator lag, used as the lead time of the feed-forward.
+            position: Gains of the along-track and the cross-track error.
+            heading: Gains of the heading error.
+            feed_forward: Maps a time to the twist (3,) for a robot without lag. Default: the twist
+                of the trajectory.
         """
-        settings = settings or TrackingSettings()
         self.trajectory = trajectory
-        self._lag_s = settings.lag_s
+        self._lag_s = lag_s
         self._twist_at = feed_forward or self._reference_twist
-        self._pid = Pid(settings.along, settings.across, settings.heading)
+        self._pid = Pid(position, position, heading)
 
     def feed_forward(self, t_s: float) -> Array:
         """Return the open-loop body twist (3,) to command at `t_s`."""
@@ -221,13 +220,15 @@ class TrajectoryExecutor:
             lag_s: Lag of the joints.
             delay_s: Round-trip time of the link.
         """
-        gains = Gains(1.0, 0.25, integral_limit=0.05)
-        turning = Gains(1.0, 0.25, integral_limit=0.2)
         self.trajectory = trajectory
         self._cap = cap
         self._delay_s = _delay(delay_s, 0.0)
-        settings = TrackingSettings(lag_s, gains, gains, turning)
-        self._tracker = TrackingController(trajectory, settings)
+        self._tracker = TrackingController(
+            trajectory,
+            lag_s=lag_s,
+            position=Gains(1.0, 0.25, integral_limit=0.05),
+            heading=Gains(1.0, 0.25, integral_limit=0.2),
+        )
         self._t_s = 0.0
         self._last_s: float | None = None
         self._stuck_s = 0.0
