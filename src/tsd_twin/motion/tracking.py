@@ -241,7 +241,7 @@ class TrajectoryExecutor:
         """
         if not np.isfinite(pose.xy_heading).all():
             why = because(Code.POSE_NOT_FINITE)
-            return self._step(ExecutionPhase.LOST, 0.0, math.inf, math.inf, why)
+            return ExecutionStep(ExecutionPhase.LOST, np.zeros(3), 0.0, math.inf, math.inf, why)
         dt_s = 0.0 if self._last_s is None else min(max(now_s - self._last_s, 0.0), _GAP_S)
         self._last_s = now_s
         if delay_s is not None:
@@ -252,47 +252,36 @@ class TrajectoryExecutor:
         seen_s = self._t_s - self._delay_s
         reference = self.trajectory.at(seen_s)
         along, across, turn = (float(part) for part in tracking_errors(reference, pose))
-        done_m, cross_track_m, heading_error_rad = (
-            float(reference.s_m),
-            math.hypot(along, across),
-            abs(turn),
-        )
+        cross_track_m, heading_error_rad = math.hypot(along, across), abs(turn)
         pace = float(np.clip(1.0 - (cross_track_m - _LAG_ALLOWED_M) / _LAG_RAMP_M, 0.0, 1.0))
         self._stuck_s = self._stuck_s + dt_s if pace < 0.1 else 0.0
+        over_s = seen_s - self.trajectory.duration_s
+        phase, why = self._phase(over_s, cross_track_m, heading_error_rad)
+        twist = np.zeros(3)
+        if phase is ExecutionPhase.GOING:
+            gain = min(_GAIN_PER_S, _GAIN_TIMES_DELAY / (_PERIODS_S + self._delay_s))
+            ahead_s = self._delay_s + _LEAD_S
+            twist = self._cap(self._tracker.advance(seen_s, pose, dt_s, ahead_s, gain))
+            self._t_s += pace * dt_s
+        done_m = float(reference.s_m)
+        return ExecutionStep(phase, twist, done_m, cross_track_m, heading_error_rad, why)
+
+    def _phase(
+        self, over_s: float, cross_track_m: float, heading_error_rad: float
+    ) -> tuple[ExecutionPhase, Reason | None]:
+        """Return the phase, and the reason for `LOST`; the reference has arrived for `over_s`."""
         if cross_track_m > MAX_TRACKING_ERROR_M or heading_error_rad > LOST_RAD:
             why = because(Code.OFF_PATH, metres=cross_track_m, deg=math.degrees(heading_error_rad))
-            return self._step(ExecutionPhase.LOST, done_m, cross_track_m, heading_error_rad, why)
+            return ExecutionPhase.LOST, why
         if self._stuck_s > STUCK_S:
-            return self._step(
-                ExecutionPhase.LOST,
-                done_m,
-                cross_track_m,
-                heading_error_rad,
-                because(Code.NO_PROGRESS),
-            )
-        over_s = seen_s - self.trajectory.duration_s
+            return ExecutionPhase.LOST, because(Code.NO_PROGRESS)
         if over_s >= 0.0 and cross_track_m < GOAL_TOLERANCE_M and heading_error_rad < NEAR_RAD:
-            return self._step(ExecutionPhase.ARRIVED, done_m, cross_track_m, heading_error_rad)
-        if over_s > SETTLE_S:
-            if cross_track_m < TIMEOUT_TOLERANCE_M and heading_error_rad < FAIR_RAD:
-                return self._step(ExecutionPhase.ARRIVED, done_m, cross_track_m, heading_error_rad)
-            why = because(Code.STAYS_FROM_GOAL, metres=cross_track_m)
-            return self._step(ExecutionPhase.LOST, done_m, cross_track_m, heading_error_rad, why)
-        gain = min(_GAIN_PER_S, _GAIN_TIMES_DELAY / (_PERIODS_S + self._delay_s))
-        ahead_s = self._delay_s + _LEAD_S
-        twist = self._cap(self._tracker.advance(seen_s, pose, dt_s, ahead_s, gain))
-        self._t_s += pace * dt_s
-        return ExecutionStep(ExecutionPhase.GOING, twist, done_m, cross_track_m, heading_error_rad)
-
-    def _step(
-        self,
-        phase: ExecutionPhase,
-        done_m: float,
-        cross_track_m: float,
-        heading_error_rad: float,
-        why: Reason | None = None,
-    ) -> ExecutionStep:
-        return ExecutionStep(phase, np.zeros(3), done_m, cross_track_m, heading_error_rad, why)
+            return ExecutionPhase.ARRIVED, None
+        if not over_s > SETTLE_S:
+            return ExecutionPhase.GOING, None
+        if cross_track_m < TIMEOUT_TOLERANCE_M and heading_error_rad < FAIR_RAD:
+            return ExecutionPhase.ARRIVED, None
+        return ExecutionPhase.LOST, because(Code.STAYS_FROM_GOAL, metres=cross_track_m)
 
 
 def _delay(measured_s: float, otherwise_s: float) -> float:
