@@ -6,7 +6,7 @@ from tsd_twin.simulation.actuators import EscModel, Motors, Servos, WheelSurface
 from tsd_twin.simulation.base import Simulation
 from tsd_twin.simulation.factory import PLANTS, plants_of, simulate
 from tsd_twin.simulation.robot import BoardModel, SimRobot, SimulationTruth
-from tsd_twin.simulation.singularity import KinematicPlant, SingularitySimulation
+from tsd_twin.simulation.singularity import SingularitySimulation, rolling_tangent
 from tsd_twin.simulation.wear import BATTERY, DegradedRobot, RobotWithStuckJoint, StuckJoint, Wear
 
 __all__ = [
@@ -15,7 +15,6 @@ __all__ = [
     "BoardModel",
     "DegradedRobot",
     "EscModel",
-    "KinematicPlant",
     "Motors",
     "RobotWithStuckJoint",
     "Servos",
@@ -27,5 +26,6 @@ __all__ = [
     "Wear",
     "WheelSurface",
     "plants_of",
+    "rolling_tangent",
     "simulate",
 ]
