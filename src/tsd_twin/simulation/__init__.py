@@ -7,7 +7,7 @@ from tsd_twin.simulation.base import Simulation
 from tsd_twin.simulation.factory import PLANTS, plants_of, simulate
 from tsd_twin.simulation.robot import BoardModel, SimRobot, SimulationTruth
 from tsd_twin.simulation.singularity import SingularitySimulation, rolling_tangent
-from tsd_twin.simulation.wear import BATTERY, DegradedRobot, RobotWithStuckJoint, StuckJoint, Wear
+from tsd_twin.simulation.wear import BATTERY, DegradedRobot, StuckJoint, Wear
 
 __all__ = [
     "BATTERY",
@@ -16,7 +16,6 @@ __all__ = [
     "DegradedRobot",
     "EscModel",
     "Motors",
-    "RobotWithStuckJoint",
     "Servos",
     "SimRobot",
     "Simulation",
