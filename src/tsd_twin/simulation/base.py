@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol
 
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import Array
@@ -63,13 +63,10 @@ class Simulation(Protocol):
         ...
 
 
-S = TypeVar("S", bound=Simulation)
-
-
-class SimulationWrapper(Generic[S]):
+class SimulationWrapper:
     """Base class of simulation wrappers: forwards all but `measure`, which subclasses define."""
 
-    def __init__(self, simulation: S) -> None:
+    def __init__(self, simulation: Simulation) -> None:
         self.simulation = simulation
         """Wrapped simulation."""
 

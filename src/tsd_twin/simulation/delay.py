@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Protocol
 
 import numpy as np
 
 from tsd_twin.lie import Array
-from tsd_twin.simulation.base import Simulation, SimulationWrapper
-from tsd_twin.simulation.singularity import Actuation
+from tsd_twin.simulation.base import SimulationWrapper
+from tsd_twin.simulation.mujoco_plant import MujocoSimulation
+from tsd_twin.simulation.singularity import SingularitySimulation
 
 
-class Actuated(Simulation, Protocol):
-    """Simulation whose measurements depend only on its joints."""
-
-    actuation: Actuation
-
-
-class DelayWrapper(SimulationWrapper[Actuated]):
+class DelayWrapper(SimulationWrapper):
     """Simulation wrapper that delays setpoints and joint measurements by `delay_s`.
 
     Ground truth is not delayed. Joints are interpolated linearly between two calls of `advance`.
     """
 
-    def __init__(self, simulation: Actuated, delay_s: float) -> None:
+    def __init__(
+        self, simulation: SingularitySimulation | MujocoSimulation, delay_s: float
+    ) -> None:
         super().__init__(simulation)
+        self._actuation = simulation.actuation
         self._delay_s = delay_s
         self._now_s = 0.0
         self._in_transit: deque[tuple[float, Array]] = deque()
@@ -33,7 +30,7 @@ class DelayWrapper(SimulationWrapper[Actuated]):
 
     def command(self, setpoint: Array) -> None:
         """Queue setpoints, as in `Actuation.command`."""
-        checked = self.simulation.actuation.checked(setpoint)
+        checked = self._actuation.checked(setpoint)
         self._in_transit.append((self._now_s + self._delay_s, checked.copy()))
 
     def advance(self, dt_s: float) -> None:
@@ -50,10 +47,10 @@ class DelayWrapper(SimulationWrapper[Actuated]):
         delayed_s = self._now_s - self._delay_s
         (before_s, before), *rest = self._history
         if not rest or delayed_s <= before_s:
-            return self.simulation.actuation.measure(before)
+            return self._actuation.measure(before)
         after_s, after = rest[0]
         share = (delayed_s - before_s) / (after_s - before_s)
-        return self.simulation.actuation.measure(before + share * (after - before))
+        return self._actuation.measure(before + share * (after - before))
 
     def _pass(self, now_s: float) -> None:
         if now_s > self._now_s:

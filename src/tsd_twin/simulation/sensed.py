@@ -12,7 +12,7 @@ from tsd_twin.sensors.base import BodyMotion
 from tsd_twin.simulation.base import Simulation, SimulationWrapper
 
 
-class SensedSimulation(SimulationWrapper[Simulation]):
+class SensedSimulation(SimulationWrapper):
     """Simulation wrapper that appends the readings of sensors to the measurements.
 
     `noise` scales the described standard deviations. The sensors are not on the actuator bus, so
