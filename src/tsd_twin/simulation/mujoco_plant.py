@@ -12,7 +12,7 @@ from typing import Any, TypeAlias, Unpack
 import numpy as np
 import numpy.typing as npt
 
-from tsd_twin.errors import MissingExtraError
+from tsd_twin.errors import needs_extra
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import RPM, SingularityDescription
 from tsd_twin.simulation.actuators import SimulationOptions
@@ -25,10 +25,8 @@ def load_mujoco() -> Any:
     Raises:
         MissingExtraError: If MuJoCo is not installed.
     """
-    try:
+    with needs_extra("The plant `mujoco`", "mujoco"):
         return importlib.import_module("mujoco")
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("The plant `mujoco`", "mujoco") from error
 
 
 _SPIN_IN_SLIP = 8.0 / (3.0 * np.pi)
