@@ -238,7 +238,7 @@ class RobotController:
         else:
             # Non-zero only when latched. The limiter then starts from zero, without a jump.
             self.twist = np.zeros(3)
-            self._saturation.forget()
+            self._saturation.share = 1.0
         self.setpoint = self._inverse(self.twist)
         if not supervisor.wheels_spin:
             self.setpoint[self._wheels] = 0.0
