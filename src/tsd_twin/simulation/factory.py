@@ -17,11 +17,10 @@ from tsd_twin.robots import (
 )
 from tsd_twin.sensors.dead_wheels import DEAD_WHEELS
 from tsd_twin.simulation.base import Simulation
-from tsd_twin.simulation.delay import DelayWrapper
 from tsd_twin.simulation.mujoco_plant import MujocoSimulation
-from tsd_twin.simulation.sensed import SensedSimulation
 from tsd_twin.simulation.singularity import SingularitySimulation
 from tsd_twin.simulation.wheeled import GearedSimulation, OmniSimulation, SphereSimulation
+from tsd_twin.simulation.wrappers import DelayWrapper, SensedSimulation
 
 _Factory: TypeAlias = Callable[..., Simulation]
 _NONE: Mapping[str, _Factory] = {}
