@@ -272,13 +272,13 @@ class SafetySupervisor:
         self._fault = fault
         if fault is not None and self.mode in ARMED:
             self._transition(Mode.FAULT, fault, now_s)
+        unattended = now_s - self._operator_seen_s >= NO_OPERATOR_TIMEOUT_S
+        if unattended and self.mode in (Mode.ARMING, Mode.READY):
+            why = because(Code.UNATTENDED, s=NO_OPERATOR_TIMEOUT_S)
+            self._transition(Mode.DISARMED, why, now_s)
         match self.mode:
             case Mode.ARMING:
                 self._step_arming(now_s, neutral=neutral, at_speed=at_speed)
-            case Mode.READY:
-                if now_s - self._operator_seen_s >= NO_OPERATOR_TIMEOUT_S:
-                    unattended = because(Code.UNATTENDED, s=NO_OPERATOR_TIMEOUT_S)
-                    self._transition(Mode.DISARMED, unattended, now_s)
             case Mode.DRIVING:
                 self._step_driving(lease, now_s, at_rest=at_rest)
             case Mode.STOPPING:
@@ -286,7 +286,7 @@ class SafetySupervisor:
                     self._transition(
                         Mode.DISARMED if self._disarm_at_rest else Mode.READY, self.why, now_s
                     )
-            case Mode.DISARMED | Mode.STOPPED | Mode.FAULT:
+            case Mode.DISARMED | Mode.READY | Mode.STOPPED | Mode.FAULT:
                 pass
         if self.mode in (Mode.ARMING, Mode.READY):
             self._heartbeat_count += 1
@@ -341,11 +341,7 @@ class SafetySupervisor:
         return lease
 
     def _step_arming(self, now_s: float, *, neutral: bool, at_speed: bool) -> None:
-        if now_s - self._operator_seen_s >= NO_OPERATOR_TIMEOUT_S:
-            self._transition(
-                Mode.DISARMED, because(Code.UNATTENDED, s=NO_OPERATOR_TIMEOUT_S), now_s
-            )
-        elif self._spin_up_s is None:
+        if self._spin_up_s is None:
             waited_s = now_s - self._since_s
             if not neutral and waited_s >= NEUTRAL_S:
                 self._transition(Mode.DISARMED, because(Code.NOT_NEUTRAL), now_s)
