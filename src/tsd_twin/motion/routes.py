@@ -216,9 +216,7 @@ class NavigationGoal:
         here, goal = start.xy_heading, np.asarray(self.points[-1], dtype=float)
         if not (np.isfinite(here).all() and math.isfinite(self.heading_rad or 0.0)):
             raise path_refusal(because(Code.PATH_NOT_FINITE))
-        turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - here[2]))
-        way = np.concatenate([here[None, :2], self.points])
-        length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
+        way, length_m, turn = self._way(start)
         if not np.isfinite(length_m) or length_m > LONGEST_M:
             raise path_refusal(because(Code.PATH_TOO_LONG, limit_m=LONGEST_M))
         if self.is_done(start):
@@ -236,13 +234,15 @@ class NavigationGoal:
 
     def is_done(self, here: SE2) -> bool:
         """Return whether a robot at `here` has reached the goal."""
+        _, length_m, turn = self._way(here)
+        return length_m < ARRIVAL_TOLERANCE_M and abs(turn) < _ARRIVAL_TOLERANCE_RAD
+
+    def _way(self, here: SE2) -> tuple[Array, float, float]:
+        """Return the points (n + 1, 2) from `here` to the goal, their length and the final turn."""
         x, y, heading = here.xy_heading
-        turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - heading))
         way = np.concatenate([[[x, y]], self.points])
-        return bool(
-            np.hypot(*np.diff(way, axis=0).T).sum() < ARRIVAL_TOLERANCE_M
-            and abs(turn) < _ARRIVAL_TOLERANCE_RAD
-        )
+        turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - heading))
+        return way, float(np.hypot(*np.diff(way, axis=0).T).sum()), turn
 
     def remaining(self, path: Path, done_m: float) -> NavigationGoal:
         """Return the remaining goal after `done_m` of the path planned for it."""
