@@ -237,8 +237,8 @@ class TrajectoryExecutor:
         last.
         """
         if not np.isfinite(pose.xy_heading).all():
-            why = because(Code.POSE_NOT_FINITE)
-            return ExecutionStep(ExecutionPhase.LOST, np.zeros(3), 0.0, math.inf, math.inf, why)
+            reason = because(Code.POSE_NOT_FINITE)
+            return ExecutionStep(ExecutionPhase.LOST, np.zeros(3), 0.0, math.inf, math.inf, reason)
         dt_s = 0.0 if self._last_s is None else min(max(now_s - self._last_s, 0.0), _GAP_S)
         self._last_s = now_s
         if delay_s is not None:
