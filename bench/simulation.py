@@ -190,7 +190,7 @@ def batch(robots_at_once: int) -> float:
     periods = 100
     start = time.perf_counter()
     for _ in range(periods):
-        twist = limiter.advance(twist, request, PERIOD_S)
+        twist = limiter.approach(twist, limiter.cap(request), PERIOD_S)
         simulation.command(drive.inverse(twist))
         simulation.advance(PERIOD_S)
         pose = drive.integrate(pose, drive.forward(simulation.measure()).twist, PERIOD_S)

@@ -24,7 +24,7 @@ from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.routes import Route
 from tsd_twin.motion.trajectory import Trajectory
 from tsd_twin.robots import SingularityDescription, description_of_kind
-from tsd_twin.simulation import KinematicPlant, Servos, WheelSurface
+from tsd_twin.simulation import Servos, WheelSurface, rolling_tangent
 
 STEP_S = 0.01
 _SETTLE_S = 0.5
@@ -97,7 +97,6 @@ def drive_open_loop(
     drive: Kinematics[SE2] = robot.kinematics()
     is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
     servos = _servos_with(robot, errors)
-    plant = KinematicPlant(drive)
     runs = len(errors.speed_scale_error)
     surface = WheelSurface(
         robot.kinematics(), errors.layer_m, np.zeros((runs, 1)) + errors.phase_rad
@@ -129,7 +128,7 @@ def drive_open_loop(
             nodes[1:, :, is_angle] = servos.after(angles, aim, turning_s)
             play = plays[1]
         angles = nodes[2][:, is_angle]
-        tangent = plant.tangent(surface.roll(nodes), STEP_S)
+        tangent = rolling_tangent(drive, surface.roll(nodes), STEP_S)
         if slip is not None:
             before = slip.twist
             tangent = 0.5 * STEP_S * (before + slip.advance(tangent / STEP_S, STEP_S, 2))

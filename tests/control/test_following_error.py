@@ -17,7 +17,7 @@ from tsd_twin.control.monitors import (
 from tsd_twin.messages.codes import Code
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import Mode
-from tsd_twin.simulation import RobotWithStuckJoint, SimRobot, StuckJoint
+from tsd_twin.simulation import DegradedRobot, SimRobot, StuckJoint
 
 PERIOD_S = 0.01
 LONGEST_S = FOLLOWING_ERROR_TIMEOUT_S + REMEMBERED_S + 0.1
@@ -35,7 +35,7 @@ def test_a_gimbal_that_sticks_shuts_off_the_wheels_and_is_named(
     gimbal: str, way_deg: float, let_go: bool
 ) -> None:
     way = (np.cos(np.radians(way_deg)), np.sin(np.radians(way_deg)), 0.0)
-    simulated = RobotWithStuckJoint(ROBOT, seed=2, noise=1.0)
+    simulated = DegradedRobot(ROBOT, seed=2, noise=1.0)
     rig = ControllerHarness(simulated)
     pilot = rig.get_ready()
     simulated.jam(StuckJoint(gimbal, np.radians(2.0)))

@@ -7,7 +7,7 @@ import pytest
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
 from tsd_twin.messages.codes import Code, because
-from tsd_twin.simulation import RobotWithStuckJoint, SimRobot, StuckJoint
+from tsd_twin.simulation import DegradedRobot, SimRobot, StuckJoint
 
 STATUS_S = 0.05
 """A status goes out so often: it takes so much longer until it is seen."""
@@ -23,7 +23,7 @@ def test_one_jammed_gimbal_is_named_within_a_fifth_of_a_second(
     azimuth = np.radians([90.0, 210.0, 330.0][module - 1]) - (np.pi / 2 if gimbal == 0 else 0.0)
     way = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     before, after = before_mps * way, 0.8 * way
-    simulated = RobotWithStuckJoint(ROBOT, seed=5, noise=1.0)
+    simulated = DegradedRobot(ROBOT, seed=5, noise=1.0)
     rig = ControllerHarness(simulated)
     pilot = rig.get_ready()
     rig.drive(pilot, before, 1.0)

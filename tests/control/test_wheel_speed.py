@@ -314,7 +314,8 @@ def test_wheels_that_shall_not_turn_alike_keep_their_ratio_in_every_gear(rpm: fl
     for _ in range(3):
         ramp.advance(0.01, b"", lambda setpoint, _: float(setpoint[2::3].mean()), armed=False,
                         ramps=False)  # fmt: skip
-    joints = ramp.inverse(twist)
+    joints = ramp.kinematics.inverse(twist)
+    ramp.set_wheels(joints)
     wanted = USUAL if refusal else rpm
     np.testing.assert_allclose(joints[2::3], wanted * RPM * ratio, rtol=1e-9)
     np.testing.assert_allclose(ramp.kinematics.forward(joints).twist, twist, atol=1e-9)

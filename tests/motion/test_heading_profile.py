@@ -24,7 +24,7 @@ def test_sampled_headings_equal_a_clamped_spline(steps: list[float], data: st.Da
     spline: Any = CubicSpline(at, heading, bc_type="clamped")
     s = np.concatenate([np.linspace(0.0, at[-1], 97), at])
     found = SampledHeading(at.tolist(), heading.tolist()).at(s, line([0, 0], [1, 0]).at(s))
-    for order, values in enumerate((found.heading, found.per_m, found.per_m2)):
+    for order, values in enumerate(found):
         expected = np.asarray(spline(s, order))
         np.testing.assert_allclose(
             values, expected, rtol=0.0, atol=1e-11 * (1.0 + np.abs(expected).max())
@@ -33,7 +33,8 @@ def test_sampled_headings_equal_a_clamped_spline(steps: list[float], data: st.Da
 
 def test_headings_beyond_the_ends_are_constant() -> None:
     s = np.array([-1.0, 0.0, 2.0, 3.0])
-    found = SampledHeading([0.0, 2.0], [0.5, 1.5]).at(s, line([0, 0], [1, 0]).at(s))
-    np.testing.assert_allclose(found.heading, [0.5, 0.5, 1.5, 1.5], atol=1e-15)
-    assert not found.per_m.any()
-    assert not found.per_m2[[0, 3]].any()
+    profile = SampledHeading([0.0, 2.0], [0.5, 1.5])
+    heading, per_m, per_m2 = profile.at(s, line([0, 0], [1, 0]).at(s))
+    np.testing.assert_allclose(heading, [0.5, 0.5, 1.5, 1.5], atol=1e-15)
+    assert not per_m.any()
+    assert not per_m2[[0, 3]].any()

@@ -112,13 +112,19 @@ def test_a_request_beyond_all_measure_asks_for_full_speed(size: float) -> None:
 # On the way.
 
 
+def advance(
+    limiter: TwistLimiter, current: Array, request: Array, dt_s: float, share: Array | float = 1.0
+) -> Array:
+    return limiter.approach(current, limiter.cap(request, share), dt_s)
+
+
 @given(case=cases(), start=twists(), request=twists(), dt_s=st.floats(1e-3, 0.1))
 def test_a_step_goes_straight_and_no_faster_than_allowed(
     case: Case, start: Array, request: Array, dt_s: float
 ) -> None:
     limits = case.limits
     current, goal = case.limiter.cap(start), case.limiter.cap(request)
-    step = case.limiter.advance(current, request, dt_s) - current
+    step = advance(case.limiter, current, request, dt_s) - current
     acceleration = max(limits.acceleration_mps2, limits.deceleration_mps2)
     if np.hypot(*goal[:2]) > np.hypot(*current[:2]):
         acceleration = limits.acceleration_mps2
@@ -136,7 +142,7 @@ def test_between_two_allowed_twists_all_is_allowed(
 ) -> None:
     current = case.limiter.cap(start)
     for _ in range(5):
-        current = case.limiter.advance(current, request, dt_s)
+        current = advance(case.limiter, current, request, dt_s)
         assert max(case.usage(current)) <= ROUNDING
 
 
@@ -145,7 +151,7 @@ def test_no_gimbal_is_asked_to_turn_faster_than_its_servo_can(
     case: Case, start: Array, request: Array, dt_s: float
 ) -> None:
     current = case.limiter.cap(start)
-    following = case.limiter.advance(current, request, dt_s)
+    following = advance(case.limiter, current, request, dt_s)
     # Angles of the joints before and after, by the kinematics, not by the limiter's bound.
     change = (case.drive.inverse(following) - case.drive.inverse(current)).reshape(-1, 3)[:, :2]
     assert np.abs(change).max() <= case.drive.max_tilt_rate_rad_per_s * dt_s * ROUNDING + 1e-12
@@ -159,7 +165,7 @@ def test_slow_servos_slow_the_robot_down(tilt_rate: float) -> None:
     limiter = TwistLimiter(drive, ROBOT.limits)
     current, fastest = np.zeros(3), 0.0
     for _ in range(20):
-        following = limiter.advance(current, np.array([0.5, 0.0, 0.0]), DT_S)
+        following = advance(limiter, current, np.array([0.5, 0.0, 0.0]), DT_S)
         change = (drive.inverse(following) - drive.inverse(current)).reshape(-1, 3)[:, :2]
         fastest = max(fastest, np.abs(change).max() / DT_S)
         current = following
@@ -174,16 +180,16 @@ def test_what_is_asked_for_is_reached_exactly_and_kept(
     for _ in range(20_000):
         if (current == goal).all():
             break
-        current = case.limiter.advance(current, request, 0.05)
+        current = advance(case.limiter, current, request, 0.05)
     np.testing.assert_array_equal(current, goal)
-    np.testing.assert_array_equal(case.limiter.advance(current, request, 0.05), goal)
+    np.testing.assert_array_equal(advance(case.limiter, current, request, 0.05), goal)
 
 
 @given(case=cases(), start=twists())
 def test_braking_only_ever_slows_and_keeps_the_curvature(case: Case, start: Array) -> None:
     current = first = case.limiter.cap(start)
     for _ in range(10):
-        slower = case.limiter.advance(current, np.zeros(3), DT_S)
+        slower = advance(case.limiter, current, np.zeros(3), DT_S)
         assert (np.abs(slower) <= np.abs(current)).all()
         assert (slower * current >= 0.0).all()
         np.testing.assert_allclose(
@@ -204,9 +210,9 @@ def test_a_batch_is_each_of_its_members(
     requests = data.draw(st.lists(twists(), min_size=n, max_size=n))
     shares = np.array(data.draw(st.lists(st.floats(0.05, 1.0), min_size=n, max_size=n)))
     current = np.stack([case.limiter.cap(start) for start in starts])
-    together = case.limiter.advance(current, np.stack(requests), DT_S, shares)
+    together = advance(case.limiter, current, np.stack(requests), DT_S, shares)
     for i in range(n):
-        alone = case.limiter.advance(current[i], requests[i], DT_S, float(shares[i]))
+        alone = advance(case.limiter, current[i], requests[i], DT_S, float(shares[i]))
         np.testing.assert_allclose(together[i], alone, rtol=1e-12, atol=1e-300)
 
 
@@ -217,7 +223,7 @@ def run(request: Array, start: Array, seconds: float) -> Array:
     limiter = TwistLimiter(ROBOT.kinematics(), ROBOT.limits)
     twists = [start]
     for _ in range(round(seconds / DT_S)):
-        twists.append(limiter.advance(twists[-1], request, DT_S))
+        twists.append(advance(limiter, twists[-1], request, DT_S))
     return np.array(twists)
 
 

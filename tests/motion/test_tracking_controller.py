@@ -10,13 +10,7 @@ from tsd_twin import robots
 from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.paths import line, polyline
 from tsd_twin.motion.routes import FixedHeading, Route, SampledHeading, TangentHeading
-from tsd_twin.motion.tracking import (
-    Gains,
-    Pid,
-    TrackingController,
-    TrackingSettings,
-    tracking_errors,
-)
+from tsd_twin.motion.tracking import Gains, Pid, TrackingController, tracking_errors
 from tsd_twin.motion.trajectory import Trajectory, plan
 
 ROBOT = robots.load_robot("tsd")
@@ -72,7 +66,7 @@ def run(
 def test_open_loop_without_lag_arrives_everywhere_in_time(name: str) -> None:
     trajectory = trajectory_of(name)
     robot = Laggard(trajectory.at(0.0).pose, 0.0)
-    tracker = TrackingController(trajectory, TrackingSettings(lag_s=0.0))
+    tracker = TrackingController(trajectory, lag_s=0.0)
     away, turned = worst(run(trajectory, tracker, robot, closed=False), trajectory)
     assert away < 1e-4 * trajectory.length_m
     assert turned < 1e-4
@@ -87,7 +81,7 @@ def test_feeding_acceleration_forward_undoes_the_lag_of_the_actuators(
     results = {}
     for lag_s in (0.0, LAG_S):
         robot = Laggard(trajectory.at(0.0).pose, LAG_S)
-        tracker = TrackingController(trajectory, TrackingSettings(lag_s=lag_s))
+        tracker = TrackingController(trajectory, lag_s=lag_s)
         results[lag_s], _ = worst(run(trajectory, tracker, robot, closed=False), trajectory)
     assert results[0.0] > 0.9 * LAG_S * LIMITS.speed_mps * 0.9, "late by its lag"
     # Where acceleration jumps by a, some a lag^2 is left: 10 m/s^2 at a corner.

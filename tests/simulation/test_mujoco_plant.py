@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 
 from tsd_twin import robots
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import SingularityDescription
+from tsd_twin.robots.description import Floor
 from tsd_twin.simulation import Simulation, simulate
-from tsd_twin.simulation.mujoco_plant import ContactPatch, MujocoSimulation
+from tsd_twin.simulation.mujoco_plant import MujocoSimulation, patch_friction
 
 
 def tsd() -> SingularityDescription:
@@ -78,8 +80,12 @@ def test_at_rest_it_stays_where_it_was_put() -> None:
     np.testing.assert_allclose(robot._loads().sum(), ROBOT.mass.total_kg * 9.81, rtol=1e-3)
 
 
+def on_a_floor(friction: float) -> SingularityDescription:
+    return msgspec.structs.replace(ROBOT, floor=Floor(friction))
+
+
 def test_without_friction_nothing_pushes() -> None:
-    robot = MujocoSimulation(ROBOT, patch=ContactPatch(friction=0.0))
+    robot = MujocoSimulation(on_a_floor(0.0))
     spin_up(robot)
     drive(robot, np.array([1.0, 0.0, 0.0]), 1.0, 0.1)
     assert np.hypot(*robot.pose.xy_heading[:2]) < 0.005
@@ -87,7 +93,7 @@ def test_without_friction_nothing_pushes() -> None:
 
 def test_acceleration_never_exceeds_what_friction_gives() -> None:
     friction = 0.2
-    robot = MujocoSimulation(ROBOT, patch=ContactPatch(friction=friction))
+    robot = MujocoSimulation(on_a_floor(friction))
     spin_up(robot)
     robot.command(DRIVE.inverse(np.array([2.0, 0.0, 0.0])))
     speeds = [0.0]
@@ -121,24 +127,26 @@ def test_time_is_kept_whatever_pieces_it_comes_in() -> None:
 
 
 def test_a_patch_that_does_not_spin_obeys_coulomb() -> None:
-    patch = ContactPatch(friction=0.8)
-    force, torque = patch.force(np.array([10.0]), np.array([[0.6, -0.8]]), np.zeros(1))
+    slip = np.array([[0.6, -0.8]])
+    force, torque = patch_friction(Floor(friction=0.8), np.array([10.0]), slip, np.zeros(1))
     np.testing.assert_allclose(force, [[-4.8, 6.4]], rtol=1e-3)
     assert torque[0] == 0.0
 
 
 def test_spin_turns_dry_friction_into_oil() -> None:
     """Against Coulomb's law summed over the points of a patch with the pressure of Hertz."""
-    patch, spin, load = ContactPatch(radius_m=0.001), 262.0, 10.0
-    r = (np.arange(400) + 0.5) / 400 * patch.radius_m
+    floor, spin, load = Floor(0.8, patch_radius_m=0.001), 262.0, 10.0
+    r = (np.arange(400) + 0.5) / 400 * floor.patch_radius_m
     angle = (np.arange(400) + 0.5) / 400 * 2.0 * np.pi
     r, angle = np.meshgrid(r, angle)
-    pressure = np.sqrt(1.0 - (r / patch.radius_m) ** 2) * r
+    pressure = np.sqrt(1.0 - (r / floor.patch_radius_m) ** 2) * r
     pressure *= load / pressure.sum()
     for slip in (0.01, 0.05, 0.2, 1.0):
         vx, vy = slip - spin * r * np.sin(angle), spin * r * np.cos(angle)
         summed = -0.8 * (pressure * vx / np.hypot(vx, vy)).sum()
-        force, torque = patch.force(np.array([load]), np.array([[slip, 0.0]]), np.array([spin]))
+        force, torque = patch_friction(
+            floor, np.array([load]), np.array([[slip, 0.0]]), np.array([spin])
+        )
         np.testing.assert_allclose(force[0, 0], summed, rtol=0.25)
         lever = (r * np.cos(angle) * vy - r * np.sin(angle) * vx) / np.hypot(vx, vy)
         drag = -0.8 * (pressure * lever).sum()

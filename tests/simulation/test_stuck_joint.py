@@ -7,7 +7,7 @@ import pytest
 
 from tsd_twin import robots
 from tsd_twin.errors import TwinError
-from tsd_twin.simulation import RobotWithStuckJoint, SimRobot, StuckJoint
+from tsd_twin.simulation import DegradedRobot, SimRobot, StuckJoint
 
 ROBOT = robots.load_robot("tsd")
 DRIVE = ROBOT.kinematics()
@@ -23,7 +23,7 @@ def run(robot: SimRobot, seconds: float, start_s: float, sign: float = 1.0) -> n
 
 def test_it_sticks_where_it_leaned_so_far_and_the_others_go_on() -> None:
     jam = StuckJoint.parse("module2_alpha@1.5", ROBOT)
-    joints = run(RobotWithStuckJoint(ROBOT, [jam]), 1.0, 0.0)
+    joints = run(DegradedRobot(ROBOT, jams=[jam]), 1.0, 0.0)
     # It is looked at every 10 ms, in which a servo comes closer to its goal by a third.
     stuck = abs(np.degrees(joints[3]))
     assert 1.5 - 0.05 <= stuck < abs(np.degrees(FORWARD[3]))
@@ -32,13 +32,13 @@ def test_it_sticks_where_it_leaned_so_far_and_the_others_go_on() -> None:
 
 
 def test_once_stuck_it_stays_whatever_it_is_told() -> None:
-    robot = RobotWithStuckJoint(ROBOT, [StuckJoint("module2_alpha", np.radians(1.0))])
+    robot = DegradedRobot(ROBOT, jams=[StuckJoint("module2_alpha", np.radians(1.0))])
     held = run(robot, 1.0, 0.0)[3]
     assert run(robot, 1.0, 1.0, -1.0)[3] == pytest.approx(held, abs=1e-3)
 
 
 def test_before_it_leans_so_far_it_is_a_robot_like_any_other() -> None:
-    sound, jammed = SimRobot(ROBOT), RobotWithStuckJoint(ROBOT, [StuckJoint("module2_alpha", 1.0)])
+    sound, jammed = SimRobot(ROBOT), DegradedRobot(ROBOT, jams=[StuckJoint("module2_alpha", 1.0)])
     np.testing.assert_array_equal(run(sound, 1.0, 0.0), run(jammed, 1.0, 0.0))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from tsd_twin.messages.codes import hardware_reason
 from tsd_twin.messages.commands import Sample, encode_attachment
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import LeaseReply, LeaseRequest, StopRequest
-from tsd_twin.safety import SafetySupervisor, SupervisorInputs
+from tsd_twin.safety import SafetySupervisor
 
 PERIOD_S = 0.01
 
@@ -28,7 +27,12 @@ class SupervisorHarness:
             robots.load_robot("tsd"), lambda: next(ids).to_bytes(16, "big")
         )
         self.now_s = 1000.0
-        self.inputs = SupervisorInputs(neutral=True, at_speed=True, at_rest=True)
+        self.inputs: dict[str, Any] = {
+            "neutral": True,
+            "at_speed": True,
+            "at_rest": True,
+            "fault": None,
+        }
         self.lease = ""
         self.status_seq = 0
         self._seq = itertools.count(1)
@@ -43,13 +47,13 @@ class SupervisorHarness:
         if next(self._ticks) % 5 == 0:
             self.status_seq += 1
             self.supervisor.gate.record_status(self.status_seq, self.now_s)
-        self.supervisor.step(self.inputs, self.now_s)
+        self.supervisor.step(self.now_s, **self.inputs)
 
     def wait(self, seconds: float, **inputs: Any) -> None:
         """Let time pass; the inputs hold from now on, a text for a fault of the hardware."""
         if "fault" in inputs:
             inputs["fault"] = hardware_reason(inputs["fault"])
-        self.inputs = replace(self.inputs, **inputs)
+        self.inputs |= inputs
         for _ in range(round(seconds / PERIOD_S)):
             self.now_s += PERIOD_S
             self.step()

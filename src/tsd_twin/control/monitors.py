@@ -29,10 +29,6 @@ class SaturationMonitor:
         """Applied fraction of the latest request."""
         self._reported_s = -math.inf
 
-    def forget(self) -> None:
-        """Reset, because there is no request."""
-        self.share = 1.0
-
     def compare(self, request: Array, capped: Array, now_s: float) -> Event | None:
         """Compare a requested twist (3,) with the capped one (3,); return an event or None."""
         # The twists differ only by a factor; maximum norms cannot overflow.

@@ -19,7 +19,6 @@ from tsd_twin.control.monitors import (
     JointFaultMonitor,
     SaturationMonitor,
 )
-from tsd_twin.control.pose_codec import POSE_CODECS
 from tsd_twin.control.services import ServiceHandler
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.control.wheel_spin import WheelSpeedController
@@ -42,40 +41,8 @@ from tsd_twin.messages.status import (
 from tsd_twin.messages.topics import Service
 from tsd_twin.motion import TwistLimiter, clip_to_finite
 from tsd_twin.robots import RobotDescription
-from tsd_twin.safety import Lease, SafetySupervisor, SupervisorInputs
+from tsd_twin.safety import Lease, SafetySupervisor
 from tsd_twin.safety.lease import speed_cap_mps
-
-
-class JointStateEncoder:
-    """Encoder for joint-state messages: setpoints, measured joints and other sensors."""
-
-    def __init__(self, robot: RobotDescription) -> None:
-        joints, sensors = robot.kinematics().joints, robot.sensors
-        self._names = [joint.name for joint in joints]
-        self._is_angle = np.array([joint.kind is JointKind.POSITION for joint in joints])
-        self._sensors = [sensor.name for sensor in sensors]
-        self._sensor_is_angle = [sensor.kind is JointKind.POSITION for sensor in sensors]
-
-    def measured(self, joints: Array, rates: Array, sensors: Array, stamp_ns: int) -> JointState:
-        """Encode measured joints (n,), their rates (n,), and other sensors (s,)."""
-        state = self._state(joints, rates, stamp_ns)
-        if not self._sensors:
-            return state
-        is_angle = self._sensor_is_angle
-        return JointState(
-            [*state.names, *self._sensors],
-            np.append(state.position_rad, np.where(is_angle, sensors, np.nan)),
-            np.append(state.velocity_rad_per_s, np.where(is_angle, np.nan, sensors)),
-            stamp_ns,
-        )
-
-    def commanded(self, setpoint: Array, stamp_ns: int) -> JointState:
-        """Encode a setpoint (n,)."""
-        return self._state(setpoint, np.full(len(setpoint), np.nan), stamp_ns)
-
-    def _state(self, joints: Array, rates: Array, stamp_ns: int) -> JointState:
-        position = np.where(self._is_angle, joints, np.nan)
-        return JointState(self._names, position, np.where(self._is_angle, rates, joints), stamp_ns)
 
 
 def lease_status(supervisor: SafetySupervisor, lease: Lease | None, now_s: float) -> LeaseStatus:
@@ -127,6 +94,7 @@ def limit_status(
     )
 
 
+_REST = np.zeros(3)
 LONGEST_STEP_S = 0.02
 """Maximum time step for a change of wheel speed or twist."""
 
@@ -148,15 +116,17 @@ class RobotController:
         self._estimator = StateEstimator(robot)
         if pose is not None:
             self._estimator.set_pose(pose)
-        self._pose_codec = POSE_CODECS[self.kinematics.pose_type]
-        self._services = ServiceHandler(
-            self.supervisor, self._wheel_speed, self._estimator, self._pose_codec
-        )
-        self._states = JointStateEncoder(robot)
-        self._wheels = np.flatnonzero(~self._estimator.is_angle)
+        self._services = ServiceHandler(self.supervisor, self._wheel_speed, self._estimator)
+        self._is_angle = self._estimator.is_angle
+        self._wheels = np.flatnonzero(~self._is_angle)
+        self._joint_names = [joint.name for joint in self.kinematics.joints]
+        self._sensor_names = [sensor.name for sensor in robot.sensors]
+        self._sensor_is_angle = [sensor.kind is JointKind.POSITION for sensor in robot.sensors]
         self._limiter = TwistLimiter(self.kinematics, robot.limits)
         self._capped: tuple[tuple[bytes, float], Array] | None = None
         """Latest request and factor, and the result of `_limiter`."""
+        self._solved: tuple[bytes, Array] | None = None
+        """Latest twist, and its joints (n,) by inverse kinematics."""
         self._components = np.array(self.kinematics.twist_axes)
         self._now_s = -math.inf
         self._saturation = SaturationMonitor()
@@ -204,7 +174,12 @@ class RobotController:
         self._update_pose_measurements(now_s)
         for sample in samples:
             self.supervisor.receive(sample, now_s)
-        self.supervisor.step(self._supervisor_inputs(now_s, fault), now_s)
+        fault = self._faults.step(now_s, self.setpoint, self.supervisor, fault)
+        neutral, at_speed = self._neutral_and_at_speed(now_s)
+        at_rest = not any(self.twist.tolist())
+        self.supervisor.step(
+            now_s, neutral=neutral, at_speed=at_speed, at_rest=at_rest, fault=fault
+        )
         armed = self.supervisor.mode in ARMED
         self._add_event(self._battery.step(battery_v, now_s, armed=armed))
         self._add_event(self._heat.step(servo_c, now_s, armed=armed))
@@ -224,16 +199,11 @@ class RobotController:
         if event is not None:
             self._events.append(event)
 
-    def _supervisor_inputs(self, now_s: float, fault: Reason | None) -> SupervisorInputs:
-        supervisor, faults = self.supervisor, self._faults
-        fault = faults.step(now_s, self.setpoint, supervisor, fault)
-        at_rest = not any(self.twist.tolist())
-        if supervisor.mode is not Mode.ARMING:
-            return SupervisorInputs(neutral=False, at_speed=False, at_rest=at_rest, fault=fault)
-        neutral, at_speed = self._estimator.neutral_and_at_speed(
-            self._wheel_speed.inverse(np.zeros(3))
-        )
-        return SupervisorInputs(neutral and not faults.silent(now_s), at_speed, at_rest, fault)
+    def _neutral_and_at_speed(self, now_s: float) -> tuple[bool, bool]:
+        if self.supervisor.mode is not Mode.ARMING:
+            return False, False
+        neutral, at_speed = self._estimator.neutral_and_at_speed(self._inverse(_REST))
+        return neutral and not self._faults.silent(now_s), at_speed
 
     def _update_wheel_speed(self, now_s: float, dt_s: float) -> None:
         mode, lease = self.supervisor.mode, self.supervisor.lease_in_force(now_s)
@@ -246,7 +216,7 @@ class RobotController:
             ramps=armed and mode is not Mode.ARMING,
         ):
             self._limiter = TwistLimiter(self.kinematics, self.robot.limits)
-            self._capped = None
+            self._capped = self._solved = None
             # Slower wheels saturate earlier: scale the whole twist, not each gimbal.
             self.twist = self.twist / max(1.0, float(self.kinematics.joint_utilization(self.twist)))
 
@@ -268,8 +238,8 @@ class RobotController:
         else:
             # Non-zero only when latched. The limiter then starts from zero, without a jump.
             self.twist = np.zeros(3)
-            self._saturation.forget()
-        self.setpoint = self._wheel_speed.inverse(self.twist)
+            self._saturation.share = 1.0
+        self.setpoint = self._inverse(self.twist)
         if not supervisor.wheels_spin:
             self.setpoint[self._wheels] = 0.0
 
@@ -280,13 +250,26 @@ class RobotController:
             self._capped = (asked, self._limiter.cap(request, share))
         return self._capped[1]
 
+    def _inverse(self, twist: Array) -> Array:
+        """Return the joints (n,) for a twist (3,), reusing the last solution if unchanged."""
+        if not any(twist.tolist()):
+            twist = _REST  # A negative zero would miss the last solution.
+        asked = twist.tobytes()
+        if self._solved is None or self._solved[0] != asked:
+            self._solved = (asked, self.kinematics.inverse(twist))
+        joints = self._solved[1].copy()
+        self._wheel_speed.set_wheels(joints)
+        return joints
+
     def _request(self) -> Array:
         """Return the commanded twist (3,) in the base frame."""
         command = self.supervisor.command
         assert command is not None  # noqa: S101  Checked by the caller.
         twist = command.twist[self._components]
         if command.frame == ODOM:
-            twist = self._pose_codec.to_base_frame(self._estimator.pose, clip_to_finite(twist))
+            twist, pose = clip_to_finite(twist), self._estimator.pose
+            if isinstance(pose, SE2):  # The base of a sphere is fixed in the world.
+                twist[:2] = pose.inverse().rotate(twist[:2])  # Eq. 1 of Carothers.
         return twist
 
     # Operator requests.
@@ -333,12 +316,26 @@ class RobotController:
 
     def joint_state(self, stamp_ns: int) -> JointState:
         """Return the measured joints, followed by the other sensors."""
-        estimator = self._estimator
-        return self._states.measured(estimator.joints, estimator.rates, estimator.sensors, stamp_ns)
+        sensors, is_angle = self._estimator.sensors, self._sensor_is_angle
+        state = self._joint_state(self._estimator.joints, self._estimator.rates, stamp_ns)
+        if not self._sensor_names:
+            return state
+        return JointState(
+            [*state.names, *self._sensor_names],
+            np.append(state.position_rad, np.where(is_angle, sensors, np.nan)),
+            np.append(state.velocity_rad_per_s, np.where(is_angle, np.nan, sensors)),
+            stamp_ns,
+        )
 
     def setpoint_state(self, stamp_ns: int) -> JointState:
         """Return the joint setpoints."""
-        return self._states.commanded(self.setpoint, stamp_ns)
+        unknown = np.full(len(self.setpoint), np.nan)
+        return self._joint_state(self.setpoint, unknown, stamp_ns)
+
+    def _joint_state(self, joints: Array, rates: Array, stamp_ns: int) -> JointState:
+        position = np.where(self._is_angle, joints, np.nan)
+        velocity = np.where(self._is_angle, rates, joints)
+        return JointState(self._joint_names, position, velocity, stamp_ns)
 
     def odometry(self, stamp_ns: int) -> Odometry:
         """Return the estimated pose in `odom` and twist in `base_link`, with covariances."""

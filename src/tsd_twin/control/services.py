@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+import numpy as np
 
-from tsd_twin.control.pose_codec import PoseCodec
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.control.wheel_spin import WheelSpeedController
+from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.errors import MessageError, rejection
 from tsd_twin.messages.modes import Mode
@@ -34,12 +34,10 @@ class ServiceHandler:
         supervisor: SafetySupervisor,
         wheel_speed: WheelSpeedController,
         estimator: StateEstimator,
-        pose_codec: PoseCodec[Any],
     ) -> None:
         self._supervisor = supervisor
         self._wheel_speed = wheel_speed
         self._estimator = estimator
-        self._pose_codec = pose_codec
 
     def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
         """Process a request and return the reply; malformed requests are refused."""
@@ -56,9 +54,7 @@ class ServiceHandler:
                     }[service]
                     return ask(decode_request(payload, HolderRequest).lease, now_s)
                 case Service.SET_POSE:
-                    return self._set_pose(
-                        decode_request(payload, self._pose_codec.request_type()), now_s
-                    )
+                    return self._set_pose(self._decode_pose_request(payload), now_s)
                 case Service.SPEED:
                     return self._choose_speed(decode_request(payload, SpeedRequest), now_s)
                 case Service.STOP:
@@ -112,8 +108,13 @@ class ServiceHandler:
             or self._wheel_speed.refusal
         )
 
+    def _decode_pose_request(self, payload: bytes) -> SetPoseRequest | SetOrientationRequest:
+        if self._estimator.kinematics.pose_type is SE2:
+            return decode_request(payload, SetPoseRequest)
+        return decode_request(payload, SetOrientationRequest)
+
     def _set_pose(self, request: SetPoseRequest | SetOrientationRequest, now_s: float) -> Reply:
-        pose = self._pose_codec.decode(request)
+        pose = _requested_pose(request)
         if refusal := self._set_pose_refusal(request.lease, now_s):
             return self._refused(Service.SET_POSE, refusal, now_s)
         if pose is None:
@@ -133,3 +134,17 @@ class ServiceHandler:
 
     def _refused(self, service: Service, why: Reason, now_s: float) -> Reply:
         return self._supervisor.refuse(service.removeprefix("srv/"), why, now_s)
+
+
+def _requested_pose(request: SetPoseRequest | SetOrientationRequest) -> SE2 | SO3 | None:
+    """Return the pose, or None if it is not finite or cannot be normalized."""
+    if isinstance(request, SetPoseRequest):
+        pose = np.array([request.x_m, request.y_m, request.heading_rad])
+        return SE2(pose) if np.isfinite(pose).all() else None
+    x, y, z, w = request.xyzw
+    wxyz = np.array([w, x, y, z])
+    largest = float(np.max(np.abs(wxyz)))
+    if not (np.isfinite(wxyz).all() and largest > 0.0):
+        return None
+    wxyz /= largest  # Scale first, so that no square overflows or underflows.
+    return SO3(wxyz / np.linalg.norm(wxyz))

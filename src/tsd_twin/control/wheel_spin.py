@@ -14,7 +14,6 @@ from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.status import WheelSpeedStatus
 from tsd_twin.robots import RPM, RobotDescription, WheelSpeedRange
 
-_REST = np.zeros(3)
 _SAME = 1e-9
 """Relative tolerance for comparing wheel speeds."""
 
@@ -45,9 +44,6 @@ class WheelSpeedController:
         self._default_speed = self._requested = self._commanded = self._at = usual
         self._chosen_by: bytes | None = None
         self._was_armed = False
-        self._solution = (self.kinematics, b"", np.zeros(0))
-        """Latest kinematics, twist and joints (n,) of `inverse`, cached because they repeat at rest
-        and in steady motion."""
 
     @property
     def refusal(self) -> Reason | None:
@@ -95,18 +91,10 @@ class WheelSpeedController:
         mean = spin_after(self._commanded * self._range.kinematics.spin_ratio, self._lag_s)
         return self._update_wheel_speed(mean / self._mean_ratio)
 
-    def inverse(self, twist: Array) -> Array:
-        """Return the joints (n,) for a twist (3,)."""
-        if not any(twist.tolist()):
-            twist = _REST  # A negative zero would miss the cache.
-        kinematics, asked, joints = self._solution
-        if kinematics is not self.kinematics or asked != twist.tobytes():
-            joints = self.kinematics.inverse(twist)
-            self._solution = (self.kinematics, twist.tobytes(), joints)
-        joints = joints.copy()
+    def set_wheels(self, joints: Array) -> None:
+        """Set the wheels in `joints` (n,) to the commanded speed, in place."""
         if self._range is not None:
             joints[self._wheels] = self._commanded * self._range.kinematics.spin_ratio
-        return joints
 
     def status(self, spin_rad_per_s: float) -> WheelSpeedStatus | None:
         """Return the wheel-speed part of the status for a mean speed of `spin_rad_per_s`."""

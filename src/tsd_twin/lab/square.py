@@ -28,7 +28,7 @@ from tsd_twin.lab.observer import Loop, PoseObserver, Slip, make_observer
 from tsd_twin.lab.tracking import TrackingErrors, TrackingRecord, add_loop_flag, follow_trajectory
 from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.routes import Route
-from tsd_twin.motion.tracking import Gains, TrackingController, TrackingSettings
+from tsd_twin.motion.tracking import Gains, TrackingController
 from tsd_twin.motion.trajectory import SpeedProfile, Trajectory, plan
 from tsd_twin.robots import RPM, RobotDescription, SingularityDescription, description_of_kind
 from tsd_twin.sensors.pose import Camera, CameraNoise, Frame
@@ -204,15 +204,15 @@ class Square:
     ) -> TrackingController:
         """Return the tracking controller, which knows the described error sizes."""
         if watching is None:
-            return TrackingController(trajectory, TrackingSettings(lag_s=0.0))
+            return TrackingController(trajectory, lag_s=0.0)
         lag_s = robot.lag_s + robot.with_errors(self.errors).delay_s
         if watching.slip is None:
-            return TrackingController(trajectory, TrackingSettings(lag_s, _GAINS, _GAINS))
+            return TrackingController(trajectory, lag_s=lag_s, position=_GAINS)
         lag_s += _BACKLASH_LAG_S * min(self.errors, 1.0)
         pushing = SlipFeedforward(
             description_of_kind(robot, SingularityDescription), watching.slip, trajectory
         )
-        return TrackingController(trajectory, TrackingSettings(lag_s, _GAINS, _GAINS), pushing)
+        return TrackingController(trajectory, lag_s=lag_s, position=_GAINS, feed_forward=pushing)
 
 
 def unlimited_trajectory(route: Route) -> Trajectory:

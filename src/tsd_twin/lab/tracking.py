@@ -24,7 +24,7 @@ from tsd_twin.lab.observer import Loop, make_observer
 from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.paths import Path, arc, function, line, parabola, polyline, spline
 from tsd_twin.motion.routes import FixedHeading, HeadingProfile, Route, TangentHeading
-from tsd_twin.motion.tracking import TrackingController, TrackingSettings
+from tsd_twin.motion.tracking import TrackingController
 from tsd_twin.motion.trajectory import Trajectory, plan
 from tsd_twin.robots import OmniDescription, description_of_kind
 from tsd_twin.sensors.pose import Frame
@@ -305,7 +305,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     record = follow_trajectory(
         virtual,
         trajectory,
-        TrackingController(trajectory, TrackingSettings(lag_s=robot.lag_s)),
+        TrackingController(trajectory, lag_s=robot.lag_s),
         watching,
         lambda steps: out.progress(steps, "driving", len(steps)),
     )
@@ -418,7 +418,7 @@ def run_path(
     virtual = VirtualRobot(robot, SimRobot(robot, seed=seed, noise=noise))
     drive = robot.kinematics()
     trajectory = plan(Route(named_path(name), heading), drive, robot.limits, share=SHARE)
-    tracker = TrackingController(trajectory, TrackingSettings(lag_s=robot.lag_s))
+    tracker = TrackingController(trajectory, lag_s=robot.lag_s)
     return follow_trajectory(virtual, trajectory, tracker, _estimated_pose)
 
 

@@ -194,11 +194,11 @@ def spline(points_m: Array | Sequence[Sequence[float]]) -> Curve:
     closed = bool(np.allclose(points[0], points[-1], rtol=0.0, atol=1e-9))
     if closed:
         points = np.concatenate([points[:-1], points[:1]])
-    from tsd_twin.motion import splines  # Late, because it imports scipy.
+    from tsd_twin.motion.splines import SCIPY  # Late, because it imports scipy.
 
     ends = "periodic" if closed else "natural"
     knots = np.concatenate([[0.0], np.cumsum(chords)])
-    return Curve(splines.cubic(knots, points, ends), knots, smooth=False)
+    return Curve(SCIPY.CubicSpline(knots, points, bc_type=ends), knots, smooth=False)
 
 
 def function(
@@ -213,9 +213,9 @@ def function(
     y = np.broadcast_to(np.asarray(f(x), dtype=float), x.shape)
     if not np.isfinite(y).all() or start_x_m == end_x_m:
         raise PathError(f"f(x) must be finite from {start_x_m} to {end_x_m}, two different places")
-    from tsd_twin.motion import splines  # As in `spline`.
+    from tsd_twin.motion.splines import SCIPY  # As in `spline`.
 
-    return Curve(splines.quintic(t, np.stack([x, y], axis=-1)), t)
+    return Curve(SCIPY.make_interp_spline(t, np.stack([x, y], axis=-1), k=5), t)
 
 
 def parabola(a_per_m: float, b: float, c_m: float, start_x_m: float, end_x_m: float) -> Curve:
@@ -239,9 +239,9 @@ def blend(start_m: Array, corner_m: Array, end_m: Array) -> Curve:
 
 
 def _bezier(points: Array) -> Any:
-    from tsd_twin.motion import splines  # As in `spline`.
+    from tsd_twin.motion.splines import SCIPY  # As in `spline`.
 
-    return splines.bezier(points)
+    return SCIPY.BPoly(points[:, None, :], _UNIT)
 
 
 _GAP_M = 1e-6

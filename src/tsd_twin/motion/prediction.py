@@ -8,15 +8,13 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic
 
 import numpy as np
 
 from tsd_twin.kinematics import Kinematics
-from tsd_twin.kinematics.base import PoseT
-from tsd_twin.lie import Array
+from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.status import CommandStatus
 from tsd_twin.motion.twist_limiter import TwistLimiter
 from tsd_twin.robots.description import Limits
@@ -81,22 +79,19 @@ class PendingCommand:
     """Arrival time relative to the initial state of the prediction; may be negative."""
     request: Array
     """(3,): the requested twist."""
-    to_base: Callable[[Any, Array], Array] | None = None
-    """Rotates the twist into the base frame, given the pose; None if it is already in that
-    frame."""
+    heading_rad: float | None = None
+    """Heading of the frame of the predicted poses in the axes of the twist; None if the twist is in
+    the base frame."""
+
+    def in_base_frame(self, pose: SE2) -> Array:
+        """Return the twist (3,) in the base frame of a robot at `pose`."""
+        if self.heading_rad is None:
+            return self.request
+        turn = SE2(np.array([0.0, 0.0, self.heading_rad + float(pose.xy_heading[2])]))
+        return np.append(turn.inverse().rotate(self.request[:2]), self.request[2])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PredictedState(Generic[PoseT]):
-    """One step of a prediction."""
-
-    after_s: float
-    pose: PoseT
-    moving: Array
-    """(3,): the actual twist, which lags the commanded one."""
-
-
-class Predictor(Generic[PoseT]):
+class Predictor:
     """Forward simulation of limiter and kinematics; stateless between calls.
 
     `lag_s` is the first-order time constant of the joints. `step_s` is best the robot's control
@@ -105,7 +100,7 @@ class Predictor(Generic[PoseT]):
 
     def __init__(
         self,
-        kinematics: Kinematics[PoseT],
+        kinematics: Kinematics[SE2],
         limits: Limits,
         lag_s: float = 0.0,
         step_s: float = STEP_S,
@@ -116,28 +111,26 @@ class Predictor(Generic[PoseT]):
         # Remaining fraction of the difference between setpoint and motion after a step.
         self._remaining = math.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
 
-    def predicted_states(
-        self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
-    ) -> Iterator[PredictedState[PoseT]]:
-        """Yield successive states, from `pose` with `twist` (3,) commanded to the joints.
+    def _states(
+        self, pose: SE2, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
+    ) -> Iterator[tuple[float, SE2, Array]]:
+        """Yield time, pose and actual twist (3,), which lags the commanded one, of each step.
 
-        `commands` are in the order of arrival. The last one holds forever; without any, the twist
-        stays constant. `share` is the fraction of the limits allowed by the lease.
+        It starts at `pose` with `twist` (3,) commanded to the joints. `commands` are in the
+        order of arrival. The last one holds forever; without any, the twist stays constant. `share`
+        is the fraction of the limits allowed by the lease.
         """
         waiting, step_s = list(commands), self._step_s
         goal = moving = twist = np.asarray(twist, float)
         newest: PendingCommand | None = None
         for step in range(round(LONGEST_S / step_s) + 1):
             after_s = step * step_s
-            yield PredictedState(after_s, pose, moving)
+            yield after_s, pose, moving
             before = newest
             while waiting and waiting[0].after_s <= after_s + 1e-9:
                 newest = waiting.pop(0)
-            if newest is not None and (newest is not before or newest.to_base is not None):
-                wanted = newest.request
-                if newest.to_base is not None:
-                    wanted = newest.to_base(pose, wanted)
-                goal = self._limiter.cap(wanted, share)
+            if newest is not None and (newest is not before or newest.heading_rad is not None):
+                goal = self._limiter.cap(newest.in_base_frame(pose), share)
             if twist is not goal:
                 near = self._limiter.approach(twist, goal, step_s)
                 twist = goal if np.array_equal(near, goal) else near
@@ -147,26 +140,26 @@ class Predictor(Generic[PoseT]):
     def after(
         self,
         ahead_s: float,
-        pose: PoseT,
+        pose: SE2,
         twist: Array,
         commands: Sequence[PendingCommand],
         share: float = 1.0,
-    ) -> PoseT:
+    ) -> SE2:
         """Return the pose after `ahead_s`, rounded to a step."""
-        for state in self.predicted_states(pose, twist, commands, share):
-            pose = state.pose
-            if state.after_s >= ahead_s - 0.5 * self._step_s:
+        for after_s, predicted, _ in self._states(pose, twist, commands, share):
+            pose = predicted
+            if after_s >= ahead_s - 0.5 * self._step_s:
                 break
         return pose
 
     def until_rest(
-        self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
-    ) -> list[PoseT]:
+        self, pose: SE2, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
+    ) -> list[SE2]:
         """Return the predicted poses until the last command is active and the robot is at rest."""
-        path: list[PoseT] = []
+        path: list[SE2] = []
         last_s = commands[-1].after_s if commands else 0.0
-        for state in self.predicted_states(pose, twist, commands, share):
-            path.append(state.pose)
-            if state.after_s > last_s and np.abs(state.moving).max() < AT_REST:
+        for after_s, predicted, moving in self._states(pose, twist, commands, share):
+            path.append(predicted)
+            if after_s > last_s and np.abs(moving).max() < AT_REST:
                 break
         return path

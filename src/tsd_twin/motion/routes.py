@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -19,48 +20,38 @@ _HEADING_ASIDE_M = 1e-9
 _JUMP_PER_M = 1e-4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Headings:
-    """Headings along a path; shaped like the arc lengths."""
-
-    heading: Array
-    """(...): radians, not wrapped."""
-    per_m: Array
-    """(...): d heading / ds."""
-    per_m2: Array
-    """(...): second derivative."""
+Headings: TypeAlias = tuple[Array, Array, Array]
+"""Headings (...), radians, not wrapped, and their first and second derivative by the arc length."""
 
 
-class HeadingProfile(Protocol):
+class HeadingProfile(ABC):
     """Heading as a function of the arc length."""
 
-    def stops_m(self, path: Path) -> tuple[float, ...]:
-        """Return the arc lengths at which following the heading requires a stop."""
-        ...
+    __slots__ = ()
 
+    def stops_m(self, path: Path) -> tuple[float, ...]:  # noqa: ARG002  Common signature.
+        """Return the arc lengths at which following the heading requires a stop."""
+        return ()
+
+    @abstractmethod
     def at(self, s_m: Array, points: PathPoints) -> Headings:
         """Return the headings at arc lengths `s_m` (...), where the path has `points`."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
-class FixedHeading:
+class FixedHeading(HeadingProfile):
     """Constant heading along the path."""
 
     heading_rad: float = 0.0
 
-    def stops_m(self, path: Path) -> tuple[float, ...]:  # noqa: ARG002  Common signature.
-        """Return no stops."""
-        return ()
-
     def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  Common signature.
         """Return the heading for each of `s_m`."""
         zero = np.zeros(np.shape(s_m))
-        return Headings(zero + self.heading_rad, zero, zero)
+        return zero + self.heading_rad, zero, zero
 
 
 @dataclass(frozen=True, slots=True)
-class TangentHeading:
+class TangentHeading(HeadingProfile):
     """Heading along the tangent of the path, plus a constant offset.
 
     Raises:
@@ -83,10 +74,10 @@ class TangentHeading:
 
     def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  Common signature.
         """Return direction plus offset at `points`."""
-        return Headings(points.direction + self.offset_rad, points.curvature, points.sharpness)
+        return points.direction + self.offset_rad, points.curvature, points.sharpness
 
 
-class SampledHeading:
+class SampledHeading(HeadingProfile):
     """Cubic spline through given headings, with zero slope at both ends.
 
     `s_m` (n,) increases; `heading_rad` (n,) is not wrapped, so that full turns are possible.
@@ -112,17 +103,13 @@ class SampledHeading:
         )
         """(3, n - 1): coefficients of the powers 1 to 3 between two points."""
 
-    def stops_m(self, path: Path) -> tuple[float, ...]:  # noqa: ARG002  Common signature.
-        """Return no stops."""
-        return ()
-
     def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  Common signature.
         """Return the headings at `s_m`, clamped to the ends."""
         s = np.clip(s_m, self._s[0], self._s[-1])
         row = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._s) - 2)
         x, (a, b, c) = s - self._s[row], self._cubics[:, row]
         inside = (s_m >= self._s[0]) & (s_m <= self._s[-1])
-        return Headings(
+        return (
             self._heading[row] + x * (a + x * (b + x * c)),
             (a + x * (2.0 * b + 3.0 * x * c)) * inside,
             (2.0 * b + 6.0 * x * c) * inside,
@@ -180,14 +167,14 @@ class Route:
     def at(self, s_m: Array) -> RoutePoints:
         """Return the points at arc lengths `s_m` (...)."""
         points = self.path.at(s_m)
-        heading = self.heading.at(s_m, points)
-        sideslip = points.direction - heading.heading
+        heading, per_m, per_m2 = self.heading.at(s_m, points)
+        sideslip = points.direction - heading
         c, s = np.cos(sideslip), np.sin(sideslip)
-        off_per_m = points.curvature - heading.per_m
+        off_per_m = points.curvature - per_m
         return RoutePoints(
-            pose=np.concatenate([points.xy, heading.heading[..., None]], axis=-1),
-            per_m=np.stack([c, s, heading.per_m], axis=-1),
-            bend=np.stack([-s * off_per_m, c * off_per_m, heading.per_m2], axis=-1),
+            pose=np.concatenate([points.xy, heading[..., None]], axis=-1),
+            per_m=np.stack([c, s, per_m], axis=-1),
+            bend=np.stack([-s * off_per_m, c * off_per_m, per_m2], axis=-1),
             direction=points.direction,
             curvature=points.curvature,
         )
@@ -229,9 +216,7 @@ class NavigationGoal:
         here, goal = start.xy_heading, np.asarray(self.points[-1], dtype=float)
         if not (np.isfinite(here).all() and math.isfinite(self.heading_rad or 0.0)):
             raise path_refusal(because(Code.PATH_NOT_FINITE))
-        turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - here[2]))
-        way = np.concatenate([here[None, :2], self.points])
-        length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
+        way, length_m, turn = self._way(start)
         if not np.isfinite(length_m) or length_m > LONGEST_M:
             raise path_refusal(because(Code.PATH_TOO_LONG, limit_m=LONGEST_M))
         if self.is_done(start):
@@ -249,13 +234,15 @@ class NavigationGoal:
 
     def is_done(self, here: SE2) -> bool:
         """Return whether a robot at `here` has reached the goal."""
+        _, length_m, turn = self._way(here)
+        return length_m < ARRIVAL_TOLERANCE_M and abs(turn) < _ARRIVAL_TOLERANCE_RAD
+
+    def _way(self, here: SE2) -> tuple[Array, float, float]:
+        """Return the points (n + 1, 2) from `here` to the goal, their length and the final turn."""
         x, y, heading = here.xy_heading
-        turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - heading))
         way = np.concatenate([[[x, y]], self.points])
-        return bool(
-            np.hypot(*np.diff(way, axis=0).T).sum() < ARRIVAL_TOLERANCE_M
-            and abs(turn) < _ARRIVAL_TOLERANCE_RAD
-        )
+        turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - heading))
+        return way, float(np.hypot(*np.diff(way, axis=0).T).sum()), turn
 
     def remaining(self, path: Path, done_m: float) -> NavigationGoal:
         """Return the remaining goal after `done_m` of the path planned for it."""

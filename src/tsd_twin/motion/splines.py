@@ -1,4 +1,4 @@
-"""Splines of scipy with two values, for curved paths.
+"""Splines of scipy, for curved paths.
 
 The only module of this package that imports scipy, with the extra `paths`. It is imported where a
 path bends: it takes a quarter of a second, and straight motions do not need it.
@@ -16,27 +16,12 @@ from tsd_twin.lie import Array
 with needs_extra("A curved path", "paths"):
     from scipy import interpolate  # pyright: ignore
 
-_SCIPY: Any = interpolate  # scipy has no types for its splines.
-
-
-def cubic(at: Array, values: Array, ends: str) -> Any:
-    """Cubic spline through `values` (n, ...) at `at` (n,); `ends` are scipy's `bc_type`."""
-    return _SCIPY.CubicSpline(at, values, bc_type=ends)
-
-
-def quintic(at: Array, values: Array) -> Any:
-    """Quintic spline through `values` (n, 2) at `at` (n,)."""
-    return _SCIPY.make_interp_spline(at, values, k=5)
-
-
-def bezier(points: Array) -> Any:
-    """Bezier curve from 0 to 1 with control points (n, 2)."""
-    return _SCIPY.BPoly(points[:, None, :], np.array([0.0, 1.0]))
+SCIPY: Any = interpolate  # scipy has no types for its splines.
 
 
 def smoothing(points: Array, weights: Array, at: Array, rms: float) -> Any:
     """Quintic spline within a weighted RMS distance of `points` (n, 2) at `at` (n,)."""
     # With the full output scipy does not warn about a near-convergence.
     options: dict[str, Any] = {"s": len(at) * rms**2, "k": 5, "full_output": 1}
-    knots, coefficients, degree = _SCIPY.splprep(points.T, w=weights, u=at, **options)[0][0]
-    return _SCIPY.BSpline(knots, np.array(coefficients).T, degree)
+    knots, coefficients, degree = SCIPY.splprep(points.T, w=weights, u=at, **options)[0][0]
+    return SCIPY.BSpline(knots, np.array(coefficients).T, degree)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -51,17 +51,8 @@ class Pid:
         self._previous = None
 
 
-@dataclass(frozen=True, slots=True)
-class TrackingSettings:
-    """Settings of the tracking controller: actuator lag and PID gains."""
-
-    lag_s: float = 0.04
-    """Actuator lag, used as the lead time of the feed-forward."""
-    along: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
-    """Gains of the along-track error."""
-    across: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
-    """Gains of the cross-track error, the signed distance to the path."""
-    heading: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.2))
+_POSITION_GAINS = Gains(8.0, 1.0, integral_limit=0.05)
+_HEADING_GAINS = Gains(8.0, 1.0, integral_limit=0.2)
 
 
 class TrackingController:
@@ -77,18 +68,26 @@ class TrackingController:
     def __init__(
         self,
         trajectory: Trajectory,
-        settings: TrackingSettings | None = None,
+        *,
+        lag_s: float = 0.04,
+        position: Gains = _POSITION_GAINS,
+        heading: Gains = _HEADING_GAINS,
         feed_forward: Callable[[float], Array] | None = None,
     ) -> None:
-        """`feed_forward` maps a time to the twist (3,) for a robot without lag.
+        """Initialize the controller.
 
-        It defaults to the twist of the trajectory.
+        Args:
+            trajectory: Trajectory to follow.
+            lag_s: Actuator lag, used as the lead time of the feed-forward.
+            position: Gains of the along-track and the cross-track error.
+            heading: Gains of the heading error.
+            feed_forward: Maps a time to the twist (3,) for a robot without lag. Default: the twist
+                of the trajectory.
         """
-        settings = settings or TrackingSettings()
         self.trajectory = trajectory
-        self._lag_s = settings.lag_s
-        self._twist_at = feed_forward or self._reference_twist
-        self._pid = Pid(settings.along, settings.across, settings.heading)
+        self._lag_s = lag_s
+        self._twist_at = feed_forward or (lambda t_s: trajectory.at(t_s).twist)
+        self._pid = Pid(position, position, heading)
 
     def feed_forward(self, t_s: float) -> Array:
         """Return the open-loop body twist (3,) to command at `t_s`."""
@@ -117,9 +116,6 @@ class TrackingController:
     def reset(self) -> None:
         """Reset the integral of the errors."""
         self._pid.reset()
-
-    def _reference_twist(self, t_s: float) -> Array:
-        return self.trajectory.at(t_s).twist
 
 
 def tracking_errors(reference: Reference, pose: SE2) -> Array:
@@ -221,13 +217,15 @@ class TrajectoryExecutor:
             lag_s: Lag of the joints.
             delay_s: Round-trip time of the link.
         """
-        gains = Gains(1.0, 0.25, integral_limit=0.05)
-        turning = Gains(1.0, 0.25, integral_limit=0.2)
         self.trajectory = trajectory
         self._cap = cap
         self._delay_s = _delay(delay_s, 0.0)
-        settings = TrackingSettings(lag_s, gains, gains, turning)
-        self._tracker = TrackingController(trajectory, settings)
+        self._tracker = TrackingController(
+            trajectory,
+            lag_s=lag_s,
+            position=Gains(1.0, 0.25, integral_limit=0.05),
+            heading=Gains(1.0, 0.25, integral_limit=0.2),
+        )
         self._t_s = 0.0
         self._last_s: float | None = None
         self._stuck_s = 0.0
@@ -239,8 +237,8 @@ class TrajectoryExecutor:
         last.
         """
         if not np.isfinite(pose.xy_heading).all():
-            why = because(Code.POSE_NOT_FINITE)
-            return self._step(ExecutionPhase.LOST, 0.0, math.inf, math.inf, why)
+            reason = because(Code.POSE_NOT_FINITE)
+            return ExecutionStep(ExecutionPhase.LOST, np.zeros(3), 0.0, math.inf, math.inf, reason)
         dt_s = 0.0 if self._last_s is None else min(max(now_s - self._last_s, 0.0), _GAP_S)
         self._last_s = now_s
         if delay_s is not None:
@@ -251,47 +249,36 @@ class TrajectoryExecutor:
         seen_s = self._t_s - self._delay_s
         reference = self.trajectory.at(seen_s)
         along, across, turn = (float(part) for part in tracking_errors(reference, pose))
-        done_m, cross_track_m, heading_error_rad = (
-            float(reference.s_m),
-            math.hypot(along, across),
-            abs(turn),
-        )
+        cross_track_m, heading_error_rad = math.hypot(along, across), abs(turn)
         pace = float(np.clip(1.0 - (cross_track_m - _LAG_ALLOWED_M) / _LAG_RAMP_M, 0.0, 1.0))
         self._stuck_s = self._stuck_s + dt_s if pace < 0.1 else 0.0
+        over_s = seen_s - self.trajectory.duration_s
+        phase, why = self._phase(over_s, cross_track_m, heading_error_rad)
+        twist = np.zeros(3)
+        if phase is ExecutionPhase.GOING:
+            gain = min(_GAIN_PER_S, _GAIN_TIMES_DELAY / (_PERIODS_S + self._delay_s))
+            ahead_s = self._delay_s + _LEAD_S
+            twist = self._cap(self._tracker.advance(seen_s, pose, dt_s, ahead_s, gain))
+            self._t_s += pace * dt_s
+        done_m = float(reference.s_m)
+        return ExecutionStep(phase, twist, done_m, cross_track_m, heading_error_rad, why)
+
+    def _phase(
+        self, over_s: float, cross_track_m: float, heading_error_rad: float
+    ) -> tuple[ExecutionPhase, Reason | None]:
+        """Return the phase, and the reason for `LOST`; the reference has arrived for `over_s`."""
         if cross_track_m > MAX_TRACKING_ERROR_M or heading_error_rad > LOST_RAD:
             why = because(Code.OFF_PATH, metres=cross_track_m, deg=math.degrees(heading_error_rad))
-            return self._step(ExecutionPhase.LOST, done_m, cross_track_m, heading_error_rad, why)
+            return ExecutionPhase.LOST, why
         if self._stuck_s > STUCK_S:
-            return self._step(
-                ExecutionPhase.LOST,
-                done_m,
-                cross_track_m,
-                heading_error_rad,
-                because(Code.NO_PROGRESS),
-            )
-        over_s = seen_s - self.trajectory.duration_s
+            return ExecutionPhase.LOST, because(Code.NO_PROGRESS)
         if over_s >= 0.0 and cross_track_m < GOAL_TOLERANCE_M and heading_error_rad < NEAR_RAD:
-            return self._step(ExecutionPhase.ARRIVED, done_m, cross_track_m, heading_error_rad)
-        if over_s > SETTLE_S:
-            if cross_track_m < TIMEOUT_TOLERANCE_M and heading_error_rad < FAIR_RAD:
-                return self._step(ExecutionPhase.ARRIVED, done_m, cross_track_m, heading_error_rad)
-            why = because(Code.STAYS_FROM_GOAL, metres=cross_track_m)
-            return self._step(ExecutionPhase.LOST, done_m, cross_track_m, heading_error_rad, why)
-        gain = min(_GAIN_PER_S, _GAIN_TIMES_DELAY / (_PERIODS_S + self._delay_s))
-        ahead_s = self._delay_s + _LEAD_S
-        twist = self._cap(self._tracker.advance(seen_s, pose, dt_s, ahead_s, gain))
-        self._t_s += pace * dt_s
-        return ExecutionStep(ExecutionPhase.GOING, twist, done_m, cross_track_m, heading_error_rad)
-
-    def _step(
-        self,
-        phase: ExecutionPhase,
-        done_m: float,
-        cross_track_m: float,
-        heading_error_rad: float,
-        why: Reason | None = None,
-    ) -> ExecutionStep:
-        return ExecutionStep(phase, np.zeros(3), done_m, cross_track_m, heading_error_rad, why)
+            return ExecutionPhase.ARRIVED, None
+        if not over_s > SETTLE_S:
+            return ExecutionPhase.GOING, None
+        if cross_track_m < TIMEOUT_TOLERANCE_M and heading_error_rad < FAIR_RAD:
+            return ExecutionPhase.ARRIVED, None
+        return ExecutionPhase.LOST, because(Code.STAYS_FROM_GOAL, metres=cross_track_m)
 
 
 def _delay(measured_s: float, otherwise_s: float) -> float:

@@ -85,7 +85,8 @@ class PathConstraints:
         every = np.arange(len(self.lengths_m))
         one = np.ones(len(every))
         golden = (math.sqrt(5.0) - 1.0) / 2.0
-        bound = self._slope_bound()
+        bends = np.abs(self._points.bend).max(axis=(1, 2)) + np.abs(self._points.curvature).max(1)
+        bound = 1e-6 + 1e3 * bends  # Beyond it, `a` dominates the usage.
         low, high = np.maximum(self.slowing, -bound), bound
         for _ in range(60):
             left, right = high - golden * (high - low), low + golden * (high - low)
@@ -98,11 +99,6 @@ class PathConstraints:
         with np.errstate(divide="ignore", over="ignore"):
             u = 1.0 / np.minimum(used, at_zero)
         return u, slope
-
-    def _slope_bound(self) -> Array:
-        """Return a bound (n,) on |a / u| at minimum usage, beyond which `a` dominates."""
-        bends = np.abs(self._points.bend).max(axis=(1, 2)) + np.abs(self._points.curvature).max(1)
-        return 1e-6 + 1e3 * bends
 
 
 _MIN_CELLS = 100

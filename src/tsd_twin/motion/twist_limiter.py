@@ -41,12 +41,6 @@ class TwistLimiter:
             self._kinematics.joint_utilization(twist),
         )
 
-    def advance(
-        self, current: Array, request: Array, dt_s: float, share: Array | float = 1.0
-    ) -> Array:
-        """Return the twist (..., 3) after `dt_s`, from `current` towards `request`."""
-        return self.approach(current, self.cap(request, share), dt_s)
-
     def approach(self, current: Array, goal: Array, dt_s: float) -> Array:
         """Return the twist (..., 3) after `dt_s`, from `current` towards `goal`.
 

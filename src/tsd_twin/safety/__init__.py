@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tsd_twin.messages.modes import ARMED, LATCHED, Mode
 from tsd_twin.safety.lease import Lease
-from tsd_twin.safety.supervisor import TRANSITIONS, Heartbeat, SafetySupervisor, SupervisorInputs
+from tsd_twin.safety.supervisor import TRANSITIONS, Heartbeat, SafetySupervisor
 
 __all__ = [
     "ARMED",
@@ -14,5 +14,4 @@ __all__ = [
     "Lease",
     "Mode",
     "SafetySupervisor",
-    "SupervisorInputs",
 ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from dataclasses import dataclass
 
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import Command, Sample, decode_command
@@ -14,14 +13,6 @@ from tsd_twin.safety.lease import Lease
 
 _REMEMBERED = 256
 """Number of status send times kept (more than a second)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Overaged:
-    """Command that echoed a status older than the lease allows."""
-
-    echoed_s: float | None
-    """Send time of that status, or None if no longer known."""
 
 
 class CommandGate:
@@ -47,8 +38,10 @@ class CommandGate:
         """Send time of the status echoed by the latest accepted command."""
         self.is_stale_zero = False
         """Whether the latest accepted command is a zero older than the maximum age."""
-        self.overaged: Overaged | None = None
-        """Latest command with an echo that was too old, or None after a fresh one."""
+        self.is_overaged = False
+        """Whether a command echoed too old a status, and no fresh command followed."""
+        self.overaged_s: float | None = None
+        """Send time of that status, or None if no longer known."""
         self._sent_s: OrderedDict[int, float] = OrderedDict()
         self._seen: tuple[bytes, int] = (b"", -1)
         self._oldest_echo_s = -math.inf
@@ -88,13 +81,13 @@ class CommandGate:
             raise RejectedMessage("order", late)
         sent_s = self._sent_s.get(command.status_seq)
         if sent_s is None or now_s - sent_s > lease.max_age_s:
-            self.overaged = Overaged(sent_s)
+            self.is_overaged, self.overaged_s = True, sent_s
         problem = self._age_problem(command.status_seq, sent_s, lease, now_s)
         if problem is not None and command.twist.any():
             raise RejectedMessage("stale", problem)
         self.is_stale_zero = problem is not None
         if problem is None:
-            self.overaged = None
+            self.is_overaged = False
         if sent_s is not None:
             self.echo_s, self.echoed_s = now_s - sent_s, sent_s
 

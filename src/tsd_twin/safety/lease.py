@@ -24,7 +24,6 @@ class LeaseClaim:
     """Pending request or reservation of an operator, with an expiry time."""
 
     operator: str
-    since_s: float
     until_s: float
 
 
@@ -60,7 +59,7 @@ class LeaseHandover:
         if asked is not None and asked.operator != operator:
             return because(Code.OTHER_REQUEST, asker=asked.operator)
         if asked is None:
-            self._pending = LeaseClaim(operator, now_s, now_s + REQUEST_TIMEOUT_S)
+            self._pending = LeaseClaim(operator, now_s + REQUEST_TIMEOUT_S)
         return None
 
     def withdraw(self, operator: str, now_s: float) -> Reason | None:
@@ -79,14 +78,14 @@ class LeaseHandover:
         """Deny the request of `asker`; return why it is refused, or None."""
         if refusal := self._requester_mismatch(asker, now_s):
             return refusal
-        self._pending, self._denied = None, LeaseClaim(asker or "", now_s, now_s + DENIED_S)
+        self._pending, self._denied = None, LeaseClaim(asker or "", now_s + DENIED_S)
         return None
 
     def grant(self, asker: str | None, now_s: float) -> Reason | None:
         """Reserve the next lease for `asker`; return why it is refused, or None."""
         if refusal := self._requester_mismatch(asker, now_s):
             return refusal
-        self._pending, self._reserved = None, LeaseClaim(asker or "", now_s, now_s + RESERVATION_S)
+        self._pending, self._reserved = None, LeaseClaim(asker or "", now_s + RESERVATION_S)
         return None
 
     def end(self) -> None:

@@ -77,19 +77,6 @@ _REPORT_S = 0.2
 """Minimum interval between events of a rule about drops or refusals."""
 
 
-@dataclass(frozen=True, slots=True)
-class SupervisorInputs:
-    """Inputs from the control loop for one step."""
-
-    neutral: bool
-    """Whether all gimbals are at neutral tilt; used while arming only."""
-    at_speed: bool
-    """Whether all wheels have reached their setpoint; used while arming only."""
-    at_rest: bool
-    """Whether the commanded twist is zero."""
-    fault: Reason | None = None
-
-
 class SafetySupervisor:
     """Safety state machine of a robot: modes, lease, command gate and latched stop."""
 
@@ -269,27 +256,37 @@ class SafetySupervisor:
         if self.mode is Mode.DRIVING:
             self.command = outcome
 
-    def step(self, inputs: SupervisorInputs, now_s: float) -> None:
-        """Advance the state machine to `now_s`: expire leases and commands, and change modes."""
+    def step(
+        self, now_s: float, *, neutral: bool, at_speed: bool, at_rest: bool, fault: Reason | None
+    ) -> None:
+        """Advance the state machine to `now_s`: expire leases and commands, and change modes.
+
+        Args:
+            now_s: Start of the period.
+            neutral: Whether all gimbals are at neutral tilt; used while arming only.
+            at_speed: Whether all wheels have reached their setpoint; used while arming only.
+            at_rest: Whether the commanded twist is zero.
+            fault: Fault of the hardware or the joints, or None.
+        """
         lease = self._watch_lease(now_s)
-        self._fault = inputs.fault
-        if inputs.fault is not None and self.mode in ARMED:
-            self._transition(Mode.FAULT, inputs.fault, now_s)
+        self._fault = fault
+        if fault is not None and self.mode in ARMED:
+            self._transition(Mode.FAULT, fault, now_s)
+        unattended = now_s - self._operator_seen_s >= NO_OPERATOR_TIMEOUT_S
+        if unattended and self.mode in (Mode.ARMING, Mode.READY):
+            why = because(Code.UNATTENDED, s=NO_OPERATOR_TIMEOUT_S)
+            self._transition(Mode.DISARMED, why, now_s)
         match self.mode:
             case Mode.ARMING:
-                self._step_arming(inputs, now_s)
-            case Mode.READY:
-                if now_s - self._operator_seen_s >= NO_OPERATOR_TIMEOUT_S:
-                    unattended = because(Code.UNATTENDED, s=NO_OPERATOR_TIMEOUT_S)
-                    self._transition(Mode.DISARMED, unattended, now_s)
+                self._step_arming(now_s, neutral=neutral, at_speed=at_speed)
             case Mode.DRIVING:
-                self._step_driving(lease, inputs, now_s)
+                self._step_driving(lease, now_s, at_rest=at_rest)
             case Mode.STOPPING:
-                if inputs.at_rest:
+                if at_rest:
                     self._transition(
                         Mode.DISARMED if self._disarm_at_rest else Mode.READY, self.why, now_s
                     )
-            case Mode.DISARMED | Mode.STOPPED | Mode.FAULT:
+            case Mode.DISARMED | Mode.READY | Mode.STOPPED | Mode.FAULT:
                 pass
         if self.mode in (Mode.ARMING, Mode.READY):
             self._heartbeat_count += 1
@@ -343,29 +340,25 @@ class SafetySupervisor:
             self._report("lease", expired, "lease", now_s)
         return lease
 
-    def _step_arming(self, inputs: SupervisorInputs, now_s: float) -> None:
-        if now_s - self._operator_seen_s >= NO_OPERATOR_TIMEOUT_S:
-            self._transition(
-                Mode.DISARMED, because(Code.UNATTENDED, s=NO_OPERATOR_TIMEOUT_S), now_s
-            )
-        elif self._spin_up_s is None:
+    def _step_arming(self, now_s: float, *, neutral: bool, at_speed: bool) -> None:
+        if self._spin_up_s is None:
             waited_s = now_s - self._since_s
-            if not inputs.neutral and waited_s >= NEUTRAL_S:
+            if not neutral and waited_s >= NEUTRAL_S:
                 self._transition(Mode.DISARMED, because(Code.NOT_NEUTRAL), now_s)
-            elif inputs.neutral and waited_s >= self._hold_s:
+            elif neutral and waited_s >= self._hold_s:
                 self._spin_up_s = now_s
-        elif inputs.at_speed:
+        elif at_speed:
             self._transition(Mode.READY, None, now_s)
         elif now_s - self._spin_up_s >= SPIN_UP_S:
             self._transition(Mode.DISARMED, because(Code.NOT_AT_SPEED), now_s)
 
-    def _step_driving(self, lease: Lease | None, inputs: SupervisorInputs, now_s: float) -> None:
+    def _step_driving(self, lease: Lease | None, now_s: float, *, at_rest: bool) -> None:
         if lease is None or self.command is None or lease.id != self.command.lease:
             self._transition(Mode.STOPPING, _LOST, now_s)
             return
         if now_s > self._command_expires_s:
             self._transition(Mode.STOPPING, self._why_no_command_stands(lease, now_s), now_s)
-        elif inputs.at_rest and not self.command.twist.any():
+        elif at_rest and not self.command.twist.any():
             self._transition(Mode.READY, None, now_s)
 
     def _transition(self, mode: Mode, why: Reason | None, now_s: float) -> None:
@@ -388,8 +381,8 @@ class SafetySupervisor:
         self._report("mode", changed, TRANSITIONS[before, mode], now_s)
 
     def _why_no_command_stands(self, lease: Lease, now_s: float) -> Reason:
-        if self.gate.overaged is not None:
-            return self._based_on(self.gate.overaged.echoed_s, lease, now_s)
+        if self.gate.is_overaged:
+            return self._based_on(self.gate.overaged_s, lease, now_s)
         if self._echo_ends_first:
             return self._based_on(self.gate.echoed_s, lease, now_s)
         return self.loop.explains(self._fresh_s, lease.timeout_s, now_s) or because(

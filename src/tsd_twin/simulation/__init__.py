@@ -6,8 +6,8 @@ from tsd_twin.simulation.actuators import EscModel, Motors, Servos, WheelSurface
 from tsd_twin.simulation.base import Simulation
 from tsd_twin.simulation.factory import PLANTS, plants_of, simulate
 from tsd_twin.simulation.robot import BoardModel, SimRobot, SimulationTruth
-from tsd_twin.simulation.singularity import KinematicPlant, SingularitySimulation
-from tsd_twin.simulation.wear import BATTERY, DegradedRobot, RobotWithStuckJoint, StuckJoint, Wear
+from tsd_twin.simulation.singularity import SingularitySimulation, rolling_tangent
+from tsd_twin.simulation.wear import BATTERY, DegradedRobot, StuckJoint, Wear
 
 __all__ = [
     "BATTERY",
@@ -15,9 +15,7 @@ __all__ = [
     "BoardModel",
     "DegradedRobot",
     "EscModel",
-    "KinematicPlant",
     "Motors",
-    "RobotWithStuckJoint",
     "Servos",
     "SimRobot",
     "Simulation",
@@ -27,5 +25,6 @@ __all__ = [
     "Wear",
     "WheelSurface",
     "plants_of",
+    "rolling_tangent",
     "simulate",
 ]

@@ -1,9 +1,9 @@
-"""Interface of all simulations, and the base class of wrappers around one."""
+"""Interface of all simulations."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol
 
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import Array
@@ -61,53 +61,3 @@ class Simulation(Protocol):
     def hardware_status(self) -> Mapping[str, object]:
         """Return the hardware section of a single robot's status, JSON-serializable."""
         ...
-
-
-S = TypeVar("S", bound=Simulation)
-
-
-class SimulationWrapper(Generic[S]):
-    """Base class of simulation wrappers: forwards all but `measure`, which subclasses define."""
-
-    def __init__(self, simulation: S) -> None:
-        self.simulation = simulation
-        """Wrapped simulation."""
-
-    @property
-    def kinematics(self) -> Kinematics[Any]:
-        """Kinematics used to drive the robot."""
-        return self.simulation.kinematics
-
-    @property
-    def pose(self) -> Any:
-        """True pose in the world."""
-        return self.simulation.pose
-
-    @property
-    def joints(self) -> Array:
-        """(..., n): true joint vector."""
-        return self.simulation.joints
-
-    def command(self, setpoint: Array) -> None:
-        """Set the setpoints of the wrapped simulation."""
-        self.simulation.command(setpoint)
-
-    def degrade(self, shares: Array) -> None:
-        """Slow down joints of the wrapped simulation."""
-        self.simulation.degrade(shares)
-
-    def set_battery(self, battery_v: float) -> None:
-        """Set the voltage of the battery."""
-        self.simulation.set_battery(battery_v)
-
-    def advance(self, dt_s: float) -> None:
-        """Advance by `dt_s` seconds."""
-        self.simulation.advance(dt_s)
-
-    def twist(self) -> Array:
-        """Return the true twist (..., 3) in the base frame."""
-        return self.simulation.twist()
-
-    def hardware_status(self) -> Mapping[str, object]:
-        """Return the hardware status of the wrapped simulation."""
-        return self.simulation.hardware_status()

@@ -17,64 +17,17 @@ from tsd_twin.robots import (
 )
 from tsd_twin.sensors.dead_wheels import DEAD_WHEELS
 from tsd_twin.simulation.base import Simulation
-from tsd_twin.simulation.delay import Actuated, DelayWrapper
 from tsd_twin.simulation.mujoco_plant import MujocoSimulation
-from tsd_twin.simulation.sensed import SensedSimulation
 from tsd_twin.simulation.singularity import SingularitySimulation
 from tsd_twin.simulation.wheeled import GearedSimulation, OmniSimulation, SphereSimulation
+from tsd_twin.simulation.wrappers import DelayWrapper, SensedSimulation
 
 _Factory: TypeAlias = Callable[..., Simulation]
-
-
-def _behind_bus(plant: Callable[..., Actuated]) -> _Factory:
-    """Return a factory for robots moved by `plant`, behind a bus with delay."""
-
-    def make(robot: RobotDescription, batch: tuple[int, ...], **options: Any) -> Simulation:
-        simulation = plant(robot, batch, **options)
-        return DelayWrapper(simulation, robot.delay_s) if robot.delay_s > 0.0 else simulation
-
-    return make
-
-
-def _sensed(make: _Factory, *, simulates_own: bool = False) -> _Factory:
-    """Return a factory that adds the sensors of the robot.
-
-    `simulates_own` is for a plant that has dead wheels: it turns them by the mean twist of a step,
-    while an added sensor only gets the twist at its end.
-    """
-
-    def add(
-        robot: RobotDescription,
-        batch: tuple[int, ...],
-        *,
-        seed: int | None,
-        noise: float,
-        **options: Any,
-    ) -> Simulation:
-        simulation = make(robot, batch, seed=seed, noise=noise, **options)
-        own = [s for s in robot.own_sensors if not (simulates_own and s.sensor is DEAD_WHEELS)]
-        sensors = (*own, *robot.mounted_sensors)
-        if not sensors:
-            return simulation
-        return SensedSimulation(simulation, sensors, batch, seed=seed, noise=noise)
-
-    return add
-
-
-simulate_singularity = _sensed(_behind_bus(SingularitySimulation))
-"""Factory of the kinematic simulation of a singularity drive."""
-simulate_singularity_mujoco = _sensed(_behind_bus(MujocoSimulation))
-"""Factory of the MuJoCo simulation of a singularity drive."""
-simulate_omni = _sensed(OmniSimulation, simulates_own=True)
-"""Factory of the simulation of a platform on wheels with rollers."""
 _NONE: Mapping[str, _Factory] = {}
 _SIMULATIONS = KindTable[Mapping[str, _Factory]](
     {
-        SingularityDescription: {
-            "kinematic": simulate_singularity,
-            "mujoco": simulate_singularity_mujoco,
-        },
-        OmniDescription: {"kinematic": simulate_omni},
+        SingularityDescription: {"kinematic": SingularitySimulation, "mujoco": MujocoSimulation},
+        OmniDescription: {"kinematic": OmniSimulation},
         SphereDescription: {"kinematic": SphereSimulation},
         ExternalDescription: _NONE,
     },
@@ -126,7 +79,26 @@ def simulate(
         raise RobotFileError(robot.name, f"the plant `{plant}` cannot move it", f"only {kinds}")
     built = robot.with_errors(errors)
     made = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
-    moves = made.simulation if isinstance(made, SensedSimulation) else made
-    if step_s is not None and isinstance(moves, GearedSimulation):
-        moves.longest_step_s = step_s
-    return made
+    if step_s is not None and isinstance(made, GearedSimulation):
+        made.longest_step_s = step_s
+    if type(built) not in _SIMULATIONS.shipped:
+        return made  # The package of this kind simulates delay and sensors.
+    return _with_delay_and_sensors(made, built, batch, seed, noise)
+
+
+def _with_delay_and_sensors(
+    simulation: Simulation,
+    robot: RobotDescription,
+    batch: tuple[int, ...],
+    seed: int | None,
+    noise: float,
+) -> Simulation:
+    if isinstance(simulation, SingularitySimulation | MujocoSimulation) and robot.delay_s > 0.0:
+        simulation = DelayWrapper(simulation, robot.delay_s)
+    # The omni plant turns its dead wheels by the mean twist of a step; an added sensor only gets
+    # the twist at its end.
+    own = [sensor for sensor in robot.own_sensors if sensor.sensor is not DEAD_WHEELS]
+    sensors = (*own, *robot.mounted_sensors)
+    if not sensors:
+        return simulation
+    return SensedSimulation(simulation, sensors, batch, seed=seed, noise=noise)

@@ -6,15 +6,15 @@ Assumes no rolling constraint. MuJoCo is an optional extra, imported only in thi
 from __future__ import annotations
 
 import importlib
-from dataclasses import dataclass
 from typing import Any, TypeAlias, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
-from tsd_twin.errors import MissingExtraError
+from tsd_twin.errors import needs_extra
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import RPM, SingularityDescription
+from tsd_twin.robots.description import Floor
 from tsd_twin.simulation.actuators import SimulationOptions
 from tsd_twin.simulation.singularity import Actuation
 
@@ -25,10 +25,8 @@ def load_mujoco() -> Any:
     Raises:
         MissingExtraError: If MuJoCo is not installed.
     """
-    try:
+    with needs_extra("The plant `mujoco`", "mujoco"):
         return importlib.import_module("mujoco")
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("The plant `mujoco`", "mujoco") from error
 
 
 _SPIN_IN_SLIP = 8.0 / (3.0 * np.pi)
@@ -41,9 +39,8 @@ _STANDSTILL_MPS = 0.01
 """Regularization speed below which the patch sticks, modelled as viscous sliding."""
 
 
-@dataclass(frozen=True, slots=True)
-class ContactPatch:
-    """Coulomb friction of a small round patch that slides and spins simultaneously.
+def patch_friction(floor: Floor, load: Array, slip: Array, spin: Array) -> tuple[Array, Array]:
+    """Return the Coulomb friction on small round patches that slide and spin simultaneously.
 
     A wheel with an upright axle spins its contact patch on the floor like a drill. Friction opposes
     the velocity of each point of the patch, so spinning absorbs most of it, and the remaining force
@@ -51,27 +48,22 @@ class ContactPatch:
     "The model of dry friction in the problem of the rolling of rigid bodies" (1998) for the
     coefficients under Hertzian pressure. Changed: the two speeds are added in quadrature, which
     approximates the integral over the patch better than their sum.
+
+    Args:
+        floor: Friction coefficient and patch radius.
+        load: (k,) normal forces.
+        slip: (k, 2) velocities of the wheel surfaces over the floor, m/s.
+        spin: (k,) angular velocities about the normal, rad/s.
+
+    Returns:
+        Force (k, 2), newtons, and torque about the normal (k,), newton metres.
     """
-
-    friction: float = 0.8
-    """Friction coefficient: rubber or a printed wheel on a dry hard floor."""
-    radius_m: float = 0.0005
-    """Hertzian radius for 10 N on a 40 mm sphere of hard plastic (2 GPa); several mm for rubber."""
-
-    def force(self, load: Array, slip: Array, spin: Array) -> tuple[Array, Array]:
-        """Return force (k, 2), newtons, and torque about the normal (k,), newton metres.
-
-        Args:
-            load: (k,) normal forces.
-            slip: (k, 2) velocities of the wheel surfaces over the floor, m/s.
-            spin: (k,) angular velocities about the normal, rad/s.
-        """
-        rim = self.radius_m * spin
-        slip2 = slip[:, 0] ** 2 + slip[:, 1] ** 2 + _STANDSTILL_MPS**2
-        most = self.friction * load
-        force = -(most / np.sqrt(slip2 + (_SPIN_IN_SLIP * rim) ** 2))[:, None] * slip
-        lever_m = _MEAN_LEVER * self.radius_m
-        return force, -most * lever_m * rim / np.sqrt(rim**2 + _SLIP_IN_SPIN**2 * slip2)
+    rim = floor.patch_radius_m * spin
+    slip2 = slip[:, 0] ** 2 + slip[:, 1] ** 2 + _STANDSTILL_MPS**2
+    most = floor.friction * load
+    force = -(most / np.sqrt(slip2 + (_SPIN_IN_SLIP * rim) ** 2))[:, None] * slip
+    lever_m = _MEAN_LEVER * floor.patch_radius_m
+    return force, -most * lever_m * rim / np.sqrt(rim**2 + _SLIP_IN_SPIN**2 * slip2)
 
 
 TIMESTEP_S = 0.001
@@ -100,7 +92,7 @@ def build_mujoco_model(robot: SingularityDescription) -> Any:
     bearings, each wheel half a hollow sphere. Joint names match the kinematics. Servos have the
     damping of gear motors, and their driving torques are applied externally. The floor supports
     only the wheels, without friction; patch friction is also applied externally, see
-    `ContactPatch`.
+    `patch_friction`.
     """
     mujoco = load_mujoco()
     spec = mujoco.MjSpec()
@@ -193,15 +185,12 @@ class MujocoSimulation:
         batch: tuple[int, ...] = (),
         *,
         pose: SE2 | None = None,
-        patch: ContactPatch | None = None,
         **options: Unpack[SimulationOptions],
     ) -> None:
         if batch:
             raise ValueError(f"rigid bodies are simulated one robot at a time, not {batch}")
         self.actuation = Actuation(robot, batch, **options)
         self.kinematics = self.actuation.kinematics
-        floor = robot.floor
-        self._patch = patch or ContactPatch(floor.friction, floor.patch_radius_m)
         servos = self.actuation.servos
         self._robot = robot
         self._set_supply()
@@ -287,7 +276,7 @@ class MujocoSimulation:
         """Return the actuator status and friction parameters of the floor."""
         return self.actuation.hardware_status() | {
             "plant": "mujoco",
-            "friction": self._patch.friction,
+            "friction": self._robot.floor.friction,
         }
 
     def _addresses(self, joints: Indices) -> tuple[Indices, Indices]:
@@ -335,7 +324,7 @@ class MujocoSimulation:
         contact[:, 2] -= self._radius_m + self.actuation.surface.outside_m(self.joints)
         lever = contact - data.subtree_com[self._roots]
         slip = (velocity + _cross(turning, lever))[:, :2]
-        force, torque = self._patch.force(self._loads(), slip, turning[:, 2])
+        force, torque = patch_friction(self._robot.floor, self._loads(), slip, turning[:, 2])
         forces = np.zeros(contact.shape)
         forces[:, :2] = force
         arm = contact - data.xipos[bodies]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import fmean
 from typing import Unpack
 
@@ -293,39 +293,29 @@ class Actuation:
         }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KinematicPlant:
-    """Kinematic plant: wheels roll without slip."""
+def rolling_tangent(kinematics: SingularityKinematics, joints: Array, dt_s: float) -> Array:
+    """Return the tangent (..., 3) of rolling without slip over a step of `dt_s` seconds.
 
-    kinematics: SingularityKinematics
+    `joints` (3, ..., n) are the true joint vectors at its start, middle and end. Gimbal rates come
+    from the parabola through them, so that Simpson's rule sums exactly to the rotation angle over
+    any number of steps.
 
-    def tangent(self, joints: Array, dt_s: float) -> Array:
-        """Return the tangent (..., 3) of the motion over a step of `dt_s` seconds.
-
-        `joints` (3, ..., n) are the true joint vectors at its start, middle and end. Gimbal rates
-        come from the parabola through them, so that Simpson's rule sums exactly to the rotation
-        angle over any number of steps.
-
-        The twist changes during the step, and rotations do not commute with translations; the
-        second term of the Magnus expansion preserves fourth order. Source: Iserles and Norsett, "On
-        the solution of linear differential equations in Lie groups" (1999), with the sign for
-        twists in the body frame.
-        """
-        by_node = joints.reshape(3, -1)
-        slopes, weights = _step_rules(dt_s)
-        rates = (slopes @ by_node).reshape(joints.shape)
-        twists = self.kinematics.twist(joints, rates)
-        tangent = (weights @ twists.reshape(3, -1)).reshape(twists.shape[1:])
-        # For a single robot, list elements are faster than array elements.
-        vx, vy, omega = twists.T.tolist() if twists.ndim == 2 else np.moveaxis(twists, -1, 0)
-        twelfth = dt_s * dt_s / 12.0
-        tangent[..., 0] += twelfth * (omega[2] * vy[0] - omega[0] * vy[2])
-        tangent[..., 1] += twelfth * (omega[0] * vx[2] - omega[2] * vx[0])
-        return tangent
-
-    def displacement(self, joints: Array, dt_s: float) -> SE2:
-        """Return the pose after a step, in the frame at its start; `joints` as in `tangent`."""
-        return SE2.exp(self.tangent(joints, dt_s))
+    The twist changes during the step, and rotations do not commute with translations; the second
+    term of the Magnus expansion preserves fourth order. Source: Iserles and Norsett, "On the
+    solution of linear differential equations in Lie groups" (1999), with the sign for twists in the
+    body frame.
+    """
+    by_node = joints.reshape(3, -1)
+    slopes, weights = _step_rules(dt_s)
+    rates = (slopes @ by_node).reshape(joints.shape)
+    twists = kinematics.twist(joints, rates)
+    tangent = (weights @ twists.reshape(3, -1)).reshape(twists.shape[1:])
+    # For a single robot, list elements are faster than array elements.
+    vx, vy, omega = twists.T.tolist() if twists.ndim == 2 else np.moveaxis(twists, -1, 0)
+    twelfth = dt_s * dt_s / 12.0
+    tangent[..., 0] += twelfth * (omega[2] * vy[0] - omega[0] * vy[2])
+    tangent[..., 1] += twelfth * (omega[0] * vx[2] - omega[2] * vx[0])
+    return tangent
 
 
 _MAX_STEP_S = 0.02
@@ -335,8 +325,8 @@ _MAX_STEP_S = 0.02
 class SingularitySimulation:
     """`batch` robots in lockstep virtual time; `()` is a single robot.
 
-    Servos, speed controllers and motors drive a kinematic plant: wheels roll without slip, and
-    bodies have no mass. For `noise` see `Actuation`.
+    Servos, speed controllers and motors drive wheels that roll without slip; bodies have no mass.
+    For `noise` see `Actuation`.
     """
 
     def __init__(
@@ -349,7 +339,6 @@ class SingularitySimulation:
     ) -> None:
         self.actuation = Actuation(robot, batch, **options)
         self.kinematics = self.actuation.kinematics
-        self._plant = KinematicPlant(self.kinematics)
         self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
         """True pose in the world."""
         self.joints: Array = np.zeros((*batch, len(self.kinematics.joints)))
@@ -384,8 +373,7 @@ class SingularitySimulation:
     def lose_drive(self) -> None:
         """Cut the speed controllers' power, as in `Actuation.lose_drive`."""
         self.actuation.lose_drive()
-        self._at_rest = False
-        self._displacements.clear()
+        self._clear_cache()
 
     def advance(self, dt_s: float) -> None:
         """Advance by `dt_s`: in short steps while joints move, otherwise in one."""
@@ -431,7 +419,8 @@ class SingularitySimulation:
         nodes = np.empty((3, *self.joints.shape))
         nodes[0] = self.joints
         nodes[1:] = self.actuation.after(self.joints, dt_s * self._halves)
-        moved = self._plant.displacement(self.actuation.surface.roll(nodes), dt_s)
+        rolling = self.actuation.surface.roll(nodes)
+        moved = SE2.exp(rolling_tangent(self.kinematics, rolling, dt_s))
         self.joints = nodes[2]
         self.actuation.come_to_rest(self.joints)
         if self.joints.tobytes() + self.actuation.backlash_rad.tobytes() != before:

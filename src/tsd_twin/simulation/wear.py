@@ -1,4 +1,4 @@
-"""Simulated robots with a stuck joint, or with parts that wear."""
+"""Simulated robots with stuck joints, and with parts that wear."""
 
 from __future__ import annotations
 
@@ -47,39 +47,6 @@ class StuckJoint:
         return StuckJoint(joint, math.radians(lean_deg))
 
 
-class RobotWithStuckJoint(SimRobot):
-    """Simulated robot with blocked gimbal servos."""
-
-    def __init__(
-        self, robot: RobotDescription, jams: Sequence[StuckJoint] = (), **kwargs: Any
-    ) -> None:
-        """Accept the arguments of `SimRobot` in addition to `jams`."""
-        super().__init__(robot, **kwargs)
-        self._names = [joint.name for joint in robot.kinematics().joints]
-        self._block_angles: dict[int, float] = {}
-        self._held: dict[int, float] = {}
-        for jam in jams:
-            self.jam(jam)
-
-    def jam(self, jam: StuckJoint) -> None:
-        """Block a gimbal servo."""
-        self._block_angles[self._names.index(jam.joint)] = jam.lean_rad
-
-    def write(self, setpoint: Array, now_s: float) -> None:
-        """Write setpoints (n,); a blocked joint keeps its current angle."""
-        if not self._block_angles:
-            super().write(setpoint, now_s)
-            return
-        joints = self.truth(now_s).joints
-        for place, lean_rad in self._block_angles.items():
-            if abs(joints[place]) >= lean_rad:
-                self._held.setdefault(place, float(joints[place]))
-        if self._held and np.shape(setpoint) == np.shape(joints):
-            setpoint = setpoint.copy()
-            setpoint[list(self._held)] = list(self._held.values())
-        super().write(setpoint, now_s)
-
-
 _NUMBER = r"\d+(?:\.\d+)?"
 _FORM = re.compile(rf"(?P<part>\w+)=-(?P<size>{_NUMBER})(?P<unit>%|V)(?:@(?P<after>{_NUMBER}))?")
 BATTERY = "battery"
@@ -122,16 +89,45 @@ class Wear:
         return Wear(found["part"], size if found["unit"] == "V" else size / 100.0, after_s)
 
 
-class DegradedRobot(RobotWithStuckJoint):
-    """Simulated robot whose parts wear while it drives."""
+class DegradedRobot(SimRobot):
+    """Simulated robot with blocked gimbal servos, and parts that wear while it drives."""
 
-    def __init__(self, robot: RobotDescription, wear: Sequence[Wear] = (), **kwargs: Any) -> None:
-        """Accept the arguments of `RobotWithStuckJoint` in addition to `wear`."""
+    def __init__(
+        self,
+        robot: RobotDescription,
+        wear: Sequence[Wear] = (),
+        jams: Sequence[StuckJoint] = (),
+        **kwargs: Any,
+    ) -> None:
+        """Accept the arguments of `SimRobot` in addition to `wear` and `jams`."""
         super().__init__(robot, **kwargs)
+        self._names = [joint.name for joint in robot.kinematics().joints]
+        self._block_angles: dict[int, float] = {}
+        self._held: dict[int, float] = {}
+        for jam in jams:
+            self.jam(jam)
         self._upcoming = list(wear)
         self._joint_shares = np.ones(len(self._names))
         self._driven_s = 0.0
         self._read_s: float | None = None
+
+    def jam(self, jam: StuckJoint) -> None:
+        """Block a gimbal servo."""
+        self._block_angles[self._names.index(jam.joint)] = jam.lean_rad
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Write setpoints (n,); a blocked joint keeps its current angle."""
+        if not self._block_angles:
+            super().write(setpoint, now_s)
+            return
+        joints = self.truth(now_s).joints
+        for place, lean_rad in self._block_angles.items():
+            if abs(joints[place]) >= lean_rad:
+                self._held.setdefault(place, float(joints[place]))
+        if self._held and np.shape(setpoint) == np.shape(joints):
+            setpoint = setpoint.copy()
+            setpoint[list(self._held)] = list(self._held.values())
+        super().write(setpoint, now_s)
 
     def wear(self, wear: Wear) -> None:
         """Apply wear to a part."""

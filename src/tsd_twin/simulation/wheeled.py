@@ -3,53 +3,17 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import Unpack
 
 import numpy as np
 
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import OmniDescription, SphereDescription
-from tsd_twin.robots.geared_motor import GearedMotor, GearedMotorDescription
+from tsd_twin.robots.geared_motor import GearedMotorDescription
 from tsd_twin.robots.omni import ROLLER_CREEP_MPS
 from tsd_twin.sensors.base import BodyMotion
 from tsd_twin.sensors.dead_wheels import DeadWheelSensors
 from tsd_twin.simulation.actuators import SimulationOptions
-
-
-@dataclass(frozen=True, slots=True)
-class GearedMotors:
-    """Model of speed-controlled DC gear motors, on arrays of any shape; torques at the wheel.
-
-    The available torque decreases linearly from stall to no-load speed; the driver can reverse the
-    voltage and has a current limit.
-    """
-
-    stall_torque_nm: float
-    """Stall torque at the current voltage."""
-    top_speed_rad_per_s: float
-    """No-load speed at the current voltage."""
-    torque_limit_nm: float
-    gain_nm_s: float
-    """Gain of the speed control: torque per rad/s of speed error."""
-
-    @staticmethod
-    def of(motor: GearedMotor, inertia_kg_m2: float, voltage_share: float) -> GearedMotors:
-        """Return motors for wheels with load `inertia_kg_m2`, at a fraction of nominal voltage."""
-        return GearedMotors(
-            stall_torque_nm=motor.stall_torque_nm * voltage_share,
-            top_speed_rad_per_s=motor.top_speed_rad_per_s * voltage_share,
-            torque_limit_nm=motor.stall_torque_nm * motor.current_limit,
-            gain_nm_s=inertia_kg_m2 / motor.time_constant_s,
-        )
-
-    def bounds(self, speed: Array) -> tuple[Array, Array]:
-        """Return the minimum and maximum torque at wheel speeds `speed`, rad/s."""
-        share = speed / self.top_speed_rad_per_s
-        limit = self.torque_limit_nm
-        low = np.maximum(-self.stall_torque_nm * (1.0 + share), -limit)
-        high = np.minimum(self.stall_torque_nm * (1.0 - share), limit)
-        return low, high
 
 
 class GearedSimulation(ABC):
@@ -78,7 +42,9 @@ class GearedSimulation(ABC):
         self._setpoint = np.zeros(shape)
         self._goals = np.zeros(shape)
         self._shares = np.ones(shape)
-        self._robot, self._driven_kg_m2 = robot, inertia_kg_m2
+        self._robot = robot
+        self._gain_nm_s = inertia_kg_m2 / robot.motor.time_constant_s
+        """Gain of the speed control: torque per rad/s of speed error."""
         self.set_battery(self.battery_v)
         self._random = np.random.default_rng(seed)
         self._scale = 1.0 + noise * robot.noise.speed_scale_sigma * self._random.standard_normal(
@@ -105,7 +71,8 @@ class GearedSimulation(ABC):
         """Set the voltage of the battery."""
         self.battery_v = battery_v
         share = battery_v / self._robot.battery.nominal_v
-        self._motors = GearedMotors.of(self._robot.motor, self._driven_kg_m2, share)
+        self._stall_nm = self._robot.motor.stall_torque_nm * share
+        self._top_speed_rad_per_s = self._robot.motor.top_speed_rad_per_s * share
 
     def advance(self, dt_s: float) -> None:
         """Advance by `dt_s` seconds."""
@@ -118,6 +85,19 @@ class GearedSimulation(ABC):
     def measure(self) -> Array:
         """Return wheel speeds (..., k)."""
         return self.joints * self._scale
+
+    def _torque_bounds(self) -> tuple[Array, Array]:
+        """Return the minimum and maximum torque at the current wheel speeds.
+
+        The available torque decreases linearly from stall to no-load speed; the driver can reverse
+        the voltage and has a current limit.
+        """
+        motor = self._robot.motor
+        share = self.joints / self._top_speed_rad_per_s
+        limit = motor.stall_torque_nm * motor.current_limit
+        low = np.maximum(-self._stall_nm * (1.0 + share), -limit)
+        high = np.minimum(self._stall_nm * (1.0 - share), limit)
+        return low, high
 
     def _rests(self) -> bool:
         return not (self.joints.any() or self._goals.any())
@@ -218,10 +198,10 @@ class OmniSimulation(GearedSimulation):
         Friction is c s with the creep s, where c decreases with the creep: iterated to a fixed
         point.
         """
-        low, high = self._motors.bounds(self.joints)
-        wanted = self._motors.gain_nm_s * (self._goals - self.joints)
+        low, high = self._torque_bounds()
+        wanted = self._gain_nm_s * (self._goals - self.joints)
         free = (wanted > low) & (wanted < high)
-        gain: Array = np.where(free, self._motors.gain_nm_s, 0.0)
+        gain: Array = np.where(free, self._gain_nm_s, 0.0)
         torque = np.where(free, gain * self._goals, np.minimum(np.maximum(wanted, low), high))
         joints, twist = self.joints, self._twist
         creep = self._creep(joints, twist)
@@ -299,7 +279,7 @@ class SphereSimulation(GearedSimulation):
         return {"battery_v": self.battery_v, "rows": rows.astype(int).tolist()}
 
     def _step(self, dt_s: float) -> None:
-        low, high = self._motors.bounds(self.joints)
+        low, high = self._torque_bounds()
         gained = (self._goals - self.joints) * -np.expm1(-dt_s / self._time_constant_s)
         least, most = low * (dt_s / self._inertia), high * (dt_s / self._inertia)
         gained = np.minimum(np.maximum(gained, least), most)

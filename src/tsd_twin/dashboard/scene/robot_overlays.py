@@ -134,24 +134,12 @@ def _commands_in_flight(
     no synchronized clocks.
     """
     recent = [one for one in sent if one.sent_s > now_s - trip_s - _SENDER_TIMEOUT_S]
-    from_world = _WorldToBody(heading)
     return [
         PendingCommand(
-            one.sent_s - now_s + trip_s, one.twist, from_world if one.frame == ODOM else None
+            one.sent_s - now_s + trip_s, one.twist, heading if one.frame == ODOM else None
         )
         for one in recent
     ]
-
-
-@dataclass(frozen=True, slots=True)
-class _WorldToBody:
-    """Rotation of twists from `odom` to `base_link`; poses start at `heading_rad`."""
-
-    heading_rad: float
-
-    def __call__(self, pose: SE2, twist: Array) -> Array:
-        turn = SE2(np.array([0.0, 0.0, self.heading_rad + float(pose.xy_heading[2])]))
-        return np.append(turn.inverse().rotate(twist[:2]), twist[2])
 
 
 VISIBLE_DIFFERENCE_M = 0.005
