@@ -8,11 +8,13 @@ import logging
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Coroutine
+from dataclasses import replace
 from functools import partial
 from typing import Any, Generic, TypeVar
 
 import msgspec
 
+from tsd_twin.adapters.cmd_vel import CmdVel
 from tsd_twin.adapters.frames import FOOTPRINT
 from tsd_twin.adapters.ros_messages import SOURCES, RobotMapping, RosMessage, RosNames, namespaces
 from tsd_twin.bus import Bus
@@ -116,6 +118,14 @@ class RobotSource(ABC):
         """Return the reason why the robot ignores `cmd_vel`, or ""."""
         return ""
 
+    def to_bus_frame(self, message: CmdVel) -> CmdVel:
+        """Replace the ROS name of the frame of a twist by its name on the bus, if it has one."""
+        names = self.names
+        if names is None:
+            return message
+        frames = {names.frame(BASE): BASE, names.frame(FOOTPRINT): BASE, names.frame(ODOM): ODOM}
+        return replace(message, frame=frames.get(message.frame, message.frame))
+
     async def close(self) -> None:
         """Disconnect from the robot."""
         with contextlib.suppress(TwinError):  # A lost robot stops automatically.
@@ -159,11 +169,6 @@ class RobotSource(ABC):
 def package_of(names: RosNames) -> str:
     """Return the URI prefix of mesh files in a ROS package."""
     return f"package://{names.namespace}_description/meshes/"
-
-
-def frames_of(names: RosNames) -> dict[str, str]:
-    """Return bus frames by ROS name."""
-    return {names.frame(BASE): BASE, names.frame(FOOTPRINT): BASE, names.frame(ODOM): ODOM}
 
 
 class _EventTap(Subscription[Event]):

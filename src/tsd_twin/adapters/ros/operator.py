@@ -27,7 +27,7 @@ from tsd_twin.adapters.cmd_vel import (
     decode_cmd_vel,
 )
 from tsd_twin.adapters.cmd_vel_bridge import CmdVelBridge
-from tsd_twin.adapters.fleet import MeshFiles, RobotSource, frames_of
+from tsd_twin.adapters.fleet import MeshFiles, RobotSource
 from tsd_twin.adapters.ros.arrivals import (
     Arrival,
     Echoes,
@@ -179,7 +179,7 @@ class RosOperator:
         if arrival is None or names is None:
             return
         if row is CMD_VEL:
-            self._drive(received, names, arrival)
+            self._drive(received, arrival)
             return
         pose = decode_pose_input(received.payload, row.type, names.frame(ODOM))
         if shared := self._source.shared_name(time.monotonic()):
@@ -196,11 +196,9 @@ class RosOperator:
                 self._calls += 1
             self._driver.start(self._answer(self._driver.set_pose(pose), self._tell_refusal))
 
-    def _drive(self, received: Received, names: RosNames, arrival: Arrival) -> None:
+    def _drive(self, received: Received, arrival: Arrival) -> None:
         message = decode_cmd_vel("cdr", received.type_name, received.payload)
-        frames, now_s = frames_of(names), time.monotonic()
-        if message.frame in frames:
-            message = replace(message, frame=frames[message.frame])
+        message, now_s = self._source.to_bus_frame(message), time.monotonic()
         if received.origin.publisher == UNKNOWN_PUBLISHER:
             if not message.is_zero:
                 raise MessageError("publishers", SEVERAL)
