@@ -110,9 +110,7 @@ class RobotSource(ABC):
 
     def say(self, text: str) -> None:
         """Publish a message of the adapter on the robot's events topic."""
-        with self._lock:
-            if self._mapping is not None:
-                self.publish(self._mapping.sentence(text))
+        self._feed_event(Event("adapter", text))
 
     def input_problem(self) -> str:
         """Return the reason why the robot ignores `cmd_vel`, or ""."""
@@ -162,8 +160,9 @@ class RobotSource(ABC):
                     self.publish(message)
 
     def _feed_event(self, event: Event) -> None:
-        payload = msgspec.json.encode(event)
-        self._feed(topics.EVENT, Sample(topics.event_key(self.id, "x"), payload, b""))
+        with self._lock:
+            if self._mapping is not None:
+                self.publish(self._mapping.event(event))
 
 
 def package_of(names: RosNames) -> str:

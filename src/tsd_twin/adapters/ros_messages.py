@@ -245,7 +245,7 @@ class RobotMapping:
         elif topic is topics.STATUS and rows:
             yield from self._status(payload, rows)
         elif topic is topics.EVENT and rows:
-            yield self._event(decode_json(payload, Event, "an event"))
+            yield self.event(decode_json(payload, Event, "an event"))
         elif topic is topics.SENSOR_POSE and rows:
             raw = decode_cdr(payload, SENSOR_POSE.type)
             raw.header.frame_id = self.names.frame(raw.header.frame_id)
@@ -390,15 +390,11 @@ class RobotMapping:
         )
         return self._message(BATTERY, message)
 
-    def sentence(self, text: str) -> RosMessage:
-        """Return an adapter warning for `events`."""
-        return self._event(Event("adapter", text))
-
-    def _event(self, event: Event) -> RosMessage:
-        sec, nanosec = divmod(self._stamp_ns, 1_000_000_000)
+    def event(self, event: Event) -> RosMessage:
+        """Convert an event to a line of the log."""
         message = make_message(
             EVENTS.type,
-            stamp=make_message("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec),
+            stamp=make_header(self._stamp_ns, "").stamp,
             level=_LEVELS.get(event.kind, _INFO),
             name=f"{self._robot}.{event.kind}",
             msg=event.text,
