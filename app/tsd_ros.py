@@ -10,23 +10,12 @@ import threading
 from functools import partial
 
 from tsd_twin import models
-from tsd_twin.adapters import RosNames
-from tsd_twin.adapters.ros import (
-    ADAPTER,
-    DdsPort,
-    Endpoints,
-    ExternalLimits,
-    ExternalRobot,
-    MeshServer,
-    OpenPort,
-    PortCallbacks,
-    RosPort,
-    ZenohPort,
-    check_ros,
-    describe,
-    endpoints,
-    serve_ros,
-)
+from tsd_twin.adapters.ros.adapter import MeshServer, serve_ros
+from tsd_twin.adapters.ros.dds_port import DdsPort, check_ros
+from tsd_twin.adapters.ros.external_robot import ExternalLimits, ExternalRobot, describe, endpoints
+from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, OpenPort, PortCallbacks, RosPort
+from tsd_twin.adapters.ros.zenoh_port import ZenohPort
+from tsd_twin.adapters.ros_messages import RosNames
 from tsd_twin.bus import Bus, Config, as_client, client_config, from_file
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
