@@ -27,7 +27,7 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.topics import Topic
-from tsd_twin.models import Part, load_parts, urdf
+from tsd_twin.models import Part, load_parts, robot_urdf
 from tsd_twin.robots import RobotDescription
 
 _LOG = logging.getLogger(__name__)
@@ -48,10 +48,6 @@ class MeshFiles:
         self.robot = msgspec.structs.replace(robot, body=body)
         self._parts: dict[str, Part] | None = None
         self._lock = threading.Lock()
-
-    def urdf(self, text: str, *, drawn: bool) -> str:
-        """Return the URDF for these files: `text`, or a generated one if `drawn`."""
-        return urdf(self.robot, load_parts(self.robot)) if drawn else text
 
     def get(self, name: str) -> bytes | None:
         """Return a file by name, or None for unknown parts."""
@@ -76,7 +72,7 @@ class RobotSource(ABC):
         self.names: RosNames | None = None
         self.meshes = MeshFiles(link.robot)
         own_meshes = link.robot.body.meshes is not None
-        self._urdf = self.meshes.urdf(link.description.urdf, drawn=own_meshes)
+        self._urdf = robot_urdf(self.meshes.robot) if own_meshes else link.description.urdf
         self._mapping: RobotMapping | None = None
         self._lock = threading.Lock()
         for topic in _STREAMS:

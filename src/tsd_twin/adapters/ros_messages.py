@@ -14,6 +14,7 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+from msgspec.structs import asdict
 
 from tsd_twin.adapters.frames import (
     FOOTPRINT,
@@ -395,7 +396,7 @@ class RobotMapping:
         message = make_message(
             EVENTS.type,
             stamp=make_header(self._stamp_ns, "").stamp,
-            level=_LEVELS.get(event.kind, _INFO),
+            level=_WARN if event.kind in _WARNINGS else _INFO,
             name=f"{self._robot}.{event.kind}",
             msg=event.text,
             file="",
@@ -419,16 +420,9 @@ def _transform(each: Transform) -> Any:
 
 
 _INFO, _WARN = 20, 30
-_LEVELS = {
-    "adapter": _WARN,
-    "drop": _WARN,
-    "refusal": _WARN,
-    "consistency": _WARN,
-    "id": _WARN,
-    "loop": _WARN,
-    "clamp": _INFO,
-}
-"""`rcl_interfaces/msg/Log` levels by event kind."""
+"""Levels of `rcl_interfaces/msg/Log`."""
+_WARNINGS = frozenset({"adapter", "drop", "refusal", "consistency", "id", "loop"})
+"""Kinds of events that are warnings."""
 
 
 def _reason_values(prefix: str, why: Reason | None) -> dict[str, object]:
@@ -471,7 +465,7 @@ def diagnose(
                 "age_s": command.age_s,
                 "echo_s": command.echo_s,
                 "counted": command.accepted,
-                **{f"dropped_{name}": count for name, count in _fields(command.dropped)},
+                **{f"dropped_{name}": count for name, count in asdict(command.dropped).items()},
             },
         ),
         ("cmd_vel", ERROR if input_problem else OK, input_problem or "ok", {}),
@@ -485,18 +479,13 @@ def diagnose(
             "loop",
             WARN if loop.longest_ms >= LATE_S * 1000.0 else OK,
             f"{loop.hz:.0f} Hz, longest period {loop.longest_ms:.0f} ms",
-            dict(_fields(loop)),
+            asdict(loop),
         ),
     ]
     volts = _volts(status)
     if volts is not None:
         found.append(("battery", OK, f"{volts:.1f} V", {"voltage_v": volts}))
     return found
-
-
-def _fields(counts: Any) -> Iterator[tuple[str, Any]]:
-    for name in counts.__struct_fields__:
-        yield name, getattr(counts, name)
 
 
 def _volts(status: RobotStatus) -> float | None:
