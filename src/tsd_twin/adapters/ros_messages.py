@@ -64,7 +64,6 @@ class RosTopic:
     """`frame_id` and its contents."""
 
 
-JSON_TEXT = "std_msgs/msg/String"
 TF = RosTopic(
     "/tf", "tf2_msgs/msg/TFMessage", RosQoS.STATE, "state/odom, state/joints",
     f"{ODOM} to {FOOTPRINT}, and all joints that move",
@@ -97,7 +96,7 @@ BATTERY = RosTopic(
     "battery_state", "sensor_msgs/msg/BatteryState", RosQoS.SENSOR, "state/status", BASE
 )
 EVENTS = RosTopic("events", "rcl_interfaces/msg/Log", RosQoS.STATE, "event/*")
-STATUS = RosTopic("status", JSON_TEXT, RosQoS.STATE, "state/status")
+STATUS = RosTopic("status", "std_msgs/msg/String", RosQoS.STATE, "state/status")
 SENSOR_POSE = RosTopic(
     "sensor_pose", "geometry_msgs/msg/PoseStamped", RosQoS.SENSOR, "sensor/pose", ODOM
 )
@@ -333,7 +332,7 @@ class RobotMapping:
     def _status(self, payload: bytes, rows: Sequence[RosTopic]) -> Iterator[RosMessage]:
         status = decode_status(payload)
         if STATUS in rows:
-            yield self._message(STATUS, make_message(JSON_TEXT, data=payload.decode()))
+            yield self._message(STATUS, make_message(STATUS.type, data=payload.decode()))
         if DIAGNOSTICS not in rows and BATTERY not in rows:
             return
         second = int(1e-9 * self._stamp_ns / _DIAGNOSTICS_EVERY_S)

@@ -19,7 +19,7 @@ from typing import Any
 from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 
-from tsd_twin.adapters.ros_messages import JSON_TEXT, LATCHED_TOPICS, RosMessage, RosTopic
+from tsd_twin.adapters.ros_messages import LATCHED_TOPICS, STATUS, RosMessage, RosTopic
 from tsd_twin.errors import MissingExtraError, TwinError
 from tsd_twin.messages.ros_types import TRIGGER, decode_cdr, definition
 from tsd_twin.security.certificates import CertificateAuthority, new_key
@@ -123,8 +123,8 @@ class SdkServer:
     def log(self, message: RosMessage, robot: str, log_ns: int | None = None) -> None:
         """Send a message to its subscribers; latched messages also reach later subscribers."""
         payload = message.payload
-        if message.topic.type == JSON_TEXT and message.topic.name == "status":
-            payload = decode_cdr(payload, JSON_TEXT).data.encode()
+        if message.topic == STATUS:
+            payload = decode_cdr(payload, STATUS.type).data.encode()
         with self._lock:
             channel = self._channels.get(message.name)
             if channel is None:
@@ -144,7 +144,7 @@ class SdkServer:
                     channel.close()
 
     def _new_channel(self, row: RosTopic, name: str) -> Any:
-        if row.type == JSON_TEXT and row.name == "status":
+        if row == STATUS:
             # JSON fields can be plotted, unlike a text message.
             return self._sdk.Channel(name, message_encoding="json", context=self._context)
         text = definition(row.type).encode()

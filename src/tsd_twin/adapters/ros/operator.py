@@ -92,7 +92,7 @@ class RosOperator:
 
     def __init__(self, source: RosSource, machine: CmdVelOperator) -> None:
         """`machine` keeps the operator state of the robot across disconnections."""
-        self._source = source
+        self._source, self.machine = source, machine
         self._driver = CmdVelBridge(source.client, machine, self._tell, conflict=source.shared_name)
         self._loop = asyncio.get_running_loop()
         self._inbox = Inbox(QUEUE_SIZES)
@@ -111,16 +111,7 @@ class RosOperator:
         """Stop and release the robot if held."""
         await self._driver.close()
 
-    def topic_opened(self) -> None:
-        """Handle (re)subscription to `cmd_vel`."""
-        self._driver.machine.topic_opened(time.monotonic())
-
     # On any thread.
-
-    def problem(self) -> str:
-        """Return the reason why twists are refused, or ""."""
-        waits = self._driver.machine.waits_for_pause(time.monotonic())
-        return MUST_PAUSE if waits else ""
 
     def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:
         """Queue a message for the event loop, with at most one pending wake-up."""
@@ -169,7 +160,7 @@ class RosOperator:
                 self._receive(received)
             except MessageError as error:
                 if received.row is CMD_VEL:
-                    self._driver.machine.on_unread(time.monotonic())
+                    self.machine.on_unread(time.monotonic())
                 self.on_unreadable(received.row.name, str(error)[:200])
 
     def _receive(self, received: Received) -> None:
@@ -204,10 +195,10 @@ class RosOperator:
                 raise MessageError("publishers", SEVERAL)
             self._driver.on_cmd_vel(message, now_s, arrival.sent_after_s)
             # A zero from one publisher must not end the pause required for another.
-            self._driver.machine.on_unread(now_s)
+            self.machine.on_unread(now_s)
             return
         if not message.is_zero and (shared := self._source.shared_name(now_s)):
-            self._driver.machine.on_unread(now_s)
+            self.machine.on_unread(now_s)
             self._say(f"cmd_vel does not move the robot: {shared}")
             return
         if not self._turn.admits(received.origin.publisher, not message.is_zero, now_s):
@@ -316,7 +307,7 @@ class RosSource(RobotSource):
         port = await asyncio.to_thread(self._open_port, names, self._operator)
         self._port, self._watch = port, NameWatch(port, names, is_shown=True)
         if self._operator is not None:
-            self._operator.topic_opened()
+            self._operator.machine.topic_opened(time.monotonic())
 
     async def withdraw(self, names: RosNames) -> None:  # noqa: ARG002  Interface.
         """Leave the graph."""
@@ -352,7 +343,9 @@ class RosSource(RobotSource):
         """Return the reason why the robot ignores `cmd_vel`, or ""."""
         if self._operator is None:
             return ""
-        return self.shared_name(time.monotonic()) or self._operator.problem()
+        now_s = time.monotonic()
+        waits = self._operator.machine.waits_for_pause(now_s)
+        return self.shared_name(now_s) or (MUST_PAUSE if waits else "")
 
     def tell(self, text: str) -> None:
         """Log a message and publish it on the robot's events topic."""
