@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Coroutine
 from dataclasses import replace
 from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import msgspec
 
@@ -178,15 +178,12 @@ class _EventTap(Subscription[Event]):
             self._take(item)
 
 
-SourceT = TypeVar("SourceT", bound=RobotSource)
-
-
-class Fleet(Generic[SourceT]):
+class Fleet:
     """All or selected robots on the bus; used from the event loop."""
 
     def __init__(
         self,
-        make_source: Callable[[BusLink], SourceT],
+        make_source: Callable[[BusLink], RobotSource],
         open_bus: Callable[[], Bus],
         only: Collection[str] = (),
         shows: Callable[[RobotDescription], bool] = lambda _robot: True,
@@ -195,7 +192,7 @@ class Fleet(Generic[SourceT]):
 
         Robots for which `shows` returns False are skipped.
         """
-        self.sources: dict[str, SourceT] = {}
+        self.sources: dict[str, RobotSource] = {}
         self._make_source, self._open_bus, self._only = make_source, open_bus, frozenset(only)
         self._shows = shows
         self._alive: dict[str, int] = {}

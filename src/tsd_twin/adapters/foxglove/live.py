@@ -57,7 +57,7 @@ class LiveOperator:
 
     def __init__(
         self,
-        fleet: Fleet[FoxgloveSource],
+        fleet: Fleet,
         operator: str,
         say: Callable[[str], None],
         trip_s: Callable[[], float],
@@ -72,7 +72,7 @@ class LiveOperator:
         """
         self._fleet, self._say, self._trip_s = fleet, say, trip_s
         self._name = f"{operator}-{secrets.token_hex(4)}"
-        self._drivers: dict[str, tuple[FoxgloveSource, CmdVelBridge]] = {}
+        self._drivers: dict[str, tuple[RobotSource, CmdVelBridge]] = {}
         self._unread_s = -math.inf
         self._closing: asyncio.Task[None] | None = None
 
@@ -110,7 +110,7 @@ class LiveOperator:
         drivers, self._drivers = self._drivers, {}
         await asyncio.gather(*(driver.close() for _, driver in drivers.values()))
 
-    def _driver(self, source: FoxgloveSource) -> CmdVelBridge:
+    def _driver(self, source: RobotSource) -> CmdVelBridge:
         made = self._drivers.get(source.id)
         if made is None or made[0] is not source:
             if made is None:
@@ -127,7 +127,7 @@ class LiveOperator:
             made = self._drivers[source.id] = source, driver
         return made[1]
 
-    def _robot_of(self, topic: str) -> tuple[FoxgloveSource, str] | None:
+    def _robot_of(self, topic: str) -> tuple[RobotSource, str] | None:
         """Return the robot that a topic or service belongs to, and its relative name."""
         for source in self._fleet.sources.values():
             if source.names is not None:
