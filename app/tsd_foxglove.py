@@ -10,13 +10,9 @@ import secrets
 from functools import partial
 from pathlib import Path
 
-from tsd_twin.adapters.foxglove import (
-    FOXGLOVE_ORIGIN,
-    Access,
-    load_sdk,
-    serve_live,
-    serve_recording,
-)
+from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, Access
+from tsd_twin.adapters.foxglove.sdk import load_sdk
+from tsd_twin.adapters.foxglove.sources import serve_live, serve_recording
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics

@@ -7,27 +7,15 @@ import asyncio
 import contextlib
 import os
 import threading
-from collections.abc import Callable
 from functools import partial
 
 from tsd_twin import models
-from tsd_twin.adapters import RosNames
-from tsd_twin.adapters.ros import (
-    ADAPTER,
-    DdsPort,
-    Endpoints,
-    ExternalLimits,
-    ExternalRobot,
-    MeshServer,
-    OpenPort,
-    PortCallbacks,
-    RosPort,
-    ZenohPort,
-    check_ros,
-    describe,
-    endpoints,
-    serve_ros,
-)
+from tsd_twin.adapters.ros.adapter import MeshServer, serve_ros
+from tsd_twin.adapters.ros.dds_port import DdsPort, check_ros
+from tsd_twin.adapters.ros.external_robot import ExternalLimits, ExternalRobot, describe, endpoints
+from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, OpenPort, PortCallbacks, RosPort
+from tsd_twin.adapters.ros.zenoh_port import ZenohPort
+from tsd_twin.adapters.ros_messages import RosNames
 from tsd_twin.bus import Bus, Config, as_client, client_config, from_file
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
@@ -78,7 +66,7 @@ def serve(args: argparse.Namespace) -> None:
     may_drive = not args.view_only and (identity is None or identity.role is Role.OPERATOR)
     only = [topics.checked(robot) for robot in args.robot]
     domain = domain_of(args)
-    open_port, where, close = ports(args, domain)
+    open_port, where = ports(args, domain)
     meshes = args.mesh_uri or MeshServer(args.mesh_host, args.mesh_port)
 
     def ready() -> None:
@@ -100,7 +88,6 @@ def serve(args: argparse.Namespace) -> None:
             )
         )
     finally:
-        close()
         if isinstance(meshes, MeshServer):
             meshes.close()
 
@@ -120,7 +107,7 @@ def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
     )  # fmt: skip
     describe(name, "", limits)  # Report implausible limits before opening anything.
     domain = domain_of(args)
-    open_port, where, _ = ports(args, domain, endpoints(stamped=args.stamped))
+    open_port, where = ports(args, domain, endpoints(stamped=args.stamped))
     names = RosNames(args.import_namespace.strip("/"), shared=bool(args.import_namespace))
 
     def opened(robot: ExternalRobot) -> RosPort:
@@ -163,17 +150,15 @@ def domain_of(args: argparse.Namespace) -> int:
     return int(text)
 
 
-def ports(
-    args: argparse.Namespace, domain: int, ends: Endpoints = ADAPTER
-) -> tuple[OpenPort, str, Callable[[], None]]:
-    """Return a function that opens ports, their endpoint, and a function that closes them.
+def ports(args: argparse.Namespace, domain: int, ends: Endpoints = ADAPTER) -> tuple[OpenPort, str]:
+    """Return a function that opens ports, and their endpoint.
 
     Raises:
         TwinError: If no router answers, or rclpy is missing.
     """
     if args.rmw == "dds":
         check_ros(ends)
-        return partial(DdsPort, domain, endpoints=ends), "DDS", lambda: None
+        return partial(DdsPort, domain, endpoints=ends), "DDS"
     config = ros_config(args)
     try:
         Bus(config).close()
@@ -186,7 +171,7 @@ def ports(
     def open_port(names: RosNames, inputs: PortCallbacks | None) -> ZenohPort:
         return ZenohPort(Bus(config), domain, names, inputs, ends)
 
-    return open_port, config.where, lambda: None
+    return open_port, config.where
 
 
 def ros_config(args: argparse.Namespace) -> Config:

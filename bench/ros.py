@@ -12,7 +12,8 @@ import psutil
 
 from bench.bus import adapter_rows, client_commands, paced_speeds, program, watch_setpoint
 from bench.table import Row
-from tsd_twin.adapters.ros.zenoh_port import Attachment, topic_key
+from tsd_twin.adapters.ros.arrivals import Origin
+from tsd_twin.adapters.ros.zenoh_port import encode_attachment, topic_key
 from tsd_twin.adapters.ros_messages import PUBLISHED
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.messages.ros_types import TRIGGER, encode_cdr, make_twist, type_hash
@@ -51,7 +52,7 @@ def ros_commands(bus: Bus, router: Bus, pid: int, count: int) -> tuple[list[floa
     numbers = itertools.count(1)
 
     def attachment() -> bytes:
-        return Attachment(next(numbers), time.time_ns(), _GID).encode()
+        return encode_attachment(Origin(_GID, next(numbers), time.time_ns()))
 
     _arm(router, attachment())
     time.sleep(0.6)

@@ -260,7 +260,7 @@ def test_nothing_is_left_of_connections_that_are_over() -> None:
             socket.create_connection(address, PATIENCE_S) as refused,
         ):
             refused.recv(1)
-        eventually(lambda: not link._up.resenders and not link._down.resenders)
+        eventually(lambda: not any(each.resenders for each in link._channels.values()))
 
 
 def test_closing_breaks_all_connections_and_frees_the_port() -> None:

@@ -18,7 +18,7 @@ from aiohttp import WSMessage, WSMsgType
 from tests.support.memory_bus import MemoryBus
 from tests.support.virtual_robot import VirtualRobot
 from tsd_twin.adapters.fleet import Fleet
-from tsd_twin.adapters.foxglove.sources import FoxgloveSource, LiveOperator
+from tsd_twin.adapters.foxglove.live import FoxgloveSource, LiveOperator
 from tsd_twin.adapters.ros.adapter import serve_ros
 from tsd_twin.adapters.ros.port import Origin, PortCallbacks
 from tsd_twin.adapters.ros_messages import CMD_VEL, namespaces

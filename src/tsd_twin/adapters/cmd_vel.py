@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import Enum, StrEnum, auto
 from typing import TypeAlias
 
 import msgspec
@@ -19,6 +19,7 @@ from tsd_twin.messages.cdr import BASE, ODOM, decode_twist
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.ros_types import decode_cdr
+from tsd_twin.messages.status import RobotStatus
 
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 LARGEST = 100.0
@@ -115,22 +116,13 @@ def _cmd_vel(linear: _Vector, angular: _Vector, frame: str = "") -> CmdVel:
     return CmdVel((linear.x, linear.y, linear.z, angular.x, angular.y, angular.z), frame)
 
 
-@dataclass(frozen=True, slots=True)
-class RobotView:
-    """Fields of the latest status that affect twists."""
+class LeaseAction(Enum):
+    """Action on the lease."""
 
-    mode: str
-    holder: str | None = None
-    """Lease holder."""
-    requested_by: str | None = None
-    """Operator requesting control."""
-    reason: str = ""
-    """The robot's reason for not moving."""
-
-
-@dataclass(frozen=True, slots=True)
-class Acquire:
-    """Action: acquire the lease, then call `acquired` or `denied`."""
+    ACQUIRE = auto()
+    """Acquire it, then call `acquired` or `denied`."""
+    GIVE_BACK = auto()
+    """Command zero, disarm and release it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,19 +142,24 @@ class HandOver:
     requester: str
 
 
-@dataclass(frozen=True, slots=True)
-class GiveBack:
-    """Action: command zero, disarm and release the lease."""
+Action: TypeAlias = LeaseAction | Drive | HandOver | str
+"""A string is a notice to the publisher."""
 
 
-@dataclass(frozen=True, slots=True)
-class Say:
-    """Action: notify the publisher."""
+class NoticeLimiter:
+    """Limits notices about the same subject to one per `NOTICE_INTERVAL_S`."""
 
-    text: str
+    def __init__(self) -> None:
+        self._sent_s: dict[str, float] = {}
 
-
-Action = Acquire | Drive | HandOver | GiveBack | Say
+    def admits(self, about: str, now_s: float) -> bool:
+        """Return whether to send a notice now."""
+        # Operators have ids of any kind: only recent ones are kept.
+        recent = {
+            key: at_s for key, at_s in self._sent_s.items() if now_s - at_s < NOTICE_INTERVAL_S
+        }
+        self._sent_s = {about: now_s, **recent}
+        return about not in recent
 
 
 class State(StrEnum):
@@ -196,7 +193,7 @@ class CmdVelOperator:
         self._held_s = -math.inf
         self._polled_s = math.inf
         self._lost, self._was_lost = "", False
-        self._notified_s: dict[str, float] = {}
+        self._notices = NoticeLimiter()
 
     def connected(self, now_s: float) -> list[Action]:
         """Handle a new or restored connection to the robot."""
@@ -219,7 +216,7 @@ class CmdVelOperator:
         self,
         message: CmdVel,
         now_s: float,
-        view: RobotView,
+        status: RobotStatus,
         sent_after_s: float | None = None,
         unproven: str = "",
     ) -> list[Action]:
@@ -240,7 +237,7 @@ class CmdVelOperator:
             # The publisher may have released the stick before a stalled link delivered this.
             late = "cmd_vel comes too late: the link has stalled, or is slow"
             return self._drop(now_s, "late", late)
-        obstacle = self._obstacle(view)
+        obstacle = self._obstacle(status)
         if obstacle:
             return self._drop(now_s, *obstacle)
         self._received_s = now_s
@@ -257,7 +254,7 @@ class CmdVelOperator:
             return []  # Sent before the lease was granted or a request completed.
         if self.state is State.FREE:
             self.state = State.TAKING
-            return [Acquire()]
+            return [LeaseAction.ACQUIRE]
         if self.state is State.TAKING:
             return []
         self._driven_s = self._used_s = now_s
@@ -279,15 +276,15 @@ class CmdVelOperator:
         """Return whether twists are currently refused because their publisher did not pause."""
         return now_s - self._held_s < PAUSE_S
 
-    def resume(self, now_s: float, view: RobotView) -> str:
+    def resume(self, now_s: float, status: RobotStatus) -> str:
         """Accept a held twist without a pause; return a reason if refused.
 
         For streaming controllers after a stall. The robot must be armed and at rest; the next
         refused twist requires a pause again.
         """
-        obstacle = self._obstacle(view)
+        obstacle = self._obstacle(status)
         reason = obstacle[1] if obstacle else ""
-        if not reason and (view.mode != Mode.READY or now_s - self._driven_s < PAUSE_S):
+        if not reason and (status.mode != Mode.READY or now_s - self._driven_s < PAUSE_S):
             reason = f"resume works when the robot has been at rest for {PAUSE_S:g} s"
         if not reason:
             self._must_pause, self._held_s = False, -math.inf
@@ -304,17 +301,17 @@ class CmdVelOperator:
             return "frame", text
         return None
 
-    def _obstacle(self, view: RobotView) -> Objection | None:
+    def _obstacle(self, status: RobotStatus) -> Objection | None:
         """Return why a twist other than zero cannot move the robot now; None when it can."""
         if self.state is State.LOST:
             return "lost", f"{self._lost}; the service arm takes control again"
-        if view.holder not in (None, self.operator):
-            text = f"{view.holder} has control: cmd_vel does not move the robot"
-            return f"held_by {view.holder}", text
-        if view.mode not in _DRIVABLE:
-            reason = view.reason or f"the robot is {view.mode}"
+        holder = status.lease.holder
+        if holder not in (None, self.operator):
+            return f"held_by {holder}", f"{holder} has control: cmd_vel does not move the robot"
+        if status.mode not in _DRIVABLE:
+            reason = status.no_drive_reason
             text = f"{reason}: cmd_vel does not move the robot; call the service arm"
-            return f"mode {view.mode}", text
+            return f"mode {status.mode}", text
         return None
 
     def _rest(self, now_s: float) -> list[Action]:
@@ -329,15 +326,7 @@ class CmdVelOperator:
         return self._say(now_s, about, text)
 
     def _say(self, now_s: float, about: str, text: str) -> list[Action]:
-        said_s = self._notified_s.get(about, -math.inf)
-        if now_s - said_s < NOTICE_INTERVAL_S:
-            return []
-        # Operators have ids of any kind: only recent ones are kept.
-        self._notified_s = {
-            key: at_s for key, at_s in self._notified_s.items() if now_s - at_s < NOTICE_INTERVAL_S
-        }
-        self._notified_s[about] = now_s
-        return [Say(text)]
+        return [text] if self._notices.admits(about, now_s) else []
 
     # The lease.
 
@@ -383,7 +372,7 @@ class CmdVelOperator:
         """Handle the end of a motion because the robot stopped automatically or is silent."""
         return self._drop(now_s, "motion_failed", reason)
 
-    def poll(self, now_s: float, view: RobotView, conflict: str = "") -> list[Action]:
+    def poll(self, now_s: float, status: RobotStatus, conflict: str = "") -> list[Action]:
         """Return pending actions: handover or release of the lease.
 
         `conflict` is the reason why this adapter must not operate the robot, or "". The lease is
@@ -393,15 +382,19 @@ class CmdVelOperator:
         self._polled_s = now_s
         if self.state is State.HELD and conflict:
             self.released()
-            return [GiveBack(), *self._say(now_s, "conflict", f"the robot is disarmed: {conflict}")]
+            return [
+                LeaseAction.GIVE_BACK,
+                *self._say(now_s, "conflict", f"the robot is disarmed: {conflict}"),
+            ]
         if self.state is not State.HELD or now_s - self._driven_s < AT_REST_S:
             return []
-        if view.requested_by is not None and view.holder == self.operator:
-            asker, self.state, self._must_pause = view.requested_by, State.LOST, True
+        asker = status.lease.requested_by
+        if asker is not None and status.lease.holder == self.operator:
+            self.state, self._must_pause = State.LOST, True
             self._lost = f"control was handed over to {asker}"
             return [HandOver(asker), *self._say(now_s, "handed_over", self._lost)]
         if now_s - self._used_s >= IDLE_S:
             self.released()
             text = f"no cmd_vel for {IDLE_S:g} s: the robot is disarmed, and control is released"
-            return [GiveBack(), *self._say(now_s, "idle", text)]
+            return [LeaseAction.GIVE_BACK, *self._say(now_s, "idle", text)]
         return []

@@ -15,16 +15,14 @@ from typing import Any
 
 from tsd_twin.adapters.cmd_vel import (
     PAUSE_S,
-    Acquire,
     Action,
     CmdVel,
     CmdVelOperator,
     Drive,
-    GiveBack,
     HandOver,
-    RobotView,
-    Say,
+    LeaseAction,
 )
+from tsd_twin.adapters.frames import yaw_pitch_roll
 from tsd_twin.client import (
     AsyncRobotClient,
     AsyncRobotControl,
@@ -81,7 +79,7 @@ class CmdVelBridge:
         self._driven_s = -math.inf
         self._using = asyncio.Lock()  # Requests that change the lease run one at a time.
         self._tasks: set[asyncio.Task[None]] = set()
-        self._start(self._poll())
+        self.start(self._poll())
 
     def connected(self) -> None:
         """Handle a new or restored connection to the robot."""
@@ -93,19 +91,20 @@ class CmdVelBridge:
         """Handle a received twist; see `CmdVelOperator.on_twist` for the arguments."""
         if self._control is None or not self._control.is_held:
             self.machine.max_age_s = self._max_age_s()
-        self._perform(self.machine.on_twist(message, now_s, self._view(), sent_after_s, unproven))
+        status = self._robot.state.status
+        self._perform(self.machine.on_twist(message, now_s, status, sent_after_s, unproven))
 
     async def call(self, service: str) -> tuple[bool, str]:
         """Call one of `SERVICES`; return success and a message."""
         match service:
             case "stop":  # Needs no lease and must not wait.
-                return await self._answer(self._stop())
+                return await self._answer(self._robot.stop(f"by {self.machine.operator}"))
             case "arm":
                 return await self._answer(self._request(lambda control: control.arm()))
             case "disarm":
                 return await self._answer(self._request(self._disarm))
             case "resume":
-                reason = self.machine.resume(self._robot.time_s, self._view())
+                reason = self.machine.resume(self._robot.time_s, self._robot.state.status)
                 return not reason, reason or self._robot.state.mode.value
             case _:
                 return await self._answer(self._request(lambda control: control.reset()))
@@ -119,7 +118,7 @@ class CmdVelBridge:
                 await control.set_orientation(x=x, y=y, z=z, w=w)
             else:
                 x_m, y_m = float(pose.position_m[0]), float(pose.position_m[1])
-                heading_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+                heading_rad, _, _ = yaw_pitch_roll((w, x, y, z))
                 await control.set_pose(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
 
         return await self._answer(self._request(act, keep=False))
@@ -161,9 +160,6 @@ class CmdVelBridge:
                 self.machine.request_done(self._robot.time_s)
                 if acquired and not keep:
                     await self._release()
-
-    async def _stop(self) -> None:
-        await self._robot.stop(f"by {self.machine.operator}")
 
     async def _disarm(self, control: AsyncRobotControl) -> None:
         await control.disarm()
@@ -222,16 +218,16 @@ class CmdVelBridge:
     def _perform(self, actions: list[Action]) -> None:
         for action in actions:
             match action:
-                case Acquire():
-                    self._start(self._take())
+                case LeaseAction.ACQUIRE:
+                    self.start(self._take())
                 case Drive():
                     self._drive(action)
                 case HandOver(asker):
-                    self._start(self._hand_over(asker))
-                case GiveBack():
-                    self._start(self._give_back())
-                case Say(text):
-                    self._say(text)
+                    self.start(self._hand_over(asker))
+                case LeaseAction.GIVE_BACK:
+                    self.start(self._give_back())
+                case str():
+                    self._say(action)
 
     def _drive(self, action: Drive) -> None:
         control = self._control
@@ -274,12 +270,6 @@ class CmdVelBridge:
     def _note_loss(self, control: AsyncRobotControl) -> None:
         self._perform(self.machine.lost(control.lost_reason, self._robot.time_s))
 
-    def _view(self) -> RobotView:
-        status = self._robot.state.status
-        return RobotView(
-            status.mode, status.lease.holder, status.lease.requested_by, status.no_drive_reason
-        )
-
     async def _poll(self) -> None:
         while True:
             await asyncio.sleep(_POLL_S)
@@ -287,9 +277,10 @@ class CmdVelBridge:
             if control is not None and not control.is_held:
                 self._note_loss(control)
             now_s = self._robot.time_s
-            self._perform(self.machine.poll(now_s, self._view(), self._conflict(now_s)))
+            self._perform(self.machine.poll(now_s, self._robot.state.status, self._conflict(now_s)))
 
-    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+    def start(self, work: Coroutine[Any, Any, None]) -> None:
+        """Run a request in the background until it ends or `close` cancels it."""
         task = asyncio.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._end)

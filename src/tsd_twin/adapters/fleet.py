@@ -8,11 +8,13 @@ import logging
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Coroutine
+from dataclasses import replace
 from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import msgspec
 
+from tsd_twin.adapters.cmd_vel import CmdVel
 from tsd_twin.adapters.frames import FOOTPRINT
 from tsd_twin.adapters.ros_messages import SOURCES, RobotMapping, RosMessage, RosNames, namespaces
 from tsd_twin.bus import Bus
@@ -25,7 +27,7 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.topics import Topic
-from tsd_twin.models import Part, load_parts, urdf
+from tsd_twin.models import Part, load_parts, robot_urdf
 from tsd_twin.robots import RobotDescription
 
 _LOG = logging.getLogger(__name__)
@@ -46,10 +48,6 @@ class MeshFiles:
         self.robot = msgspec.structs.replace(robot, body=body)
         self._parts: dict[str, Part] | None = None
         self._lock = threading.Lock()
-
-    def urdf(self, text: str, *, drawn: bool) -> str:
-        """Return the URDF for these files: `text`, or a generated one if `drawn`."""
-        return urdf(self.robot, load_parts(self.robot)) if drawn else text
 
     def get(self, name: str) -> bytes | None:
         """Return a file by name, or None for unknown parts."""
@@ -74,7 +72,7 @@ class RobotSource(ABC):
         self.names: RosNames | None = None
         self.meshes = MeshFiles(link.robot)
         own_meshes = link.robot.body.meshes is not None
-        self._urdf = self.meshes.urdf(link.description.urdf, drawn=own_meshes)
+        self._urdf = robot_urdf(self.meshes.robot) if own_meshes else link.description.urdf
         self._mapping: RobotMapping | None = None
         self._lock = threading.Lock()
         for topic in _STREAMS:
@@ -108,13 +106,19 @@ class RobotSource(ABC):
 
     def say(self, text: str) -> None:
         """Publish a message of the adapter on the robot's events topic."""
-        with self._lock:
-            if self._mapping is not None:
-                self.publish(self._mapping.sentence(text))
+        self._feed_event(Event("adapter", text))
 
     def input_problem(self) -> str:
         """Return the reason why the robot ignores `cmd_vel`, or ""."""
         return ""
+
+    def to_bus_frame(self, message: CmdVel) -> CmdVel:
+        """Replace the ROS name of the frame of a twist by its name on the bus, if it has one."""
+        names = self.names
+        if names is None:
+            return message
+        frames = {names.frame(BASE): BASE, names.frame(FOOTPRINT): BASE, names.frame(ODOM): ODOM}
+        return replace(message, frame=frames.get(message.frame, message.frame))
 
     async def close(self) -> None:
         """Disconnect from the robot."""
@@ -152,18 +156,14 @@ class RobotSource(ABC):
                     self.publish(message)
 
     def _feed_event(self, event: Event) -> None:
-        payload = msgspec.json.encode(event)
-        self._feed(topics.EVENT, Sample(topics.event_key(self.id, "x"), payload, b""))
+        with self._lock:
+            if self._mapping is not None:
+                self.publish(self._mapping.event(event))
 
 
 def package_of(names: RosNames) -> str:
     """Return the URI prefix of mesh files in a ROS package."""
     return f"package://{names.namespace}_description/meshes/"
-
-
-def frames_of(names: RosNames) -> dict[str, str]:
-    """Return bus frames by ROS name."""
-    return {names.frame(BASE): BASE, names.frame(FOOTPRINT): BASE, names.frame(ODOM): ODOM}
 
 
 class _EventTap(Subscription[Event]):
@@ -178,15 +178,12 @@ class _EventTap(Subscription[Event]):
             self._take(item)
 
 
-SourceT = TypeVar("SourceT", bound=RobotSource)
-
-
-class Fleet(Generic[SourceT]):
+class Fleet:
     """All or selected robots on the bus; used from the event loop."""
 
     def __init__(
         self,
-        make_source: Callable[[BusLink], SourceT],
+        make_source: Callable[[BusLink], RobotSource],
         open_bus: Callable[[], Bus],
         only: Collection[str] = (),
         shows: Callable[[RobotDescription], bool] = lambda _robot: True,
@@ -195,7 +192,7 @@ class Fleet(Generic[SourceT]):
 
         Robots for which `shows` returns False are skipped.
         """
-        self.sources: dict[str, SourceT] = {}
+        self.sources: dict[str, RobotSource] = {}
         self._make_source, self._open_bus, self._only = make_source, open_bus, frozenset(only)
         self._shows = shows
         self._alive: dict[str, int] = {}

@@ -14,6 +14,7 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
+from msgspec.structs import asdict
 
 from tsd_twin.adapters.frames import (
     FOOTPRINT,
@@ -63,7 +64,6 @@ class RosTopic:
     """`frame_id` and its contents."""
 
 
-JSON_TEXT = "std_msgs/msg/String"
 TF = RosTopic(
     "/tf", "tf2_msgs/msg/TFMessage", RosQoS.STATE, "state/odom, state/joints",
     f"{ODOM} to {FOOTPRINT}, and all joints that move",
@@ -96,7 +96,7 @@ BATTERY = RosTopic(
     "battery_state", "sensor_msgs/msg/BatteryState", RosQoS.SENSOR, "state/status", BASE
 )
 EVENTS = RosTopic("events", "rcl_interfaces/msg/Log", RosQoS.STATE, "event/*")
-STATUS = RosTopic("status", JSON_TEXT, RosQoS.STATE, "state/status")
+STATUS = RosTopic("status", "std_msgs/msg/String", RosQoS.STATE, "state/status")
 SENSOR_POSE = RosTopic(
     "sensor_pose", "geometry_msgs/msg/PoseStamped", RosQoS.SENSOR, "sensor/pose", ODOM
 )
@@ -245,7 +245,7 @@ class RobotMapping:
         elif topic is topics.STATUS and rows:
             yield from self._status(payload, rows)
         elif topic is topics.EVENT and rows:
-            yield self._event(decode_json(payload, Event, "an event"))
+            yield self.event(decode_json(payload, Event, "an event"))
         elif topic is topics.SENSOR_POSE and rows:
             raw = decode_cdr(payload, SENSOR_POSE.type)
             raw.header.frame_id = self.names.frame(raw.header.frame_id)
@@ -332,7 +332,7 @@ class RobotMapping:
     def _status(self, payload: bytes, rows: Sequence[RosTopic]) -> Iterator[RosMessage]:
         status = decode_status(payload)
         if STATUS in rows:
-            yield self._message(STATUS, make_message(JSON_TEXT, data=payload.decode()))
+            yield self._message(STATUS, make_message(STATUS.type, data=payload.decode()))
         if DIAGNOSTICS not in rows and BATTERY not in rows:
             return
         second = int(1e-9 * self._stamp_ns / _DIAGNOSTICS_EVERY_S)
@@ -390,16 +390,12 @@ class RobotMapping:
         )
         return self._message(BATTERY, message)
 
-    def sentence(self, text: str) -> RosMessage:
-        """Return an adapter warning for `events`."""
-        return self._event(Event("adapter", text))
-
-    def _event(self, event: Event) -> RosMessage:
-        sec, nanosec = divmod(self._stamp_ns, 1_000_000_000)
+    def event(self, event: Event) -> RosMessage:
+        """Convert an event to a line of the log."""
         message = make_message(
             EVENTS.type,
-            stamp=make_message("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec),
-            level=_LEVELS.get(event.kind, _INFO),
+            stamp=make_header(self._stamp_ns, "").stamp,
+            level=_WARN if event.kind in _WARNINGS else _INFO,
             name=f"{self._robot}.{event.kind}",
             msg=event.text,
             file="",
@@ -423,16 +419,9 @@ def _transform(each: Transform) -> Any:
 
 
 _INFO, _WARN = 20, 30
-_LEVELS = {
-    "adapter": _WARN,
-    "drop": _WARN,
-    "refusal": _WARN,
-    "consistency": _WARN,
-    "id": _WARN,
-    "loop": _WARN,
-    "clamp": _INFO,
-}
-"""`rcl_interfaces/msg/Log` levels by event kind."""
+"""Levels of `rcl_interfaces/msg/Log`."""
+_WARNINGS = frozenset({"adapter", "drop", "refusal", "consistency", "id", "loop"})
+"""Kinds of events that are warnings."""
 
 
 def _reason_values(prefix: str, why: Reason | None) -> dict[str, object]:
@@ -475,7 +464,7 @@ def diagnose(
                 "age_s": command.age_s,
                 "echo_s": command.echo_s,
                 "counted": command.accepted,
-                **{f"dropped_{name}": count for name, count in _fields(command.dropped)},
+                **{f"dropped_{name}": count for name, count in asdict(command.dropped).items()},
             },
         ),
         ("cmd_vel", ERROR if input_problem else OK, input_problem or "ok", {}),
@@ -489,18 +478,13 @@ def diagnose(
             "loop",
             WARN if loop.longest_ms >= LATE_S * 1000.0 else OK,
             f"{loop.hz:.0f} Hz, longest period {loop.longest_ms:.0f} ms",
-            dict(_fields(loop)),
+            asdict(loop),
         ),
     ]
     volts = _volts(status)
     if volts is not None:
         found.append(("battery", OK, f"{volts:.1f} V", {"voltage_v": volts}))
     return found
-
-
-def _fields(counts: Any) -> Iterator[tuple[str, Any]]:
-    for name in counts.__struct_fields__:
-        yield name, getattr(counts, name)
 
 
 def _volts(status: RobotStatus) -> float | None:

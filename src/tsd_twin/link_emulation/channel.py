@@ -5,28 +5,17 @@ from __future__ import annotations
 import asyncio
 import socket
 from collections.abc import Callable, Iterator
-from typing import Any, Generic, Protocol, TypeAlias
+from typing import Any, Generic, TypeAlias
 
-from tsd_twin.link_emulation.link import LinkModel, Packet
-from tsd_twin.link_emulation.spec import Endpoint, LinkError, LinkSpec
-
-
-class Resender(Protocol):
-    """Retransmission timer of a stream."""
-
-    def next_s(self) -> float | None:
-        """Return the time of the next retransmission, or None."""
-        ...
-
-    def retransmit(self, now_s: float) -> None:
-        """Retransmit everything due."""
-        ...
+from tsd_twin.link_emulation.link import LinkModel, Packet, Stream
+from tsd_twin.link_emulation.spec import Endpoint, LinkError
 
 
 class LinkChannel(Generic[Packet]):
     """One direction of a link, run by an event loop in real time.
 
-    The loop sleeps in whole milliseconds, so packets may be up to 1 ms late.
+    After changing `link` from outside, call `step`. The loop sleeps in whole milliseconds, so
+    packets may be up to 1 ms late.
 
     Args:
         loop: Event loop; provides the clock.
@@ -47,7 +36,8 @@ class LinkChannel(Generic[Packet]):
         self._lost = lost
         self._alarm: asyncio.TimerHandle | None = None
         self.link = link
-        self.resenders: set[Resender] = set()
+        self.resenders: set[Stream[Any]] = set()
+        """Streams whose lost segments are retransmitted."""
 
     @property
     def now_s(self) -> float:
@@ -68,26 +58,10 @@ class LinkChannel(Generic[Packet]):
             self._arrived(packet)
         self._set_alarm()
 
-    def stall(self, length_s: float) -> None:
-        """Deliver nothing for `length_s`."""
-        self.link.stall(length_s, self.now_s)
-        self.step()
-
     def cut(self) -> None:
         """Drop all further packets and those in flight."""
         for packet in self.link.cut():
             self._lost(packet)
-        self.step()
-
-    def restore(self) -> None:
-        """End the cut."""
-        self.link.restore()
-        self.step()
-
-    def change(self, spec: LinkSpec) -> None:
-        """Replace the specification."""
-        self.link.change(spec, self.now_s)
-        self.step()
 
     def close(self) -> None:
         """Cancel the timer."""

@@ -27,7 +27,6 @@ from tsd_twin.link_emulation.relays import (
 from tsd_twin.link_emulation.spec import Endpoint, LinkError, LinkSpec
 
 _LOG = logging.getLogger(__name__)
-_DIRECTIONS = (0, 1)  # Up and down, with independent random streams.
 
 
 class Direction(enum.Enum):
@@ -67,6 +66,7 @@ class LinkEmulator:
                 f"listen on {self._listen.protocol}/127.0.0.1:{self._listen.port}"
             )
         self._thread: threading.Thread | None = None
+        self._channels: dict[Direction, LinkChannel[Any]] = {}
 
     def __enter__(self) -> Self:
         self.start()
@@ -108,16 +108,16 @@ class LinkEmulator:
     @property
     def up(self) -> Counters:
         """Counters of packets sent to the target."""
-        return self._up.link.counters
+        return self._channels[Direction.UP].link.counters
 
     @property
     def down(self) -> Counters:
         """Counters of packets sent by the target."""
-        return self._down.link.counters
+        return self._channels[Direction.DOWN].link.counters
 
     def stall(self, length_s: float, directions: Collection[Direction] = tuple(Direction)) -> None:
         """Deliver nothing for `length_s` in the given directions, without losing packets."""
-        self._do(lambda channel: channel.stall(length_s), directions)
+        self._do(lambda channel: channel.link.stall(length_s, channel.now_s), directions)
 
     def cut(self) -> None:
         """Drop all further packets and those in flight."""
@@ -125,11 +125,11 @@ class LinkEmulator:
 
     def restore(self) -> None:
         """End the cut."""
-        self._do(lambda channel: channel.restore())
+        self._do(lambda channel: channel.link.restore())
 
     def set(self, spec: LinkSpec) -> None:
         """Replace the specification; the new seed is ignored."""
-        self._do(lambda channel: channel.change(spec))
+        self._do(lambda channel: channel.link.change(spec, channel.now_s))
 
     def _do(
         self,
@@ -140,9 +140,10 @@ class LinkEmulator:
             raise LinkError("the link is not running")
 
         async def act() -> None:
-            for direction, channel in ((Direction.UP, self._up), (Direction.DOWN, self._down)):
+            for direction, channel in self._channels.items():
                 if direction in directions:
                     action(channel)
+                    channel.step()
 
         asyncio.run_coroutine_threadsafe(act(), self._loop).result()
 
@@ -157,7 +158,7 @@ class LinkEmulator:
             return
         opened.set_result(port)
         await self._stop.wait()
-        for channel in (self._up, self._down):
+        for channel in self._channels.values():
             channel.close()
         await relay.close()
         _LOG.info("up %s, down %s", self.up, self.down)
@@ -169,27 +170,27 @@ class LinkEmulator:
         def lost(segment: TcpSegment) -> None:
             segment.stream.lost(segment)
 
-        up, down = (self._channel(i, arrived, lost, math.inf) for i in _DIRECTIONS)
-        self._up, self._down = up, down
-        return TcpRelay(self._listen, self._target, up, down)
+        return TcpRelay(self._listen, self._target, *self._open(arrived, lost, math.inf))
 
     def _datagrams(self) -> UdpRelay:
         def lost(_datagram: Datagram) -> None:
             return
 
-        up, down = (
-            self._channel(direction, forward, lost, CAPACITY_BYTES) for direction in _DIRECTIONS
-        )
-        self._up, self._down = up, down
-        return UdpRelay(self._listen, self._target, up, down)
+        return UdpRelay(self._listen, self._target, *self._open(forward, lost, CAPACITY_BYTES))
 
-    def _channel(
+    def _open(
         self,
-        direction: int,
         arrived: Callable[[Packet], object],
         lost: Callable[[Packet], object],
         capacity_bytes: float,
-    ) -> LinkChannel[Packet]:
-        random = np.random.default_rng([self._spec.seed, direction])
-        link: LinkModel[Packet] = LinkModel(self._spec, random, self._loop.time(), capacity_bytes)
-        return LinkChannel(self._loop, link, arrived, lost)
+    ) -> tuple[LinkChannel[Packet], LinkChannel[Packet]]:
+        def channel(number: int) -> LinkChannel[Packet]:
+            random = np.random.default_rng([self._spec.seed, number])
+            link: LinkModel[Packet] = LinkModel(
+                self._spec, random, self._loop.time(), capacity_bytes
+            )
+            return LinkChannel(self._loop, link, arrived, lost)
+
+        up, down = channel(0), channel(1)  # With independent random streams.
+        self._channels = {Direction.UP: up, Direction.DOWN: down}
+        return up, down

@@ -11,13 +11,13 @@ import socket
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Generic, NamedTuple, TypeAlias, TypeVar, cast
+from functools import partial
+from typing import TypeAlias, cast
 
 from tsd_twin.link_emulation.channel import Address, LinkChannel, bound, datagrams, resolved
 from tsd_twin.link_emulation.link import Segment, Stream
 from tsd_twin.link_emulation.spec import Endpoint
 
-T = TypeVar("T")
 SEGMENT_BYTES = 1400
 """Maximum data per segment: an Ethernet frame minus headers, options and a tunnel."""
 TCP_HEADER_BYTES = 40
@@ -248,20 +248,14 @@ class TargetSocket(RelaySocket):
 
 
 @dataclass(eq=False)
-class Relay(Generic[T]):
-    """Relay between clients at `listen` and a target, over an emulated link."""
+class TcpRelay:
+    """Accepts connections at `listen` and opens one to the target for each."""
 
     listen: Endpoint
     target: Endpoint
-    up: LinkChannel[T]
+    up: LinkChannel[TcpSegment]
     """Clients to target."""
-    down: LinkChannel[T]
-
-
-@dataclass(eq=False)
-class TcpRelay(Relay[TcpSegment]):
-    """Accepts connections and opens one to the target for each."""
-
+    down: LinkChannel[TcpSegment]
     _sides: set[RelaySocket] = field(init=False, default_factory=set[RelaySocket])
 
     async def open(self) -> int:
@@ -295,22 +289,25 @@ CAPACITY_BYTES = 256 * 1024
 """Data in flight and queued on a datagram link; excess datagrams are dropped."""
 _IDLE_S = 120.0  # Minimum for a NAT (RFC 4787, REQ-5).
 
-
-class Datagram(NamedTuple):
-    """Datagram with the function that forwards it on arrival."""
-
-    data: bytes
-    forward: Callable[[bytes], object]
+Datagram: TypeAlias = Callable[[], object]
+"""Sends a datagram onwards when it arrives."""
 
 
 @dataclass(eq=False)
-class UdpRelay(Relay[Datagram]):
+class UdpRelay:
     """Listens for clients, each with a separate socket to the target, as behind a NAT."""
 
+    listen: Endpoint
+    target: Endpoint
+    up: LinkChannel[Datagram]
+    """Clients to target."""
+    down: LinkChannel[Datagram]
     _loop: asyncio.AbstractEventLoop = field(init=False, default_factory=asyncio.get_running_loop)
-    _mappings: dict[Address, _Mapping] = field(
-        init=False, default_factory=dict[Address, "_Mapping"]
+    _sockets: dict[Address, socket.socket] = field(
+        init=False, default_factory=dict[Address, socket.socket]
     )
+    """Socket that represents each client towards the target."""
+    _used_s: dict[Address, float] = field(init=False, default_factory=dict[Address, float])
 
     async def open(self) -> int:
         """Listen, and return the port.
@@ -331,46 +328,33 @@ class UdpRelay(Relay[Datagram]):
 
     def _from_clients(self) -> None:
         for data, client in datagrams(self._socket):
-            mapping = self._mappings.get(client) or self._map(client)
-            mapping.used_s = self._loop.time()
-            self.up.send(Datagram(data, mapping.socket.send), len(data) + HEADER_BYTES)
+            to_target = self._sockets.get(client) or self._map(client)
+            self._used_s[client] = self._loop.time()
+            self.up.send(partial(to_target.send, data), len(data) + HEADER_BYTES)
 
-    def _from_target(self, mapping: _Mapping, client: Address) -> None:
-        def answer(data: bytes) -> None:
-            self._socket.sendto(data, client)
+    def _from_target(self, to_target: socket.socket, client: Address) -> None:
+        for data, _ in datagrams(to_target):
+            self._used_s[client] = self._loop.time()
+            self.down.send(partial(self._socket.sendto, data, client), len(data) + HEADER_BYTES)
 
-        for data, _ in datagrams(mapping.socket):
-            mapping.used_s = self._loop.time()
-            self.down.send(Datagram(data, answer), len(data) + HEADER_BYTES)
-
-    def _map(self, client: Address) -> _Mapping:
+    def _map(self, client: Address) -> socket.socket:
         self._forget(before_s=self._loop.time() - _IDLE_S)
-        mapping = _Mapping(socket.socket(self._family, socket.SOCK_DGRAM))
-        mapping.socket.setblocking(False)
-        mapping.socket.connect(self._address)
-        self._loop.add_reader(mapping.socket, self._from_target, mapping, client)
-        self._mappings[client] = mapping
-        return mapping
+        to_target = socket.socket(self._family, socket.SOCK_DGRAM)
+        to_target.setblocking(False)
+        to_target.connect(self._address)
+        self._loop.add_reader(to_target, self._from_target, to_target, client)
+        self._sockets[client] = to_target
+        return to_target
 
     def _forget(self, before_s: float) -> None:
-        for client, mapping in list(self._mappings.items()):
-            if mapping.used_s <= before_s:
-                self._loop.remove_reader(mapping.socket)
-                mapping.socket.close()
-                del self._mappings[client]
+        for client in [each for each, used_s in self._used_s.items() if used_s <= before_s]:
+            del self._used_s[client]
+            idle = self._sockets.pop(client)
+            self._loop.remove_reader(idle)
+            idle.close()
 
 
 def forward(datagram: Datagram) -> None:
-    """Forward a datagram; if the network does not accept it, it is lost."""
-    try:
-        datagram.forward(datagram.data)
-    except OSError:
-        return
-
-
-class _Mapping:
-    """Socket that represents a client towards the target."""
-
-    def __init__(self, towards_target: socket.socket) -> None:
-        self.socket = towards_target
-        self.used_s = 0.0
+    """Send a datagram onwards; if the network does not accept it, it is lost."""
+    with contextlib.suppress(OSError):
+        datagram()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from http.server import BaseHTTPRequestHandler
+from contextlib import closing
 
 import pytest
 
-from tsd_twin.adapters.ros.adapter import QuietServer
+from tsd_twin.adapters.ros.adapter import MeshServer
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,7 @@ from tsd_twin.adapters.ros.adapter import QuietServer
 def test_a_failed_connection_is_silent_and_a_mistake_of_ours_is_not(
     error: Exception, printed: bool, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    with QuietServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as server:
+    with closing(MeshServer("127.0.0.1", 0)) as server:
         try:
             raise error
         except Exception:

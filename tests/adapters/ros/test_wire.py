@@ -13,13 +13,14 @@ from zenoh_ros2_sdk.qos import QosDurability, QosProfile, QosReliability
 from zenoh_ros2_sdk.utils import compute_type_hash_from_msg
 
 from tests.support.ros_nodes import definitions
+from tsd_twin.adapters.ros.arrivals import Origin
 from tsd_twin.adapters.ros.port import types_of
 from tsd_twin.adapters.ros.zenoh_port import (
     QOS,
-    Attachment,
     Kind,
     RosNode,
     decode_attachment,
+    encode_attachment,
     gid_of,
     topic_key,
 )
@@ -98,8 +99,8 @@ def test_the_id_of_an_endpoint_is_xxh3_of_its_token_lower_half_first() -> None:
 def test_attachments_are_those_of_another_implementation(
     sequence: int, source_ns: int, gid: bytes
 ) -> None:
-    mine = Attachment(sequence, source_ns, gid)
-    data = mine.encode()
+    mine = Origin(gid, sequence, source_ns)
+    data = encode_attachment(mine)
     assert len(data) == 33
     assert data == ForeignAttachment(sequence, source_ns, gid).to_bytes()
     assert decode_attachment(data) == mine

@@ -19,12 +19,13 @@ import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Collection
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import aiohttp
 import msgspec
 from aiohttp import WSMsgType, web
 
+from tsd_twin.adapters.foxglove.live import LiveOperator
 from tsd_twin.adapters.foxglove.sdk import LOOPBACK, SUBPROTOCOL
 from tsd_twin.errors import TwinError
 from tsd_twin.security.web_access import is_loopback, origin_refusal
@@ -121,25 +122,7 @@ def _token_of(request: web.Request) -> str:
     return request.query.get("token", "")
 
 
-class ClientOperator(Protocol):
-    """Operator of a client; runs on the event loop."""
-
-    def publish(
-        self, topic: str, encoding: str, schema: str, payload: bytes, sent_after_s: float
-    ) -> None:
-        """Handle a message; the client is notified of errors."""
-        ...
-
-    async def call(self, service: str) -> tuple[bool, str]:
-        """Call a service; return whether it succeeded, and a message."""
-        ...
-
-    async def close(self) -> None:
-        """Stop and release all driven robots, because the client has disconnected."""
-        ...
-
-
-MakeOperator = Callable[[Callable[[str], None], Callable[[], float]], ClientOperator]
+MakeOperator = Callable[[Callable[[str], None], Callable[[], float]], LiveOperator]
 """Creates a client's operator, given functions that send it a notice and return its RTT."""
 
 
@@ -160,16 +143,6 @@ class _Advertise(msgspec.Struct, frozen=True):
 
 class _Unadvertise(msgspec.Struct, frozen=True):
     channelIds: list[int]  # noqa: N815  Name defined by the protocol.
-
-
-class _Service(msgspec.Struct, frozen=True):
-    id: int
-    name: str
-
-
-class _Services(msgspec.Struct, frozen=True):
-    op: str
-    services: list[_Service] = []
 
 
 @dataclass(slots=True)
@@ -249,33 +222,18 @@ class Front:
         return socket
 
 
-class _Budget:
-    """Messages and bytes of a client in the current second."""
-
-    def __init__(self) -> None:
-        self._since_s, self._messages, self._bytes = 0.0, 0, 0
-
-    def spend(self, size: int, now_s: float) -> bool:
-        """Return whether a message is within the limits."""
-        if now_s - self._since_s >= 1.0:
-            self._since_s, self._messages, self._bytes = now_s, 0, 0
-        self._messages += 1
-        self._bytes += size
-        return self._messages <= MOST_MESSAGES and self._bytes <= MOST_BYTES
-
-
 class _Client:
     """Connection of a client."""
 
     def __init__(self, socket: web.WebSocketResponse) -> None:
         self._socket = socket
         self._wrapped: aiohttp.ClientWebSocketResponse | None = None
-        self._operator: ClientOperator | None = None
-        self._budget = _Budget()
+        self._operator: LiveOperator | None = None
+        self._second_s, self._messages, self._bytes = 0.0, 0, 0
         self._channels: dict[int, _ClientChannel] = {}
         self._services: dict[int, str] = {}
         self._calls: set[asyncio.Task[None]] = set()
-        self._notified_s: set[asyncio.Task[None]] = set()
+        self._notices: set[asyncio.Task[None]] = set()
         self._pings: deque[tuple[bytes, float]] = deque(maxlen=256)
         self._trips_s: deque[float] = deque(maxlen=_TRIPS)
         self._sent_after_s = self._answered_s = time.monotonic()
@@ -293,7 +251,7 @@ class _Client:
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            tasks += self._calls | self._notified_s
+            tasks += self._calls | self._notices
             for task in tasks:
                 task.cancel()
             for result in await asyncio.gather(*tasks, return_exceptions=True):
@@ -324,7 +282,7 @@ class _Client:
             now_s = time.monotonic()
             if message.type is WSMsgType.ERROR:
                 return  # The message was too long or malformed; aiohttp closes the connection.
-            if not self._budget.spend(len(message.data or b""), now_s):
+            if not self._is_within_limits(len(message.data or b""), now_s):
                 await self.end(aiohttp.WSCloseCode.POLICY_VIOLATION, "too many messages")
                 return
             if message.type is WSMsgType.PONG:
@@ -335,6 +293,14 @@ class _Client:
                 await self._on_text(message.data)
             elif message.type is WSMsgType.BINARY:
                 await self._on_binary(message.data)
+
+    def _is_within_limits(self, size: int, now_s: float) -> bool:
+        """Count a message of the current second."""
+        if now_s - self._second_s >= 1.0:
+            self._second_s, self._messages, self._bytes = now_s, 0, 0
+        self._messages += 1
+        self._bytes += size
+        return self._messages <= MOST_MESSAGES and self._bytes <= MOST_BYTES
 
     def _on_pong(self, data: bytes, now_s: float) -> None:
         # Ignore unsolicited pongs.
@@ -413,9 +379,9 @@ class _Client:
         self._send_json({**failure, "message": text})
 
     def _send_json(self, message: dict[str, object]) -> None:
-        if len(self._notified_s) < _MOST_SENTENCES:  # Otherwise the client is not reading.
+        if len(self._notices) < _MOST_SENTENCES:  # Otherwise the client is not reading.
             text = msgspec.json.encode(message).decode()
-            self._later(self._socket.send_str(text), self._notified_s)
+            self._later(self._socket.send_str(text), self._notices)
 
     # Server to client.
 
@@ -429,10 +395,9 @@ class _Client:
 
     def _learn(self, text: str) -> None:
         """Record the ids of services sent to the client."""
-        with contextlib.suppress(msgspec.DecodeError):
-            message = msgspec.json.decode(text, type=_Services)
-            if message.op == "advertiseServices":
-                self._services.update({each.id: each.name for each in message.services})
+        message = msgspec.json.decode(text)
+        if message["op"] == "advertiseServices":
+            self._services.update({each["id"]: each["name"] for each in message["services"]})
 
     async def _ping(self) -> None:
         for number in range(1, 2**62):

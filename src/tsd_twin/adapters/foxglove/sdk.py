@@ -1,8 +1,8 @@
 """Foxglove SDK server on the loopback interface, behind TLS with an ephemeral certificate.
 
-The SDK checks neither origins nor tokens, so only `front` connects to it. Browsers reject its
-certificate, so web pages cannot bypass `front`, and it does not forward commands. The only module
-that imports the SDK, which is an optional extra.
+The SDK checks neither origins nor tokens, so only the gateway connects to it. Browsers reject its
+certificate, so web pages cannot bypass the gateway, which does not forward commands. This is the
+only module that imports the SDK, which is an optional extra.
 """
 
 from __future__ import annotations
@@ -13,16 +13,15 @@ import ssl
 import threading
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 
-from tsd_twin.adapters.ros_messages import JSON_TEXT, LATCHED_TOPICS, RosMessage, RosTopic
+from tsd_twin.adapters.ros_messages import LATCHED_TOPICS, STATUS, RosMessage, RosTopic
 from tsd_twin.errors import MissingExtraError, TwinError
-from tsd_twin.messages.ros_types import decode_cdr, definition
+from tsd_twin.messages.ros_types import TRIGGER, decode_cdr, definition
 from tsd_twin.security.certificates import CertificateAuthority, new_key
 
 LOOPBACK = "127.0.0.1"
@@ -31,7 +30,6 @@ SUBPROTOCOL = "foxglove.sdk.v1"
 BACKLOG = 256
 """Maximum messages queued for a slow client; the oldest are dropped."""
 _DAYS = 365
-_TRIGGER = "std_srvs/srv/Trigger"
 _REQUEST = b'{"type": "object", "properties": {}}'
 _RESPONSE = (
     b'{"type": "object", "properties": {"success": {"type": "boolean"}, '
@@ -51,23 +49,21 @@ def load_sdk() -> Any:
         raise MissingExtraError("tsd-foxglove", "foxglove") from error
 
 
-@dataclass(frozen=True, slots=True)
-class PlaybackControls:
-    """Playback control of a recording by clients."""
-
-    start_ns: int
-    end_ns: int
-    on_request: Callable[[Any], Any]
-    """Maps a `PlaybackControlRequest` to a `PlaybackState`; called on an SDK thread."""
-
-
 class SdkServer:
     """Channels, services and assets of all robots; thread-safe."""
 
     def __init__(
-        self, name: str, *, may_drive: bool = False, playback: PlaybackControls | None = None
+        self,
+        name: str,
+        *,
+        may_drive: bool = False,
+        playback_ns: tuple[int, int] | None = None,
+        on_playback: Callable[[Any], Any] | None = None,
     ) -> None:
         """Listen on a free loopback port.
+
+        For a recording, `playback_ns` is its first and last time. `on_playback` maps a
+        `PlaybackControlRequest` of a client to a `PlaybackState`, on an SDK thread.
 
         Raises:
             MissingExtraError: If the SDK is not installed.
@@ -88,17 +84,16 @@ class SdkServer:
         capabilities = [capability.Time]
         if may_drive:
             capabilities += [capability.ClientPublish, capability.Services]
-        range_ns = None if playback is None else (playback.start_ns, playback.end_ns)
         self.server: Any = self._sdk.start_server(
             name=name,
             host=LOOPBACK,
             port=0,
             capabilities=capabilities,
-            server_listener=_listener(web, self._on_subscribe, playback),
+            server_listener=_listener(web, self._on_subscribe, on_playback),
             supported_encodings=["json", "cdr"] if may_drive else None,
             asset_handler=self._asset,
             context=self._context,
-            playback_time_range=range_ns,
+            playback_time_range=playback_ns,
             message_backlog_size=BACKLOG,
             tls_cert=certificate,
             tls_key=key,
@@ -128,8 +123,8 @@ class SdkServer:
     def log(self, message: RosMessage, robot: str, log_ns: int | None = None) -> None:
         """Send a message to its subscribers; latched messages also reach later subscribers."""
         payload = message.payload
-        if message.topic.type == JSON_TEXT and message.topic.name == "status":
-            payload = decode_cdr(payload, JSON_TEXT).data.encode()
+        if message.topic == STATUS:
+            payload = decode_cdr(payload, STATUS.type).data.encode()
         with self._lock:
             channel = self._channels.get(message.name)
             if channel is None:
@@ -149,7 +144,7 @@ class SdkServer:
                     channel.close()
 
     def _new_channel(self, row: RosTopic, name: str) -> Any:
-        if row.type == JSON_TEXT and row.name == "status":
+        if row == STATUS:
             # JSON fields can be plotted, unlike a text message.
             return self._sdk.Channel(name, message_encoding="json", context=self._context)
         text = definition(row.type).encode()
@@ -172,12 +167,12 @@ class SdkServer:
     # Services and assets.
 
     def add_services(self, names: Sequence[str]) -> None:
-        """Advertise services; `front` answers the calls."""
+        """Advertise services; the gateway answers the calls."""
         sdk = self._sdk
         schema = sdk.ServiceSchema(
-            _TRIGGER,
-            request=_service_schema(sdk, f"{_TRIGGER}_Request", _REQUEST),
-            response=_service_schema(sdk, f"{_TRIGGER}_Response", _RESPONSE),
+            TRIGGER,
+            request=_service_schema(sdk, f"{TRIGGER}_Request", _REQUEST),
+            response=_service_schema(sdk, f"{TRIGGER}_Response", _RESPONSE),
         )
         services = [sdk.Service(name, schema=schema, handler=_refuse) for name in names]
         self.server.add_services(services)
@@ -210,7 +205,7 @@ def _refuse(_request: Any) -> bytes:
 
 
 def _listener(
-    web: Any, on_subscribe: Callable[[str], None], playback: PlaybackControls | None
+    web: Any, on_subscribe: Callable[[str], None], on_playback: Callable[[Any], Any] | None
 ) -> Any:
     """Return a listener that sends latched messages to new subscribers."""
 
@@ -218,11 +213,10 @@ def _listener(
         on_subscribe(channel.topic)
 
     methods: dict[str, Any] = {"on_subscribe": subscribed}
-    if playback is not None:
-        on_request = playback.on_request
+    if on_playback is not None:
 
         def requested(_self: Any, request: Any) -> Any:
-            return on_request(request)
+            return on_playback(request)
 
         methods["on_playback_control_request"] = requested
     return type("_Listener", (web.ServerListener,), methods)()

@@ -99,7 +99,7 @@ class DdsPort:
         """
         self._published: dict[str, Any] = {}
         self._nodes: list[_Node] = []
-        self._own = endpoints
+        self._own_name = endpoints.node
         self._read: dict[str, list[str]] = {}
         """Our own nodes reading each topic."""
         try:
@@ -149,12 +149,13 @@ class DdsPort:
 
     def publishers(self, topic: str) -> list[str]:
         """Return the names of other nodes publishing a topic."""
-        found = self._nodes[0].publishers_of(topic)
-        return _without(found, [self._own.node] if topic in self._published else [])
+        found = self._nodes[0].rclpy_node.get_publishers_info_by_topic(topic)
+        return _other_nodes(found, [self._own_name] if topic in self._published else [])
 
     def subscribers(self, topic: str) -> list[str]:
         """Return the names of other nodes reading a topic."""
-        return _without(self._nodes[0].subscribers_of(topic), self._read.get(topic, []))
+        found = self._nodes[0].rclpy_node.get_subscriptions_info_by_topic(topic)
+        return _other_nodes(found, self._read.get(topic, []))
 
     def close(self) -> None:
         """Leave the graph."""
@@ -173,7 +174,7 @@ class _Node:
         self._context: Any = rclpy.Context()
         # This program handles its own flags and signals.
         rclpy.init(args=[], context=self._context, domain_id=domain)
-        self._node: Any = rclpy.create_node(
+        self.rclpy_node: Any = rclpy.create_node(
             name,
             context=self._context,
             namespace=namespace,
@@ -185,17 +186,9 @@ class _Node:
         self._thread = threading.Thread(target=self._run, name=f"ros {namespace}", daemon=True)
         self._ending = threading.Event()
 
-    def publishers_of(self, topic: str) -> list[str]:
-        """Return the node name of each publisher of a topic."""
-        return [each.node_name for each in self._node.get_publishers_info_by_topic(topic)]
-
-    def subscribers_of(self, topic: str) -> list[str]:
-        """Return the node name of each subscriber of a topic."""
-        return [each.node_name for each in self._node.get_subscriptions_info_by_topic(topic)]
-
     def publisher(self, name: str, row: RosTopic) -> Any:
         """Create a publisher."""
-        return self._node.create_publisher(load_type(row.type), name, self._profile(row.qos))
+        return self.rclpy_node.create_publisher(load_type(row.type), name, self._profile(row.qos))
 
     def subscribe(self, name: str, row: RosTopic, type_name: str, inputs: PortCallbacks) -> None:
         """Forward the messages of a topic as CDR."""
@@ -204,21 +197,21 @@ class _Node:
         # rclpy passes message info to callbacks with two parameters.
         def receive(payload: bytes, info: Mapping[str, int]) -> None:
             # rclpy does not identify the publisher of a message, only all current publishers.
-            several = self._node.get_publishers_info_by_topic(name)
+            several = self.rclpy_node.get_publishers_info_by_topic(name)
             if not several:  # It has left, or is not yet in the graph.
                 return
             publisher = bytes(several[0].endpoint_gid) if len(several) == 1 else UNKNOWN_PUBLISHER
             origin = Origin(publisher, next(numbers), info["source_timestamp"])
             inputs.on_message(row, type_name, payload, origin)
 
-        self._node.create_subscription(
+        self.rclpy_node.create_subscription(
             load_type(type_name), name, receive, self._profile(row.qos), raw=True
         )
 
     def serve(self, name: str, call: Callable[[Callable[[bool, str], None]], None]) -> None:
         """Offer a service that may respond later, from any thread."""
         trigger = load_type(TRIGGER)
-        service: Any = self._node.create_service(trigger, name, _same_response)
+        service: Any = self.rclpy_node.create_service(trigger, name, _same_response)
         send = service.send_response
 
         # The executor would busy-poll a coroutine until it completes.
@@ -236,7 +229,7 @@ class _Node:
     def start(self) -> None:
         """Start receiving."""
         self._executor = self._executors.SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        self._executor.add_node(self.rclpy_node)
         self._thread.start()
 
     def close(self) -> None:
@@ -245,7 +238,7 @@ class _Node:
         if self._executor is not None:
             self._executor.shutdown(_END_S)
             self._thread.join(_END_S)
-        self._node.destroy_node()
+        self.rclpy_node.destroy_node()
         self._context.try_shutdown()
 
     def _run(self) -> None:
@@ -274,8 +267,9 @@ def _same_response(_request: Any, response: Any) -> Any:
     return response
 
 
-def _without(nodes: list[str], own: list[str]) -> list[str]:
-    """Return `nodes` without our own; the graph cannot tell nodes with equal names apart."""
+def _other_nodes(found: list[Any], own: list[str]) -> list[str]:
+    """Return node names without our own; the graph cannot tell nodes with equal names apart."""
+    nodes = [each.node_name for each in found]
     for name in own:
         if name in nodes:
             nodes.remove(name)

@@ -11,17 +11,17 @@ import logging
 import math
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from tsd_twin.adapters.cmd_vel import NOTICE_INTERVAL_S, TWIST_STAMPED
+from tsd_twin.adapters.cmd_vel import TWIST_STAMPED, NoticeLimiter
+from tsd_twin.adapters.frames import yaw_pitch_roll
 from tsd_twin.adapters.ros.arrivals import Origin, PublisherTracker
-from tsd_twin.adapters.ros.port import UNKNOWN_PUBLISHER, Endpoints, RosPort
+from tsd_twin.adapters.ros.port import UNKNOWN_PUBLISHER, Endpoints, Inbox, Received, RosPort
 from tsd_twin.adapters.ros.shared_names import NameWatch
 from tsd_twin.adapters.ros_messages import (
     DESCRIPTION,
@@ -76,9 +76,7 @@ _UNIT = 0.01
 
 def endpoints(*, stamped: bool) -> Endpoints:
     """Return the endpoints for a third-party robot; `stamped` selects `TwistStamped`."""
-    driven = DRIVEN
-    if stamped:
-        driven = RosTopic(DRIVEN.name, TWIST_STAMPED, DRIVEN.qos, DRIVEN.source, DRIVEN.frame)
+    driven = replace(DRIVEN, type=TWIST_STAMPED) if stamped else DRIVEN
     return Endpoints(NODE, (driven,), IMPORTED)
 
 
@@ -121,7 +119,7 @@ def _toml(name: str, shape: ExternalGeometry, said: tuple[str, ...], limits: Ext
     # Large enough not to lower the speed limit.
     allowance_m = min(100.0, speed * 0.6 + speed * speed / (2.0 * acceleration))
     assumptions = said if limits.sideways else (drives, *said)
-    encoded = [msgspec.json.encode(_reported_odom(sentence)).decode() for sentence in assumptions]
+    encoded = [msgspec.json.encode(_plain(sentence)).decode() for sentence in assumptions]
     return f"""name = "{name}"
 title = "{name}, by ROS"
 assumptions = [{", ".join(encoded)}]
@@ -142,17 +140,9 @@ kind = "imported"
 {geometry_toml(msgspec.structs.replace(shape, sideways=limits.sideways))}"""
 
 
-def _reported_odom(sentence: str) -> str:
+def _plain(sentence: str) -> str:
     """Remove characters with a special meaning in TOML or terminals, and truncate."""
     return "".join(c if c.isprintable() else "?" for c in sentence)[:300]
-
-
-@dataclass(frozen=True, slots=True)
-class _Received:
-    row: RosTopic
-    payload: bytes
-    origin: Origin
-    arrived_s: float
 
 
 class ExternalRobot:
@@ -183,10 +173,10 @@ class ExternalRobot:
         self._clock = clock
         self._timeout_s = odom_timeout_s
         self._driven = endpoints(stamped=stamped).published[0]
-        self._waiting = {row.name: deque[_Received](maxlen=_WAITING) for row in IMPORTED}
+        self._inbox = Inbox(dict.fromkeys(IMPORTED, _WAITING))
         self._arrivals = {row.name: PublisherTracker() for row in IMPORTED}
         self._described = threading.Event()
-        self._notified_s: dict[str, float] = {}
+        self._notices = NoticeLimiter()
         self._problem: tuple[str, str] | None = None
         self.urdf = ""
         """Content of `robot_description`, or "" if it did not arrive in time."""
@@ -207,7 +197,7 @@ class ExternalRobot:
         self._port = open_port(self)
         self._shared = NameWatch(self._port, names, is_shown=False)
         self._described.wait(description_s)
-        for received in self._taken(DESCRIPTION):
+        for received in self._inbox.take([DESCRIPTION]):
             self._describe(received)
 
     def configure(self, robot: ExternalDescription) -> None:
@@ -219,9 +209,9 @@ class ExternalRobot:
 
     # On middleware threads.
 
-    def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:  # noqa: ARG002  Interface.
+    def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:
         """Queue a message for the loop."""
-        self._waiting[row.name].append(_Received(row, payload, origin, self._clock()))
+        self._inbox.put(Received(row, type_name, payload, origin, self._clock()))
         if row.name == DESCRIPTION.name:
             self._described.set()
 
@@ -238,14 +228,15 @@ class ExternalRobot:
 
     def read(self, now_s: float) -> Array | None:
         """Return speeds, pose and joints, or None if odometry is too old."""
-        for row in IMPORTED:
-            for received in self._taken(row):
-                try:
-                    self._receive(received, now_s)
-                except MessageError as error:
-                    self.on_unreadable(row.name, str(error))
+        for received in self._inbox.take(IMPORTED):
+            try:
+                self._receive(received, now_s)
+            except MessageError as error:
+                self.on_unreadable(received.row.name, str(error))
         if self._problem is not None:
-            self._say(*self._problem, now_s)
+            about, text = self._problem
+            if self._notices.admits(about, now_s):
+                _LOG.warning("%s", text)
             self._problem = None
         return None if self._is_silent(now_s) else self._measured.copy()
 
@@ -320,11 +311,7 @@ class ExternalRobot:
     def _is_silent(self, now_s: float) -> bool:
         return now_s - self._odom_s > self._timeout_s
 
-    def _taken(self, row: RosTopic) -> list[_Received]:
-        waiting = self._waiting[row.name]
-        return [waiting.popleft() for _ in range(len(waiting))]
-
-    def _receive(self, received: _Received, now_s: float) -> None:
+    def _receive(self, received: Received, now_s: float) -> None:
         name = received.row.name
         arrival = self._arrivals[name].note(received.origin, received.arrived_s)
         if arrival is None:
@@ -338,7 +325,7 @@ class ExternalRobot:
         else:
             self._describe(received)
 
-    def _take_odometry(self, received: _Received, sent_s: float, now_s: float) -> None:
+    def _take_odometry(self, received: Received, sent_s: float, now_s: float) -> None:
         publisher = received.origin.publisher
         if publisher == UNKNOWN_PUBLISHER:
             raise MessageError("publishers", "it has several publishers: end all but one")
@@ -347,10 +334,7 @@ class ExternalRobot:
         raw = decode_cdr(received.payload, ODOMETRY.type)
         at, turn = raw.pose.pose.position, raw.pose.pose.orientation
         linear, angular = raw.twist.twist.linear, raw.twist.twist.angular
-        heading = math.atan2(
-            2.0 * (turn.w * turn.z + turn.x * turn.y),
-            1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z),
-        )
+        heading, _, _ = yaw_pitch_roll((turn.w, turn.x, turn.y, turn.z))
         numbers = (at.x, at.y, heading, linear.x, linear.y, angular.z)
         length = math.hypot(turn.w, turn.x, turn.y, turn.z)
         # Comparisons with NaN are false.
@@ -368,7 +352,7 @@ class ExternalRobot:
             if name in self._columns:
                 self._measured[self._columns[name]] = value
 
-    def _take_joints(self, received: _Received) -> None:
+    def _take_joints(self, received: Received) -> None:
         raw = decode_cdr(received.payload, JOINT_STATES.type, _LARGEST_JOINTS)
         if len(raw.position) != len(raw.name):
             return  # Only efforts or speeds.
@@ -387,7 +371,7 @@ class ExternalRobot:
     def _first_joint(self) -> int:
         return self._columns["odom_heading_rad"] + 1
 
-    def _describe(self, received: _Received) -> None:
+    def _describe(self, received: Received) -> None:
         try:
             raw = decode_cdr(received.payload, DESCRIPTION.type, MOST_BYTES + 64)
         except MessageError as error:
@@ -414,12 +398,3 @@ class ExternalRobot:
             self._unsent_s = now_s
         self._sent += 1
         self._sent_s = now_s
-
-    def _say(self, about: str, text: str, now_s: float) -> None:
-        """Log a sentence, one about the same no more often than every two seconds."""
-        recent = {
-            key: at_s for key, at_s in self._notified_s.items() if now_s - at_s < NOTICE_INTERVAL_S
-        }
-        if about not in recent:
-            _LOG.warning("%s", text)
-        self._notified_s = {about: now_s, **recent}

@@ -1,15 +1,21 @@
-"""ROS as the operator of a robot: bounded queues between ROS threads and the event loop."""
+"""Robots on the bus as ROS nodes, with ROS as the operator of each.
+
+Bounded queues connect the ROS threads with the event loop.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import logging
 import math
+import secrets
+import struct
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Any
 
 from tsd_twin.adapters.cmd_vel import (
     MAX_AGE_S,
@@ -17,10 +23,11 @@ from tsd_twin.adapters.cmd_vel import (
     NOTICE_INTERVAL_S,
     TWIST_STAMPED,
     CmdVelOperator,
+    NoticeLimiter,
     decode_cmd_vel,
 )
 from tsd_twin.adapters.cmd_vel_bridge import CmdVelBridge
-from tsd_twin.adapters.fleet import frames_of
+from tsd_twin.adapters.fleet import MeshFiles, RobotSource
 from tsd_twin.adapters.ros.arrivals import (
     Arrival,
     Echoes,
@@ -28,18 +35,39 @@ from tsd_twin.adapters.ros.arrivals import (
     PublisherArbiter,
     PublisherTracker,
 )
-from tsd_twin.adapters.ros.port import UNKNOWN_PUBLISHER, decode_pose_input
-from tsd_twin.adapters.ros_messages import CMD_VEL, INITIAL_POSE, READ, RosNames, RosTopic
-from tsd_twin.client import AsyncRobotClient
+from tsd_twin.adapters.ros.port import (
+    UNKNOWN_PUBLISHER,
+    Inbox,
+    OpenPort,
+    Received,
+    RosPort,
+    decode_pose_input,
+)
+from tsd_twin.adapters.ros.shared_names import NameWatch
+from tsd_twin.adapters.ros_messages import (
+    CMD_VEL,
+    INITIAL_POSE,
+    MEASURED_POSE,
+    ODOMETRY,
+    READ,
+    RosMessage,
+    RosNames,
+    RosTopic,
+)
+from tsd_twin.client.bus_port import BusLink
+from tsd_twin.errors import TwinError
 from tsd_twin.messages.cdr import ODOM
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.pose import encode_pose
 from tsd_twin.messages.ros_types import decode_cdr, stamp_ns
+from tsd_twin.messages.sentences import sentence
 
+_LOG = logging.getLogger(__name__)
 MAX_QUEUED_MESSAGES = 64
 """Maximum number of queued twists per robot; the oldest are dropped."""
 MOST_POSES = 8
 """Maximum number of queued poses per topic; the oldest are dropped."""
+QUEUE_SIZES = {CMD_VEL: MAX_QUEUED_MESSAGES, INITIAL_POSE: MOST_POSES, MEASURED_POSE: MOST_POSES}
 MOST_CALLS = 16
 """Maximum number of concurrent service calls other than `stop`."""
 MOST_STOPS = 1000
@@ -54,99 +82,36 @@ _TOO_MANY = "too many calls are under way"
 _STOPPING = "the robot is being stopped, but too many calls wait for an answer"
 _ALWAYS = frozenset({"stop", "disarm"})
 """Services available even with a duplicate name."""
-
-
-class OperatedSource(Protocol):
-    """Robot operated by ROS, as seen by its operator."""
-
-    id: str
-    client: AsyncRobotClient
-    names: RosNames | None
-    echoes: Echoes | None
-    """Sent `odom` stamps, if twists must echo one."""
-
-    def shared_name(self, now_s: float) -> str:
-        """Return an error if another robot has the same ROS name, or ""."""
-        ...
-
-    def tell(self, text: str) -> None:
-        """Log and publish a message."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Received:
-    """Received message of a topic."""
-
-    row: RosTopic
-    type_name: str
-    payload: bytes
-    origin: Origin
-    arrived_s: float
-
-
-class Inbox:
-    """Separate bounded queue per topic, so that poses neither replace nor delay twists."""
-
-    def __init__(self) -> None:
-        self._waiting = {
-            row.name: deque[Received](maxlen=MAX_QUEUED_MESSAGES if row is CMD_VEL else MOST_POSES)
-            for row in READ
-        }
-
-    def put(self, received: Received) -> None:
-        """Add a message, dropping the oldest one of its topic if the queue is full."""
-        self._waiting[received.row.name].append(received)
-
-    def take(self) -> list[Received]:
-        """Remove and return all messages, twists first."""
-        taken = [received for each in self._waiting.values() for received in each]
-        for each in self._waiting.values():
-            each.clear()
-        return taken
-
-
+_STAMP = struct.Struct("<iI")
+"""Header stamp, after the four bytes of the CDR encapsulation."""
 Answer = Callable[[bool, str], None]
 
 
 class RosOperator:
-    """ROS as the operator of a robot, and `Inputs` of its port; used from the event loop."""
+    """ROS as the operator of a robot, and callbacks of its port; used from the event loop."""
 
-    def __init__(self, source: OperatedSource, machine: CmdVelOperator) -> None:
+    def __init__(self, source: RosSource, machine: CmdVelOperator) -> None:
         """`machine` keeps the operator state of the robot across disconnections."""
-        self._source = source
+        self._source, self.machine = source, machine
         self._driver = CmdVelBridge(source.client, machine, self._tell, conflict=source.shared_name)
         self._loop = asyncio.get_running_loop()
-        self._inbox = Inbox()
+        self._inbox = Inbox(QUEUE_SIZES)
         self._woken = False
         self._arrivals: dict[str, PublisherTracker] = {}
         self._turn = PublisherArbiter()
         self._calls = 0
         self._stops: list[Answer] = []
         self._stopping = False
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._notified_s: dict[str, float] = {}
+        self._notices = NoticeLimiter()
         self._told: deque[float] = deque([-math.inf] * MOST_SENTENCES, MOST_SENTENCES)
         self._lock = threading.Lock()
         self._driver.connected()  # May report lost control.
 
     async def close(self) -> None:
         """Stop and release the robot if held."""
-        for task in list(self._tasks):
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._driver.close()
 
-    def topic_opened(self) -> None:
-        """Handle (re)subscription to `cmd_vel`."""
-        self._driver.machine.topic_opened(time.monotonic())
-
     # On any thread.
-
-    def problem(self) -> str:
-        """Return the reason why twists are refused, or ""."""
-        waits = self._driver.machine.waits_for_pause(time.monotonic())
-        return MUST_PAUSE if waits else ""
 
     def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:
         """Queue a message for the event loop, with at most one pending wake-up."""
@@ -188,14 +153,14 @@ class RosOperator:
 
     def _take(self) -> None:
         with self._lock:
-            waiting = self._inbox.take()
+            waiting = self._inbox.take(READ)
             self._woken = False
         for received in waiting:
             try:
                 self._receive(received)
             except MessageError as error:
                 if received.row is CMD_VEL:
-                    self._driver.machine.on_unread(time.monotonic())
+                    self.machine.on_unread(time.monotonic())
                 self.on_unreadable(received.row.name, str(error)[:200])
 
     def _receive(self, received: Received) -> None:
@@ -205,7 +170,7 @@ class RosOperator:
         if arrival is None or names is None:
             return
         if row is CMD_VEL:
-            self._drive(received, names, arrival)
+            self._drive(received, arrival)
             return
         pose = decode_pose_input(received.payload, row.type, names.frame(ODOM))
         if shared := self._source.shared_name(time.monotonic()):
@@ -220,22 +185,20 @@ class RosOperator:
         else:
             with self._lock:
                 self._calls += 1
-            self._start(self._answer(self._driver.set_pose(pose), self._tell_refusal))
+            self._driver.start(self._answer(self._driver.set_pose(pose), self._tell_refusal))
 
-    def _drive(self, received: Received, names: RosNames, arrival: Arrival) -> None:
+    def _drive(self, received: Received, arrival: Arrival) -> None:
         message = decode_cmd_vel("cdr", received.type_name, received.payload)
-        frames, now_s = frames_of(names), time.monotonic()
-        if message.frame in frames:
-            message = replace(message, frame=frames[message.frame])
+        message, now_s = self._source.to_bus_frame(message), time.monotonic()
         if received.origin.publisher == UNKNOWN_PUBLISHER:
             if not message.is_zero:
                 raise MessageError("publishers", SEVERAL)
             self._driver.on_cmd_vel(message, now_s, arrival.sent_after_s)
             # A zero from one publisher must not end the pause required for another.
-            self._driver.machine.on_unread(now_s)
+            self.machine.on_unread(now_s)
             return
         if not message.is_zero and (shared := self._source.shared_name(now_s)):
-            self._driver.machine.on_unread(now_s)
+            self.machine.on_unread(now_s)
             self._say(f"cmd_vel does not move the robot: {shared}")
             return
         if not self._turn.admits(received.origin.publisher, not message.is_zero, now_s):
@@ -249,7 +212,7 @@ class RosOperator:
     def _serve(self, service: str, answer: Answer) -> None:
         shared = self._source.shared_name(time.monotonic())
         work = self._refuse(shared) if shared and service not in _ALWAYS else None
-        self._start(self._answer(work or self._driver.call(service), answer))
+        self._driver.start(self._answer(work or self._driver.call(service), answer))
 
     async def _refuse(self, reason: str) -> tuple[bool, str]:
         return False, reason
@@ -257,7 +220,7 @@ class RosOperator:
     def _begin_stop(self) -> None:
         if not self._stopping:
             self._stopping = True
-            self._start(self._stop())
+            self._driver.start(self._stop())
 
     async def _stop(self) -> None:
         """Stop the robot for all pending calls, and again for later ones."""
@@ -280,11 +243,6 @@ class RosOperator:
             with self._lock:
                 self._calls -= 1
 
-    def _start(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-
     # Messages to the user.
 
     def _tell_refusal(self, done: bool, text: str) -> None:
@@ -293,16 +251,9 @@ class RosOperator:
 
     def _say(self, text: str, kind: str = "") -> None:
         """Report a message, limited per kind to one per `NOTICE_INTERVAL_S`."""
-        now_s, kind = time.monotonic(), kind or text
         with self._lock:
-            recent = {
-                key: at_s
-                for key, at_s in self._notified_s.items()
-                if now_s - at_s < NOTICE_INTERVAL_S
-            }
-            known, self._notified_s = kind in recent, recent
-            recent.setdefault(kind, now_s)
-        if not known:
+            admitted = self._notices.admits(kind or text, time.monotonic())
+        if admitted:
             self._tell(text)
 
     def _tell(self, text: str) -> None:
@@ -321,3 +272,89 @@ def _echoed(received: Received, echoes: Echoes, now_s: float) -> Arrival:
         return Arrival(now_s, NO_ECHO)
     sent_s = echoes.sent_after_s(stamp_ns(decode_cdr(received.payload, TWIST_STAMPED)))
     return Arrival(now_s, NO_ECHO) if sent_s is None else Arrival(sent_s)
+
+
+class RosSource(RobotSource):
+    """Robot on the bus, shown as a ROS node."""
+
+    def __init__(
+        self,
+        open_port: OpenPort,
+        mesh_uri: Callable[[str, MeshFiles], str],
+        operator: str,
+        machines: dict[str, CmdVelOperator] | None,
+        require_echo: bool,
+        link: BusLink,
+    ) -> None:
+        """`mesh_uri` serves the meshes of a robot and returns their URI prefix.
+
+        `machines` keeps the state of all robots seen, including this one; without it, ROS is
+        read-only. With `require_echo`, a twist moves the robot only if it carries the stamp of an
+        `odom`.
+        """
+        self._open_port, self._mesh_uri = open_port, mesh_uri
+        self._port: RosPort | None = None
+        self._watch: NameWatch | None = None
+        self.echoes = Echoes() if require_echo else None
+        super().__init__(link, operator)
+        self._operator: RosOperator | None = None
+        if machines is not None:
+            machine = CmdVelOperator(f"{operator}-{secrets.token_hex(4)}")
+            self._operator = RosOperator(self, machines.setdefault(self.id, machine))
+
+    async def show(self, names: RosNames) -> None:
+        """Join the graph under these names."""
+        port = await asyncio.to_thread(self._open_port, names, self._operator)
+        self._port, self._watch = port, NameWatch(port, names, is_shown=True)
+        if self._operator is not None:
+            self._operator.machine.topic_opened(time.monotonic())
+
+    async def withdraw(self, names: RosNames) -> None:  # noqa: ARG002  Interface.
+        """Leave the graph."""
+        port, self._port, self._watch = self._port, None, None
+        if port is not None:
+            await asyncio.to_thread(port.close)
+
+    def mesh_uri(self, names: RosNames) -> str:  # noqa: ARG002  Interface.
+        """Return the URI prefix of mesh files."""
+        return self._mesh_uri(self.id, self.meshes)
+
+    def wants(self, topic: str) -> bool:
+        """Return whether a topic has a subscriber."""
+        return self._port is not None and self._port.wants(topic)
+
+    def publish(self, message: RosMessage) -> None:
+        """Publish a message."""
+        if self._port is not None:
+            if self.echoes is not None and message.topic is ODOMETRY:
+                sec, nanosec = _STAMP.unpack_from(message.payload, 4)
+                self.echoes.sent(sec * 1_000_000_000 + nanosec, time.monotonic())
+            try:
+                self._port.publish(message)
+            except TwinError as error:  # The session was closed concurrently.
+                _LOG.info("%s: %s", message.name, error)
+
+    def shared_name(self, now_s: float) -> str:
+        """Return an error if another robot has the same ROS name, or ""."""
+        problem = None if self._watch is None else self._watch.problem(now_s)
+        return "" if problem is None else sentence(problem)
+
+    def input_problem(self) -> str:
+        """Return the reason why the robot ignores `cmd_vel`, or ""."""
+        if self._operator is None:
+            return ""
+        now_s = time.monotonic()
+        waits = self._operator.machine.waits_for_pause(now_s)
+        return self.shared_name(now_s) or (MUST_PAUSE if waits else "")
+
+    def tell(self, text: str) -> None:
+        """Log a message and publish it on the robot's events topic."""
+        _LOG.warning("%s: %s", self.id, text)
+        self.say(text)
+
+    async def close(self) -> None:
+        """Stop and release the robot if driven by ROS, and disconnect."""
+        if self._operator is not None:
+            await self._operator.close()
+        await self.rename(None)
+        await super().close()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -41,6 +42,33 @@ class Endpoints:
 
 ADAPTER = Endpoints(NODE, PUBLISHED, READ, SERVICES)
 """Endpoints of a bus robot shown as a ROS node."""
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """Received message of a topic."""
+
+    row: RosTopic
+    type_name: str
+    payload: bytes
+    origin: Origin
+    arrived_s: float
+
+
+class Inbox:
+    """Separate bounded queue per topic, so that no topic replaces messages of another."""
+
+    def __init__(self, sizes: Mapping[RosTopic, int]) -> None:
+        self._waiting = {row.name: deque[Received](maxlen=size) for row, size in sizes.items()}
+
+    def put(self, received: Received) -> None:
+        """Add a message, dropping the oldest one of its topic if the queue is full."""
+        self._waiting[received.row.name].append(received)
+
+    def take(self, rows: Iterable[RosTopic]) -> list[Received]:
+        """Remove and return the messages of these topics, one topic after the other."""
+        queues = [self._waiting[row.name] for row in rows]
+        return [queue.popleft() for queue in queues for _ in range(len(queue))]
 
 
 class PortCallbacks(Protocol):

@@ -9,7 +9,8 @@ from __future__ import annotations
 import itertools
 import struct
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 
@@ -111,21 +112,12 @@ def gid_of(token: str) -> bytes:
     return xxhash.xxh3_128_intdigest(token.encode()).to_bytes(16, "little")
 
 
-@dataclass(frozen=True, slots=True)
-class Attachment:
-    """Attachment of a message, request or response."""
-
-    sequence: int
-    source_ns: int
-    """Sender's wall clock."""
-    gid: bytes
-
-    def encode(self) -> bytes:
-        """Return the attachment as 33 bytes."""
-        return _ATTACHMENT.pack(self.sequence, self.source_ns, _GID_BYTES, self.gid)
+def encode_attachment(origin: Origin) -> bytes:
+    """Encode the attachment of a message, request or response in 33 bytes."""
+    return _ATTACHMENT.pack(origin.sequence, origin.source_ns, _GID_BYTES, origin.publisher)
 
 
-def decode_attachment(data: bytes) -> Attachment:
+def decode_attachment(data: bytes) -> Origin:
     """Decode an attachment.
 
     Raises:
@@ -134,14 +126,7 @@ def decode_attachment(data: bytes) -> Attachment:
     if len(data) != _ATTACHMENT.size or data[16] != _GID_BYTES:
         raise MessageError("shape", "no attachment of rmw_zenoh (ROS 2 Jazzy or newer) is there")
     sequence, source_ns, _, gid = _ATTACHMENT.unpack(data)
-    return Attachment(sequence, source_ns, gid)
-
-
-@dataclass(slots=True)
-class _Published:
-    publisher: Publisher
-    gid: bytes
-    sequence: int = 0
+    return Origin(gid, sequence, source_ns)
 
 
 class ZenohPort:
@@ -160,7 +145,8 @@ class ZenohPort:
         namespace = f"/{names.namespace}" if names.shared else "/"
         self._node = RosNode(domain, bus.id, endpoints.node, namespace)
         self._numbers = itertools.count(1)
-        self._published: dict[str, _Published] = {}
+        self._published: dict[str, tuple[Publisher, bytes, Iterator[int]]] = {}
+        """Publisher, endpoint id and sequence numbers of each topic."""
         bus.declare_token(self._node.token())
         for row in endpoints.published:
             name = names.topic(row.name)
@@ -168,7 +154,7 @@ class ZenohPort:
             # Transient local needs an advanced publisher with a cache of the QoS depth, here 1.
             publisher = bus.publisher(self._key(name, row.type), qos, row.type, kept=1)
             gid = self._enter(Kind.PUBLISHER, name, row.type, QOS[row.qos])
-            self._published[name] = _Published(publisher, gid)
+            self._published[name] = publisher, gid, itertools.count(1)
         self._others: dict[tuple[Kind, str], dict[str, str]] = {}
         if inputs is None:
             return
@@ -192,13 +178,13 @@ class ZenohPort:
 
     def wants(self, topic: str) -> bool:
         """Return whether a topic has a subscriber."""
-        return self._published[topic].publisher.has_subscribers
+        return self._published[topic][0].has_subscribers
 
     def publish(self, message: RosMessage) -> None:
         """Publish a message."""
-        to = self._published[message.name]
-        to.sequence += 1
-        to.publisher.put(message.payload, Attachment(to.sequence, time.time_ns(), to.gid).encode())
+        publisher, gid, numbers = self._published[message.name]
+        attachment = encode_attachment(Origin(gid, next(numbers), time.time_ns()))
+        publisher.put(message.payload, attachment)
 
     def publishers(self, topic: str) -> list[str]:
         """Return the names of other nodes publishing `odom`."""
@@ -234,11 +220,10 @@ def _receive(inputs: PortCallbacks, row: RosTopic, type_name: str, sample: Sampl
     if not sample.is_put:
         return
     try:
-        read = decode_attachment(sample.attachment)
+        origin = decode_attachment(sample.attachment)
     except MessageError as error:
         inputs.on_unreadable(row.name, str(error))
         return
-    origin = Origin(read.gid, read.sequence, read.source_ns)
     inputs.on_message(row, type_name, sample.payload, origin)
 
 
@@ -252,7 +237,7 @@ def _serve(inputs: PortCallbacks, service: str, request: PendingQuery) -> None:
 
     def answer(success: bool, text: str) -> None:
         # Clients match responses by the sequence number and id of the request.
-        attachment = Attachment(asked.sequence, time.time_ns(), asked.gid)
-        request.reply(encode_trigger_response(success, text), attachment.encode())
+        attachment = encode_attachment(replace(asked, source_ns=time.time_ns()))
+        request.reply(encode_trigger_response(success, text), attachment)
 
     inputs.on_call(service, answer)
