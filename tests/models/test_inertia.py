@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.errors import RobotFileError
-from tsd_twin.models import Material, Part, masses_kg
+from tsd_twin.models import masses_kg
 from tsd_twin.models.files import inertia
+from tsd_twin.models.solids import Material, Part
 from tsd_twin.robots import load_robot
 
 sides = st.floats(0.01, 1.0)

@@ -26,10 +26,11 @@ from tsd_twin.models.links import (
     JointLimits,
     JointType,
     KinematicTree,
+    Link,
     LinkGroup,
     roll_pitch_yaw,
 )
-from tsd_twin.models.solids import Drawing, Link, Material, Parts, drawn
+from tsd_twin.models.solids import Drawing, Material, Parts, drawn
 from tsd_twin.robots import ExternalDescription
 from tsd_twin.robots.external import (
     MOST_JOINTS,

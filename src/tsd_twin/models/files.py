@@ -21,6 +21,7 @@ from tsd_twin.models.links import (
     Cylinder,
     JointLimits,
     JointType,
+    Link,
     LinkGroup,
     roll_pitch_yaw,
 )
@@ -30,7 +31,7 @@ from tsd_twin.tables import Colour, Positive, Share
 if TYPE_CHECKING:
     import trimesh  # Imported at use, as in `solids`.
 
-    from tsd_twin.models.solids import Link, Part, Parts
+    from tsd_twin.models.solids import Part, Parts
 
 
 @dataclass(frozen=True, slots=True, eq=False)

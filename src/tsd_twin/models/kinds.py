@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from tsd_twin.errors import needs_extra
-from tsd_twin.models.links import KinematicTree
+from tsd_twin.models.links import KinematicTree, Link
 from tsd_twin.registry import KindTable
 from tsd_twin.robots import (
     ExternalDescription,
@@ -18,7 +18,7 @@ from tsd_twin.robots import (
 )
 
 if TYPE_CHECKING:
-    from tsd_twin.models.solids import Link, Parts
+    from tsd_twin.models.solids import Parts
 
 
 class RobotModel(Protocol):

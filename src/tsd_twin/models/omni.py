@@ -17,6 +17,7 @@ from tsd_twin.models.links import (
     Cylinder,
     JointType,
     KinematicTree,
+    Link,
     LinkGroup,
     about_z,
     chassis_mass_kg,
@@ -24,7 +25,6 @@ from tsd_twin.models.links import (
 from tsd_twin.models.omni_wheel import MOTOR, Mount, PlatformLayout, WheelPlan, motor_drawings
 from tsd_twin.models.solids import (
     Drawing,
-    Link,
     Parts,
     box,
     circle,

@@ -20,6 +20,7 @@ from tsd_twin.models.links import (
     JointLimits,
     JointType,
     KinematicTree,
+    Link,
     LinkGroup,
     Sphere,
     about_z,
@@ -29,7 +30,6 @@ from tsd_twin.models.links import (
 from tsd_twin.models.singularity_layout import HORN, RIB_IN, RIB_OUT, Decks, Layout
 from tsd_twin.models.solids import (
     Drawing,
-    Link,
     Parts,
     circle,
     drawn,

@@ -16,6 +16,7 @@ from tsd_twin.models.links import (
     Cylinder,
     JointType,
     KinematicTree,
+    Link,
     LinkGroup,
     Sphere,
     alike,
@@ -25,7 +26,6 @@ from tsd_twin.models.links import (
 from tsd_twin.models.omni_wheel import WheelPlan, motor_drawings
 from tsd_twin.models.solids import (
     Drawing,
-    Link,
     Parts,
     around,
     box,
