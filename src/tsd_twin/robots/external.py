@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Annotated, Literal, TypeAlias
 
@@ -16,7 +17,7 @@ from tsd_twin.tables import Colour, NotNegative, Positive, Problem, Table
 
 Triple: TypeAlias = tuple[float, float, float]
 Sizes: TypeAlias = tuple[Positive, Positive, Positive]
-JointName: TypeAlias = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_.:/ -]{1,48}\Z")]
+JOINT_NAME = re.compile(r"[A-Za-z0-9_.:/ -]{1,48}")
 MOST_JOINTS = 40
 """Maximum number of displayed joints; their names and angles fit into one bus message."""
 MOST_PARTS = 400
@@ -54,7 +55,7 @@ class ExternalPart(Table, frozen=True):
 class ExternalJoint(Table, frozen=True):
     """Entry of `[[drive.joints]]`; parent joints come first."""
 
-    name: JointName
+    name: Annotated[str, Meta(pattern=rf"^{JOINT_NAME.pattern}\Z")]
     on: str = ""
     """Parent joint; empty for the base."""
     slides: bool = False
