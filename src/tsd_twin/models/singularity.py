@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from statistics import fmean
 
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
 from tsd_twin.lie import SO3
-from tsd_twin.models import (
-    equipment,
-    singularity_deck,
-    singularity_gimbals,
-    singularity_layout,
-    solids,
-)
+from tsd_twin.models import equipment, singularity_gimbals, solids
 from tsd_twin.models.links import (
     JointLimits,
     JointType,
@@ -27,7 +22,17 @@ from tsd_twin.models.links import (
     alike,
     chassis_mass_kg,
 )
-from tsd_twin.models.singularity_layout import HORN, RIB_IN, RIB_OUT, Decks, Layout
+from tsd_twin.models.singularity_layout import (
+    HORN,
+    RIB_IN,
+    RIB_OUT,
+    RIM,
+    Decks,
+    Layout,
+    half_gap_deg,
+    servo_case,
+    servo_fittings,
+)
 from tsd_twin.models.solids import (
     Drawing,
     Parts,
@@ -101,7 +106,7 @@ def _inboard(layout: Layout, azimuth_deg: float) -> Rib:
     """Return the rib for a servo, as long as its neighbours allow."""
     m, t = layout.scale, layout.plate
     inner = layout.pivot - RIB_IN * m - t
-    reach = min(62.0 * m, 0.92 * inner * math.tan(math.radians(layout.half_gap_deg)))
+    reach = min(62.0 * m, 0.92 * inner * math.tan(math.radians(half_gap_deg(layout.azimuths_deg))))
     width, length, _ = layout.servo
     face = rectangle((-reach, reach), (layout.deck, layout.roof)) - circle(0.3 * width)
     # Add windows where the case leaves room; its long end is at negative X.
@@ -166,36 +171,55 @@ def chassis_drawings(layout: Layout, body: Body) -> list[Drawing]:
     return [
         Drawing("decks", union([slab(lower, floor), slab(upper, roof)]), sheet),
         Drawing("ribs", union(rib.solid(layout) for rib in standing), sheet),
-        Drawing("bearings", _at_modules(layout, _bearing(layout)), solids.STEEL),
-        Drawing(
-            "servos", _servos(layout, singularity_layout.servo_case(layout.servo)), solids.BLACK
-        ),
-        Drawing(
-            "fittings",
-            _servos(layout, singularity_layout.servo_fittings(layout.servo)),
-            solids.STEEL,
-        ),
+        *_joint_drawings(layout),
         *equipment.module_equipment_drawings(layout, decks, body),
     ]
 
 
-def _at_modules(layout: Layout, solid: Manifold) -> Manifold:
-    """Copy a `solid` from the module frame to every module."""
-    return union(layout.in_base(solid, azimuth) for azimuth in layout.azimuths_deg)
-
-
-def _servos(layout: Layout, solid: Manifold) -> Manifold:
-    """Draw a servo behind every inboard rib, shaft outward, its long end at -X."""
-    turned = solid.rotate((0.0, 0.0, 90.0)).rotate((-90.0, 0.0, 0.0))
-    front = -RIB_IN * layout.scale - layout.plate
-    return _at_modules(layout, turned.translate((0.0, front, 0.0)))
-
-
-def _bearing(layout: Layout) -> Manifold:
-    """Draw the bearing in the outboard rib of a module."""
+def _joint_drawings(layout: Layout) -> list[Drawing]:
+    """Draw the bearings in the outboard ribs, and the servos behind the inboard ribs."""
     m = layout.scale
     along = (RIB_OUT * m - 0.6, RIB_OUT * m + layout.plate + 0.6)
-    return tube(4.3 * m, 8.0 * m, along, "y")
+    bearing = tube(4.3 * m, 8.0 * m, along, "y")
+    # Shafts point outward, and the long end of the cases to -X of the module.
+    case, fittings = (
+        solid.rotate((0.0, 0.0, 90.0))
+        .rotate((-90.0, 0.0, 0.0))
+        .translate((0.0, -RIB_IN * m - layout.plate, 0.0))
+        for solid in (servo_case(layout.servo), servo_fittings(layout.servo))
+    )
+    return [
+        Drawing("bearings", layout.at_modules(bearing), solids.STEEL),
+        Drawing("servos", layout.at_modules(case), solids.BLACK),
+        Drawing("fittings", layout.at_modules(fittings), solids.STEEL),
+    ]
+
+
+_FOOT, _BELOW = 22.0, 14.0
+"""Nominal half width of a hanger, and its reach below the gimbal axis."""
+
+
+def hanging_chassis_drawings(robot: SingularityDescription, layout: Layout) -> list[Drawing]:
+    """Draw a chassis for pivots at any positions: a deck above the modules, with hangers."""
+    m, t, top = layout.scale, layout.plate, layout.top
+    pivots = [(1e3 * p.x_m, 1e3 * p.y_m) for p in robot.drive.positions]
+    outline = CrossSection.batch_hull([circle(RIM * m, at) for at in pivots])
+    hanger = rectangle((-_FOOT * m, _FOOT * m), (-_BELOW * m, layout.roof + 0.5))
+    inboard = standing(hanger - circle(0.3 * layout.servo[0]), (-RIB_IN * m - t, -RIB_IN * m))
+    outboard = standing(hanger - circle(8.0 * m), (RIB_OUT * m, RIB_OUT * m + t))
+    sheet = solids.acrylic_material(robot.body)
+    x, y = fmean(x for x, _ in pivots), fmean(y for _, y in pivots)
+    battery = solids.box(
+        (x - 50.0 * m, x + 10.0 * m), (y - 20.0 * m, y + 20.0 * m), (top, top + 25.0 * m)
+    )
+    arrow = equipment.heading_arrow((x + 60.0 * m, y, top), m)
+    return [
+        Drawing("decks", slab(outline, (layout.roof, top)), sheet),
+        Drawing("ribs", layout.at_modules(inboard + outboard), sheet),
+        *_joint_drawings(layout),
+        Drawing("battery", battery, solids.BLUE),
+        Drawing("arrow", arrow, solids.front_material(robot.body)),
+    ]
 
 
 _AXES = {"beta": (0.0, 1.0, 0.0), "alpha": (-1.0, 0.0, 0.0), "wheel": (0.0, 0.0, 1.0)}
@@ -209,8 +233,7 @@ def check_room(robot: SingularityDescription) -> None:
     Raises:
         RobotFileError: If there is no room for the modules.
     """
-    if not robot.drive.positions:
-        Layout.of(robot)
+    Layout.of(robot)
 
 
 def draw(robot: SingularityDescription) -> Parts:
@@ -219,12 +242,10 @@ def draw(robot: SingularityDescription) -> Parts:
     Raises:
         RobotFileError: If there is no room for the modules.
     """
-    body = robot.body
+    body, layout = robot.body, Layout.of(robot)
     if robot.drive.positions:
-        layout = singularity_deck.layout_of(robot)
-        chassis = singularity_deck.deck_chassis_drawings(robot, layout)
+        chassis = hanging_chassis_drawings(robot, layout)
     else:
-        layout = Layout.of(robot)
         chassis = chassis_drawings(layout, body)
     modules: dict[Link, list[Drawing]] = {
         "outer": singularity_gimbals.outer_gimbal_drawings(layout, body),
