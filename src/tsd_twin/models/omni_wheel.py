@@ -73,7 +73,7 @@ class WheelPlan:
     def half_width(self) -> float:
         """Half width of the wheel along its axle."""
         if len(self.rows) == 1:
-            return self.slant + self._plate
+            return self.slant + 0.055 * self.radius
         return max(self.rows) + 1.02 * self.roller_radius
 
     @property
@@ -85,10 +85,6 @@ class WheelPlan:
     def slant(self) -> float:
         """Half extent of a roller axis along the wheel's axle."""
         return self.half_length * abs(math.sin(self.roller_angle)) + 0.25 * self.roller_radius
-
-    @property
-    def _plate(self) -> float:
-        return 0.055 * self.radius
 
 
 def omni_wheel_drawings(plan: WheelPlan, body: Body) -> list[Drawing]:
