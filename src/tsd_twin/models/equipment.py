@@ -165,19 +165,27 @@ def _battery(
     ]
 
 
-def _antenna(
-    at: tuple[float, float], z: tuple[float, float, float], radii: Sequence[float]
-) -> list[Manifold]:
-    """Draw the radio antenna: foot, mast and cap, with a radius at each end of mast and cap.
+def _radio(
+    half: tuple[float, float],
+    antenna: tuple[float, float],
+    z: tuple[float, float, float],
+    radii: tuple[float, float, float, float, float],
+) -> Manifold:
+    """Draw a receiver with its antenna about the origin.
 
-    `z` are the heights of the foot's lower end and of both ends of the cap.
+    `half` are half sides of the case, and `z` the heights of the antenna's foot and of both ends
+    of its cap. `radii` are those of the foot and of both ends of mast and cap.
     """
-    axis, (low, top, end), (foot, mast, thin, cap, cap_end) = (*at, 0.0), z, radii
-    return [
-        rod(foot, (low, low + 6.5), at=axis),
-        rod(mast, (low + 5.5, top + 1.0), at=axis, tip=thin),
-        rod(cap, (top, end), at=axis, tip=cap_end),
-    ]
+    (x, y), at, (low, top, end) = half, (*antenna, 0.0), z
+    foot, mast, thin, cap, cap_end = radii
+    return union(
+        [
+            slab(rectangle((-x, x), (-y, y), 2.5), (0.2, low + 0.5)),
+            rod(foot, (low, low + 6.5), at=at),
+            rod(mast, (low + 5.5, top + 1.0), at=at, tip=thin),
+            rod(cap, (top, end), at=at, tip=cap_end),
+        ]
+    )
 
 
 def spacer(layout: Layout | PlatformLayout, leg: float, head: float, tall: float) -> Manifold:
@@ -198,11 +206,13 @@ _MODULE_PACK = (138.0, 46.0, 34.0)
 def module_equipment_drawings(layout: Layout, decks: Decks, body: Body) -> list[Drawing]:
     """Draw the equipment of a robot on gimballed wheels."""
     m, top = layout.scale, layout.top
+    radio = _radio((9.0, 14.0), (-3.0, 8.0), (10.5, 61.0, 66.0), (3.2, 2.4, 1.7, 2.8, 2.2))
+    radio = radio.scale([m] * 3).translate((14.0 * m - decks.middle, 0.0, top))
     return [
         *_module_battery(layout),
         *board_drawings(top, decks.middle),
         *_controllers(layout, decks),
-        Drawing("radio", _module_radio(layout, decks), solids.BLACK),
+        Drawing("radio", radio, solids.BLACK),
         Drawing("standoffs", _standoffs(layout, decks), solids.STEEL),
         Drawing(
             "arrow",
@@ -255,15 +265,6 @@ def _controller_places(layout: Layout, decks: Decks) -> Iterator[Place]:
                 break
 
 
-def _module_radio(layout: Layout, decks: Decks) -> Manifold:
-    """Draw the receiver with its antenna, at the back of the upper deck."""
-    case = slab(rectangle((-9.0, 9.0), (-14.0, 14.0), 2.5), (0.2, 11.0))
-    antenna = _antenna((-3.0, 8.0), (10.5, 61.0, 66.0), (3.2, 2.4, 1.7, 2.8, 2.2))
-    m = layout.scale
-    at = (14.0 * m - decks.middle, 0.0, layout.top)
-    return union([case, *antenna]).scale([m] * 3).translate(at)
-
-
 def _standoffs(layout: Layout, decks: Decks) -> Manifold:
     """Draw the spacers near the ends of the lobes."""
     m = layout.scale
@@ -285,11 +286,13 @@ def platform_equipment_drawings(layout: PlatformLayout, body: Body) -> list[Draw
     """Draw the equipment of a platform on omni wheels."""
     room, m = layout.middle, layout.scale
     tip = (layout.reach(0.0) - 8.0 * m, 0.0, layout.top)
+    radio = _radio((14.0, 10.0), (8.0, 2.0), (12.5, 87.0, 93.0), (3.6, 2.6, 1.9, 3.2, 2.4))
+    radio = radio.scale([m] * 3).translate((-0.36 * room, 0.68 * room, layout.top))
     return [
         *_platform_battery(layout, -0.36 * room),
         *board_drawings(layout.top, 0.56 * room, 0.3 * room),
         *copies(_driver(), list(_driver_places(layout)), layout.top),
-        Drawing("radio", _radio(layout).translate((-0.36 * room, 0.68 * room, 0.0)), solids.BLACK),
+        Drawing("radio", radio, solids.BLACK),
         Drawing("arrow", heading_arrow(tip, m), solids.front_material(body)),
     ]
 
@@ -355,10 +358,3 @@ def _candidates(layout: PlatformLayout, direction_deg: float) -> Iterable[Place]
         for aside in (0.0, 12.0, -12.0, 25.0, -25.0, 40.0, -40.0, 55.0, -55.0)
         for share in (0.8, 0.72, 0.9, 1.0, 1.1)
     )
-
-
-def _radio(layout: PlatformLayout) -> Manifold:
-    """Draw the receiver with its antenna, at the origin of the upper deck."""
-    case = slab(rectangle((-14.0, 14.0), (-10.0, 10.0), 2.5), (0.2, 13.0))
-    antenna = _antenna((8.0, 2.0), (12.5, 87.0, 93.0), (3.6, 2.6, 1.9, 3.2, 2.4))
-    return union([case, *antenna]).scale([layout.scale] * 3).translate((0.0, 0.0, layout.top))

@@ -63,15 +63,16 @@ def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
             box((-far, far), (-far, far), (-thin, thin)),
         ]
     )
+    half = {1: (0.0, far), -1: (-far, 0.0)}
     marks = {
-        (axis, side): rod(_MARK * radius, (0.0, far) if side > 0 else (-far, 0.0), axis)
+        (axis, side): rod(_MARK * radius, span, axis)
         for axis in ("x", "y", "z")
-        for side in (1, -1)
+        for side, span in half.items()
     }
     everywhere = union(marks.values())
     front, up = marks.pop(("x", 1)), marks.pop(("z", 1))
     fields = shell - (bands + everywhere)
-    light = union(_octant(x, y, x * y, far) for x in (1, -1) for y in (1, -1))
+    light = union(box(half[x], half[y], half[x * y]) for x in half for y in half)
     return [
         Drawing("fields", fields ^ light, solids.WHITE),
         Drawing("others", fields - light, solids.shell_material(body)),
@@ -80,12 +81,6 @@ def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
         Drawing("front", shell ^ front, solids.front_material(body)),
         Drawing("up", shell ^ up, solids.YELLOW),
     ]
-
-
-def _octant(x: int, y: int, z: int, far: float) -> Manifold:
-    """Return the octant given by the signs of its axes."""
-    spans = [(0.0, far) if side > 0 else (-far, 0.0) for side in (x, y, z)]
-    return box(spans[0], spans[1], spans[2])
 
 
 _STAND_MOTOR = 0.62
@@ -139,15 +134,13 @@ class StandLayout:
     @property
     def deck(self) -> float:
         """Height of the plate's top, below all motors and wheels."""
-        lowest = 0.0
+        radius, lowest = self.plan.radius, 0.0
         for lean in self.leans:
             end = lean.at + lean.side * (self.bracket + self.thick + self.train) * lean.turn[:, 1]
-            tall = (
-                _STAND_MOTOR * 1.2 * self.plan.radius * math.hypot(lean.turn[2, 0], lean.turn[2, 2])
-            )
-            rim = self.plan.radius * math.hypot(lean.turn[2, 0], lean.turn[2, 2])
+            upright = math.hypot(lean.turn[2, 0], lean.turn[2, 2])
+            tall, rim = _STAND_MOTOR * 1.2 * radius * upright, radius * upright
             lowest = min(lowest, end[2] - tall, lean.at[2] - rim - self.plan.half_width)
-        return lowest - 0.2 * self.plan.radius
+        return lowest - 0.2 * radius
 
     @property
     def floor(self) -> float:
@@ -157,9 +150,8 @@ class StandLayout:
     @property
     def reach(self) -> float:
         """Radius of the plate."""
-        return (
-            max(math.hypot(lean.at[0], lean.at[1]) for lean in self.leans) + 2.2 * self.plan.radius
-        )
+        farthest = max(math.hypot(lean.at[0], lean.at[1]) for lean in self.leans)
+        return farthest + 2.2 * self.plan.radius
 
 
 def stand_drawings(stand: StandLayout, body: Body) -> list[Drawing]:
@@ -232,11 +224,11 @@ def _electronics(stand: StandLayout) -> list[Drawing]:
 
 def draw(robot: SphereDescription) -> Parts:
     """Draw the parts of stand, sphere and wheel."""
-    plan = _plan(robot)
+    stand = _stand(robot)
     return {
-        "chassis": drawn("chassis", stand_drawings(_stand(robot), robot.body)),
+        "chassis": drawn("chassis", stand_drawings(stand, robot.body)),
         "sphere": drawn("sphere", sphere_drawings(1e3 * robot.drive.sphere_radius_m, robot.body)),
-        "wheel": drawn("wheel", omni_wheel.omni_wheel_drawings(plan, robot.body)),
+        "wheel": drawn("wheel", omni_wheel.omni_wheel_drawings(stand.plan, robot.body)),
     }
 
 
