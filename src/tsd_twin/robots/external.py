@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from msgspec import Meta, field
 
@@ -81,6 +81,7 @@ class ExternalDescription(RobotDescription, frozen=True, kw_only=True):
     """External robot driven through ROS `cmd_vel`."""
 
     drive: ExternalGeometry
+    driven_by_ros: ClassVar[bool] = True
 
     @property
     def sensors(self) -> tuple[Joint, ...]:
@@ -92,11 +93,6 @@ class ExternalDescription(RobotDescription, frozen=True, kw_only=True):
     def not_promised(self) -> tuple[str, ...]:
         """Rules that do not hold, and drawing assumptions."""
         return (*NOT_PROMISED, *self.assumptions)
-
-    @property
-    def driven_by_ros(self) -> bool:
-        """Return True."""
-        return True
 
     @property
     def drives_sideways(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -280,11 +280,8 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
     drive: SphereGeometry
     mass: SphereMass
     estimate: EstimateSettings = EstimateSettings()
-
-    @property
-    def not_drawn(self) -> frozenset[str]:
-        """Fields that no model depends on. The model has the wheel speed limit of the motors."""
-        return NOT_DRAWN - {"motor"}
+    not_drawn: ClassVar[frozenset[str]] = NOT_DRAWN - {"motor"}
+    """The model has the wheel speed limit of the motors."""
 
     def kinematics(self) -> SphereKinematics:
         """Return the kinematics."""
