@@ -13,7 +13,7 @@ from manifold3d import CrossSection, Manifold, OpType
 
 from tsd_twin.models import solids
 from tsd_twin.models.omni_wheel import PlatformLayout
-from tsd_twin.models.singularity_layout import Decks, Layout
+from tsd_twin.models.singularity_layout import Layout
 from tsd_twin.models.solids import (
     Drawing,
     Material,
@@ -203,20 +203,20 @@ _MODULE_PACK = (138.0, 46.0, 34.0)
 """Length, width and height of the largest battery."""
 
 
-def module_equipment_drawings(layout: Layout, decks: Decks, body: Body) -> list[Drawing]:
+def module_equipment_drawings(layout: Layout, body: Body) -> list[Drawing]:
     """Draw the equipment of a robot on gimballed wheels."""
     m, top = layout.scale, layout.top
     radio = _radio((9.0, 14.0), (-3.0, 8.0), (10.5, 61.0, 66.0), (3.2, 2.4, 1.7, 2.8, 2.2))
-    radio = radio.scale([m] * 3).translate((14.0 * m - decks.middle, 0.0, top))
+    radio = radio.scale([m] * 3).translate((14.0 * m - layout.middle, 0.0, top))
     return [
         *_module_battery(layout),
-        *board_drawings(top, decks.middle),
-        *_controllers(layout, decks),
+        *board_drawings(top, layout.middle),
+        *_controllers(layout),
         Drawing("radio", radio, solids.BLACK),
-        Drawing("standoffs", _standoffs(layout, decks), solids.STEEL),
+        Drawing("standoffs", _standoffs(layout), solids.STEEL),
         Drawing(
             "arrow",
-            heading_arrow((decks.middle - 2.0 * m, 0.0, top), m),
+            heading_arrow((layout.middle - 2.0 * m, 0.0, top), m),
             solids.front_material(body),
         ),
     ]
@@ -236,7 +236,7 @@ def _module_battery(layout: Layout) -> list[Drawing]:
     return _battery(x, y, (low, high), straps=strap, plug=plug, top_label=None)
 
 
-def _controllers(layout: Layout, decks: Decks) -> list[Drawing]:
+def _controllers(layout: Layout) -> list[Drawing]:
     """Draw a speed controller with wires on each lobe of the upper deck."""
     case = rectangle((-13.0, 13.0), (-24.0, 24.0), 3.0)
     ends = [(side * 9.0, -23.0, 5.0) for side in (-1.0, 1.0)]
@@ -250,31 +250,31 @@ def _controllers(layout: Layout, decks: Decks) -> list[Drawing]:
         "supply": (pair[1], solids.RED),
         "phases": (phases, solids.BLUE),
     }
-    return copies(controller, list(_controller_places(layout, decks)), layout.top)
+    return copies(controller, list(_controller_places(layout)), layout.top)
 
 
-def _controller_places(layout: Layout, decks: Decks) -> Iterator[Place]:
+def _controller_places(layout: Layout) -> Iterator[Place]:
     """Yield a place for a controller on each lobe that is large enough."""
     outline = rectangle((-14.0, 14.0), (-36.0, 36.0))
     for lobe in layout.lobes_deg:
-        x = 0.5 * (0.7 * decks.middle + decks.reach(lobe, 12.0 * layout.scale))
+        x = 0.5 * (0.7 * layout.middle + layout.reach(lobe, 12.0 * layout.scale))
         for fit in (1.0, 0.8, 0.6, 0.45):
             place = Place(lobe, x, fit * layout.scale)
-            if decks.carries(place.footprint(outline)):
+            if layout.carries(place.footprint(outline)):
                 yield place
                 break
 
 
-def _standoffs(layout: Layout, decks: Decks) -> Manifold:
+def _standoffs(layout: Layout) -> Manifold:
     """Draw the spacers near the ends of the lobes."""
     m = layout.scale
     one = spacer(layout, 3.2, 2.9, 2.2)
-    ends = [(lobe, decks.reach(lobe, 12.0 * m) - 10.0 * m) for lobe in layout.lobes_deg]
+    ends = [(lobe, layout.reach(lobe, 12.0 * m) - 10.0 * m) for lobe in layout.lobes_deg]
     seats = [(lobe, x, y) for lobe, x in ends for y in (-44.0 * m, 44.0 * m)]
     return union(
         one.translate((x, y, 0.0)).rotate((0.0, 0.0, lobe))
         for lobe, x, y in seats
-        if decks.carries(circle(5.0 * m, (x, y)).rotate(lobe))
+        if layout.carries(circle(5.0 * m, (x, y)).rotate(lobe))
     )
 
 

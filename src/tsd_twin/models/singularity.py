@@ -27,7 +27,6 @@ from tsd_twin.models.singularity_layout import (
     RIB_IN,
     RIB_OUT,
     RIM,
-    Decks,
     Layout,
     half_gap_deg,
     servo_case,
@@ -88,12 +87,12 @@ class Rib:
         return rectangle((at - 0.5 * self.tab, at + 0.5 * self.tab), across)
 
 
-def ribs(layout: Layout, decks: Decks) -> list[Rib]:
+def ribs(layout: Layout) -> list[Rib]:
     """Return all ribs: four at each module, and one on each lobe between modules."""
     standing_ribs: list[Rib] = []
     for azimuth in layout.azimuths_deg:
         standing_ribs += [_inboard(layout, azimuth), *_outboard(layout, azimuth)]
-    return standing_ribs + [rib for a in layout.lobes_deg for rib in _lobe(layout, decks, a)]
+    return standing_ribs + [rib for a in layout.lobes_deg for rib in _lobe(layout, a)]
 
 
 def _at_module(layout: Layout, azimuth_deg: float, x: float, y: float) -> tuple[float, float]:
@@ -142,11 +141,11 @@ def _outboard(layout: Layout, azimuth_deg: float) -> list[Rib]:
     return pieces
 
 
-def _lobe(layout: Layout, decks: Decks, lobe_deg: float) -> list[Rib]:
+def _lobe(layout: Layout, lobe_deg: float) -> list[Rib]:
     """Return the rib along the middle of a lobe, from behind the servos to near its end."""
     m, t = layout.scale, layout.plate
     start = math.hypot(layout.core, (1.0 - HORN) * layout.servo[1]) + t
-    span = decks.reach(lobe_deg, 12.0 * m + t) - 14.0 * m - start
+    span = layout.reach(lobe_deg, 12.0 * m + t) - 14.0 * m - start
     if span < 30.0 * m:
         return []
     window = rectangle((0.0, 0.22 * span), (0.6 * layout.deck, 0.6 * layout.roof), 4.0 * m)
@@ -160,9 +159,8 @@ def _lobe(layout: Layout, decks: Decks, lobe_deg: float) -> list[Rib]:
 
 def chassis_drawings(layout: Layout, body: Body) -> list[Drawing]:
     """Draw the chassis and everything fixed to it."""
-    decks = Decks.of(layout)
-    standing = ribs(layout, decks)
-    lower, upper = decks.lower, decks.upper
+    standing = ribs(layout)
+    lower, upper = layout.lower_deck, layout.upper_deck
     for rib in standing:
         lower -= rib.slots(layout, rib.low)
         upper -= rib.slots(layout, rib.high)
@@ -172,7 +170,7 @@ def chassis_drawings(layout: Layout, body: Body) -> list[Drawing]:
         Drawing("decks", union([slab(lower, floor), slab(upper, roof)]), sheet),
         Drawing("ribs", union(rib.solid(layout) for rib in standing), sheet),
         *_joint_drawings(layout),
-        *equipment.module_equipment_drawings(layout, decks, body),
+        *equipment.module_equipment_drawings(layout, body),
     ]
 
 

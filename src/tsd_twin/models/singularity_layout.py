@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from manifold3d import CrossSection, Manifold
@@ -34,9 +35,19 @@ RIB_IN, RIB_OUT = 63.0, 60.0
 """Nominal distances of a module's inboard and outboard ribs from its pivot."""
 HORN = 0.295
 """Distance of a servo's shaft from the near end of its case, relative to the length."""
+RIM = 84.0
+"""Nominal radius of the deck corners about the pivots."""
+_BAY = 63.0
+"""Nominal radius of the round bays that the frames enter at full tilt."""
+_BAY_SIDES = (-57.0, 55.5)
+"""Nominal flat sides of the bays at the ribs, along Y of the module."""
+_SWEEP = (-64.0, 88.0)
+"""Nominal extent of the outer frame with its servo at full tilt, along X of the module."""
+_ABOVE_SWEEP = 31.0
+"""Nominal clearance between a deck above the modules and the frames at full tilt."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Layout:
     """Dimensions in millimetres in `base_link`, whose origin is at gimbal height."""
 
@@ -127,6 +138,49 @@ class Layout:
         """Move an `outline` from the module frame to `base_link`."""
         return outline.translate((0.0, self.pivot)).rotate(azimuth_deg - 90.0)
 
+    @cached_property
+    def outline(self) -> CrossSection:
+        """Outline of both decks: a polygon with round corners."""
+        m = self.scale
+        corners = [self.outline_in_base(circle(RIM * m), a) for a in self.azimuths_deg]
+        # A triangle suffices for three modules; two or unevenly spaced modules need a middle too.
+        return CrossSection.batch_hull([*corners, circle(self.pivot - 20.0 * m)])
+
+    @property
+    def lower_deck(self) -> CrossSection:
+        """Outline of the lower deck, with a round bay for each module; without slots."""
+        m, deck = self.scale, self.outline
+        bay = circle(_BAY * m) ^ rectangle((-99.0 * m, 99.0 * m), _scaled(_BAY_SIDES, m))
+        bay = softened(bay, 4.0 * m)
+        for azimuth in self.azimuths_deg:
+            deck -= self.outline_in_base(bay, azimuth)
+        return deck
+
+    @cached_property
+    def upper_deck(self) -> CrossSection:
+        """Outline of the upper deck, without the sweep of moving parts; without slots."""
+        m, deck = self.scale, self.outline
+        far = 3.0 * (self.pivot + RIM * m)
+        notch = rectangle(_scaled(_SWEEP, m), (_BAY_SIDES[0] * m, far), 16.0 * m)
+        for azimuth in self.azimuths_deg:
+            deck -= self.outline_in_base(notch, azimuth)
+        # Drop the pieces that are not connected to the middle.
+        pieces = softened(deck, 12.0 * m).decompose()
+        return max(pieces, key=lambda piece: piece.area())
+
+    @property
+    def middle(self) -> float:
+        """Minimum radius of the upper deck."""
+        return self.pivot + _BAY_SIDES[0] * self.scale
+
+    def reach(self, direction_deg: float, width: float) -> float:
+        """Return the distance from the centre up to which a straight strip is on the upper deck."""
+        return strip_reach(self.upper_deck, direction_deg, width)
+
+    def carries(self, footprint: CrossSection) -> bool:
+        """Return whether a footprint is completely on the upper deck."""
+        return (footprint - self.upper_deck).area() < 1e-6
+
 
 def half_gap_deg(azimuths_deg: Sequence[float]) -> float:
     """Return half of the smallest angle between neighbouring modules, at most 75 degrees."""
@@ -170,58 +224,6 @@ def _clearance(robot: SingularityDescription, servo_width: float) -> float:
             f"{robot.drive.wheel_radius_m:g} m",
         )
     return clearance
-
-
-RIM = 84.0
-"""Nominal radius of the deck corners about the pivots."""
-_BAY = 63.0
-"""Nominal radius of the round bays that the frames enter at full tilt."""
-_BAY_SIDES = (-57.0, 55.5)
-"""Nominal flat sides of the bays at the ribs, along Y of the module."""
-_SWEEP = (-64.0, 88.0)
-"""Nominal extent of the outer frame with its servo at full tilt, along X of the module."""
-_ABOVE_SWEEP = 31.0
-"""Nominal clearance between a deck above the modules and the frames at full tilt."""
-
-
-@dataclass(frozen=True, slots=True)
-class Decks:
-    """Deck outlines in `base_link`, millimetres, before slots are cut."""
-
-    lower: CrossSection
-    """Polygon with round corners and a round bay for each module."""
-    upper: CrossSection
-    """The same polygon without the sweep of moving parts."""
-    middle: float
-    """Minimum radius of the upper deck."""
-
-    @classmethod
-    def of(cls, layout: Layout) -> Decks:
-        """Return the deck outlines of a robot."""
-        m = layout.scale
-        corners = [layout.outline_in_base(circle(RIM * m), a) for a in layout.azimuths_deg]
-        # A triangle suffices for three modules; two or unevenly spaced modules need a middle too.
-        outline = CrossSection.batch_hull([*corners, circle(layout.pivot - 20.0 * m)])
-        bay = circle(_BAY * m) ^ rectangle((-99.0 * m, 99.0 * m), _scaled(_BAY_SIDES, m))
-        bay = softened(bay, 4.0 * m)
-        far = 3.0 * (layout.pivot + RIM * m)
-        notch = rectangle(_scaled(_SWEEP, m), (_BAY_SIDES[0] * m, far), 16.0 * m)
-        lower, upper = outline, outline
-        for azimuth in layout.azimuths_deg:
-            lower -= layout.outline_in_base(bay, azimuth)
-            upper -= layout.outline_in_base(notch, azimuth)
-        # Drop the pieces that are not connected to the middle.
-        pieces = softened(upper, 12.0 * m).decompose()
-        largest = max(pieces, key=lambda piece: piece.area())
-        return cls(lower, largest, layout.pivot + _BAY_SIDES[0] * m)
-
-    def reach(self, direction_deg: float, width: float) -> float:
-        """Return the distance from the centre up to which a straight strip is on the upper deck."""
-        return strip_reach(self.upper, direction_deg, width)
-
-    def carries(self, footprint: CrossSection) -> bool:
-        """Return whether a footprint is completely on the upper deck."""
-        return (footprint - self.upper).area() < 1e-6
 
 
 def _scaled(span: tuple[float, float], by: float) -> tuple[float, float]:
