@@ -6,7 +6,7 @@ The controller board resembles an Arduino Mega 2560.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from manifold3d import CrossSection, Manifold, OpType
@@ -16,7 +16,6 @@ from tsd_twin.models.omni_wheel import PlatformLayout
 from tsd_twin.models.singularity_layout import Layout
 from tsd_twin.models.solids import (
     Drawing,
-    Material,
     Point,
     Span,
     box,
@@ -113,13 +112,11 @@ class Place(NamedTuple):
         return scaled.rotate(self.direction_deg)
 
 
-def copies(
-    device: Mapping[str, tuple[Manifold, Material]], places: Sequence[Place], height: float
-) -> list[Drawing]:
+def copies(device: Sequence[Drawing], places: Sequence[Place], height: float) -> list[Drawing]:
     """Copy a device to several places on a deck: one drawing per part."""
     return [
-        Drawing(name, union(place.on_deck(solid, height) for place in places), material)
-        for name, (solid, material) in device.items()
+        part._replace(solid=union(place.on_deck(part.solid, height) for place in places))
+        for part in device
     ]
 
 
@@ -133,11 +130,12 @@ def driver_case(x: float, y: float, height: float) -> Manifold:
 
 
 def heading_arrow(
+    body: Body,
     tip: Point,
     scale: float,
     size: tuple[float, float, float, float] = (40.0, 24.0, 29.0, 3.6),
     rounding: float = 1.0,
-) -> Manifold:
+) -> Drawing:
     """Draw an arrow on a deck that points forward, along X.
 
     `size` is its length, half width, length without the notch, and height; `scale` multiplies these
@@ -146,7 +144,8 @@ def heading_arrow(
     length, half, notched, height = size
     shape = polygon([(-length, -half), (0.0, 0.0), (-length, half), (-notched, 0.0)])
     outline = grown(shape, -rounding) if rounding else shape
-    return slab(outline, (0.1, height)).scale([scale] * 3).translate(tip)
+    arrow = slab(outline, (0.1, height)).scale([scale] * 3).translate(tip)
+    return Drawing("arrow", arrow, solids.front_material(body))
 
 
 def _battery(
@@ -214,11 +213,7 @@ def module_equipment_drawings(layout: Layout, body: Body) -> list[Drawing]:
         *_controllers(layout),
         Drawing("radio", radio, solids.BLACK),
         Drawing("standoffs", _standoffs(layout), solids.STEEL),
-        Drawing(
-            "arrow",
-            heading_arrow((layout.middle - 2.0 * m, 0.0, top), m),
-            solids.front_material(body),
-        ),
+        heading_arrow(body, (layout.middle - 2.0 * m, 0.0, top), m),
     ]
 
 
@@ -244,12 +239,12 @@ def _controllers(layout: Layout) -> list[Drawing]:
     phases = union(
         wire([(x, 23.0, 5.0), (x, 30.0, 5.0), (0.8 * x, 34.0, -9.0)], 1.2) for x in (-7.0, 0.0, 7.0)
     )
-    controller = {
-        "controllers": (union([slab(case, (0.2, 9.0)), pair[0]]), solids.BLACK),
-        "labels": (slab(rectangle((-9.0, 9.0), (-14.0, 14.0)), (9.0, 9.3)), solids.WHITE),
-        "supply": (pair[1], solids.RED),
-        "phases": (phases, solids.BLUE),
-    }
+    controller = [
+        Drawing("controllers", union([slab(case, (0.2, 9.0)), pair[0]]), solids.BLACK),
+        Drawing("labels", slab(rectangle((-9.0, 9.0), (-14.0, 14.0)), (9.0, 9.3)), solids.WHITE),
+        Drawing("supply", pair[1], solids.RED),
+        Drawing("phases", phases, solids.BLUE),
+    ]
     return copies(controller, list(_controller_places(layout)), layout.top)
 
 
@@ -293,7 +288,7 @@ def platform_equipment_drawings(layout: PlatformLayout, body: Body) -> list[Draw
         *board_drawings(layout.top, 0.56 * room, 0.3 * room),
         *copies(_driver(), list(_driver_places(layout)), layout.top),
         Drawing("radio", radio, solids.BLACK),
-        Drawing("arrow", heading_arrow(tip, m), solids.front_material(body)),
+        heading_arrow(body, tip, m),
     ]
 
 
@@ -312,7 +307,7 @@ def _platform_battery(layout: PlatformLayout, at_x: float) -> list[Drawing]:
     return [d._replace(solid=d.solid.translate((at_x, 0.0, 0.0))) for d in drawings]
 
 
-def _driver() -> dict[str, tuple[Manifold, Material]]:
+def _driver() -> list[Drawing]:
     """Draw the parts of a motor driver: case, label, and motor wires."""
     strip = box((-14.0, 14.0), (-28.0, -23.0), (0.3, 9.0))
     wires = [
@@ -320,12 +315,12 @@ def _driver() -> dict[str, tuple[Manifold, Material]]:
         for x in (-9.0, -3.0, 3.0)
     ]
     label = slab(rectangle((-3.5, 3.5), (-14.0, 14.0)), (16.0, 16.3))
-    return {
-        "drivers": (union([driver_case(18.0, 24.0, 16.0), strip]), solids.ANODISED),
-        "labels": (label, solids.WHITE),
-        "supply": (wires[0], solids.RED),
-        "phases": (union(wires[1:]), solids.BLUE),
-    }
+    return [
+        Drawing("drivers", union([driver_case(18.0, 24.0, 16.0), strip]), solids.ANODISED),
+        Drawing("labels", label, solids.WHITE),
+        Drawing("supply", wires[0], solids.RED),
+        Drawing("phases", union(wires[1:]), solids.BLUE),
+    ]
 
 
 def _driver_places(layout: PlatformLayout) -> Iterator[Place]:

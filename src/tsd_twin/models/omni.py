@@ -47,14 +47,11 @@ def platform_drawings(
         slab(layout.outline - _holes(layout, trackers), (layout.deck - layout.plate, layout.deck)),
         slab(layout.outline, (layout.roof, layout.top)),
     ]
+    brackets = union(m.in_base(_bracket(layout, m)) for m in layout.mounts)
     return [
         Drawing("decks", union(decks), solids.acrylic_material(body)),
         *motor_drawings(MOTOR * layout.scale, layout.train, partial(_behind_brackets, layout)),
-        Drawing(
-            "brackets",
-            union(m.in_base(_bracket(layout, m)) for m in layout.mounts),
-            solids.frame_material(body),
-        ),
+        Drawing("brackets", brackets, solids.frame_material(body)),
         Drawing("standoffs", _standoffs(layout), solids.STEEL),
         *platform_equipment_drawings(layout, body),
         *_trackers(layout, body, trackers),

@@ -210,13 +210,12 @@ def hanging_chassis_drawings(robot: SingularityDescription, layout: Layout) -> l
     battery = solids.box(
         (x - 50.0 * m, x + 10.0 * m), (y - 20.0 * m, y + 20.0 * m), (top, top + 25.0 * m)
     )
-    arrow = equipment.heading_arrow((x + 60.0 * m, y, top), m)
     return [
         Drawing("decks", slab(outline, (layout.roof, top)), sheet),
         Drawing("ribs", layout.at_modules(inboard + outboard), sheet),
         *_joint_drawings(layout),
         Drawing("battery", battery, solids.BLUE),
-        Drawing("arrow", arrow, solids.front_material(robot.body)),
+        equipment.heading_arrow(robot.body, (x + 60.0 * m, y, top), m),
     ]
 
 

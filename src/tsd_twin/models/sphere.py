@@ -161,21 +161,14 @@ def stand_drawings(stand: StandLayout, body: Body) -> list[Drawing]:
     plate = slab(circle(reach) - hole, (deck - 6.0, deck))
     lip = slab(circle(reach) - circle(reach - 4.0), (deck - 6.0, deck + 5.0))
     feet = around(rod(12.0, (deck - 6.0 - _FOOT, deck - 6.0), at=(0.86 * reach, 0.0, 0.0)), 3, 60.0)
+    brackets = union(_bracket(stand, lean) for lean in stand.leans)
     return [
         Drawing("plate", plate + lip, solids.acrylic_material(body)),
         Drawing("feet", feet, solids.RUBBER),
-        Drawing(
-            "brackets",
-            union(_bracket(stand, lean) for lean in stand.leans),
-            solids.frame_material(body),
-        ),
+        Drawing("brackets", brackets, solids.frame_material(body)),
         *motor_drawings(_STAND_MOTOR * radius, stand.train, partial(_behind_brackets, stand)),
         *_electronics(stand),
-        Drawing(
-            "arrow",
-            heading_arrow((reach - 6.0, 0.0, deck), reach / 150.0, (24.0, 15.0, 17.0, 3.0), 0.0),
-            solids.front_material(body),
-        ),
+        heading_arrow(body, (reach - 6.0, 0.0, deck), reach / 150.0, (24.0, 15.0, 17.0, 3.0), 0.0),
     ]
 
 
@@ -213,11 +206,11 @@ def _electronics(stand: StandLayout) -> list[Drawing]:
     wires = [
         wire([(-9.0, y, 0.4), (-18.0, y, 7.0), (-15.0, y, 8.0)], 1.4) for y in (-16.0, -10.0, -4.0)
     ]
-    driver = {
-        "drivers": (driver_case(16.0, 26.0, 15.0), solids.ANODISED),
-        "supply": (wires[0], solids.RED),
-        "phases": (union(wires[1:]), solids.BLUE),
-    }
+    driver = [
+        Drawing("drivers", driver_case(16.0, 26.0, 15.0), solids.ANODISED),
+        Drawing("supply", wires[0], solids.RED),
+        Drawing("phases", union(wires[1:]), solids.BLUE),
+    ]
     places = [Place(at, 0.7 * reach, reach / 150.0) for at in halfway_deg(directions)]
     return [*board_drawings(deck, 0.3 * reach), *copies(driver, places, deck)]
 
