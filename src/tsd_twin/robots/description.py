@@ -25,7 +25,7 @@ from tsd_twin.tables import Colour, Name, NotNegative, Positive, Problem, Table
 
 RPM = math.pi / 30.0
 """rad/s per rpm."""
-
+GRAVITY_MPS2 = 9.81
 
 _MAX_RELATIVE_LAG = 0.1
 """Maximum motor lag while the speed changes, relative to the speed; a wrong time constant in the
@@ -236,13 +236,6 @@ class JointCompliance:
         return self.friction_n / slip_mps * self.by_force
 
 
-NOT_DRAWN = frozenset((
-    "title", "package", "sources", "assumptions", "limits", "battery", "pose_sensor",
-    "calibration", "noise", "errors", "floor", "gyro", "motor", "sensor_tables",
-))  # fmt: skip
-"""Description fields that models of most kinds do not depend on."""
-
-
 class RobotDescription(Table, frozen=True, kw_only=True):
     """Description of a robot: tables and derived values common to all kinds.
 
@@ -268,7 +261,10 @@ class RobotDescription(Table, frozen=True, kw_only=True):
     """Whether wheel speeds are measured; otherwise the model `spin_up` estimates them."""
     driven_by_ros: ClassVar[bool] = False
     """Whether another controller drives it through ROS, without a node on the robot."""
-    not_drawn: ClassVar[frozenset[str]] = NOT_DRAWN
+    not_drawn: ClassVar[frozenset[str]] = frozenset((
+        "title", "package", "sources", "assumptions", "limits", "battery", "pose_sensor",
+        "calibration", "noise", "errors", "floor", "gyro", "motor", "sensor_tables",
+    ))  # fmt: skip
     """Names of the fields that no model depends on."""
 
     def __post_init__(self) -> None:

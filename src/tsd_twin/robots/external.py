@@ -16,7 +16,6 @@ from tsd_twin.robots.description import JointErrors, RobotDescription, WheelSpee
 from tsd_twin.tables import Colour, NotNegative, Positive, Problem, Table
 
 Triple: TypeAlias = tuple[float, float, float]
-Sizes: TypeAlias = tuple[Positive, Positive, Positive]
 JOINT_NAME = re.compile(r"[A-Za-z0-9_.:/ -]{1,48}")
 MOST_JOINTS = 40
 """Maximum number of displayed joints; their names and angles fit into one bus message."""
@@ -43,7 +42,7 @@ class ExternalPart(Table, frozen=True):
     """Entry of `[[drive.parts]]`."""
 
     shape: Literal["box", "cylinder", "sphere"]
-    size_m: Sizes
+    size_m: tuple[Positive, Positive, Positive]
     """Along X, Y and Z; cylinder axes are along Z."""
     on: str = ""
     """Joint that moves the part; empty for the base."""

@@ -14,7 +14,7 @@ from tsd_twin.kinematics import OmniKinematics, SphereKinematics
 from tsd_twin.kinematics.omni import contacts_and_directions, layout_problem, sphere_layout_problem
 from tsd_twin.lie import Array
 from tsd_twin.robots.description import (
-    NOT_DRAWN,
+    GRAVITY_MPS2,
     RPM,
     JointErrors,
     RobotDescription,
@@ -28,7 +28,6 @@ from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
 ROLLER_CREEP_MPS = 0.01
 """Creep scale: roller friction saturates at a few times this creep."""
-_GRAVITY_MPS2 = 9.81
 
 
 class GearedMotor(Table, frozen=True):
@@ -187,7 +186,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
     @property
     def contact_friction_n(self) -> float:
         """Maximum friction per wheel, under equal loads."""
-        return self.drive.friction * self.mass.total_kg * _GRAVITY_MPS2 / len(self.drive.wheels)
+        return self.drive.friction * self.mass.total_kg * GRAVITY_MPS2 / len(self.drive.wheels)
 
     def joint_errors(self) -> JointErrors:
         """Return the errors of the wheel speeds and of roller creep.
@@ -280,7 +279,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
     drive: SphereGeometry
     mass: SphereMass
     estimate: EstimateSettings = EstimateSettings()
-    not_drawn: ClassVar[frozenset[str]] = NOT_DRAWN - {"motor"}
+    not_drawn: ClassVar[frozenset[str]] = RobotDescription.not_drawn - {"motor"}
     """The model has the wheel speed limit of the motors."""
 
     def kinematics(self) -> SphereKinematics:

@@ -15,6 +15,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 from tsd_twin.robots.description import (
+    GRAVITY_MPS2,
     RPM,
     ActuatorOffsets,
     Floor,
@@ -31,7 +32,6 @@ from tsd_twin.sensors import MountedSensor
 from tsd_twin.sensors.gyro import GYRO, Gyro
 from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
-_GRAVITY_MPS2 = 9.81
 _MEAN_LEVER = 3.0 * math.pi / 16.0
 """Friction lever of a purely spinning patch, in radii."""
 _FRICTION_SIGMA = 1.0 / math.sqrt(3.0)
@@ -339,7 +339,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         drive = self.drive
         force_n = self._spin_torque_nm / drive.rms_radius_m
         spin_rad_per_s = drive.cruise_speed_rpm * RPM
-        slip_mps = force_n / self._load_n * _GRAVITY_MPS2 * self.slip_lag_s
+        slip_mps = force_n / self._load_n * GRAVITY_MPS2 * self.slip_lag_s
         lean_rad = force_n * drive.wheel_radius_m / self._gimbal_stiffness_nm
         return (slip_mps + drive.wheel_radius_m * spin_rad_per_s * lean_rad) / drive.rms_radius_m
 
@@ -350,7 +350,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         if floor.friction == 0.0:
             return 0.0
         rim_mps = floor.patch_radius_m * self.drive.cruise_speed_rpm * RPM
-        return _SPIN_IN_SLIP * rim_mps / (floor.friction * _GRAVITY_MPS2)
+        return _SPIN_IN_SLIP * rim_mps / (floor.friction * GRAVITY_MPS2)
 
     @property
     def turning_inertia_kg_m2(self) -> float:
@@ -398,7 +398,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
     @property
     def _load_n(self) -> float:
         """Weight on a wheel."""
-        return self.mass.total_kg * _GRAVITY_MPS2 / self.drive.modules
+        return self.mass.total_kg * GRAVITY_MPS2 / self.drive.modules
 
     @property
     def _spin_torque_nm(self) -> float:
