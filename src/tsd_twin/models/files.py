@@ -20,7 +20,6 @@ from tsd_twin.models.links import (
     BASE,
     CollisionShape,
     Cylinder,
-    JointLimits,
     JointType,
     Link,
     LinkGroup,
@@ -115,9 +114,11 @@ def _add_joint(root: ET.Element, group: LinkGroup, i: int, above: str) -> None:
     if group.joint_type is not JointType.BALL:
         _origin(joint, group.at_m[i], roll_pitch_yaw(group.turn.wxyz[i]))
     if group.joint_type in (JointType.ANGLE, JointType.SPIN, JointType.SLIDE):
-        ET.SubElement(joint, "axis", xyz=" ".join(_text(part) for part in group.axes[i]))
-    if group.range is not None:
-        _limit(joint, group.range)
+        ET.SubElement(joint, "axis", xyz=_text(*group.axes[i]))
+    if (limits := group.range) is not None:
+        angle, torque = _text(limits.angle_rad), _text(limits.torque_nm)
+        speed = _text(limits.speed_rad_per_s)
+        ET.SubElement(joint, "limit", lower=f"-{angle}", upper=angle, effort=torque, velocity=speed)
 
 
 def _rings(root: ET.Element, group: LinkGroup, i: int, above: str) -> str:
@@ -156,7 +157,7 @@ def _visuals(link: ET.Element, parts: Iterable[Part], mesh_uri: str) -> None:
         geometry = ET.SubElement(visual, "geometry")
         ET.SubElement(geometry, "mesh", filename=mesh_uri + part.file)
         material = ET.SubElement(visual, "material", name=f"{part.link}_{part.name}")
-        ET.SubElement(material, "color", rgba=" ".join(_text(c) for c in part.material.rgba))
+        ET.SubElement(material, "color", rgba=_text(*part.material.rgba))
 
 
 def _collision(link: ET.Element, shape: CollisionShape) -> None:
@@ -188,28 +189,15 @@ def _joint(root: ET.Element, name: str, kind: str, links: tuple[str, str]) -> ET
     return joint
 
 
-def _limit(joint: ET.Element, limits: JointLimits) -> None:
-    angle = _text(limits.angle_rad)
-    ET.SubElement(
-        joint,
-        "limit",
-        lower=f"-{angle}",
-        upper=angle,
-        effort=_text(limits.torque_nm),
-        velocity=_text(limits.speed_rad_per_s),
-    )
-
-
 def _origin(
     element: ET.Element, xyz_m: Iterable[float], rpy: Iterable[float] = (0.0, 0.0, 0.0)
 ) -> None:
-    xyz, angles = (" ".join(_text(value) for value in three) for three in (xyz_m, rpy))
-    ET.SubElement(element, "origin", xyz=xyz, rpy=angles)
+    ET.SubElement(element, "origin", xyz=_text(*xyz_m), rpy=_text(*rpy))
 
 
-def _text(value: float) -> str:
-    """Format a number with its significant digits, and without minus zero."""
-    return f"{round(float(value), 12) + 0.0:.9g}"
+def _text(*values: float) -> str:
+    """Format numbers with their significant digits, and without minus zero."""
+    return " ".join(f"{round(float(value), 12) + 0.0:.9g}" for value in values)
 
 
 _CREASE_DEG = 32.0
