@@ -224,12 +224,10 @@ class _UrdfReader:
             if part is None:
                 meshes += 1
                 continue
-            material = element.find("material")
-            colour = None if material is None else _colour(material)
-            if material is not None and colour is None:
-                colour = self._colours.get(material.get("name", ""))
-            if colour is not None:
-                part = replace(part, colour_rgba=colour)
+            if (material := element.find("material")) is not None:
+                colour = _colour(material) or self._colours.get(material.get("name", ""))
+                if colour is not None:
+                    part = replace(part, colour_rgba=colour)
             found.append((part, _origin(element)))
         return found, meshes
 
