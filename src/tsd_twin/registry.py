@@ -24,10 +24,6 @@ class KindError(TwinError):
     """An installed package provides a robot kind that cannot be used."""
 
 
-def _no_plants() -> Mapping[str, Callable[..., Any]]:
-    return {}
-
-
 @dataclass(frozen=True, slots=True)
 class RobotKind:
     """Kind of robot from another package; only the description is required.
@@ -41,7 +37,7 @@ class RobotKind:
     odometry: Callable[[Any], Any] | None = None
     """Returns a `SensorOdometry` and whether it is the better estimate, or None. Default: joint
     odometry only."""
-    plants: Mapping[str, Callable[..., Any]] = field(default_factory=_no_plants)
+    plants: Mapping[str, Callable[..., Any]] = field(default_factory=dict[str, Callable[..., Any]])
     """Simulation factories by plant name, called as `simulate`. Default: no simulation."""
     model: Callable[[], Any] | None = None
     """Returns a `RobotModel` for all robots of the kind. Default: a box."""

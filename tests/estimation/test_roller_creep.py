@@ -13,7 +13,7 @@ from tests.estimation.test_sensor_odometry import DT_S, Ride
 from tsd_twin import robots
 from tsd_twin.lie import Array, wrap
 from tsd_twin.robots import OmniDescription
-from tsd_twin.robots.geared_motor import WheelNoise
+from tsd_twin.robots.omni import WheelNoise
 
 NO_NOISE = WheelNoise(speed_scale_sigma=0.0, creep_m=0.0)
 

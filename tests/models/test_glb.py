@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from tsd_twin.models import Material, Part, draw_parts, glb
+from tsd_twin.models import draw_parts, glb
+from tsd_twin.models.solids import Material, Part
 from tsd_twin.robots import load_robot
 
 PARTS = draw_parts(load_robot("tsd"))

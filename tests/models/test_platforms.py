@@ -22,12 +22,12 @@ from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.models import (
     KinematicTree,
-    Parts,
     draw_parts,
     kinematic_tree,
     shipped_model,
     write_model,
 )
+from tsd_twin.models.solids import Parts
 from tsd_twin.robots import RobotDescription, SphereDescription, load_robot, robot_names
 
 ALL: dict[str, RobotDescription] = {**PLATFORMS, **SPHERES}

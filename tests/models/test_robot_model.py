@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from tests.support.robot_solids import VARIANTS, solid, spaced, variant
 from tsd_twin.errors import RobotFileError
-from tsd_twin.models import Parts, draw_parts, kinematic_tree
+from tsd_twin.models import draw_parts, kinematic_tree
+from tsd_twin.models.solids import Parts
 from tsd_twin.robots import RobotDescription, load_robot
 
 TSD = load_robot("tsd")

@@ -117,11 +117,9 @@ def test_a_delay_costs_its_way() -> None:
 
 def test_dead_band_and_play_are_those_of_the_simulator() -> None:
     """One robot on a kinematic plant with these errors alone, as it goes on by itself."""
-    described = ROBOT.errors
+    described, none = ROBOT.errors, ROBOT.with_errors(0.0).errors
     kept = {"dead_band_deg": described.dead_band_deg, "backlash_deg": described.backlash_deg}
-    robot = msgspec.structs.replace(
-        ROBOT, errors=msgspec.structs.replace(described.scaled(0.0), **kept)
-    )
+    robot = msgspec.structs.replace(ROBOT, errors=msgspec.structs.replace(none, **kept))
     simulation = simulate(robot, errors=1.0)
     idle = simulation.kinematics.inverse(np.zeros(3))
     for setpoint, seconds in ((np.zeros(9), 2.0), (idle, 30.0)):

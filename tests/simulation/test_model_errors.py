@@ -22,7 +22,7 @@ STEP = 2.0 * np.pi / 4096
 
 def only(**sizes: float) -> SingularityDescription:
     """The robot of the thesis with these errors and no other."""
-    none = ROBOT.errors.scaled(0.0)
+    none = ROBOT.with_errors(0.0).errors
     return msgspec.structs.replace(ROBOT, errors=msgspec.structs.replace(none, **sizes))
 
 

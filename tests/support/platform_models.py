@@ -11,7 +11,7 @@ from manifold3d import Manifold
 
 from tests.support.robot_solids import solid
 from tsd_twin.lie import Array
-from tsd_twin.models import Part
+from tsd_twin.models.solids import Part
 from tsd_twin.robots import OmniDescription, SphereDescription, load_robot
 from tsd_twin.robots.omni import OmniGeometry, OmniWheel, SphereGeometry, SphereWheel
 

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 
-from tsd_twin.models import Part
+from tsd_twin.models.solids import Part
 from tsd_twin.robots import RobotDescription, load_robot
 
 

@@ -27,7 +27,8 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.topics import Topic
-from tsd_twin.models import Part, load_parts, robot_urdf
+from tsd_twin.models import load_parts, robot_urdf
+from tsd_twin.models.solids import Part
 from tsd_twin.robots import RobotDescription
 
 _LOG = logging.getLogger(__name__)

@@ -1,12 +1,10 @@
 """Models of robots, generated from their descriptions: meshes, kinematic tree, URDF.
 
 URDF of shipped robots are files; everything that draws needs the packages of the extra `models`.
+Parts and materials are in `solids`, which imports them.
 """
 
 from __future__ import annotations
-
-import importlib
-from typing import TYPE_CHECKING, Any
 
 from tsd_twin.models.files import (
     glb,
@@ -28,11 +26,9 @@ from tsd_twin.models.links import (
     BASE,
     JointType,
     KinematicTree,
+    Link,
     LinkGroup,
 )
-
-if TYPE_CHECKING:
-    from tsd_twin.models.solids import Link, Material, Part, Parts
 
 __all__ = [
     "BASE",
@@ -40,9 +36,6 @@ __all__ = [
     "KinematicTree",
     "Link",
     "LinkGroup",
-    "Material",
-    "Part",
-    "Parts",
     "RobotModel",
     "check_room",
     "draw_parts",
@@ -56,9 +49,3 @@ __all__ = [
     "urdf",
     "write_model",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in ("Link", "Material", "Part", "Parts"):
-        raise AttributeError(f"module 'tsd_twin.models' has no attribute '{name}'")
-    return getattr(importlib.import_module("tsd_twin.models.solids"), name)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from tsd_twin.models import solids
-from tsd_twin.models.links import KinematicTree
-from tsd_twin.models.solids import Drawing, Link, Parts, drawn, polygon, slab
+from tsd_twin.models.links import KinematicTree, Link
+from tsd_twin.models.solids import Drawing, Parts, drawn, polygon, slab
 from tsd_twin.robots import RobotDescription
 
 _LENGTH, _WIDTH, _HEIGHT = 300.0, 220.0, 120.0

@@ -6,17 +6,16 @@ The controller board resembles an Arduino Mega 2560.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from manifold3d import CrossSection, Manifold, OpType
 
 from tsd_twin.models import solids
 from tsd_twin.models.omni_wheel import PlatformLayout
-from tsd_twin.models.singularity_layout import Decks, Layout
+from tsd_twin.models.singularity_layout import Layout
 from tsd_twin.models.solids import (
     Drawing,
-    Material,
     Point,
     Span,
     box,
@@ -113,13 +112,11 @@ class Place(NamedTuple):
         return scaled.rotate(self.direction_deg)
 
 
-def copies(
-    device: Mapping[str, tuple[Manifold, Material]], places: Sequence[Place], height: float
-) -> list[Drawing]:
+def copies(device: Sequence[Drawing], places: Sequence[Place], height: float) -> list[Drawing]:
     """Copy a device to several places on a deck: one drawing per part."""
     return [
-        Drawing(name, union(place.on_deck(solid, height) for place in places), material)
-        for name, (solid, material) in device.items()
+        part._replace(solid=union(place.on_deck(part.solid, height) for place in places))
+        for part in device
     ]
 
 
@@ -133,11 +130,12 @@ def driver_case(x: float, y: float, height: float) -> Manifold:
 
 
 def heading_arrow(
+    body: Body,
     tip: Point,
     scale: float,
     size: tuple[float, float, float, float] = (40.0, 24.0, 29.0, 3.6),
     rounding: float = 1.0,
-) -> Manifold:
+) -> Drawing:
     """Draw an arrow on a deck that points forward, along X.
 
     `size` is its length, half width, length without the notch, and height; `scale` multiplies these
@@ -146,7 +144,8 @@ def heading_arrow(
     length, half, notched, height = size
     shape = polygon([(-length, -half), (0.0, 0.0), (-length, half), (-notched, 0.0)])
     outline = grown(shape, -rounding) if rounding else shape
-    return slab(outline, (0.1, height)).scale([scale] * 3).translate(tip)
+    arrow = slab(outline, (0.1, height)).scale([scale] * 3).translate(tip)
+    return Drawing("arrow", arrow, solids.front_material(body))
 
 
 def _battery(
@@ -165,19 +164,27 @@ def _battery(
     ]
 
 
-def _antenna(
-    at: tuple[float, float], z: tuple[float, float, float], radii: Sequence[float]
-) -> list[Manifold]:
-    """Draw the radio antenna: foot, mast and cap, with a radius at each end of mast and cap.
+def _radio(
+    half: tuple[float, float],
+    antenna: tuple[float, float],
+    z: tuple[float, float, float],
+    radii: tuple[float, float, float, float, float],
+) -> Manifold:
+    """Draw a receiver with its antenna about the origin.
 
-    `z` are the heights of the foot's lower end and of both ends of the cap.
+    `half` are half sides of the case, and `z` the heights of the antenna's foot and of both ends
+    of its cap. `radii` are those of the foot and of both ends of mast and cap.
     """
-    axis, (low, top, end), (foot, mast, thin, cap, cap_end) = (*at, 0.0), z, radii
-    return [
-        rod(foot, (low, low + 6.5), at=axis),
-        rod(mast, (low + 5.5, top + 1.0), at=axis, tip=thin),
-        rod(cap, (top, end), at=axis, tip=cap_end),
-    ]
+    (x, y), at, (low, top, end) = half, (*antenna, 0.0), z
+    foot, mast, thin, cap, cap_end = radii
+    return union(
+        [
+            slab(rectangle((-x, x), (-y, y), 2.5), (0.2, low + 0.5)),
+            rod(foot, (low, low + 6.5), at=at),
+            rod(mast, (low + 5.5, top + 1.0), at=at, tip=thin),
+            rod(cap, (top, end), at=at, tip=cap_end),
+        ]
+    )
 
 
 def spacer(layout: Layout | PlatformLayout, leg: float, head: float, tall: float) -> Manifold:
@@ -195,20 +202,18 @@ _MODULE_PACK = (138.0, 46.0, 34.0)
 """Length, width and height of the largest battery."""
 
 
-def module_equipment_drawings(layout: Layout, decks: Decks, body: Body) -> list[Drawing]:
+def module_equipment_drawings(layout: Layout, body: Body) -> list[Drawing]:
     """Draw the equipment of a robot on gimballed wheels."""
     m, top = layout.scale, layout.top
+    radio = _radio((9.0, 14.0), (-3.0, 8.0), (10.5, 61.0, 66.0), (3.2, 2.4, 1.7, 2.8, 2.2))
+    radio = radio.scale([m] * 3).translate((14.0 * m - layout.middle, 0.0, top))
     return [
         *_module_battery(layout),
-        *board_drawings(top, decks.middle),
-        *_controllers(layout, decks),
-        Drawing("radio", _module_radio(layout, decks), solids.BLACK),
-        Drawing("standoffs", _standoffs(layout, decks), solids.STEEL),
-        Drawing(
-            "arrow",
-            heading_arrow((decks.middle - 2.0 * m, 0.0, top), m),
-            solids.front_material(body),
-        ),
+        *board_drawings(top, layout.middle),
+        *_controllers(layout),
+        Drawing("radio", radio, solids.BLACK),
+        Drawing("standoffs", _standoffs(layout), solids.STEEL),
+        heading_arrow(body, (layout.middle - 2.0 * m, 0.0, top), m),
     ]
 
 
@@ -226,7 +231,7 @@ def _module_battery(layout: Layout) -> list[Drawing]:
     return _battery(x, y, (low, high), straps=strap, plug=plug, top_label=None)
 
 
-def _controllers(layout: Layout, decks: Decks) -> list[Drawing]:
+def _controllers(layout: Layout) -> list[Drawing]:
     """Draw a speed controller with wires on each lobe of the upper deck."""
     case = rectangle((-13.0, 13.0), (-24.0, 24.0), 3.0)
     ends = [(side * 9.0, -23.0, 5.0) for side in (-1.0, 1.0)]
@@ -234,46 +239,37 @@ def _controllers(layout: Layout, decks: Decks) -> list[Drawing]:
     phases = union(
         wire([(x, 23.0, 5.0), (x, 30.0, 5.0), (0.8 * x, 34.0, -9.0)], 1.2) for x in (-7.0, 0.0, 7.0)
     )
-    controller = {
-        "controllers": (union([slab(case, (0.2, 9.0)), pair[0]]), solids.BLACK),
-        "labels": (slab(rectangle((-9.0, 9.0), (-14.0, 14.0)), (9.0, 9.3)), solids.WHITE),
-        "supply": (pair[1], solids.RED),
-        "phases": (phases, solids.BLUE),
-    }
-    return copies(controller, list(_controller_places(layout, decks)), layout.top)
+    controller = [
+        Drawing("controllers", union([slab(case, (0.2, 9.0)), pair[0]]), solids.BLACK),
+        Drawing("labels", slab(rectangle((-9.0, 9.0), (-14.0, 14.0)), (9.0, 9.3)), solids.WHITE),
+        Drawing("supply", pair[1], solids.RED),
+        Drawing("phases", phases, solids.BLUE),
+    ]
+    return copies(controller, list(_controller_places(layout)), layout.top)
 
 
-def _controller_places(layout: Layout, decks: Decks) -> Iterator[Place]:
+def _controller_places(layout: Layout) -> Iterator[Place]:
     """Yield a place for a controller on each lobe that is large enough."""
     outline = rectangle((-14.0, 14.0), (-36.0, 36.0))
     for lobe in layout.lobes_deg:
-        x = 0.5 * (0.7 * decks.middle + decks.reach(lobe, 12.0 * layout.scale))
+        x = 0.5 * (0.7 * layout.middle + layout.reach(lobe, 12.0 * layout.scale))
         for fit in (1.0, 0.8, 0.6, 0.45):
             place = Place(lobe, x, fit * layout.scale)
-            if decks.carries(place.footprint(outline)):
+            if layout.carries(place.footprint(outline)):
                 yield place
                 break
 
 
-def _module_radio(layout: Layout, decks: Decks) -> Manifold:
-    """Draw the receiver with its antenna, at the back of the upper deck."""
-    case = slab(rectangle((-9.0, 9.0), (-14.0, 14.0), 2.5), (0.2, 11.0))
-    antenna = _antenna((-3.0, 8.0), (10.5, 61.0, 66.0), (3.2, 2.4, 1.7, 2.8, 2.2))
-    m = layout.scale
-    at = (14.0 * m - decks.middle, 0.0, layout.top)
-    return union([case, *antenna]).scale([m] * 3).translate(at)
-
-
-def _standoffs(layout: Layout, decks: Decks) -> Manifold:
+def _standoffs(layout: Layout) -> Manifold:
     """Draw the spacers near the ends of the lobes."""
     m = layout.scale
     one = spacer(layout, 3.2, 2.9, 2.2)
-    ends = [(lobe, decks.reach(lobe, 12.0 * m) - 10.0 * m) for lobe in layout.lobes_deg]
+    ends = [(lobe, layout.reach(lobe, 12.0 * m) - 10.0 * m) for lobe in layout.lobes_deg]
     seats = [(lobe, x, y) for lobe, x in ends for y in (-44.0 * m, 44.0 * m)]
     return union(
         one.translate((x, y, 0.0)).rotate((0.0, 0.0, lobe))
         for lobe, x, y in seats
-        if decks.carries(circle(5.0 * m, (x, y)).rotate(lobe))
+        if layout.carries(circle(5.0 * m, (x, y)).rotate(lobe))
     )
 
 
@@ -285,12 +281,14 @@ def platform_equipment_drawings(layout: PlatformLayout, body: Body) -> list[Draw
     """Draw the equipment of a platform on omni wheels."""
     room, m = layout.middle, layout.scale
     tip = (layout.reach(0.0) - 8.0 * m, 0.0, layout.top)
+    radio = _radio((14.0, 10.0), (8.0, 2.0), (12.5, 87.0, 93.0), (3.6, 2.6, 1.9, 3.2, 2.4))
+    radio = radio.scale([m] * 3).translate((-0.36 * room, 0.68 * room, layout.top))
     return [
         *_platform_battery(layout, -0.36 * room),
         *board_drawings(layout.top, 0.56 * room, 0.3 * room),
         *copies(_driver(), list(_driver_places(layout)), layout.top),
-        Drawing("radio", _radio(layout).translate((-0.36 * room, 0.68 * room, 0.0)), solids.BLACK),
-        Drawing("arrow", heading_arrow(tip, m), solids.front_material(body)),
+        Drawing("radio", radio, solids.BLACK),
+        heading_arrow(body, tip, m),
     ]
 
 
@@ -309,7 +307,7 @@ def _platform_battery(layout: PlatformLayout, at_x: float) -> list[Drawing]:
     return [d._replace(solid=d.solid.translate((at_x, 0.0, 0.0))) for d in drawings]
 
 
-def _driver() -> dict[str, tuple[Manifold, Material]]:
+def _driver() -> list[Drawing]:
     """Draw the parts of a motor driver: case, label, and motor wires."""
     strip = box((-14.0, 14.0), (-28.0, -23.0), (0.3, 9.0))
     wires = [
@@ -317,12 +315,12 @@ def _driver() -> dict[str, tuple[Manifold, Material]]:
         for x in (-9.0, -3.0, 3.0)
     ]
     label = slab(rectangle((-3.5, 3.5), (-14.0, 14.0)), (16.0, 16.3))
-    return {
-        "drivers": (union([driver_case(18.0, 24.0, 16.0), strip]), solids.ANODISED),
-        "labels": (label, solids.WHITE),
-        "supply": (wires[0], solids.RED),
-        "phases": (union(wires[1:]), solids.BLUE),
-    }
+    return [
+        Drawing("drivers", union([driver_case(18.0, 24.0, 16.0), strip]), solids.ANODISED),
+        Drawing("labels", label, solids.WHITE),
+        Drawing("supply", wires[0], solids.RED),
+        Drawing("phases", union(wires[1:]), solids.BLUE),
+    ]
 
 
 def _driver_places(layout: PlatformLayout) -> Iterator[Place]:
@@ -355,10 +353,3 @@ def _candidates(layout: PlatformLayout, direction_deg: float) -> Iterable[Place]
         for aside in (0.0, 12.0, -12.0, 25.0, -25.0, 40.0, -40.0, 55.0, -55.0)
         for share in (0.8, 0.72, 0.9, 1.0, 1.1)
     )
-
-
-def _radio(layout: PlatformLayout) -> Manifold:
-    """Draw the receiver with its antenna, at the origin of the upper deck."""
-    case = slab(rectangle((-14.0, 14.0), (-10.0, 10.0), 2.5), (0.2, 13.0))
-    antenna = _antenna((8.0, 2.0), (12.5, 87.0, 93.0), (3.6, 2.6, 1.9, 3.2, 2.4))
-    return union([case, *antenna]).scale([layout.scale] * 3).translate((0.0, 0.0, layout.top))

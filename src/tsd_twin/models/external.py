@@ -9,16 +9,15 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 from xml.parsers import expat
 
 import msgspec
 import numpy as np
 from manifold3d import Manifold
+from msgspec.structs import replace
 
 from tsd_twin.lie import SO3, Array
 from tsd_twin.messages.errors import MessageError
@@ -26,12 +25,14 @@ from tsd_twin.models.links import (
     JointLimits,
     JointType,
     KinematicTree,
+    Link,
     LinkGroup,
     roll_pitch_yaw,
 )
-from tsd_twin.models.solids import Drawing, Link, Material, Parts, drawn
+from tsd_twin.models.solids import Drawing, Material, Parts, drawn
 from tsd_twin.robots import ExternalDescription
 from tsd_twin.robots.external import (
+    JOINT_NAME,
     MOST_JOINTS,
     MOST_PARTS,
     RESERVED,
@@ -48,13 +49,11 @@ _MAX_LINKS = 2000
 _MIN_SIZE_M, _MAX_DISTANCE_M = 0.001, 20.0
 """Minimum thickness of a part, and maximum distance from the base."""
 _SEGMENTS = 32
-_NAME = re.compile(r"[A-Za-z0-9_.:/ -]{1,48}")
 _MOVING = frozenset({"revolute", "continuous", "prismatic"})
 _PLACEHOLDER_KG = 1.0
 """Placeholder mass of each link in the generated URDF."""
 _WIDE_LIMITS = JointLimits(1000.0, 1000.0, 1000.0)
 """Placeholder limits in the generated URDF, whose joints only display measurements."""
-_GREY = (0.7, 0.72, 0.75, 1.0)
 _BOX = ExternalPart(shape="box", size_m=(0.4, 0.3, 0.15), at_m=(0.0, 0.0, 0.075))
 
 
@@ -102,16 +101,6 @@ def read_urdf(text: str) -> tuple[ExternalGeometry, tuple[str, ...]]:
         OverflowError,
     ) as error:
         raise MessageError("shape", f"not a URDF: {str(error)[:200]}") from error
-
-
-_UNREADABLE = (
-    ET.ParseError,
-    expat.ExpatError,
-    ValueError,
-    KeyError,
-    RecursionError,
-    OverflowError,
-)
 
 
 def _refuse_doctype(text: bytes) -> None:
@@ -182,7 +171,7 @@ class _UrdfReader:
             kind not in _MOVING
             or len(self._joints) >= MOST_JOINTS
             or taken
-            or not _NAME.fullmatch(name)
+            or not JOINT_NAME.fullmatch(name)
         ):
             self._stiff += 1
             return below, on, here
@@ -218,7 +207,7 @@ class _UrdfReader:
             if np.abs(place.at).max() > _MAX_DISTANCE_M:
                 raise ValueError(f"a part is farther than {_MAX_DISTANCE_M:g} m from its joint")
             self._parts.append(
-                _changed(part, on=on, at_m=_written(place.at), rpy_deg=_degrees(place.turn))
+                replace(part, on=on, at_m=_written(place.at), rpy_deg=_degrees(place.turn))
             )
 
     def _shapes(
@@ -235,11 +224,11 @@ class _UrdfReader:
             if part is None:
                 meshes += 1
                 continue
-            material = element.find("material")
-            colour = None if material is None else _colour(material)
-            if material is not None and colour is None:
-                colour = self._colours.get(material.get("name", ""))
-            found.append((_changed(part, colour_rgba=colour or _GREY), _origin(element)))
+            if (material := element.find("material")) is not None:
+                colour = _colour(material) or self._colours.get(material.get("name", ""))
+                if colour is not None:
+                    part = replace(part, colour_rgba=colour)
+            found.append((part, _origin(element)))
         return found, meshes
 
     def _result(self) -> tuple[ExternalGeometry, tuple[str, ...]]:
@@ -251,17 +240,15 @@ class _UrdfReader:
             said.append(f"Its joints: {self._stiff} of the URDF are drawn as if they stood still.")
         if not self._parts:
             shape, sentences = stand_in("its URDF has no shape that can be drawn")
-            return _changed(shape, joints=[]), (*said, *sentences)
+            return replace(shape, joints=[]), (*said, *sentences)
         shape = ExternalGeometry(parts=self._parts, joints=self._joints)
         if len(self._parts) > MOST_PARTS or len(geometry_toml(shape)) > MAX_FILE_CHARS - 4000:
-            shape = _changed(shape, parts=[_bounding_box(shape, on) for on in _carriers(shape)])
+            used = {part.on for part in self._parts}
+            carriers = [on for on in ("", *(joint.name for joint in self._joints)) if on in used]
+            shape = replace(shape, parts=[_bounding_box(shape, on) for on in carriers])
             said.append(f"Its shape: {len(self._parts)} parts are drawn as a box for each joint.")
         low_m = min(float(corner[2]) for corner in _corners(shape))
-        return _changed(shape, height_m=round(max(0.0, -low_m), 4)), tuple(said)
-
-
-def _changed(struct: Any, **fields: Any) -> Any:
-    return msgspec.structs.replace(struct, **fields)
+        return replace(shape, height_m=round(max(0.0, -low_m), 4)), tuple(said)
 
 
 def _end(joint: ET.Element, which: str) -> str:
@@ -361,12 +348,6 @@ def _written(at: Array) -> Triple:
 def _degrees(turn: SO3) -> Triple:
     x, y, z = (round(math.degrees(angle), 2) + 0.0 for angle in roll_pitch_yaw(turn.wxyz))
     return x, y, z
-
-
-def _carriers(shape: ExternalGeometry) -> Sequence[str]:
-    """Return the joints with parts on them, the base first."""
-    used = {part.on for part in shape.parts}
-    return [on for on in ("", *(joint.name for joint in shape.joints)) if on in used]
 
 
 def _placed(entry: ExternalPart | ExternalJoint) -> _Pose:
@@ -481,6 +462,5 @@ def _drawing(name: str, part: ExternalPart) -> Drawing:
     else:
         solid = Manifold.sphere(0.5, _SEGMENTS).scale((x, y, z))
     pose = _placed(part)
-    axes = np.array([pose.turn.rotate(axis) for axis in np.eye(3)]).T
-    solid = solid.transform(np.hstack([axes, 1000.0 * pose.at[:, None]]))
+    solid = solid.transform(np.hstack([pose.turn.as_matrix(), 1000.0 * pose.at[:, None]]))
     return Drawing(name, solid, Material(part.colour_rgba, 0.1, 0.6, 1000.0))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple
+from itertools import chain, combinations_with_replacement
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 from xml.etree import ElementTree as ET
@@ -19,8 +20,8 @@ from tsd_twin.models.links import (
     BASE,
     CollisionShape,
     Cylinder,
-    JointLimits,
     JointType,
+    Link,
     LinkGroup,
     roll_pitch_yaw,
 )
@@ -30,24 +31,14 @@ from tsd_twin.tables import Colour, Positive, Share
 if TYPE_CHECKING:
     import trimesh  # Imported at use, as in `solids`.
 
-    from tsd_twin.models.solids import Link, Part, Parts
+    from tsd_twin.models.solids import Part, Parts
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Inertia:
-    """Rigid-body inertia in the frame of its link."""
+def inertia(parts: Iterable[Part], mass_kg: float) -> tuple[Array, Array]:
+    """Return the centre of mass (3,) and the inertia tensor (3, 3) of rigidly connected `parts`.
 
-    mass_kg: float
-    centre_m: Array
-    """(3,): centre of mass."""
-    tensor_kg_m2: Array
-    """(3, 3): inertia tensor about the centre of mass, in link axes."""
-
-
-def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
-    """Return the inertia of rigidly connected `parts` with the total mass `mass_kg`.
-
-    Densities only determine the mass distribution, because some solid parts are hollow in reality.
+    In metres and kg m², in link axes; the tensor is about the centre of mass. Densities only
+    determine the distribution of `mass_kg`, because some solid parts are hollow in reality.
     """
     bodies: list[tuple[float, Array, Array]] = []
     for part in parts:
@@ -63,7 +54,7 @@ def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
         arm = at - centre
         # Parallel axis theorem.
         tensor += own + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return Inertia(mass_kg, centre, tensor * (mass_kg / total))
+    return centre, tensor * (mass_kg / total)
 
 
 _RINGS = (("yaw", "0 0 1"), ("pitch", "0 1 0"), ("roll", "1 0 0"))
@@ -84,7 +75,8 @@ def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
     Raises:
         RobotFileError: If the masses are inconsistent.
     """
-    inertias = {kind: inertia(parts[kind], mass) for kind, mass in masses_kg(robot).items()}
+    masses = masses_kg(robot)
+    inertias = {kind: inertia(parts[kind], mass) for kind, mass in masses.items()}
     tree = kinematic_tree(robot)
     root = ET.Element("robot", name=robot.name)
     # Read only by MuJoCo: keep visuals and base_link, and look for meshes next to the file.
@@ -95,7 +87,7 @@ def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
 
     def link(name: str, kind: Link) -> ET.Element:
         element = ET.SubElement(root, "link", name=name)
-        _inertial(element, inertias[kind])
+        _inertial(element, masses[kind], *inertias[kind])
         _visuals(element, parts[kind], mesh_uri)
         return element
 
@@ -122,9 +114,11 @@ def _add_joint(root: ET.Element, group: LinkGroup, i: int, above: str) -> None:
     if group.joint_type is not JointType.BALL:
         _origin(joint, group.at_m[i], roll_pitch_yaw(group.turn.wxyz[i]))
     if group.joint_type in (JointType.ANGLE, JointType.SPIN, JointType.SLIDE):
-        ET.SubElement(joint, "axis", xyz=" ".join(_text(part) for part in group.axes[i]))
-    if group.range is not None:
-        _limit(joint, group.range)
+        ET.SubElement(joint, "axis", xyz=_text(*group.axes[i]))
+    if (limits := group.range) is not None:
+        angle, torque = _text(limits.angle_rad), _text(limits.torque_nm)
+        speed = _text(limits.speed_rad_per_s)
+        ET.SubElement(joint, "limit", lower=f"-{angle}", upper=angle, effort=torque, velocity=speed)
 
 
 def _rings(root: ET.Element, group: LinkGroup, i: int, above: str) -> str:
@@ -144,21 +138,15 @@ def _rings(root: ET.Element, group: LinkGroup, i: int, above: str) -> str:
     return above
 
 
-def _inertial(link: ET.Element, body: Inertia) -> None:
+def _inertial(link: ET.Element, mass_kg: float, centre_m: Array, tensor: Array) -> None:
     element = ET.SubElement(link, "inertial")
-    _origin(element, body.centre_m)
-    ET.SubElement(element, "mass", value=_text(body.mass_kg))
-    t = body.tensor_kg_m2
-    names: Mapping[str, tuple[int, int]] = {
-        "ixx": (0, 0),
-        "ixy": (0, 1),
-        "ixz": (0, 2),
-        "iyy": (1, 1),
-        "iyz": (1, 2),
-        "izz": (2, 2),
-    }
+    _origin(element, centre_m)
+    ET.SubElement(element, "mass", value=_text(mass_kg))
     # Round off the noise in the products of inertia of symmetric parts.
-    values = {name: _text(round(float(t[at]), 12)) for name, at in names.items()}
+    values = {
+        f"i{a}{b}": _text(round(float(tensor[i, j]), 12))
+        for (i, a), (j, b) in combinations_with_replacement(enumerate("xyz"), 2)
+    }
     ET.SubElement(element, "inertia", attrib=values)
 
 
@@ -169,7 +157,7 @@ def _visuals(link: ET.Element, parts: Iterable[Part], mesh_uri: str) -> None:
         geometry = ET.SubElement(visual, "geometry")
         ET.SubElement(geometry, "mesh", filename=mesh_uri + part.file)
         material = ET.SubElement(visual, "material", name=f"{part.link}_{part.name}")
-        ET.SubElement(material, "color", rgba=" ".join(_text(c) for c in part.material.rgba))
+        ET.SubElement(material, "color", rgba=_text(*part.material.rgba))
 
 
 def _collision(link: ET.Element, shape: CollisionShape) -> None:
@@ -201,28 +189,15 @@ def _joint(root: ET.Element, name: str, kind: str, links: tuple[str, str]) -> ET
     return joint
 
 
-def _limit(joint: ET.Element, limits: JointLimits) -> None:
-    angle = _text(limits.angle_rad)
-    ET.SubElement(
-        joint,
-        "limit",
-        lower=f"-{angle}",
-        upper=angle,
-        effort=_text(limits.torque_nm),
-        velocity=_text(limits.speed_rad_per_s),
-    )
-
-
 def _origin(
     element: ET.Element, xyz_m: Iterable[float], rpy: Iterable[float] = (0.0, 0.0, 0.0)
 ) -> None:
-    xyz, angles = (" ".join(_text(value) for value in three) for three in (xyz_m, rpy))
-    ET.SubElement(element, "origin", xyz=xyz, rpy=angles)
+    ET.SubElement(element, "origin", xyz=_text(*xyz_m), rpy=_text(*rpy))
 
 
-def _text(value: float) -> str:
-    """Format a number with its significant digits, and without minus zero."""
-    return f"{round(float(value), 12) + 0.0:.9g}"
+def _text(*values: float) -> str:
+    """Format numbers with their significant digits, and without minus zero."""
+    return " ".join(f"{round(float(value), 12) + 0.0:.9g}" for value in values)
 
 
 _CREASE_DEG = 32.0
@@ -364,15 +339,10 @@ def write_model(robot: RobotDescription, folder: Path) -> None:
     text = urdf(robot, parts)
     folder.mkdir(parents=True, exist_ok=True)
     entries: list[_PartMetadata] = []
-    for part in (part for several in parts.values() for part in several):
+    for part in chain.from_iterable(parts.values()):
         mesh: Any = part.mesh
         (folder / part.file).write_bytes(mesh.export(file_type="stl"))
-        of = part.material
-        entries.append(
-            _PartMetadata(
-                part.link, part.name, of.rgba, of.metallic, of.roughness, of.density_kg_per_m3
-            )
-        )
+        entries.append(_PartMetadata(part.link, part.name, *astuple(part.material)))
     (folder / _LIST).write_bytes(
         msgspec.json.format(msgspec.json.encode(entries), indent=1) + b"\n"
     )

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol
 
 from tsd_twin.errors import needs_extra
-from tsd_twin.models.links import KinematicTree
+from tsd_twin.models.links import KinematicTree, Link
 from tsd_twin.registry import KindTable
 from tsd_twin.robots import (
     ExternalDescription,
@@ -18,7 +19,7 @@ from tsd_twin.robots import (
 )
 
 if TYPE_CHECKING:
-    from tsd_twin.models.solids import Link, Parts
+    from tsd_twin.models.solids import Parts
 
 
 class RobotModel(Protocol):
@@ -41,24 +42,17 @@ class RobotModel(Protocol):
         ...
 
 
-_Import: TypeAlias = Callable[[], Any]
-"""Imports a `RobotModel` at first use, because drawing needs the packages of an extra."""
-
-
-def _module(name: str) -> _Import:
-    return lambda: import_module(f"tsd_twin.models.{name}")
-
-
-_MODELS = KindTable[_Import](
+_MODELS = KindTable[Callable[[], Any]](
     {
-        SingularityDescription: _module("singularity"),
-        OmniDescription: _module("omni"),
-        SphereDescription: _module("sphere"),
-        ExternalDescription: _module("external"),
+        SingularityDescription: partial(import_module, "tsd_twin.models.singularity"),
+        OmniDescription: partial(import_module, "tsd_twin.models.omni"),
+        SphereDescription: partial(import_module, "tsd_twin.models.sphere"),
+        ExternalDescription: partial(import_module, "tsd_twin.models.external"),
     },
     lambda kind: kind.model,
-    _module("box"),
+    partial(import_module, "tsd_twin.models.box"),
 )
+"""Import of the model of each kind at first use, because drawing needs the packages of an extra."""
 
 
 def _model(robot: RobotDescription) -> RobotModel:

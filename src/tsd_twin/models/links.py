@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -13,12 +13,8 @@ from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.robots import RobotDescription
 
-if TYPE_CHECKING:
-    from tsd_twin.models.solids import Link
-
-if TYPE_CHECKING:
-    from tsd_twin.models.solids import Link
-
+Link: TypeAlias = str
+"""Kind of link: `chassis`, `wheel`, ...; links of the same kind share their parts."""
 BASE = "base_link"
 """Root link, which has the parts of kind `chassis`."""
 
@@ -109,10 +105,6 @@ class KinematicTree:
     def kinds(self) -> tuple[Link, ...]:
         """All kinds of links, the chassis first."""
         return ("chassis", *(group.kind for group in self.link_groups))
-
-    def count(self, kind: Link) -> int:
-        """Return the number of links of a kind."""
-        return next((group.count for group in self.link_groups if group.kind == kind), 1)
 
     def link_group(self, kind: Link) -> LinkGroup:
         """Return the group of a kind other than the chassis."""

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection, Manifold, OpType
@@ -17,6 +16,7 @@ from tsd_twin.models.links import (
     Cylinder,
     JointType,
     KinematicTree,
+    Link,
     LinkGroup,
     about_z,
     chassis_mass_kg,
@@ -24,7 +24,6 @@ from tsd_twin.models.links import (
 from tsd_twin.models.omni_wheel import MOTOR, Mount, PlatformLayout, WheelPlan, motor_drawings
 from tsd_twin.models.solids import (
     Drawing,
-    Link,
     Parts,
     box,
     circle,
@@ -40,42 +39,23 @@ from tsd_twin.robots import OmniDescription
 from tsd_twin.robots.description import Body
 
 
-class Tracker(NamedTuple):
-    """Tracking wheel (passive, with encoder): pose in `base_link`, millimetres and degrees."""
-
-    x: float
-    y: float
-    turn_deg: float
-    """Measured direction."""
-    radius: float
-
-
 def platform_drawings(
-    layout: PlatformLayout, body: Body, trackers: Sequence[Tracker] = ()
+    layout: PlatformLayout, body: Body, trackers: Sequence[Mount]
 ) -> list[Drawing]:
-    """Draw the chassis and everything fixed to it.
-
-    Args:
-        layout: Positions and sizes of the parts.
-        body: Colours.
-        trackers: Tracking wheels below the lower deck.
-    """
+    """Draw the chassis and everything fixed to it; `trackers` are below the lower deck."""
     decks = [
         slab(layout.outline - _holes(layout, trackers), (layout.deck - layout.plate, layout.deck)),
         slab(layout.outline, (layout.roof, layout.top)),
     ]
-    parts = [
+    brackets = union(m.in_base(_bracket(layout, m)) for m in layout.mounts)
+    return [
         Drawing("decks", union(decks), solids.acrylic_material(body)),
         *motor_drawings(MOTOR * layout.scale, layout.train, partial(_behind_brackets, layout)),
-        Drawing(
-            "brackets",
-            union(m.in_base(_bracket(layout, m)) for m in layout.mounts),
-            solids.frame_material(body),
-        ),
+        Drawing("brackets", brackets, solids.frame_material(body)),
         Drawing("standoffs", _standoffs(layout), solids.STEEL),
         *platform_equipment_drawings(layout, body),
+        *_trackers(layout, body, trackers),
     ]
-    return parts + (_trackers(layout, body, trackers) if trackers else [])
 
 
 def _behind_brackets(layout: PlatformLayout, solid: Manifold) -> Manifold:
@@ -83,15 +63,14 @@ def _behind_brackets(layout: PlatformLayout, solid: Manifold) -> Manifold:
     return union(m.in_base(solid.translate((0.0, layout.face(m), 0.0))) for m in layout.mounts)
 
 
-def _holes(layout: PlatformLayout, trackers: Sequence[Tracker]) -> CrossSection:
+def _holes(layout: PlatformLayout, trackers: Sequence[Mount]) -> CrossSection:
     """Return the cutouts of the lower deck: for trackers, and in the middle to save weight."""
     reach = 0.16 * layout.middle
     hole = rectangle((-reach, reach), (-reach, reach), 0.3 * reach)
     slots: list[CrossSection] = []
     for one in trackers:
-        wide = WheelPlan.usual(one.radius).half_width + 2.0
-        slot = rectangle((-one.radius - 3.0, one.radius + 3.0), (-wide, wide), 2.0)
-        slots.append(slot.rotate(one.turn_deg).translate((one.x, one.y)))
+        r, wide = one.plan.radius, one.plan.half_width + 2.0
+        slots.append(one.outline_in_base(rectangle((-r - 3.0, r + 3.0), (-wide, wide), 2.0)))
     return CrossSection.batch_boolean([hole, *slots], OpType.Add)
 
 
@@ -155,19 +134,12 @@ def _standoffs(layout: PlatformLayout) -> Manifold:
     return union(one.translate((x, y, 0.0)) for x, y in there)
 
 
-def _trackers(layout: PlatformLayout, body: Body, trackers: Sequence[Tracker]) -> list[Drawing]:
+def _trackers(layout: PlatformLayout, body: Body, trackers: Sequence[Mount]) -> list[Drawing]:
     """Draw small omni wheels with encoders on arms below the lower deck."""
-    every = [_tracker(layout, body, one) for one in trackers]
-    return [
-        same[0]._replace(solid=union(drawing.solid for drawing in same))
-        for same in zip(*every, strict=True)
-    ]
-
-
-def _tracker(layout: PlatformLayout, body: Body, one: Tracker) -> list[Drawing]:
-    """Draw one tracking wheel in place."""
-    r = one.radius
-    plan = replace(WheelPlan.usual(r), rollers=6, sides=8)
+    if not trackers:
+        return []
+    plan = trackers[0].plan
+    r = plan.radius
     low, height = layout.deck - layout.plate, r - layout.floor
     side = plan.half_width + 3.0
     arm = CrossSection.batch_hull(
@@ -183,25 +155,14 @@ def _tracker(layout: PlatformLayout, body: Body, one: Tracker) -> list[Drawing]:
         Drawing("tracker_rollers", wheel["rollers"], solids.RUBBER),
         Drawing("tracker_shafts", rod(0.1 * r, (-wide - 1.0, side + 1.0), "y", at), solids.STEEL),
     ]
-    return [
-        d._replace(solid=d.solid.rotate((0.0, 0.0, one.turn_deg)).translate((one.x, one.y, 0.0)))
-        for d in drawings
-    ]
+    return [d._replace(solid=union(one.in_base(d.solid) for one in trackers)) for d in drawings]
 
 
 def draw(robot: OmniDescription) -> Parts:
     """Draw the parts; wheels with equal roller angles share them."""
     layout = PlatformLayout.of(_mounts(robot), 1e3 * robot.body.plate_thickness_m)
-    dead = robot.dead_wheels
-    trackers = (
-        []
-        if dead is None
-        else [
-            Tracker(1e3 * one.x_m, 1e3 * one.y_m, one.direction_deg, 1e3 * dead.radius_m)
-            for one in dead.wheels
-        ]
-    )
-    parts: Parts = {"chassis": drawn("chassis", platform_drawings(layout, robot.body, trackers))}
+    chassis = platform_drawings(layout, robot.body, _tracker_mounts(robot))
+    parts: Parts = {"chassis": drawn("chassis", chassis)}
     for kind, rows in _kinds(robot).items():
         plan = layout.mounts[rows[0]].plan
         parts[kind] = drawn(kind, omni_wheel.omni_wheel_drawings(plan, robot.body))
@@ -269,6 +230,17 @@ def _outboard(robot: OmniDescription, row: int) -> float:
     left = math.radians(wheel.direction_deg + 90.0)
     away = wheel.x_m * math.cos(left) + wheel.y_m * math.sin(left)
     return 1.0 if away >= 0.0 else -1.0
+
+
+def _tracker_mounts(robot: OmniDescription) -> list[Mount]:
+    dead = robot.dead_wheels
+    if dead is None:
+        return []
+    plan = replace(WheelPlan.usual(1e3 * dead.radius_m), rollers=6, sides=8)
+    return [
+        Mount(1e3 * wheel.x_m, 1e3 * wheel.y_m, wheel.direction_deg + 90.0, plan)
+        for wheel in dead.wheels
+    ]
 
 
 def _mounts(robot: OmniDescription) -> list[Mount]:

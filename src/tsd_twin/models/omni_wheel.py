@@ -73,7 +73,7 @@ class WheelPlan:
     def half_width(self) -> float:
         """Half width of the wheel along its axle."""
         if len(self.rows) == 1:
-            return self.slant + self._plate
+            return self.slant + 0.055 * self.radius
         return max(self.rows) + 1.02 * self.roller_radius
 
     @property
@@ -86,10 +86,6 @@ class WheelPlan:
         """Half extent of a roller axis along the wheel's axle."""
         return self.half_length * abs(math.sin(self.roller_angle)) + 0.25 * self.roller_radius
 
-    @property
-    def _plate(self) -> float:
-        return 0.055 * self.radius
-
 
 def omni_wheel_drawings(plan: WheelPlan, body: Body) -> list[Drawing]:
     """Draw the wheel."""
@@ -97,11 +93,10 @@ def omni_wheel_drawings(plan: WheelPlan, body: Body) -> list[Drawing]:
     wide = plan.half_width
     bore = rod(0.09 * plan.radius, (-2.0 * wide, 2.0 * wide))
     boss = rod(0.2 * plan.radius, (-wide - 0.01 * plan.radius, wide + 0.02 * plan.radius))
+    roller = _roller(plan, 0.0, plan.sides // 2 + 1)
     drawn_solids = [
         Drawing("hub", (hub + boss) - bore, solids.shell_material(body)),
-        Drawing(
-            "rollers", _at_rollers(plan, _roller(plan, 0.0, plan.sides // 2 + 1)), solids.RUBBER
-        ),
+        Drawing("rollers", _at_rollers(plan, roller), solids.RUBBER),
         Drawing("pins", _pins(plan), solids.STEEL),
         Drawing("shaft", _shaft(plan), solids.STEEL),
         Drawing("mark", _mark(plan), solids.WHITE),

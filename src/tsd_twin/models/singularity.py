@@ -4,32 +4,36 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from statistics import fmean
 
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
 from tsd_twin.lie import SO3
-from tsd_twin.models import (
-    equipment,
-    singularity_deck,
-    singularity_gimbals,
-    singularity_layout,
-    solids,
-)
+from tsd_twin.models import equipment, singularity_gimbals, solids
 from tsd_twin.models.links import (
     JointLimits,
     JointType,
     KinematicTree,
+    Link,
     LinkGroup,
     Sphere,
     about_z,
     alike,
     chassis_mass_kg,
 )
-from tsd_twin.models.singularity_layout import HORN, RIB_IN, RIB_OUT, Decks, Layout
+from tsd_twin.models.singularity_layout import (
+    HORN,
+    RIB_IN,
+    RIB_OUT,
+    RIM,
+    Layout,
+    half_gap_deg,
+    servo_case,
+    servo_fittings,
+)
 from tsd_twin.models.solids import (
     Drawing,
-    Link,
     Parts,
     circle,
     drawn,
@@ -83,12 +87,12 @@ class Rib:
         return rectangle((at - 0.5 * self.tab, at + 0.5 * self.tab), across)
 
 
-def ribs(layout: Layout, decks: Decks) -> list[Rib]:
+def ribs(layout: Layout) -> list[Rib]:
     """Return all ribs: four at each module, and one on each lobe between modules."""
     standing_ribs: list[Rib] = []
     for azimuth in layout.azimuths_deg:
         standing_ribs += [_inboard(layout, azimuth), *_outboard(layout, azimuth)]
-    return standing_ribs + [rib for a in layout.lobes_deg for rib in _lobe(layout, decks, a)]
+    return standing_ribs + [rib for a in layout.lobes_deg for rib in _lobe(layout, a)]
 
 
 def _at_module(layout: Layout, azimuth_deg: float, x: float, y: float) -> tuple[float, float]:
@@ -101,7 +105,7 @@ def _inboard(layout: Layout, azimuth_deg: float) -> Rib:
     """Return the rib for a servo, as long as its neighbours allow."""
     m, t = layout.scale, layout.plate
     inner = layout.pivot - RIB_IN * m - t
-    reach = min(62.0 * m, 0.92 * inner * math.tan(math.radians(layout.half_gap_deg)))
+    reach = min(62.0 * m, 0.92 * inner * math.tan(math.radians(half_gap_deg(layout.azimuths_deg))))
     width, length, _ = layout.servo
     face = rectangle((-reach, reach), (layout.deck, layout.roof)) - circle(0.3 * width)
     # Add windows where the case leaves room; its long end is at negative X.
@@ -137,11 +141,11 @@ def _outboard(layout: Layout, azimuth_deg: float) -> list[Rib]:
     return pieces
 
 
-def _lobe(layout: Layout, decks: Decks, lobe_deg: float) -> list[Rib]:
+def _lobe(layout: Layout, lobe_deg: float) -> list[Rib]:
     """Return the rib along the middle of a lobe, from behind the servos to near its end."""
     m, t = layout.scale, layout.plate
     start = math.hypot(layout.core, (1.0 - HORN) * layout.servo[1]) + t
-    span = decks.reach(lobe_deg, 12.0 * m + t) - 14.0 * m - start
+    span = layout.reach(lobe_deg, 12.0 * m + t) - 14.0 * m - start
     if span < 30.0 * m:
         return []
     window = rectangle((0.0, 0.22 * span), (0.6 * layout.deck, 0.6 * layout.roof), 4.0 * m)
@@ -155,9 +159,8 @@ def _lobe(layout: Layout, decks: Decks, lobe_deg: float) -> list[Rib]:
 
 def chassis_drawings(layout: Layout, body: Body) -> list[Drawing]:
     """Draw the chassis and everything fixed to it."""
-    decks = Decks.of(layout)
-    standing = ribs(layout, decks)
-    lower, upper = decks.lower, decks.upper
+    standing = ribs(layout)
+    lower, upper = layout.lower_deck, layout.upper_deck
     for rib in standing:
         lower -= rib.slots(layout, rib.low)
         upper -= rib.slots(layout, rib.high)
@@ -166,36 +169,54 @@ def chassis_drawings(layout: Layout, body: Body) -> list[Drawing]:
     return [
         Drawing("decks", union([slab(lower, floor), slab(upper, roof)]), sheet),
         Drawing("ribs", union(rib.solid(layout) for rib in standing), sheet),
-        Drawing("bearings", _at_modules(layout, _bearing(layout)), solids.STEEL),
-        Drawing(
-            "servos", _servos(layout, singularity_layout.servo_case(layout.servo)), solids.BLACK
-        ),
-        Drawing(
-            "fittings",
-            _servos(layout, singularity_layout.servo_fittings(layout.servo)),
-            solids.STEEL,
-        ),
-        *equipment.module_equipment_drawings(layout, decks, body),
+        *_joint_drawings(layout),
+        *equipment.module_equipment_drawings(layout, body),
     ]
 
 
-def _at_modules(layout: Layout, solid: Manifold) -> Manifold:
-    """Copy a `solid` from the module frame to every module."""
-    return union(layout.in_base(solid, azimuth) for azimuth in layout.azimuths_deg)
-
-
-def _servos(layout: Layout, solid: Manifold) -> Manifold:
-    """Draw a servo behind every inboard rib, shaft outward, its long end at -X."""
-    turned = solid.rotate((0.0, 0.0, 90.0)).rotate((-90.0, 0.0, 0.0))
-    front = -RIB_IN * layout.scale - layout.plate
-    return _at_modules(layout, turned.translate((0.0, front, 0.0)))
-
-
-def _bearing(layout: Layout) -> Manifold:
-    """Draw the bearing in the outboard rib of a module."""
+def _joint_drawings(layout: Layout) -> list[Drawing]:
+    """Draw the bearings in the outboard ribs, and the servos behind the inboard ribs."""
     m = layout.scale
     along = (RIB_OUT * m - 0.6, RIB_OUT * m + layout.plate + 0.6)
-    return tube(4.3 * m, 8.0 * m, along, "y")
+    bearing = tube(4.3 * m, 8.0 * m, along, "y")
+    # Shafts point outward, and the long end of the cases to -X of the module.
+    case, fittings = (
+        solid.rotate((0.0, 0.0, 90.0))
+        .rotate((-90.0, 0.0, 0.0))
+        .translate((0.0, -RIB_IN * m - layout.plate, 0.0))
+        for solid in (servo_case(layout.servo), servo_fittings(layout.servo))
+    )
+    return [
+        Drawing("bearings", layout.at_modules(bearing), solids.STEEL),
+        Drawing("servos", layout.at_modules(case), solids.BLACK),
+        Drawing("fittings", layout.at_modules(fittings), solids.STEEL),
+    ]
+
+
+_FOOT, _BELOW = 22.0, 14.0
+"""Nominal half width of a hanger, and its reach below the gimbal axis."""
+
+
+def hanging_chassis_drawings(robot: SingularityDescription, layout: Layout) -> list[Drawing]:
+    """Draw a chassis for pivots at any positions: a deck above the modules, with hangers."""
+    m, t, top = layout.scale, layout.plate, layout.top
+    pivots = [(1e3 * p.x_m, 1e3 * p.y_m) for p in robot.drive.positions]
+    outline = CrossSection.batch_hull([circle(RIM * m, at) for at in pivots])
+    hanger = rectangle((-_FOOT * m, _FOOT * m), (-_BELOW * m, layout.roof + 0.5))
+    inboard = standing(hanger - circle(0.3 * layout.servo[0]), (-RIB_IN * m - t, -RIB_IN * m))
+    outboard = standing(hanger - circle(8.0 * m), (RIB_OUT * m, RIB_OUT * m + t))
+    sheet = solids.acrylic_material(robot.body)
+    x, y = fmean(x for x, _ in pivots), fmean(y for _, y in pivots)
+    battery = solids.box(
+        (x - 50.0 * m, x + 10.0 * m), (y - 20.0 * m, y + 20.0 * m), (top, top + 25.0 * m)
+    )
+    return [
+        Drawing("decks", slab(outline, (layout.roof, top)), sheet),
+        Drawing("ribs", layout.at_modules(inboard + outboard), sheet),
+        *_joint_drawings(layout),
+        Drawing("battery", battery, solids.BLUE),
+        equipment.heading_arrow(robot.body, (x + 60.0 * m, y, top), m),
+    ]
 
 
 _AXES = {"beta": (0.0, 1.0, 0.0), "alpha": (-1.0, 0.0, 0.0), "wheel": (0.0, 0.0, 1.0)}
@@ -209,8 +230,7 @@ def check_room(robot: SingularityDescription) -> None:
     Raises:
         RobotFileError: If there is no room for the modules.
     """
-    if not robot.drive.positions:
-        Layout.of(robot)
+    Layout.of(robot)
 
 
 def draw(robot: SingularityDescription) -> Parts:
@@ -219,12 +239,10 @@ def draw(robot: SingularityDescription) -> Parts:
     Raises:
         RobotFileError: If there is no room for the modules.
     """
-    body = robot.body
+    body, layout = robot.body, Layout.of(robot)
     if robot.drive.positions:
-        layout = singularity_deck.layout_of(robot)
-        chassis = singularity_deck.deck_chassis_drawings(robot, layout)
+        chassis = hanging_chassis_drawings(robot, layout)
     else:
-        layout = Layout.of(robot)
         chassis = chassis_drawings(layout, body)
     modules: dict[Link, list[Drawing]] = {
         "outer": singularity_gimbals.outer_gimbal_drawings(layout, body),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from manifold3d import CrossSection, Manifold
 
@@ -177,47 +176,39 @@ _SERVO_LOW = 33.0
 """Underside of the servo, which clears the motor at full tilt."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Seat:
-    """Pose of the servo: behind the raised side of the frame, its shaft along X."""
+def _shaft_of(servo: Point) -> tuple[float, float]:
+    """Return Y and Z of the shaft of a servo of this size, whose case is centred."""
+    return (HORN - 0.5) * servo[1], _SERVO_LOW + 0.5 * servo[0]
 
-    size: Point
-    y: float
-    """Position of the shaft; the case is centred."""
-    z: float
 
-    @classmethod
-    def of(cls, layout: Layout) -> _Seat:
-        """Return the seat, in the units of this drawing."""
-        width, length, depth = (side / layout.scale for side in layout.servo)
-        return cls((width, length, depth), (HORN - 0.5) * length, _SERVO_LOW + 0.5 * width)
-
-    def place(self, solid: Manifold) -> Manifold:
-        """Move a drawing of the servo into place."""
-        return solid.rotate((0.0, 90.0, 0.0)).translate((_INSIDE, self.y, self.z))
+def _in_seat(solid: Manifold, servo: Point) -> Manifold:
+    """Move a drawing of the servo behind the raised side of the frame, its shaft along X."""
+    return solid.rotate((0.0, 90.0, 0.0)).translate((_INSIDE, *_shaft_of(servo)))
 
 
 def outer_gimbal_drawings(layout: Layout, body: Body) -> list[Drawing]:
     """Draw the outer frame and the parts it carries."""
-    seat = _Seat.of(layout)
+    width, length, depth = (side / layout.scale for side in layout.servo)
+    servo = (width, length, depth)
     return [
-        Drawing("frame", _outer_frame(seat), solids.frame_material(body)),
-        Drawing("servo", seat.place(singularity_layout.servo_case(seat.size)), solids.BLACK),
-        Drawing("steel", _steel(seat, layout.plate / layout.scale), solids.STEEL),
-        Drawing("belt", _belt(seat), solids.RUBBER),
+        Drawing("frame", _outer_frame(servo), solids.frame_material(body)),
+        Drawing("servo", _in_seat(singularity_layout.servo_case(servo), servo), solids.BLACK),
+        Drawing("steel", _steel(servo, layout.plate / layout.scale), solids.STEEL),
+        Drawing("belt", _belt(servo), solids.RUBBER),
     ]
 
 
-def _outer_frame(seat: _Seat) -> Manifold:
+def _outer_frame(servo: Point) -> Manifold:
     """Draw the square with seats and hubs, and the side that carries the servo."""
     plan = rectangle((-_OUTSIDE, _OUTSIDE), (-_OUTSIDE, _OUTSIDE), 32.0)
     plan -= rectangle((-_INSIDE, _INSIDE), (-_INSIDE, _INSIDE), 28.0)
-    crown, waist = seat.z + 0.5 * seat.size[0], 16.0
+    width, (y, z), waist = servo[0], _shaft_of(servo), 16.0
+    crown = z + 0.5 * width
     side = polygon(
         [(-25.0, -5.0), (25.0, -5.0), (21.0, waist), (24.0, crown), (-24.0, crown), (-21.0, waist)]
     )
     side = grown(grown(side, -4.0), 4.0)
-    side -= rectangle((-12.0, 12.0), (11.0, seat.z - 0.45 * seat.size[0]), 4.0)
+    side -= rectangle((-12.0, 12.0), (11.0, z - 0.45 * width), 4.0)
     solid = union(
         [
             slab(plan, (-5.0, 5.0)),
@@ -228,13 +219,13 @@ def _outer_frame(seat: _Seat) -> Manifold:
             rod(9.0, (_INSIDE + 1.0, _HUBS[1]), "y"),
         ]
     )
-    shaft = rod(0.29 * seat.size[0], (40.0, 60.0), "x", (0.0, seat.y, seat.z))
+    shaft = rod(0.29 * width, (40.0, 60.0), "x", (0.0, y, z))
     return solid - union([rod(3.4, (-60.0, 60.0), "x"), shaft])
 
 
-def _steel(seat: _Seat, plate: float) -> Manifold:
+def _steel(servo: Point, plate: float) -> Manifold:
     """Draw bearings, the outboard axle, the inboard horn, the driving pulley, and screws."""
-    horn = 0.26 * seat.size[0]
+    horn = 0.26 * servo[0]
     end = _OUTSIDE + 0.9
     pulley = [rod(PULLEY, (_INSIDE + 0.5, BELT[1]), "x"), rod(9.0, (BELT[1], BELT[1] + 0.8), "x")]
     angles = [math.radians(angle) for angle in (45, 135, 225, 315)]
@@ -244,17 +235,17 @@ def _steel(seat: _Seat, plate: float) -> Manifold:
             tube(3.4, 6.0, (end - 4.0, end), "x"),
             tube(3.4, 6.0, (-end, 4.0 - end), "x"),
             rod(4.0, (_HUBS[1] - 1.0, RIB_OUT + plate + 2.5), "y"),
-            union(pulley).translate((0.0, seat.y, seat.z)),
+            union(pulley).translate((0.0, *_shaft_of(servo))),
             rod(horn, (0.6 - RIB_IN, -_HUBS[0]), "y"),
             rod(0.6 * horn, (0.3 - RIB_IN - plate, 1.0 - RIB_IN), "y"),
             *(rod(1.4, (-_HUBS[0], 1.0 - _HUBS[0]), "y", (x, 0.0, z), corners=6) for x, z in spots),
-            seat.place(singularity_layout.servo_fittings(seat.size)),
+            _in_seat(singularity_layout.servo_fittings(servo), servo),
         ]
     )
 
 
-def _belt(seat: _Seat) -> Manifold:
+def _belt(servo: Point) -> Manifold:
     """Draw the toothed belt from the servo to the inner frame."""
     ends = [circle(PULLEY + 1.4), circle(PULLEY + 0.3)]
-    runs = [CrossSection.batch_hull([end, end.translate((seat.y, seat.z))]) for end in ends]
+    runs = [CrossSection.batch_hull([end, end.translate(_shaft_of(servo))]) for end in ends]
     return sideways(runs[0] - runs[1], (BELT[0] + 0.4, BELT[1] - 0.4))

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
+import numpy as np
 from manifold3d import CrossSection, Manifold
 
 from tsd_twin.errors import RobotFileError
@@ -33,16 +35,26 @@ RIB_IN, RIB_OUT = 63.0, 60.0
 """Nominal distances of a module's inboard and outboard ribs from its pivot."""
 HORN = 0.295
 """Distance of a servo's shaft from the near end of its case, relative to the length."""
+RIM = 84.0
+"""Nominal radius of the deck corners about the pivots."""
+_BAY = 63.0
+"""Nominal radius of the round bays that the frames enter at full tilt."""
+_BAY_SIDES = (-57.0, 55.5)
+"""Nominal flat sides of the bays at the ribs, along Y of the module."""
+_SWEEP = (-64.0, 88.0)
+"""Nominal extent of the outer frame with its servo at full tilt, along X of the module."""
+_ABOVE_SWEEP = 31.0
+"""Nominal clearance between a deck above the modules and the frames at full tilt."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Layout:
     """Dimensions in millimetres in `base_link`, whose origin is at gimbal height."""
 
     azimuths_deg: tuple[float, ...]
     """Azimuths of the modules, in description order."""
-    pivot: float
-    """Radius of the circle through the pivots."""
+    radii: tuple[float, ...]
+    """Distances of the pivots from the centre."""
     wheel: float
     """Radius of the wheels, and depth of the floor below the origin."""
     servo: tuple[float, float, float]
@@ -50,54 +62,45 @@ class Layout:
     plate: float
     """Thickness of the acrylic."""
     floor: float
-    """Height of the underside of the lower deck."""
+    """Height of the underside of the lower deck, if any."""
     roof: float
     """Height of the underside of the upper deck."""
 
     @classmethod
     def of(cls, robot: SingularityDescription) -> Layout:
-        """Lay out a robot with pivots on a circle.
+        """Lay out a robot; pivots at any positions get a single deck above the moving parts.
 
         Raises:
-            RobotFileError: If the modules do not fit the body, or the plate does not fit the
-                wheels.
+            RobotFileError: If modules on a circle do not fit the body, or the plate does not fit
+                the wheels.
         """
-        drive, body = robot.drive, robot.body
-        pivot_m = drive.rms_radius_m
-        pivot, wheel = 1e3 * pivot_m, 1e3 * drive.wheel_radius_m
-        plate = 1e3 * body.plate_thickness_m
+        drive = robot.drive
+        wheel, plate = 1e3 * drive.wheel_radius_m, 1e3 * robot.body.plate_thickness_m
         scale = wheel / NOMINAL_WHEEL
-        room = pivot - RIB_IN * scale - plate
-        if room < 0.2 * wheel:
-            least = 1e-3 * (RIB_IN * scale + plate + 0.2 * wheel)
-            raise RobotFileError(
-                robot.name,
-                f"drive.pivot_radius_m is {pivot_m:g}, too little for a body "
-                f"with wheels of {drive.wheel_radius_m:g} m",
-                f"at least {least:.3f}",
-            )
         size = [1e3 * side for side in robot.servo.size_m]
-        # Neighbouring servos are boxes on the sides of a polygon whose far corners must not meet.
-        slope = math.tan(math.radians(_half_gap_deg(drive.directions_deg)))
-        fit = room * slope / ((1.0 - HORN) * size[1] + slope * size[2])
         fits = [scale * most / side for most, side in zip(NOMINAL_SERVO, size, strict=True)]
-        width, length, depth = (min(1.0, fit, *fits) * side for side in size)
-        clearance = min(1e3 * body.ground_clearance_m, wheel - plate - 0.5 * width - 0.5)
-        if clearance < 0.05 * wheel:
-            raise RobotFileError(
-                robot.name,
-                f"body.plate_thickness_m is {body.plate_thickness_m:g}, too much for wheels of "
-                f"{drive.wheel_radius_m:g} m",
-            )
+        if not drive.positions:
+            fits.append(_fit_between_modules(robot, size))
+        width, length, depth = (min(1.0, *fits) * side for side in size)
+        if drive.positions:
+            swept = _SWEEP[1] * math.sin(math.radians(drive.max_tilt_deg))
+            floor, roof = -wheel, (swept + _ABOVE_SWEEP) * scale
+        else:
+            floor, roof = _clearance(robot, width) - wheel, 0.5 * width + 1.5
         return cls(
             azimuths_deg=tuple(drive.directions_deg),
-            pivot=pivot,
+            radii=tuple((1e3 * np.broadcast_to(drive.pivot_radii_m, drive.modules)).tolist()),
             wheel=wheel,
             servo=(width, length, depth),
             plate=plate,
-            floor=clearance - wheel,
-            roof=0.5 * width + 1.5,
+            floor=floor,
+            roof=roof,
         )
+
+    @property
+    def pivot(self) -> float:
+        """Radius of the circle through the pivots, if they are on one."""
+        return self.radii[0]
 
     @property
     def scale(self) -> float:
@@ -120,76 +123,107 @@ class Layout:
         return self.pivot - RIB_IN * self.scale - self.plate - self.servo[2]
 
     @property
-    def half_gap_deg(self) -> float:
-        """Half of the smallest angle between neighbouring modules, at most 75 degrees."""
-        return _half_gap_deg(self.azimuths_deg)
-
-    @property
     def lobes_deg(self) -> tuple[float, ...]:
         """Directions midway between neighbouring modules, one after each module."""
         return halfway_deg(self.azimuths_deg)
 
-    def in_base(self, solid: Manifold, azimuth_deg: float) -> Manifold:
-        """Move a `solid` from the module frame to `base_link`."""
-        return solid.translate((0.0, self.pivot, 0.0)).rotate((0.0, 0.0, azimuth_deg - 90.0))
+    def at_modules(self, solid: Manifold) -> Manifold:
+        """Copy a `solid` from the module frame to every module, in `base_link`."""
+        return union(
+            solid.translate((0.0, radius, 0.0)).rotate((0.0, 0.0, azimuth - 90.0))
+            for azimuth, radius in zip(self.azimuths_deg, self.radii, strict=True)
+        )
 
     def outline_in_base(self, outline: CrossSection, azimuth_deg: float) -> CrossSection:
         """Move an `outline` from the module frame to `base_link`."""
         return outline.translate((0.0, self.pivot)).rotate(azimuth_deg - 90.0)
 
-
-def _half_gap_deg(azimuths_deg: Sequence[float]) -> float:
-    return min(75.0, *(0.5 * gap for _, gap in gaps_deg(azimuths_deg)))
-
-
-RIM = 84.0
-"""Nominal radius of the deck corners about the pivots."""
-_BAY = 63.0
-"""Nominal radius of the round bays that the frames enter at full tilt."""
-_BAY_SIDES = (-57.0, 55.5)
-"""Nominal flat sides of the bays at the ribs, along Y of the module."""
-_SWEEP = (-64.0, 88.0)
-"""Nominal extent of the outer frame with its servo at full tilt, along X of the module."""
-
-
-@dataclass(frozen=True, slots=True)
-class Decks:
-    """Deck outlines in `base_link`, millimetres, before slots are cut."""
-
-    lower: CrossSection
-    """Polygon with round corners and a round bay for each module."""
-    upper: CrossSection
-    """The same polygon without the sweep of moving parts."""
-    middle: float
-    """Minimum radius of the upper deck."""
-
-    @classmethod
-    def of(cls, layout: Layout) -> Decks:
-        """Return the deck outlines of a robot."""
-        m = layout.scale
-        corners = [layout.outline_in_base(circle(RIM * m), a) for a in layout.azimuths_deg]
+    @cached_property
+    def outline(self) -> CrossSection:
+        """Outline of both decks: a polygon with round corners."""
+        m = self.scale
+        corners = [self.outline_in_base(circle(RIM * m), a) for a in self.azimuths_deg]
         # A triangle suffices for three modules; two or unevenly spaced modules need a middle too.
-        outline = CrossSection.batch_hull([*corners, circle(layout.pivot - 20.0 * m)])
+        return CrossSection.batch_hull([*corners, circle(self.pivot - 20.0 * m)])
+
+    @property
+    def lower_deck(self) -> CrossSection:
+        """Outline of the lower deck, with a round bay for each module; without slots."""
+        m, deck = self.scale, self.outline
         bay = circle(_BAY * m) ^ rectangle((-99.0 * m, 99.0 * m), _scaled(_BAY_SIDES, m))
         bay = softened(bay, 4.0 * m)
-        far = 3.0 * (layout.pivot + RIM * m)
+        for azimuth in self.azimuths_deg:
+            deck -= self.outline_in_base(bay, azimuth)
+        return deck
+
+    @cached_property
+    def upper_deck(self) -> CrossSection:
+        """Outline of the upper deck, without the sweep of moving parts; without slots."""
+        m, deck = self.scale, self.outline
+        far = 3.0 * (self.pivot + RIM * m)
         notch = rectangle(_scaled(_SWEEP, m), (_BAY_SIDES[0] * m, far), 16.0 * m)
-        lower, upper = outline, outline
-        for azimuth in layout.azimuths_deg:
-            lower -= layout.outline_in_base(bay, azimuth)
-            upper -= layout.outline_in_base(notch, azimuth)
+        for azimuth in self.azimuths_deg:
+            deck -= self.outline_in_base(notch, azimuth)
         # Drop the pieces that are not connected to the middle.
-        pieces = softened(upper, 12.0 * m).decompose()
-        largest = max(pieces, key=lambda piece: piece.area())
-        return cls(lower, largest, layout.pivot + _BAY_SIDES[0] * m)
+        pieces = softened(deck, 12.0 * m).decompose()
+        return max(pieces, key=lambda piece: piece.area())
+
+    @property
+    def middle(self) -> float:
+        """Minimum radius of the upper deck."""
+        return self.pivot + _BAY_SIDES[0] * self.scale
 
     def reach(self, direction_deg: float, width: float) -> float:
         """Return the distance from the centre up to which a straight strip is on the upper deck."""
-        return strip_reach(self.upper, direction_deg, width)
+        return strip_reach(self.upper_deck, direction_deg, width)
 
     def carries(self, footprint: CrossSection) -> bool:
         """Return whether a footprint is completely on the upper deck."""
-        return (footprint - self.upper).area() < 1e-6
+        return (footprint - self.upper_deck).area() < 1e-6
+
+
+def half_gap_deg(azimuths_deg: Sequence[float]) -> float:
+    """Return half of the smallest angle between neighbouring modules, at most 75 degrees."""
+    return min(75.0, *(0.5 * gap for _, gap in gaps_deg(azimuths_deg)))
+
+
+def _fit_between_modules(robot: SingularityDescription, size: Sequence[float]) -> float:
+    """Return the scale at which servos of `size` fit next to each other in the middle.
+
+    Raises:
+        RobotFileError: If there is no room for servos.
+    """
+    drive = robot.drive
+    wheel, plate = 1e3 * drive.wheel_radius_m, 1e3 * robot.body.plate_thickness_m
+    rib = RIB_IN * (wheel / NOMINAL_WHEEL)
+    room = 1e3 * drive.rms_radius_m - rib - plate
+    if room < 0.2 * wheel:
+        raise RobotFileError(
+            robot.name,
+            f"drive.pivot_radius_m is {drive.rms_radius_m:g}, too little for a body "
+            f"with wheels of {drive.wheel_radius_m:g} m",
+            f"at least {1e-3 * (rib + plate + 0.2 * wheel):.3f}",
+        )
+    # Neighbouring servos are boxes on the sides of a polygon whose far corners must not meet.
+    slope = math.tan(math.radians(half_gap_deg(drive.directions_deg)))
+    return room * slope / ((1.0 - HORN) * size[1] + slope * size[2])
+
+
+def _clearance(robot: SingularityDescription, servo_width: float) -> float:
+    """Return the height of the lower deck above the floor.
+
+    Raises:
+        RobotFileError: If the plate does not fit the wheels.
+    """
+    wheel, plate = 1e3 * robot.drive.wheel_radius_m, 1e3 * robot.body.plate_thickness_m
+    clearance = min(1e3 * robot.body.ground_clearance_m, wheel - plate - 0.5 * servo_width - 0.5)
+    if clearance < 0.05 * wheel:
+        raise RobotFileError(
+            robot.name,
+            f"body.plate_thickness_m is {robot.body.plate_thickness_m:g}, too much for wheels of "
+            f"{robot.drive.wheel_radius_m:g} m",
+        )
+    return clearance
 
 
 def _scaled(span: tuple[float, float], by: float) -> tuple[float, float]:

@@ -12,6 +12,7 @@ import numpy as np
 from manifold3d import CrossSection, JoinType, Manifold, OpType
 
 from tsd_twin.errors import MeshError
+from tsd_twin.models.links import Link
 from tsd_twin.robots.description import Body
 
 if TYPE_CHECKING:
@@ -134,8 +135,6 @@ def halfway_deg(directions_deg: Sequence[float]) -> tuple[float, ...]:
     return tuple(a + 0.5 * gap for a, gap in gaps_deg(directions_deg))
 
 
-Link: TypeAlias = str
-"""Kind of link: `chassis`, `wheel`, ...; links of the same kind share their parts."""
 Parts: TypeAlias = dict[Link, tuple["Part", ...]]
 """Parts of each kind of link, the chassis first."""
 _GRID_M = 1e-6

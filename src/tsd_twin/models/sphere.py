@@ -16,6 +16,7 @@ from tsd_twin.models.links import (
     Cylinder,
     JointType,
     KinematicTree,
+    Link,
     LinkGroup,
     Sphere,
     alike,
@@ -25,7 +26,6 @@ from tsd_twin.models.links import (
 from tsd_twin.models.omni_wheel import WheelPlan, motor_drawings
 from tsd_twin.models.solids import (
     Drawing,
-    Link,
     Parts,
     around,
     box,
@@ -63,15 +63,16 @@ def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
             box((-far, far), (-far, far), (-thin, thin)),
         ]
     )
+    half = {1: (0.0, far), -1: (-far, 0.0)}
     marks = {
-        (axis, side): rod(_MARK * radius, (0.0, far) if side > 0 else (-far, 0.0), axis)
+        (axis, side): rod(_MARK * radius, span, axis)
         for axis in ("x", "y", "z")
-        for side in (1, -1)
+        for side, span in half.items()
     }
     everywhere = union(marks.values())
     front, up = marks.pop(("x", 1)), marks.pop(("z", 1))
     fields = shell - (bands + everywhere)
-    light = union(_octant(x, y, x * y, far) for x in (1, -1) for y in (1, -1))
+    light = union(box(half[x], half[y], half[x * y]) for x in half for y in half)
     return [
         Drawing("fields", fields ^ light, solids.WHITE),
         Drawing("others", fields - light, solids.shell_material(body)),
@@ -80,12 +81,6 @@ def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
         Drawing("front", shell ^ front, solids.front_material(body)),
         Drawing("up", shell ^ up, solids.YELLOW),
     ]
-
-
-def _octant(x: int, y: int, z: int, far: float) -> Manifold:
-    """Return the octant given by the signs of its axes."""
-    spans = [(0.0, far) if side > 0 else (-far, 0.0) for side in (x, y, z)]
-    return box(spans[0], spans[1], spans[2])
 
 
 _STAND_MOTOR = 0.62
@@ -139,15 +134,13 @@ class StandLayout:
     @property
     def deck(self) -> float:
         """Height of the plate's top, below all motors and wheels."""
-        lowest = 0.0
+        radius, lowest = self.plan.radius, 0.0
         for lean in self.leans:
             end = lean.at + lean.side * (self.bracket + self.thick + self.train) * lean.turn[:, 1]
-            tall = (
-                _STAND_MOTOR * 1.2 * self.plan.radius * math.hypot(lean.turn[2, 0], lean.turn[2, 2])
-            )
-            rim = self.plan.radius * math.hypot(lean.turn[2, 0], lean.turn[2, 2])
+            upright = math.hypot(lean.turn[2, 0], lean.turn[2, 2])
+            tall, rim = _STAND_MOTOR * 1.2 * radius * upright, radius * upright
             lowest = min(lowest, end[2] - tall, lean.at[2] - rim - self.plan.half_width)
-        return lowest - 0.2 * self.plan.radius
+        return lowest - 0.2 * radius
 
     @property
     def floor(self) -> float:
@@ -157,9 +150,8 @@ class StandLayout:
     @property
     def reach(self) -> float:
         """Radius of the plate."""
-        return (
-            max(math.hypot(lean.at[0], lean.at[1]) for lean in self.leans) + 2.2 * self.plan.radius
-        )
+        farthest = max(math.hypot(lean.at[0], lean.at[1]) for lean in self.leans)
+        return farthest + 2.2 * self.plan.radius
 
 
 def stand_drawings(stand: StandLayout, body: Body) -> list[Drawing]:
@@ -169,21 +161,14 @@ def stand_drawings(stand: StandLayout, body: Body) -> list[Drawing]:
     plate = slab(circle(reach) - hole, (deck - 6.0, deck))
     lip = slab(circle(reach) - circle(reach - 4.0), (deck - 6.0, deck + 5.0))
     feet = around(rod(12.0, (deck - 6.0 - _FOOT, deck - 6.0), at=(0.86 * reach, 0.0, 0.0)), 3, 60.0)
+    brackets = union(_bracket(stand, lean) for lean in stand.leans)
     return [
         Drawing("plate", plate + lip, solids.acrylic_material(body)),
         Drawing("feet", feet, solids.RUBBER),
-        Drawing(
-            "brackets",
-            union(_bracket(stand, lean) for lean in stand.leans),
-            solids.frame_material(body),
-        ),
+        Drawing("brackets", brackets, solids.frame_material(body)),
         *motor_drawings(_STAND_MOTOR * radius, stand.train, partial(_behind_brackets, stand)),
         *_electronics(stand),
-        Drawing(
-            "arrow",
-            heading_arrow((reach - 6.0, 0.0, deck), reach / 150.0, (24.0, 15.0, 17.0, 3.0), 0.0),
-            solids.front_material(body),
-        ),
+        heading_arrow(body, (reach - 6.0, 0.0, deck), reach / 150.0, (24.0, 15.0, 17.0, 3.0), 0.0),
     ]
 
 
@@ -221,22 +206,22 @@ def _electronics(stand: StandLayout) -> list[Drawing]:
     wires = [
         wire([(-9.0, y, 0.4), (-18.0, y, 7.0), (-15.0, y, 8.0)], 1.4) for y in (-16.0, -10.0, -4.0)
     ]
-    driver = {
-        "drivers": (driver_case(16.0, 26.0, 15.0), solids.ANODISED),
-        "supply": (wires[0], solids.RED),
-        "phases": (union(wires[1:]), solids.BLUE),
-    }
+    driver = [
+        Drawing("drivers", driver_case(16.0, 26.0, 15.0), solids.ANODISED),
+        Drawing("supply", wires[0], solids.RED),
+        Drawing("phases", union(wires[1:]), solids.BLUE),
+    ]
     places = [Place(at, 0.7 * reach, reach / 150.0) for at in halfway_deg(directions)]
     return [*board_drawings(deck, 0.3 * reach), *copies(driver, places, deck)]
 
 
 def draw(robot: SphereDescription) -> Parts:
     """Draw the parts of stand, sphere and wheel."""
-    plan = _plan(robot)
+    stand = _stand(robot)
     return {
-        "chassis": drawn("chassis", stand_drawings(_stand(robot), robot.body)),
+        "chassis": drawn("chassis", stand_drawings(stand, robot.body)),
         "sphere": drawn("sphere", sphere_drawings(1e3 * robot.drive.sphere_radius_m, robot.body)),
-        "wheel": drawn("wheel", omni_wheel.omni_wheel_drawings(plan, robot.body)),
+        "wheel": drawn("wheel", omni_wheel.omni_wheel_drawings(stand.plan, robot.body)),
     }
 
 

@@ -10,14 +10,14 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
-from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import Joint, Kinematics, SingularityKinematics
+from tsd_twin.kinematics.base import set_matrices
 from tsd_twin.lie import Array
 from tsd_twin.sensors import MountedSensor, SensorTable, mounted, read_tables
 from tsd_twin.sensors.pose import PoseSensor
@@ -25,7 +25,7 @@ from tsd_twin.tables import Colour, Name, NotNegative, Positive, Problem, Table
 
 RPM = math.pi / 30.0
 """rad/s per rpm."""
-
+GRAVITY_MPS2 = 9.81
 
 _MAX_RELATIVE_LAG = 0.1
 """Maximum motor lag while the speed changes, relative to the speed; a wrong time constant in the
@@ -236,13 +236,6 @@ class JointCompliance:
         return self.friction_n / slip_mps * self.by_force
 
 
-NOT_DRAWN = frozenset((
-    "title", "package", "sources", "assumptions", "limits", "battery", "pose_sensor",
-    "calibration", "noise", "errors", "floor", "gyro", "motor", "sensor_tables",
-))  # fmt: skip
-"""Description fields that models of most kinds do not depend on."""
-
-
 class RobotDescription(Table, frozen=True, kw_only=True):
     """Description of a robot: tables and derived values common to all kinds.
 
@@ -264,6 +257,15 @@ class RobotDescription(Table, frozen=True, kw_only=True):
     pose_sensor: PoseSensor = PoseSensor()
     sensor_tables: Sequence[Any] = msgspec.field(default=(), name="sensors")
     """Entries of `[[sensors]]`, as `SensorTable`."""
+    measures_spin: ClassVar[bool] = True
+    """Whether wheel speeds are measured; otherwise the model `spin_up` estimates them."""
+    driven_by_ros: ClassVar[bool] = False
+    """Whether another controller drives it through ROS, without a node on the robot."""
+    not_drawn: ClassVar[frozenset[str]] = frozenset((
+        "title", "package", "sources", "assumptions", "limits", "battery", "pose_sensor",
+        "calibration", "noise", "errors", "floor", "gyro", "motor", "sensor_tables",
+    ))  # fmt: skip
+    """Names of the fields that no model depends on."""
 
     def __post_init__(self) -> None:
         """Convert the entries of `[[sensors]]` to the tables of their kinds.
@@ -277,11 +279,6 @@ class RobotDescription(Table, frozen=True, kw_only=True):
     def arming_hold_s(self) -> float:
         """Time at zero throttle needed for arming; 0 if enabling is immediate."""
         return 0.0
-
-    @property
-    def measures_spin(self) -> bool:
-        """Whether wheel speeds are measured; otherwise the model `spin_up` estimates them."""
-        return True
 
     @property
     def own_sensors(self) -> tuple[MountedSensor, ...]:
@@ -304,16 +301,6 @@ class RobotDescription(Table, frozen=True, kw_only=True):
     def not_promised(self) -> tuple[str, ...]:
         """Rules of safety.md that do not hold for this robot, a sentence each."""
         return ()
-
-    @property
-    def driven_by_ros(self) -> bool:
-        """Whether another controller drives it through ROS, without a node on the robot."""
-        return False
-
-    @property
-    def not_drawn(self) -> frozenset[str]:
-        """Names of the fields that no model depends on."""
-        return NOT_DRAWN
 
     @property
     def drives_sideways(self) -> bool:
@@ -391,10 +378,8 @@ class ActuatorOffsets:
     """(n,): 1 for gimbals."""
 
     def __post_init__(self) -> None:
-        for name in ("offset", "scale"):
-            value = np.array(getattr(self, name), dtype=float)
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+        arrays = {"offset": np.array(self.offset, float), "scale": np.array(self.scale, float)}
+        set_matrices(self, arrays)
 
     def to_actuators(self, joints: Array) -> Array:
         """Convert joint setpoints (..., n) to actuator setpoints (..., n)."""
@@ -437,15 +422,3 @@ class ModelErrors(Table, frozen=True):
     """Standard deviation of the battery voltage, relative to the nominal voltage."""
     layer_m: NotNegative = 0.0
     """Height of a printed layer; the wheel radius deviates by up to half of it."""
-
-    def scaled(self, scale: float) -> ModelErrors:
-        """Return all errors multiplied by `scale`; 0 gives a robot without errors.
-
-        Raises:
-            TwinError: If the scale is negative or not finite.
-        """
-        if not 0.0 <= scale < math.inf:
-            raise TwinError(f"errors are scaled by 0, which is none, or more, not by {scale:g}")
-        return msgspec.structs.replace(
-            self, **{name: scale * getattr(self, name) for name in self.__struct_fields__}
-        )

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from msgspec import Meta, field
 
@@ -15,8 +16,7 @@ from tsd_twin.robots.description import JointErrors, RobotDescription, WheelSpee
 from tsd_twin.tables import Colour, NotNegative, Positive, Problem, Table
 
 Triple: TypeAlias = tuple[float, float, float]
-Sizes: TypeAlias = tuple[Positive, Positive, Positive]
-JointName: TypeAlias = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_.:/ -]{1,48}\Z")]
+JOINT_NAME = re.compile(r"[A-Za-z0-9_.:/ -]{1,48}")
 MOST_JOINTS = 40
 """Maximum number of displayed joints; their names and angles fit into one bus message."""
 MOST_PARTS = 400
@@ -42,7 +42,7 @@ class ExternalPart(Table, frozen=True):
     """Entry of `[[drive.parts]]`."""
 
     shape: Literal["box", "cylinder", "sphere"]
-    size_m: Sizes
+    size_m: tuple[Positive, Positive, Positive]
     """Along X, Y and Z; cylinder axes are along Z."""
     on: str = ""
     """Joint that moves the part; empty for the base."""
@@ -54,7 +54,7 @@ class ExternalPart(Table, frozen=True):
 class ExternalJoint(Table, frozen=True):
     """Entry of `[[drive.joints]]`; parent joints come first."""
 
-    name: JointName
+    name: Annotated[str, Meta(pattern=rf"^{JOINT_NAME.pattern}\Z")]
     on: str = ""
     """Parent joint; empty for the base."""
     slides: bool = False
@@ -80,6 +80,7 @@ class ExternalDescription(RobotDescription, frozen=True, kw_only=True):
     """External robot driven through ROS `cmd_vel`."""
 
     drive: ExternalGeometry
+    driven_by_ros: ClassVar[bool] = True
 
     @property
     def sensors(self) -> tuple[Joint, ...]:
@@ -91,11 +92,6 @@ class ExternalDescription(RobotDescription, frozen=True, kw_only=True):
     def not_promised(self) -> tuple[str, ...]:
         """Rules that do not hold, and drawing assumptions."""
         return (*NOT_PROMISED, *self.assumptions)
-
-    @property
-    def driven_by_ros(self) -> bool:
-        """Return True."""
-        return True
 
     @property
     def drives_sideways(self) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import typing
 from typing import Any
 
@@ -12,6 +11,7 @@ from tsd_twin.robots.description import RobotDescription
 from tsd_twin.robots.external import ExternalDescription
 from tsd_twin.robots.omni import OmniDescription, SphereDescription
 from tsd_twin.robots.singularity import SingularityDescription
+from tsd_twin.tables import closest
 
 DESCRIPTIONS: dict[str, type[RobotDescription]] = {
     "singularity": SingularityDescription,
@@ -56,12 +56,10 @@ def description_class(kind: str, file: str, package: str = "") -> type[RobotDesc
 
 
 def _unknown(kind: str, file: str, package: str) -> RobotFileError:
-    near = difflib.get_close_matches(kind, kind_names(), n=1)
-    problem = f"drive.kind: invalid value {kind!r}"
-    if near:
-        problem += f", did you mean '{near[0]}'?"
-    elif package:
-        problem += f"; the package {package}, which provides it, is not installed"
-    else:
-        problem += "; no installed package provides it"
+    missing = (
+        f"; the package {package}, which provides it, is not installed"
+        if package
+        else "; no installed package provides it"
+    )
+    problem = f"drive.kind: invalid value {kind!r}{closest(kind, kind_names()) or missing}"
     return RobotFileError(file, problem, f"kinds are {', '.join(kind_names())}")

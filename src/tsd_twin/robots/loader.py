@@ -118,9 +118,8 @@ def description_of_tables(tables: Any, file: str) -> RobotDescription:
     try:
         robot = msgspec.convert(tables, kind)
     except msgspec.ValidationError as error:
-        raise RobotFileError(
-            file, *(value_problem(tables, kind, "") or (str(error), ""))
-        ) from error
+        problem = value_problem(tables, kind, "") or (str(error), "")
+        raise RobotFileError(file, *problem) from error
     except RecursionError as error:
         raise RobotFileError(file, "tables or lists are nested too deeply") from error
     _check(robot, file)

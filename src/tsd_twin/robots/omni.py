@@ -1,11 +1,11 @@
-"""Descriptions of platforms on wheels with rollers, and of a sphere turned by omni wheels."""
+"""Descriptions of robots on geared motors: omni and Mecanum platforms, spheres on omni wheels."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -13,8 +13,13 @@ from msgspec import Meta
 from tsd_twin.kinematics import OmniKinematics, SphereKinematics
 from tsd_twin.kinematics.omni import contacts_and_directions, layout_problem, sphere_layout_problem
 from tsd_twin.lie import Array
-from tsd_twin.robots.description import NOT_DRAWN, JointErrors
-from tsd_twin.robots.geared_motor import GearedMotorDescription, carried_kg_m2
+from tsd_twin.robots.description import (
+    GRAVITY_MPS2,
+    RPM,
+    JointErrors,
+    RobotDescription,
+    WheelSpeedResponse,
+)
 from tsd_twin.robots.plausibility import proportion_problems
 from tsd_twin.sensors import MountedSensor
 from tsd_twin.sensors.dead_wheels import DEAD_WHEELS, DeadWheels
@@ -23,7 +28,81 @@ from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
 ROLLER_CREEP_MPS = 0.01
 """Creep scale: roller friction saturates at a few times this creep."""
-_GRAVITY_MPS2 = 9.81
+
+
+class GearedMotor(Table, frozen=True):
+    """`[motor]`: drive motor with gearbox, encoder and speed control; identical for all wheels."""
+
+    power_w: Positive
+    """Maximum mechanical power, at half the no-load speed."""
+    gear_ratio: Positive
+    """Motor turns per wheel turn."""
+    no_load_speed_rpm: Positive
+    """No-load speed of the motor at nominal battery voltage."""
+    rotor_inertia_kg_m2: Positive
+    """Inertia of the rotor."""
+    time_constant_s: Positive
+    """Time constant of a wheel's speed control."""
+    current_limit: Positive = 1.0
+    """Torque limit of the motor driver, relative to the stall torque."""
+
+    @property
+    def top_speed_rad_per_s(self) -> float:
+        """No-load speed of the wheel."""
+        return self.no_load_speed_rpm * RPM / self.gear_ratio
+
+    @property
+    def stall_torque_nm(self) -> float:
+        """Stall torque at the wheel, from the peak power of a linear torque curve."""
+        return 4.0 * self.power_w / self.top_speed_rad_per_s
+
+    @property
+    def rotor_at_wheel_kg_m2(self) -> float:
+        """Inertia of the rotor, reflected to the wheel."""
+        return self.rotor_inertia_kg_m2 * self.gear_ratio**2
+
+    def acceleration_rad_per_s2(self, inertia_kg_m2: float) -> float:
+        """Return the acceleration of a wheel with this inertia from rest."""
+        return self.stall_torque_nm * min(1.0, self.current_limit) / inertia_kg_m2
+
+
+class WheelNoise(Table, frozen=True):
+    """`[noise]`: standard deviations, for the covariance and as the simulator's default."""
+
+    speed_scale_sigma: NotNegative = 0.0
+    """Standard deviation of a measured wheel speed."""
+    creep_m: NotNegative = 0.0002
+    """Standard deviation of each contact's creep distance in a second, while wheels turn."""
+
+
+class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
+    """Robot with identical geared-motor wheels."""
+
+    motor: GearedMotor
+    noise: WheelNoise = WheelNoise()
+    drive: OmniGeometry | SphereGeometry
+
+    def joint_errors(self) -> JointErrors:
+        """Return the errors of the wheel speeds."""
+        noise = self.noise
+        return JointErrors(
+            speed_scale_sigma=noise.speed_scale_sigma,
+            random_walk_rad=noise.creep_m / self.drive.wheel_radius_m,
+        )
+
+    def spin_up(self) -> WheelSpeedResponse:
+        """Return a first-order model of a wheel speed, valid while torque and grip suffice."""
+        time_constant_s = self.motor.time_constant_s
+        return WheelSpeedResponse(0.0, time_constant_s, time_constant_s)
+
+
+def _carried_kg_m2(twist_from_speeds: Array, body: Array) -> float:
+    """Return the maximum inertia at a wheel due to a body with masses and inertias (3,).
+
+    This is the maximum over all motions of the kinetic energy in terms of the wheel speeds.
+    """
+    by_wheels = twist_from_speeds.T @ (body[:, None] * twist_from_speeds)
+    return float(np.linalg.eigvalsh(by_wheels)[-1])
 
 
 class OmniWheel(Table, frozen=True):
@@ -72,11 +151,6 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
             return (MountedSensor(DEAD_WHEELS, self.dead_wheels),)
         return () if self.gyro is None else (MountedSensor(GYRO, self.gyro),)
 
-    @property
-    def wheel_radius_m(self) -> float:
-        """Radius of the driven wheels."""
-        return self.drive.wheel_radius_m
-
     def kinematics(self) -> OmniKinematics:
         """Return the kinematics."""
         positions, directions, rollers = self._layout()
@@ -101,7 +175,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
     def driven_inertia_kg_m2(self, drive: OmniKinematics) -> float:
         """Return the maximum inertia at a wheel, including its fraction of the robot."""
-        return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, self.inertia)
+        return self.wheel_inertia_kg_m2 + _carried_kg_m2(drive.twist_from_speeds, self.inertia)
 
     @property
     def inertia(self) -> Array:
@@ -112,7 +186,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
     @property
     def contact_friction_n(self) -> float:
         """Maximum friction per wheel, under equal loads."""
-        return self.drive.friction * self.mass.total_kg * _GRAVITY_MPS2 / len(self.drive.wheels)
+        return self.drive.friction * self.mass.total_kg * GRAVITY_MPS2 / len(self.drive.wheels)
 
     def joint_errors(self) -> JointErrors:
         """Return the errors of the wheel speeds and of roller creep.
@@ -205,16 +279,8 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
     drive: SphereGeometry
     mass: SphereMass
     estimate: EstimateSettings = EstimateSettings()
-
-    @property
-    def not_drawn(self) -> frozenset[str]:
-        """Fields that no model depends on. The model has the wheel speed limit of the motors."""
-        return NOT_DRAWN - {"motor"}
-
-    @property
-    def wheel_radius_m(self) -> float:
-        """Radius of the driven wheels."""
-        return self.drive.wheel_radius_m
+    not_drawn: ClassVar[frozenset[str]] = RobotDescription.not_drawn - {"motor"}
+    """The model has the wheel speed limit of the motors."""
 
     def kinematics(self) -> SphereKinematics:
         """Return the kinematics."""
@@ -240,7 +306,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         mass, g = self.mass, self.drive
         sphere = np.full(3, 0.4 * mass.sphere_kg * g.sphere_radius_m**2)
         rim = 0.5 * mass.wheel_kg * g.wheel_radius_m**2
-        carried = carried_kg_m2(drive.twist_from_speeds, sphere)
+        carried = _carried_kg_m2(drive.twist_from_speeds, sphere)
         return self.motor.rotor_at_wheel_kg_m2 + rim + carried
 
     def problems(self) -> Iterator[Problem]:

@@ -143,12 +143,12 @@ _MAX_DENSITY_KG_PER_M3 = 22_600.0
 def range_problems(numbers: Sequence[tuple[str, float]]) -> Iterator[Problem]:
     """Yield the numbers outside their ranges, each with the probable intended unit."""
     for path, value in numbers:
-        key = re.sub(r"\[\d+\]", "", path)
-        if key not in RANGES:
-            continue
-        least, most = RANGES[key]
+        key = _key_of(path)
+        least, most = RANGES.get(key, (-math.inf, math.inf))
         if not least <= value <= most:
-            unit, others = _unit_of(key)
+            unit, others = next(
+                ((unit, others) for end, unit, others in _UNITS if key.endswith(end)), ("", ())
+            )
             yield (
                 f"{path} is {_format(value, unit)}{_unit_hint(value, least, most, others)}",
                 f"plausible is {least:g} to {_format(most, unit)}",
@@ -186,8 +186,8 @@ def proportion_problems(
         )
 
 
-def _unit_of(key: str) -> tuple[str, tuple[tuple[float, str], ...]]:
-    return next(((unit, others) for end, unit, others in _UNITS if key.endswith(end)), ("", ()))
+def _key_of(path: str) -> str:
+    return re.sub(r"\[\d+\]", "", path)
 
 
 def _format(value: float, unit: str) -> str:
@@ -209,9 +209,9 @@ def _radian_problems(numbers: Sequence[tuple[str, float]]) -> Iterator[Problem]:
     three or more angles are multiples of 5°.
     """
     angles = [
-        (re.sub(r"\[\d+\]", "", path), path, value)
+        (_key_of(path), path, value)
         for path, value in numbers
-        if value and _DIRECTIONS.fullmatch(re.sub(r"\[\d+\]", "", path))
+        if value and _DIRECTIONS.fullmatch(_key_of(path))
     ]
     for _, group in groupby(sorted(angles), key=lambda angle: angle[0]):
         listed = list(group)

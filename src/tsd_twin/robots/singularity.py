@@ -5,15 +5,17 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Annotated, Self, TypeAlias
+from typing import Annotated, ClassVar, Self, TypeAlias
 
 import msgspec
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
+from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 from tsd_twin.robots.description import (
+    GRAVITY_MPS2,
     RPM,
     ActuatorOffsets,
     Floor,
@@ -30,7 +32,6 @@ from tsd_twin.sensors import MountedSensor
 from tsd_twin.sensors.gyro import GYRO, Gyro
 from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
-_GRAVITY_MPS2 = 9.81
 _MEAN_LEVER = 3.0 * math.pi / 16.0
 """Friction lever of a purely spinning patch, in radii."""
 _FRICTION_SIGMA = 1.0 / math.sqrt(3.0)
@@ -223,16 +224,13 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
     calibration: Calibration = Calibration()
     floor: Floor = Floor()
     errors: ModelErrors = ModelErrors()
+    measures_spin: ClassVar[bool] = False
+    """The thesis robot does not measure wheel speeds."""
 
     @property
     def arming_hold_s(self) -> float:
         """Time at zero throttle after which the speed controllers arm."""
         return self.motor.arming_hold_s
-
-    @property
-    def measures_spin(self) -> bool:
-        """False, because the thesis robot does not measure wheel speeds."""
-        return False
 
     @property
     def own_sensors(self) -> tuple[MountedSensor, ...]:
@@ -267,8 +265,17 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return self.errors.delay_s
 
     def with_errors(self, scale: float) -> Self:
-        """Return the robot with its `[errors]` multiplied by `scale`."""
-        return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
+        """Return the robot with its `[errors]` multiplied by `scale`; 0 removes them.
+
+        Raises:
+            TwinError: If the scale is negative or not finite.
+        """
+        if not 0.0 <= scale < math.inf:
+            raise TwinError(f"errors are scaled by 0, which is none, or more, not by {scale:g}")
+        values = {
+            name: scale * value for name, value in msgspec.structs.asdict(self.errors).items()
+        }
+        return msgspec.structs.replace(self, errors=ModelErrors(**values))
 
     def joint_errors(self) -> JointErrors:
         """Return the errors of gimbal angles and wheel speeds, from `[noise]` and `[errors]`.
@@ -329,12 +336,10 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         Forces along the pivot circle balance these torques. They require wheel slip and deflect the
         gimbals by less than one step; see `docs/physics.md` for the friction.
         """
-        drive, floor = self.drive, self.floor
-        if floor.friction == 0.0:
-            return 0.0
+        drive = self.drive
         force_n = self._spin_torque_nm / drive.rms_radius_m
         spin_rad_per_s = drive.cruise_speed_rpm * RPM
-        slip_mps = force_n / self._load_n * _GRAVITY_MPS2 * self.slip_lag_s
+        slip_mps = force_n / self._load_n * GRAVITY_MPS2 * self.slip_lag_s
         lean_rad = force_n * drive.wheel_radius_m / self._gimbal_stiffness_nm
         return (slip_mps + drive.wheel_radius_m * spin_rad_per_s * lean_rad) / drive.rms_radius_m
 
@@ -345,7 +350,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         if floor.friction == 0.0:
             return 0.0
         rim_mps = floor.patch_radius_m * self.drive.cruise_speed_rpm * RPM
-        return _SPIN_IN_SLIP * rim_mps / (floor.friction * _GRAVITY_MPS2)
+        return _SPIN_IN_SLIP * rim_mps / (floor.friction * GRAVITY_MPS2)
 
     @property
     def turning_inertia_kg_m2(self) -> float:
@@ -393,7 +398,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
     @property
     def _load_n(self) -> float:
         """Weight on a wheel."""
-        return self.mass.total_kg * _GRAVITY_MPS2 / self.drive.modules
+        return self.mass.total_kg * GRAVITY_MPS2 / self.drive.modules
 
     @property
     def _spin_torque_nm(self) -> float:

@@ -9,8 +9,7 @@ import numpy as np
 
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import OmniDescription, SphereDescription
-from tsd_twin.robots.geared_motor import GearedMotorDescription
-from tsd_twin.robots.omni import ROLLER_CREEP_MPS
+from tsd_twin.robots.omni import ROLLER_CREEP_MPS, GearedMotorDescription
 from tsd_twin.sensors.base import BodyMotion
 from tsd_twin.sensors.dead_wheels import DeadWheelSensors
 from tsd_twin.simulation.actuators import SimulationOptions

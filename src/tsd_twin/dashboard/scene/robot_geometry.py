@@ -23,12 +23,12 @@ from tsd_twin.models import (
     KinematicTree,
     Link,
     LinkGroup,
-    Part,
     glb,
     kinematic_tree,
     load_parts,
 )
 from tsd_twin.models.links import Sphere
+from tsd_twin.models.solids import Part
 from tsd_twin.robots import RobotDescription
 from tsd_twin.robots.description import Limits
 
