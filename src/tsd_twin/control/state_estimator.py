@@ -61,7 +61,7 @@ class StateEstimator:
         )
         self._fused = None
         if self.kinematics.pose_type is SE2:
-            own = sum(len(sensor.channels) for sensor in robot.own_sensors)
+            own = sum(len(sensor.channels(table)) for sensor, table in robot.own_sensors)
             correction = SensorCorrection(
                 own, robot.mounted_sensors, self._dead_reckoning.spread.constants
             )

@@ -62,9 +62,9 @@ class SensorCorrection:
         self._names: list[str] = []
         self._sigmas: list[float] = []
         channel, bias = other_channels, own_biases
-        for sensor in sensors:
-            channels = (channel, channel + len(sensor.channels))
-            channel, biases, model = channels[1], sensor.biases, sensor.model()
+        for sensor, table in sensors:
+            channels = (channel, channel + len(sensor.channels(table)))
+            channel, biases, model = channels[1], sensor.biases(table), sensor.model(table)
             if model is None:
                 continue
             sigmas = np.array([each.sigma for each in biases])

@@ -58,7 +58,7 @@ def read_tables(entries: Any) -> tuple[SensorTable, ...]:
 
 def mounted(table: SensorTable) -> MountedSensor:
     """Return the sensor of an entry of `[[sensors]]`."""
-    return MountedSensor(find(str(table.__struct_config__.tag))[0], table)
+    return find(str(table.__struct_config__.tag))[0], table
 
 
 def _read(entry: Any, path: str) -> SensorTable:

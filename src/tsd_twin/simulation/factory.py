@@ -52,7 +52,7 @@ def _sensed(make: _Factory, *, simulates_own: bool = False) -> _Factory:
         **options: Any,
     ) -> Simulation:
         simulation = make(robot, batch, seed=seed, noise=noise, **options)
-        own = [s for s in robot.own_sensors if not (simulates_own and s.sensor is DEAD_WHEELS)]
+        own = [s for s in robot.own_sensors if not (simulates_own and s[0] is DEAD_WHEELS)]
         sensors = (*own, *robot.mounted_sensors)
         if not sensors:
             return simulation
