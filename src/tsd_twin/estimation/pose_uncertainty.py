@@ -383,12 +383,3 @@ def position_region(covariance: Array) -> Array:
 def heading_region_rad(covariance: Array) -> float:
     """Return the half-width of the heading region, at most half a turn."""
     return min(HEADING_SIGMAS * math.sqrt(max(float(covariance[2, 2]), 0.0)), math.pi)
-
-
-def encloses(outline: Array, point: Array) -> bool:
-    """Return whether a closed `outline` (n, 2) winds around a `point` (2,)."""
-    arms = outline - point
-    following = np.roll(arms, -1, axis=0)
-    crossed = arms[:, 0] * following[:, 1] - arms[:, 1] * following[:, 0]
-    turns = np.arctan2(crossed, (arms * following).sum(axis=-1))
-    return abs(float(turns.sum())) > np.pi
