@@ -217,16 +217,18 @@ class JointBiases:
         return rows
 
 
-_DIFF_STEP = 1e-6
-"""Finite-difference step: radians, or a fraction of the speed."""
+def jacobians(
+    kinematics: Kinematics[Any], joints: Array, step: float = 1e-6
+) -> tuple[Array, Array]:
+    """Return the Jacobians (3, n) and (r, n) of twist and residual at `joints` (n,).
 
-
-def jacobians(kinematics: Kinematics[Any], joints: Array) -> tuple[Array, Array]:
-    """Return the Jacobians (3, n) and (r, n) of twist and residual at `joints` (n,)."""
-    # Finite differences, evaluated in one batch.
-    steps = _DIFF_STEP * np.maximum(1.0, np.abs(joints))
-    nudged = np.tile(joints, (len(joints) + 1, 1))
-    nudged[1:] += np.diag(steps)
+    `step` of the finite differences is in radians, or a fraction of the speed.
+    """
+    steps = step * np.maximum(1.0, np.abs(joints))
+    nudged = np.empty((len(joints) + 1, len(joints)))
+    nudged[:] = joints
+    # This slice is the diagonal of all rows but the first, so each row perturbs one joint.
+    nudged.reshape(-1)[len(joints) :: len(joints) + 1] += steps
     motion = kinematics.forward(nudged)
     slopes = ((motion.twist[1:] - motion.twist[0]) / steps[:, None]).T
     return slopes, ((motion.residual[1:] - motion.residual[0]) / steps[:, None]).T
