@@ -63,7 +63,7 @@ class StateEstimator:
         if self.kinematics.pose_type is SE2:
             own = sum(len(sensor.channels(table)) for sensor, table in robot.own_sensors)
             correction = SensorCorrection(
-                own, robot.mounted_sensors, self._dead_reckoning.spread.constants
+                own, robot.mounted_sensors, self._dead_reckoning.uncertainty.bias_count
             )
             self._fused = FusedEstimate(
                 self.kinematics, self._dead_reckoning, robot.pose_sensor, correction

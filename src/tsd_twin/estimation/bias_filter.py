@@ -59,16 +59,16 @@ class BiasFilter:
     than the last one are ignored.
     """
 
-    def __init__(self, constants: int) -> None:
-        self._state: Array = np.zeros(3 + constants)
+    def __init__(self, biases: int) -> None:
+        self._state: Array = np.zeros(3 + biases)
         """(3 + m,): pose and biases."""
-        self._covariance: Array = np.diag([0.0] * 3 + [1.0] * constants)
+        self._covariance: Array = np.diag([0.0] * 3 + [1.0] * biases)
         self._steps: deque[_BiasStep] = deque()
         self._at_s: float | None = None
         """Time of the pose, or None before the first."""
         self._measured_s: float | None = None
         """Time of the last comparison."""
-        self._errors = TwistErrors.none(constants)
+        self._errors = TwistErrors.none(biases)
         self._begin()
 
     @property
@@ -77,20 +77,20 @@ class BiasFilter:
         return self._at_s is not None or self._measured_s is not None
 
     @property
-    def constants(self) -> Array:
+    def biases(self) -> Array:
         """(m,): estimated biases, relative to their described standard deviations."""
         return self._state[3:]
 
     @property
     def covariance(self) -> Array:
-        """(m, m): covariance of `constants`."""
+        """(m, m): covariance of `biases`."""
         return self._covariance[3:, 3:]
 
     def learned(self, rows: Mapping[str, Array]) -> dict[str, BiasEstimate]:
         """Return the named biases whose Jacobian rows (m,) are `rows`."""
         return {
             name: BiasEstimate(
-                float(row @ self.constants), math.sqrt(float(row @ self.covariance @ row))
+                float(row @ self.biases), math.sqrt(float(row @ self.covariance @ row))
             )
             for name, row in rows.items()
         }
@@ -146,8 +146,8 @@ class BiasFilter:
         self._steps.clear()
         self._at_s = at_s
         by, prior = errors.bias_jacobian, self.covariance
-        self._state[:3] = pose.xy_heading + by @ self.constants
-        self._covariance[:3, :3] = errors.rest + by @ prior @ by.T
+        self._state[:3] = pose.xy_heading + by @ self.biases
+        self._covariance[:3, :3] = errors.noise_cov + by @ prior @ by.T
         self._covariance[:3, 3:] = by @ prior
         self._covariance[3:, :3] = prior @ by.T
         self._begin()
@@ -162,7 +162,7 @@ class BiasFilter:
         self._end_block()
         for reading in linearized(SE2(self._state[:3].copy())):
             rows = np.hstack([reading.rows, reading.bias_jacobian])
-            off = reading.offset - reading.bias_jacobian @ self.constants
+            off = reading.offset - reading.bias_jacobian @ self.biases
             expected = rows @ self._covariance @ rows.T + reading.covariance
             bound = chi_square_bound(len(off), FALSE_ALARM)
             if off @ np.linalg.solve(expected, off) <= bound:
@@ -173,7 +173,7 @@ class BiasFilter:
         while self._steps and self._steps[0].end_s <= at_s:
             self._steps.popleft()
         self._at_s = at_s
-        self._state[:3] = pose.xy_heading - mounting @ self.constants
+        self._state[:3] = pose.xy_heading - mounting @ self.biases
         crossed = -mounting @ self.covariance
         self._covariance[:3, :3] = covariance + mounting @ self.covariance @ mounting.T
         self._covariance[:3, 3:], self._covariance[3:, :3] = crossed, crossed.T
@@ -197,7 +197,7 @@ class BiasFilter:
 
     def _begin(self) -> None:
         """Begin a block of steps with equal twist errors."""
-        self._rate: Array = self._errors.bias_jacobian @ self.constants
+        self._rate: Array = self._errors.bias_jacobian @ self.biases
         """(3,): correction of the twist."""
         self._elapsed_s = 0.0
         self._heading, self._turned = float(self._state[2]), 0.0

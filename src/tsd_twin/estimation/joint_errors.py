@@ -23,7 +23,7 @@ class JointNoise:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
         self._angle = is_angle * noise.angle_rad
         self._read_angle = is_angle * math.hypot(noise.angle_rad, noise.rounding_rad)
-        self._share = ~is_angle * noise.speed_scale_sigma
+        self._speed_scale_sigma = ~is_angle * noise.speed_scale_sigma
         self._is_speed = ~is_angle
         self._walk_rad = noise.random_walk_rad
 
@@ -39,7 +39,7 @@ class JointNoise:
 
     def sigma(self, joints: Array) -> Array:
         """Return the standard deviations (..., n) of `joints` (..., n), radians and rad/s."""
-        return self._angle + self._share * np.abs(joints)
+        return self._angle + self._speed_scale_sigma * np.abs(joints)
 
 
 def acceleration(before: Array, twist: Array, elapsed_s: float) -> Array:
@@ -160,9 +160,9 @@ class JointBiases:
         joints = len(is_angle)
         zeros = noise.zero_rad * np.eye(joints)[is_angle]
         self._zeros = zeros[zeros.any(axis=1)]
-        shares = noise.speed_scale_sigma * np.eye(joints)[~is_angle]
-        shares = np.vstack([shares, noise.common_spin_share * ~is_angle])
-        self._shares = shares[shares.any(axis=1)]
+        scales = noise.speed_scale_sigma * np.eye(joints)[~is_angle]
+        scales = np.vstack([scales, noise.common_spin_share * ~is_angle])
+        self._speed_scales = scales[scales.any(axis=1)]
         self._is_speed = ~is_angle
         self._floor_errors = noise.floor
         self.floor: FloorEffects | RollerCreep = FloorEffects(~is_angle, noise.floor)
@@ -173,7 +173,7 @@ class JointBiases:
     @property
     def count(self) -> int:
         """Number of biases, m."""
-        return len(self._zeros) + len(self._shares) + self.floor.any
+        return len(self._zeros) + len(self._speed_scales) + self.floor.any
 
     def of_twist(self, joints: Array, slopes: Array) -> Array:
         """Return the errors (3, m) of the twist at `joints` (n,), with Jacobian `slopes` (3, n)."""
@@ -184,7 +184,7 @@ class JointBiases:
 
     def of_joints(self, joints: Array) -> Array:
         """Return the errors (n, m) of `joints` (n,)."""
-        rows = [self._zeros, self._shares * joints]
+        rows = [self._zeros, self._speed_scales * joints]
         if self.floor.any:
             rows.append(self.floor.of_joints(joints)[None])
         return np.concatenate(rows).T
@@ -196,9 +196,9 @@ class JointBiases:
         of a robot whose commanded gimbals are upright.
         """
         rows: dict[str, Array] = {}
-        zeros, shares = len(self._zeros), len(self._zeros) + len(self._shares)
+        zeros, scales = len(self._zeros), len(self._zeros) + len(self._speed_scales)
         by_joint = np.zeros((len(self._is_speed), self.count))
-        by_joint[:, :zeros], by_joint[:, zeros:shares] = self._zeros.T, self._shares.T
+        by_joint[:, :zeros], by_joint[:, zeros:scales] = self._zeros.T, self._speed_scales.T
         at_rest = self._kinematics.inverse(np.zeros(3))
         creep = np.zeros((3, self.count))
         creep[:, :zeros] = jacobians(self._kinematics, at_rest)[0] @ by_joint[:, :zeros]

@@ -58,7 +58,7 @@ class DeadWheelOdometry(PlanarOdometry):
 
     def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
-        unit = np.eye(self.spread.constants)[self._constants.count :]
+        unit = np.eye(self.uncertainty.bias_count)[self._joint_biases.count :]
         biases = zip(DEAD_WHEELS.biases(self._sensors), unit, strict=False)
         own = {bias.name: bias.sigma * row for bias, row in biases}
         return {**super().bias_rows(), **own}
@@ -95,7 +95,7 @@ class DeadWheelOdometry(PlanarOdometry):
             return super()._twist_errors(joints, dt_s)
         sensors, by_rates = self._sensors, self._twist_from_rates
         bias_jacobian = np.zeros_like(self.errors.bias_jacobian)
-        own = bias_jacobian[:, self._constants.count :]
+        own = bias_jacobian[:, self._joint_biases.count :]
         own[:, :2] = by_rates[:, :2] * (sensors.radius_share * self._rates[:2])
         # A misaligned wheel also measures part of the lateral motion.
         across = self._across @ self.motion.twist

@@ -48,12 +48,12 @@ class _FilterStep:
     moved: Array
     """(..., 3): displacement in the frame of the step's start, independent of that pose."""
     growth_per_s: Array
-    twist_by_constants: Array
+    twist_bias_jacobian: Array
     """(..., 3, m): Jacobian of the twist with respect to the biases."""
     pose: Array
     bias_jacobian: Array
     """(..., 3, m): Jacobian of the pose with respect to the biases."""
-    rest: Array
+    noise_cov: Array
     """(..., 3, 3): covariance of the pose without biases (process noise)."""
     cautious: Array
     """(..., 3, 3): covariance of the pose if twist biases were redrawn every second."""
@@ -67,7 +67,7 @@ class _FilterStep:
     @property
     def covariance(self) -> Array:
         """(..., 3, 3): covariance of the pose."""
-        return self.rest + self.bias_jacobian @ _transposed(self.bias_jacobian)
+        return self.noise_cov + self.bias_jacobian @ _transposed(self.bias_jacobian)
 
 
 class PoseFilter:
@@ -98,14 +98,14 @@ class PoseFilter:
         self._kinematics = kinematics
         self._memory_s = memory_s
         start = np.array(pose.xy_heading, dtype=float)
-        spread = np.zeros((*start.shape, 3)) if covariance is None else np.array(covariance)
+        noise_cov = np.zeros((*start.shape, 3)) if covariance is None else np.array(covariance)
         none = np.zeros_like(start)
         by = np.zeros((*start.shape, 0)) if bias_jacobian is None else np.array(bias_jacobian)
         self._none: Array = np.zeros_like(by)
         growth = np.zeros((*start.shape, 3))
-        cautious = spread + by @ _transposed(by)
+        cautious = noise_cov + by @ _transposed(by)
         self._steps = [
-            _FilterStep(now_s, none, none, growth, self._none, start, by, spread, cautious)
+            _FilterStep(now_s, none, none, growth, self._none, start, by, noise_cov, cautious)
         ]
         self._still = SE2.identity(start.shape[:-1])
 
@@ -141,7 +141,7 @@ class PoseFilter:
     @property
     def errors(self) -> PoseErrors:
         """Errors of x, y, heading."""
-        return PoseErrors(self._steps[-1].bias_jacobian, self._steps[-1].rest)
+        return PoseErrors(self._steps[-1].bias_jacobian, self._steps[-1].noise_cov)
 
     def advance(
         self, now_s: float, twist: Array, growth_per_s: Array, bias_jacobian: Array | None = None
@@ -158,7 +158,7 @@ class PoseFilter:
         if not now_s > self.now_s:
             return
         last = self._steps[-1]
-        growth = np.zeros_like(last.rest) + growth_per_s
+        growth = np.zeros_like(last.noise_cov) + growth_per_s
         by = self._none if bias_jacobian is None else self._none + bias_jacobian
         self._steps.append(self._step(last, now_s, np.array(twist), growth, by))
         self._run(len(self._steps) - 1)
@@ -227,7 +227,7 @@ class PoseFilter:
             _carry(self._steps[index], [step])
         off = exponential_error(SE2(step.pose), pose)
         by = step.bias_jacobian if bias_jacobian is None else step.bias_jacobian + bias_jacobian
-        claimed = step.rest + by @ _transposed(by)
+        claimed = step.noise_cov + by @ _transposed(by)
         expected = np.stack([claimed, step.cautious]) + covariance
         weighed = np.asarray(np.linalg.solve(expected, off[None, ..., None]), dtype=float)
         return (off * weighed[..., 0]).sum(axis=-1).min(axis=0)
@@ -255,13 +255,13 @@ class PoseFilter:
         """Split the step at `index` at the time `at_s`."""
         whole = self._steps[index]
         first = self._part(self._steps[index - 1], at_s, whole)
-        rest = self._part(first, whole.end_s, whole)
-        rest.measured = whole.measured
-        self._steps[index : index + 1] = [first, rest]
+        second = self._part(first, whole.end_s, whole)
+        second.measured = whole.measured
+        self._steps[index : index + 1] = [first, second]
 
     def _part(self, before: _FilterStep, end_s: float, whole: _FilterStep) -> _FilterStep:
         """Return the part of a step from the end of `before` to `end_s`, not yet run."""
-        twist_by = whole.twist_by_constants
+        twist_by = whole.twist_bias_jacobian
         return self._step(before, end_s, whole.twist, whole.growth_per_s, twist_by)
 
     def _step(
@@ -269,7 +269,7 @@ class PoseFilter:
     ) -> _FilterStep:
         """Return a step that starts at the end of `before`, not yet run."""
         moved = self._kinematics.integrate(self._still, twist, end_s - before.end_s).xy_heading
-        state = (before.pose, before.bias_jacobian, before.rest, before.cautious)
+        state = (before.pose, before.bias_jacobian, before.noise_cov, before.cautious)
         return _FilterStep(end_s, twist, moved, growth_per_s, twist_by, *state)
 
     def _run(self, index: int) -> None:
@@ -316,10 +316,10 @@ def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
     dt_s = np.diff(ends_s).reshape(-1, *(1,) * (growth.ndim - 1))
     grown = (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
     carry = 2.0 * _POSE - back
-    rest = carry @ (before.rest + grown) @ _transposed(carry)
-    bias_jacobian, cautious = [before.bias_jacobian] * len(steps), rest
+    noise_cov = carry @ (before.noise_cov + grown) @ _transposed(carry)
+    bias_jacobian, cautious = [before.bias_jacobian] * len(steps), noise_cov
     if before.bias_jacobian.shape[-1]:
-        twist_by = shift @ np.stack([step.twist_by_constants for step in steps])
+        twist_by = shift @ np.stack([step.twist_bias_jacobian for step in steps])
         bias_jacobian = carry @ (before.bias_jacobian + (dt_s * twist_by).cumsum(axis=0))
         twist = np.stack([step.twist for step in steps])
         square = np.square(_TWIST_MARGIN * twist)
@@ -331,7 +331,7 @@ def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
         cautious = carry @ (before.cautious + grown) @ _transposed(carry)
     for i, step in enumerate(steps):
         step.pose, step.bias_jacobian = pose[i], bias_jacobian[i]
-        step.rest, step.cautious = rest[i], cautious[i]
+        step.noise_cov, step.cautious = noise_cov[i], cautious[i]
 
 
 def _correct(step: _FilterStep, measurement: _Measurement) -> None:
@@ -347,14 +347,14 @@ def _correct(step: _FilterStep, measurement: _Measurement) -> None:
     crossed: Array = rows @ step.cautious
     if measurement.weighs_biases:
         by = rows @ step.bias_jacobian + measurement.bias_jacobian
-        innovation = rows @ step.rest @ rows.T + by @ _transposed(by) + measurement.covariance
-        crossed = rows @ step.rest + by @ _transposed(step.bias_jacobian)
+        innovation = rows @ step.noise_cov @ rows.T + by @ _transposed(by) + measurement.covariance
+        crossed = rows @ step.noise_cov + by @ _transposed(step.bias_jacobian)
     gain = _transposed(np.asarray(np.linalg.solve(innovation, crossed), dtype=float))
     keep = np.eye(3) - gain @ rows
     noise = gain @ measurement.covariance @ _transposed(gain)
     step.pose = pose + (gain @ off[..., None])[..., 0]
     step.bias_jacobian = keep @ step.bias_jacobian - gain @ measurement.bias_jacobian
-    step.rest = keep @ step.rest @ _transposed(keep) + noise
+    step.noise_cov = keep @ step.noise_cov @ _transposed(keep) + noise
     step.cautious = keep @ step.cautious @ _transposed(keep) + noise
 
 

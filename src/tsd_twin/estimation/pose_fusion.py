@@ -19,7 +19,7 @@ from tsd_twin.estimation.pose_filter import GATE, PoseFilter
 from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
 from tsd_twin.estimation.sensor_correction import SensorCorrection
 from tsd_twin.estimation.sensor_fusion import DeadReckoning
-from tsd_twin.estimation.wheel_odometry import POSE_SENSOR_CONSTANTS
+from tsd_twin.estimation.wheel_odometry import POSE_SENSOR_BIASES
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.sensors.pose import PoseSensor
@@ -123,7 +123,7 @@ class _EstimateRecord(NamedTuple):
     twist: Array
     errors: TwistErrors
     pose: SE2
-    spread: Any
+    uncertainty: Any
     """State of the pose uncertainty, or None in the middle of a block."""
 
 
@@ -144,14 +144,14 @@ class FusedEstimate:
     ) -> None:
         """`sensors` correct the pose, too; none by default."""
         self.inner = inner
-        own = inner.spread.constants
+        own = inner.uncertainty.bias_count
         self.sensors = sensors or SensorCorrection(0, (), own)
         self._kinematics = kinematics
         sigma = np.array([noise.sigma_m, noise.sigma_m, math.radians(noise.sigma_deg)])
         self._noise = np.diag(np.square(sigma))
         mounting = [noise.mounting_m, noise.mounting_m, math.radians(noise.mounting_deg)]
-        self._mounting: Array = np.zeros((3, self.sensors.constants))
-        self._mounting[:, own - POSE_SENSOR_CONSTANTS : own] = np.diag(mounting)
+        self._mounting: Array = np.zeros((3, self.sensors.bias_count))
+        self._mounting[:, own - POSE_SENSOR_BIASES : own] = np.diag(mounting)
         self._past: deque[_EstimateRecord] = deque(maxlen=_STEPS_KEPT)
         self._filter: PoseFilter | None = None
         self._well_founded_limit = _NARROW_FACTOR * (
@@ -162,7 +162,7 @@ class FusedEstimate:
         """Time when a pose was last used or set, or None until the next step."""
         self._hypothesis: PoseHypothesis | None = None
         self._rested = False
-        self.learning = BiasFilter(self.sensors.constants)
+        self.learning = BiasFilter(self.sensors.bias_count)
         """Estimates the biases from the poses used."""
 
     @property
@@ -202,7 +202,9 @@ class FusedEstimate:
         inner = self.inner
         twist, errors = inner.motion.twist, self.sensors.twist_errors(inner.errors)
         self.learning.follow(now_s, twist, errors)
-        self._past.append(_EstimateRecord(now_s, twist, errors, inner.pose, inner.spread.state))
+        self._past.append(
+            _EstimateRecord(now_s, twist, errors, inner.pose, inner.uncertainty.state)
+        )
         if self._used_s is None:
             self._used_s = now_s
         if self._filter is None:
@@ -322,12 +324,12 @@ class FusedEstimate:
 
     def _caught_up(self) -> PoseFilter | None:
         """Return a new filter that has processed all steps in the memory, or None without steps."""
-        steps = list(dropwhile(lambda past: past.spread is None, self._past))
+        steps = list(dropwhile(lambda past: past.uncertainty is None, self._past))
         if not steps:
             return None
         first, *others = steps
-        errors = self.inner.spread.errors_at(first.spread)
-        errors = PoseErrors(self.sensors.padded(errors.bias_jacobian), errors.rest)
+        errors = self.inner.uncertainty.errors_at(first.uncertainty)
+        errors = PoseErrors(self.sensors.padded(errors.bias_jacobian), errors.noise_cov)
         made = self._new_filter(first.pose, errors, first.end_s)
         for past in others:
             made.advance(past.end_s, past.twist, past.errors.white_per_s, past.errors.bias_jacobian)
@@ -337,7 +339,7 @@ class FusedEstimate:
         return PoseFilter(
             self._kinematics,
             pose,
-            errors.rest,
+            errors.noise_cov,
             bias_jacobian=errors.bias_jacobian,
             now_s=now_s,
             memory_s=MEMORY_S,

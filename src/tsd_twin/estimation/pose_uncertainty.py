@@ -36,9 +36,9 @@ class TwistErrors:
     """(3, 3): total covariance of the twist, from biases and noise."""
 
     @staticmethod
-    def none(constants: int) -> TwistErrors:
+    def none(biases: int) -> TwistErrors:
         """Return the errors of an exact twist."""
-        return TwistErrors(np.zeros((3, constants)), np.zeros((3, 3)), np.zeros((3, 3)))
+        return TwistErrors(np.zeros((3, biases)), np.zeros((3, 3)), np.zeros((3, 3)))
 
     @property
     def is_exact(self) -> bool:
@@ -52,27 +52,27 @@ class PoseErrors:
 
     bias_jacobian: Array
     """(3, m): Jacobian with respect to the biases."""
-    rest: Array
+    noise_cov: Array
     """(3, 3): covariance of the process noise, which is independent of the biases."""
 
     @property
     def covariance(self) -> Array:
         """(3, 3): covariance of the pose."""
-        return self.bias_jacobian @ self.bias_jacobian.T + self.rest
+        return self.bias_jacobian @ self.bias_jacobian.T + self.noise_cov
 
 
 _SAMPLES = 128
 """Approximate number of samples."""
 
 
-def unit_samples(constants: int) -> Array:
-    """Return deterministic samples (n, m) of standard normal numbers.
+def bias_samples(biases: int) -> Array:
+    """Return deterministic samples (n, m) of standard normal biases.
 
     Their first five moments about the origin match the normal distribution: mean and covariance
     exactly, the fourth moment averaged over all directions.
     """
     random = np.random.default_rng(0)
-    dimensions = max(constants, 3)
+    dimensions = max(biases, 3)
     pairs = max(1, round(_SAMPLES / (4 * dimensions)))
     # Two vector lengths give squared lengths the mean m and the variance 2 m.
     lengths = [math.sqrt(dimensions + sign * math.sqrt(2.0 * dimensions)) for sign in (-1.0, 1.0)]
@@ -82,14 +82,14 @@ def unit_samples(constants: int) -> Array:
         for length in lengths
     ]
     half = np.concatenate(blocks)
-    return np.concatenate([half, -half])[:, :constants]
+    return np.concatenate([half, -half])[:, :biases]
 
 
 class _SampleState(Protocol):
     """State of a pose uncertainty."""
 
     @property
-    def rest(self) -> Array:
+    def noise_cov(self) -> Array:
         """(3, 3): covariance of the white noise."""
         ...
 
@@ -105,18 +105,18 @@ class PoseUncertainty(ABC, Generic[PoseT, StateT]):
     white noise. Samples advance by blocks of steps.
     """
 
-    def __init__(self, constants: int) -> None:
-        self._units = unit_samples(constants)
-        self._errors = TwistErrors.none(constants)
-        self._rates: Array = np.zeros((len(self._units), 3))
+    def __init__(self, biases: int) -> None:
+        self._biases = bias_samples(biases)
+        self._errors = TwistErrors.none(biases)
+        self._rates: Array = np.zeros((len(self._biases), 3))
         self._is_exact = True
         self._state: StateT = self._exact()
         self._begin()
 
     @property
-    def constants(self) -> int:
+    def bias_count(self) -> int:
         """Number of biases, m."""
-        return self._units.shape[1]
+        return self._biases.shape[1]
 
     @property
     def state(self) -> StateT | None:
@@ -129,21 +129,21 @@ class PoseUncertainty(ABC, Generic[PoseT, StateT]):
         if self._covariance is None:
             if self._began is None:
                 self._began = self._coordinates(self._state)
-            errors, rest = self._began, self._state.rest
+            errors, noise_cov = self._began, self._state.noise_cov
             if self._elapsed_s > 0.0:
                 # Within a block, linearize in the additional error.
                 carry, by_twist = self._linear()
                 errors = errors @ carry.T + self._rates @ by_twist.T
-                rest = self._ended_rest(carry)
-            self._covariance = errors.T @ errors / len(errors) + rest
+                noise_cov = self._ended_noise(carry)
+            self._covariance = errors.T @ errors / len(errors) + noise_cov
         return self._covariance
 
     def errors_at(self, state: StateT) -> PoseErrors:
         """Return the pose errors of a `state`, linear in the biases by regression."""
         errors = self._coordinates(state)
-        bias_jacobian = errors.T @ self._units / len(errors)
+        bias_jacobian = errors.T @ self._biases / len(errors)
         bent = errors.T @ errors / len(errors) - bias_jacobian @ bias_jacobian.T
-        return PoseErrors(bias_jacobian, bent + state.rest)
+        return PoseErrors(bias_jacobian, bent + state.noise_cov)
 
     def set(self, errors: PoseErrors | None) -> None:
         """Set the pose errors; None means zero."""
@@ -154,7 +154,7 @@ class PoseUncertainty(ABC, Generic[PoseT, StateT]):
         """End the block, assuming that twist errors changed linearly to `errors`."""
         rates = self._rates
         if errors is not self._errors:
-            rates = self._units @ errors.bias_jacobian.T
+            rates = self._biases @ errors.bias_jacobian.T
         if self._elapsed_s > 0.0:
             self._state = self._ended(0.5 * (self._rates + rates))
             self._begin()
@@ -189,7 +189,7 @@ class PoseUncertainty(ABC, Generic[PoseT, StateT]):
         """Return the Jacobians (3, 3) of the errors w.r.t. the initial errors and the twist."""
 
     @abstractmethod
-    def _ended_rest(self, carry: Array) -> Array:
+    def _ended_noise(self, carry: Array) -> Array:
         """Return the covariance (3, 3) of the white noise at the end of the block."""
 
     @abstractmethod
@@ -212,11 +212,11 @@ class PoseUncertainty(ABC, Generic[PoseT, StateT]):
 class SE2Samples(NamedTuple):
     """Samples of planar poses, and the white noise."""
 
-    off: _Complex
+    position_error: _Complex
     """(n,): position error x + i y of each sample."""
-    turned: Array
+    heading_error: Array
     """(n,): heading error of each sample."""
-    rest: Array
+    noise_cov: Array
     """(3, 3): covariance of the white noise."""
 
 
@@ -249,7 +249,7 @@ class SE2Uncertainty(PoseUncertainty[SE2, SE2Samples]):
         # A sample's heading error rotates its displacement in this block.
         off = off + np.exp(1j * turned) * (self._way + error) - self._way
         turned = turned + self._elapsed_s * rates[:, 2]
-        return SE2Samples(off, turned, self._ended_rest(self._linear()[0]))
+        return SE2Samples(off, turned, self._ended_noise(self._linear()[0]))
 
     def _linear(self) -> tuple[Array, Array]:
         x, y = self._way.real, self._way.imag
@@ -258,25 +258,25 @@ class SE2Uncertainty(PoseUncertainty[SE2, SE2Samples]):
         carry = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
         return carry, np.array([[c, -s, far], [s, c, left], [0.0, 0.0, self._elapsed_s]])
 
-    def _ended_rest(self, carry: Array) -> Array:
+    def _ended_noise(self, carry: Array) -> Array:
         heading = self._heading_s / self._elapsed_s
         c, s = math.cos(heading), math.sin(heading)
         axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         grown = axes @ (self._elapsed_s * self._errors.white_per_s) @ axes.T
-        return carry @ self._state.rest @ carry.T + grown
+        return carry @ self._state.noise_cov @ carry.T + grown
 
     def _exact(self) -> SE2Samples:
-        samples = len(self._units)
+        samples = len(self._biases)
         return SE2Samples(np.zeros(samples, dtype=complex), np.zeros(samples), np.zeros((3, 3)))
 
     def _given(self, errors: PoseErrors) -> SE2Samples:
-        along = self._units @ errors.bias_jacobian.T
+        along = self._biases @ errors.bias_jacobian.T
         off = (along[:, 0] + 1j * along[:, 1]) * chord(along[:, 2])
-        return SE2Samples(off, along[:, 2], errors.rest)
+        return SE2Samples(off, along[:, 2], errors.noise_cov)
 
     def _coordinates(self, state: SE2Samples) -> Array:
-        off = state.off / chord(state.turned)
-        return np.stack([off.real, off.imag, state.turned], axis=-1)
+        off = state.position_error / chord(state.heading_error)
+        return np.stack([off.real, off.imag, state.heading_error], axis=-1)
 
 
 def chord(turned: Array) -> _Complex:
@@ -303,9 +303,9 @@ def exponential_error(estimate: SE2, true: SE2) -> Array:
 class SO3Samples(NamedTuple):
     """Samples of orientations, and the white noise."""
 
-    off: Array
+    rotation_error: Array
     """(n, 3): rotation vector from the estimated orientation to each sample."""
-    rest: Array
+    noise_cov: Array
     """(3, 3): covariance of the white noise."""
 
 
@@ -324,24 +324,24 @@ class SO3Uncertainty(PoseUncertainty[SO3, SO3Samples]):
     def _ended(self, rates: Array) -> SO3Samples:
         gained, carried = (
             SO3.exp(rates @ self._by_twist.T),
-            SO3.exp(self._state.off @ self._carry.T),
+            SO3.exp(self._state.rotation_error @ self._carry.T),
         )
-        return SO3Samples((gained @ carried).log(), self._ended_rest(self._carry))
+        return SO3Samples((gained @ carried).log(), self._ended_noise(self._carry))
 
     def _linear(self) -> tuple[Array, Array]:
         return self._carry, self._by_twist
 
-    def _ended_rest(self, carry: Array) -> Array:
-        return carry @ self._state.rest @ carry.T + self._elapsed_s * self._errors.white_per_s
+    def _ended_noise(self, carry: Array) -> Array:
+        return carry @ self._state.noise_cov @ carry.T + self._elapsed_s * self._errors.white_per_s
 
     def _exact(self) -> SO3Samples:
-        return SO3Samples(np.zeros((len(self._units), 3)), np.zeros((3, 3)))
+        return SO3Samples(np.zeros((len(self._biases), 3)), np.zeros((3, 3)))
 
     def _given(self, errors: PoseErrors) -> SO3Samples:
-        return SO3Samples(self._units @ errors.bias_jacobian.T, errors.rest)
+        return SO3Samples(self._biases @ errors.bias_jacobian.T, errors.noise_cov)
 
     def _coordinates(self, state: SO3Samples) -> Array:
-        return state.off
+        return state.rotation_error
 
 
 SPREADS: dict[type[Any], type[PoseUncertainty[Any, Any]]] = {

@@ -33,7 +33,7 @@ class LinearReading(NamedTuple):
         One in 10,000 correct readings is not.
         """
         by = self.rows @ errors.bias_jacobian + self.bias_jacobian
-        expected = self.rows @ errors.rest @ self.rows.T + by @ by.T + self.covariance
+        expected = self.rows @ errors.noise_cov @ self.rows.T + by @ by.T + self.covariance
         distance_sq = float(self.offset @ np.linalg.solve(expected, self.offset))
         return distance_sq <= chi_square_bound(len(self.offset), FALSE_ALARM)
 
@@ -73,7 +73,7 @@ class SensorCorrection:
             self._names += [each.name for each in biases]
             self._sigmas += sigmas.tolist()
             bias = columns[1]
-        self.constants = bias
+        self.bias_count = bias
         """Number of all biases of the estimate."""
         self._padded: tuple[TwistErrors | None, TwistErrors | None] = (None, None)
 
@@ -83,7 +83,7 @@ class SensorCorrection:
 
     def bias_rows(self, own: Mapping[str, Array]) -> dict[str, Array]:
         """Return the Jacobian row (m,) of each parameter w.r.t. all biases."""
-        count = self.constants
+        count = self.bias_count
         rows = {name: np.pad(row, (0, count - len(row))) for name, row in own.items()}
         unit = np.eye(count)[self._own :]
         return rows | {
@@ -93,7 +93,7 @@ class SensorCorrection:
 
     def twist_errors(self, own: TwistErrors) -> TwistErrors:
         """Return twist errors with columns for all biases; the same object for the same errors."""
-        if self._own == self.constants:
+        if self._own == self.bias_count:
             return own
         if own is not self._padded[0]:
             self._padded = own, replace(own, bias_jacobian=self.padded(own.bias_jacobian))
@@ -101,7 +101,7 @@ class SensorCorrection:
 
     def padded(self, jacobian: Array) -> Array:
         """Return a Jacobian (..., own) with zero columns for the biases of the sensors."""
-        extra = self.constants - self._own
+        extra = self.bias_count - self._own
         if not extra:
             return jacobian
         return np.pad(jacobian, [(0, 0)] * (jacobian.ndim - 1) + [(0, extra)])
@@ -109,7 +109,7 @@ class SensorCorrection:
     def own_errors(self, errors: PoseErrors) -> PoseErrors:
         """Return pose errors whose part from the sensors' biases is noise."""
         by = errors.bias_jacobian[:, self._own :]
-        return PoseErrors(errors.bias_jacobian[:, : self._own], errors.rest + by @ by.T)
+        return PoseErrors(errors.bias_jacobian[:, : self._own], errors.noise_cov + by @ by.T)
 
     def readings(self, readings: Array, pose: SE2) -> list[LinearReading]:
         """Return the readings (s,) of a step, linearized at a pose; NaN has none."""
@@ -127,7 +127,7 @@ class SensorCorrection:
         expected = entry.model.predict(pose)
         if expected is None:
             return None
-        by = np.zeros((len(reading), self.constants))
+        by = np.zeros((len(reading), self.bias_count))
         by[:, slice(*entry.biases)] = expected.bias_jacobian * entry.sigmas
         offset = reading - expected.value
         return LinearReading(offset, expected.pose_jacobian, by, expected.covariance)

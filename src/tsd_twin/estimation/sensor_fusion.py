@@ -62,7 +62,7 @@ class GyroOdometry(PlanarOdometry):
         self._sigma = math.hypot(self._noise_rad_per_s, self._bias)
         self._rate = math.nan
         self._reads = False
-        self._wheels = TwistErrors.none(self.spread.constants)
+        self._wheels = TwistErrors.none(self.uncertainty.bias_count)
         self._compared: list[float] = []
         self._compared_from = 0.0
         """Turn rate from the wheels at the first comparison."""
@@ -71,7 +71,7 @@ class GyroOdometry(PlanarOdometry):
 
     def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
-        bias = self._bias * np.eye(self.spread.constants)[self._constants.count]
+        bias = self._bias * np.eye(self.uncertainty.bias_count)[self._joint_biases.count]
         return {**super().bias_rows(), "gyro_bias_rad_per_s": bias}
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
@@ -105,7 +105,7 @@ class GyroOdometry(PlanarOdometry):
             return
         difference, wheels = fmean(self._compared), self._wheels
         row = wheels.bias_jacobian[2].copy()
-        row[self._constants.count] = self._bias
+        row[self._joint_biases.count] = self._bias
         # Rounded angles stay constant for many steps, so their error does not average out.
         by_wheels_alone = wheels.covariance[2, 2] - np.square(wheels.bias_jacobian[2]).sum()
         # Also account for gimbal noise, seen as a turn rate, and for accelerating wheels.
@@ -132,7 +132,7 @@ class GyroOdometry(PlanarOdometry):
         keep = np.eye(3)
         keep[:, 2] -= gain
         bias_jacobian = keep @ wheels.bias_jacobian
-        bias_jacobian[:, self._constants.count] = -gain * self._bias
+        bias_jacobian[:, self._joint_biases.count] = -gain * self._bias
         noise = dt_s * self._noise_rad_per_s**2 * np.outer(gain, gain)
         white_per_s = keep @ wheels.white_per_s @ keep.T + noise
         _, covariance = with_gyro(np.zeros(3), wheels.covariance, np.array(0.0), self._sigma)
@@ -189,7 +189,7 @@ class DeadReckoning(Estimate, Protocol):
         ...
 
     @property
-    def spread(self) -> PoseUncertainty[Any, Any]:
+    def uncertainty(self) -> PoseUncertainty[Any, Any]:
         """Uncertainty of the pose."""
         ...
 

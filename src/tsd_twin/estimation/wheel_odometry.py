@@ -82,13 +82,13 @@ class WheelOdometry(Generic[PoseT]):
     """
 
     def __init__(
-        self, kinematics: Kinematics[PoseT], noise: JointErrors, other_constants: int = 0
+        self, kinematics: Kinematics[PoseT], noise: JointErrors, other_biases: int = 0
     ) -> None:
-        """`other_constants` is the number of biases in addition to the joint biases."""
+        """`other_biases` is the number of biases in addition to the joint biases."""
         self._kinematics = kinematics
         self._noise = JointNoise(kinematics, noise)
-        self._constants = JointBiases(kinematics, noise)
-        count = self._constants.count + other_constants
+        self._joint_biases = JointBiases(kinematics, noise)
+        count = self._joint_biases.count + other_biases
         self._previous: Array | None = None
         self._solved_for = b""
         self._refreshed_for: tuple[object, object] = (None, None)
@@ -107,13 +107,13 @@ class WheelOdometry(Generic[PoseT]):
         """Mean motion during the last step."""
         self.errors = TwistErrors.none(count)
         """Errors of the twist; larger if joints are inconsistent."""
-        self.spread: PoseUncertainty[PoseT, Any] = SPREADS[kinematics.pose_type](count)
+        self.uncertainty: PoseUncertainty[PoseT, Any] = SPREADS[kinematics.pose_type](count)
         """Uncertainty of the pose."""
 
     @property
     def pose_covariance(self) -> Array:
         """(3, 3): covariance of the pose, in exponential coordinates about the axes of `odom`."""
-        return self.spread.covariance
+        return self.uncertainty.covariance
 
     @property
     def twist_covariance(self) -> Array:
@@ -122,7 +122,7 @@ class WheelOdometry(Generic[PoseT]):
 
     def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
-        rows, count = self._constants.rows(), self.spread.constants
+        rows, count = self._joint_biases.rows(), self.uncertainty.bias_count
         return {name: np.pad(row, (0, count - len(row))) for name, row in rows.items()}
 
     @property
@@ -134,7 +134,7 @@ class WheelOdometry(Generic[PoseT]):
     def set_pose(self, pose: PoseT, errors: PoseErrors | None = None) -> None:
         """Set the estimate to `pose`, with pose `errors` (zero by default)."""
         self.pose = pose
-        self.spread.set(errors)
+        self.uncertainty.set(errors)
         self._until_refresh = 0
 
     def advance(self, joints: Array, dt_s: float) -> TwistSolution:
@@ -169,9 +169,9 @@ class WheelOdometry(Generic[PoseT]):
         if any(step.twist.tolist()):
             self.pose = self._kinematics.integrate(before, step.twist, dt_s)
         # Isolate the step in its own block, so that its noise is not applied to other steps.
-        self.spread.refresh(self.errors)
-        self.spread.step(before, self.pose, step.twist, dt_s)
-        self.spread.refresh(own)
+        self.uncertainty.refresh(self.errors)
+        self.uncertainty.step(before, self.pose, step.twist, dt_s)
+        self.uncertainty.refresh(own)
         self._previous = None  # Joint motion during the outage is unknown.
         self._solved_for, self._refreshed_for, self._until_refresh = b"", (None, None), 0
         self._since_refresh_s += dt_s
@@ -194,15 +194,15 @@ class WheelOdometry(Generic[PoseT]):
         self.motion = motion
         if any(twist.tolist()):
             self.pose = self._kinematics.integrate(before, twist, dt_s)
-        self.spread.step(before, self.pose, twist, dt_s)
+        self.uncertainty.step(before, self.pose, twist, dt_s)
         self._since_refresh_s += dt_s
         if self._until_refresh == 0:
-            self.spread.refresh(self._refreshed(joints, dt_s))
+            self.uncertainty.refresh(self._refreshed(joints, dt_s))
         self._until_refresh = (self._until_refresh + 1) % _REFRESH_STEPS
 
     def _refreshed(self, joints: Array, dt_s: float) -> TwistErrors:
         """Return the errors of the twist; the same object in steady motion."""
-        now, floor = (self.motion, joints.tobytes()), self._constants.floor
+        now, floor = (self.motion, joints.tobytes()), self._joint_biases.floor
         was_steady = floor.is_steady
         if floor.any:
             floor.follow(self.motion.twist, joints, self._since_refresh_s)
@@ -217,13 +217,13 @@ class WheelOdometry(Generic[PoseT]):
         if self._jacobians is None or joints.tobytes() != self._jacobians[0]:
             self._jacobians = joints.tobytes(), *jacobians(self._kinematics, joints)
         _, slopes, left = self._jacobians
-        constant, white = self._constants.of_joints(joints), self._noise.white
-        explained = np.square(left @ constant).sum() + np.square(left * white).sum()
-        doubt = self._birge_ratio(float(explained))
+        by_bias, white = self._joint_biases.of_joints(joints), self._noise.white
+        explained = np.square(left @ by_bias).sum() + np.square(left * white).sum()
+        ratio = self._birge_ratio(float(explained))
         bias_jacobian = np.zeros_like(self.errors.bias_jacobian)
-        own = self._constants.of_twist(joints, slopes)
-        bias_jacobian[:, : self._constants.count] = math.sqrt(doubt) * own
-        noise, walk = math.sqrt(doubt) * slopes * white, slopes * self._noise.walk(joints)
+        own = self._joint_biases.of_twist(joints, slopes)
+        bias_jacobian[:, : self._joint_biases.count] = math.sqrt(ratio) * own
+        noise, walk = math.sqrt(ratio) * slopes * white, slopes * self._noise.walk(joints)
         white_per_s = dt_s * noise @ noise.T + walk @ walk.T
         covariance = white_per_s / dt_s + bias_jacobian @ bias_jacobian.T
         return TwistErrors(bias_jacobian, white_per_s, covariance)
@@ -240,7 +240,7 @@ class WheelOdometry(Generic[PoseT]):
         return found / explained if found > _MAX_RESIDUAL_RATIO * explained > _ROUNDING else 1.0
 
 
-POSE_SENSOR_CONSTANTS = 3
+POSE_SENSOR_BIASES = 3
 """Biases of a pose sensor (x, y, heading), the last ones of each planar odometry."""
 
 
@@ -252,10 +252,10 @@ class PlanarOdometry(WheelOdometry[SE2]):
     """
 
     def __init__(
-        self, kinematics: Kinematics[SE2], noise: JointErrors, other_constants: int = 0
+        self, kinematics: Kinematics[SE2], noise: JointErrors, other_biases: int = 0
     ) -> None:
-        """`other_constants` is the number of biases of other sensors."""
-        super().__init__(kinematics, noise, other_constants + POSE_SENSOR_CONSTANTS)
+        """`other_biases` is the number of biases of other sensors."""
+        super().__init__(kinematics, noise, other_biases + POSE_SENSOR_BIASES)
 
 
 class OrientationOdometry(WheelOdometry[SO3]):
