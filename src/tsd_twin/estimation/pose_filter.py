@@ -21,7 +21,6 @@ from tsd_twin.lie import SE2, Array, wrap
 
 GATE = chi_square_bound(3, FALSE_ALARM)
 """Squared Mahalanobis distance (3 dimensions) exceeded by one correct pose in 10,000."""
-_POSITION = np.eye(3)[:2]
 _HEADING = np.eye(3)[2:]
 _POSE = np.eye(3)
 
@@ -59,11 +58,6 @@ class _FilterStep:
     """(..., 3, 3): covariance of the pose if twist biases were redrawn every second."""
     measured: list[_Measurement] = field(default_factory=list[_Measurement])
 
-    def correct(self) -> None:
-        """Apply the measurements at the end of the step."""
-        for measurement in self.measured:
-            _correct(self, measurement)
-
     @property
     def covariance(self) -> Array:
         """(..., 3, 3): covariance of the pose."""
@@ -98,11 +92,10 @@ class PoseFilter:
         self._kinematics = kinematics
         self._memory_s = memory_s
         start = np.array(pose.xy_heading, dtype=float)
-        noise_cov = np.zeros((*start.shape, 3)) if covariance is None else np.array(covariance)
-        none = np.zeros_like(start)
+        none, growth = np.zeros_like(start), np.zeros((*start.shape, 3))
+        noise_cov = growth if covariance is None else np.array(covariance)
         by = np.zeros((*start.shape, 0)) if bias_jacobian is None else np.array(bias_jacobian)
         self._none: Array = np.zeros_like(by)
-        growth = np.zeros((*start.shape, 3))
         cautious = noise_cov + by @ _transposed(by)
         self._steps = [
             _FilterStep(now_s, none, none, growth, self._none, start, by, noise_cov, cautious)
@@ -167,18 +160,6 @@ class PoseFilter:
         while len(self._steps) > 2 and self._steps[1].end_s <= oldest:
             del self._steps[0]
 
-    def fuse_heading(self, heading: Array, sigma: float, measured_s: float | None = None) -> bool:
-        """Fuse headings (...), radians; return False if older than the memory or not finite."""
-        value = np.asarray(heading, dtype=float)[..., None]
-        none = self._none[..., 2:, :]
-        return self._fuse(_Measurement(_HEADING, value, np.array([[sigma**2]]), none), measured_s)
-
-    def fuse_position(self, xy: Array, sigma_m: float, measured_s: float | None = None) -> bool:
-        """Fuse positions (..., 2), metres; return False as in `fuse_heading`."""
-        covariance = sigma_m**2 * np.eye(2)
-        value, none = np.array(xy, dtype=float), self._none[..., :2, :]
-        return self._fuse(_Measurement(_POSITION, value, covariance, none), measured_s)
-
     def fuse_pose(
         self,
         pose: SE2,
@@ -186,7 +167,7 @@ class PoseFilter:
         measured_s: float | None = None,
         bias_jacobian: Array | None = None,
     ) -> bool:
-        """Fuse measured poses with a covariance (..., 3, 3); return False as in `fuse_heading`.
+        """Fuse measured poses with a covariance (..., 3, 3); return False if too old or not finite.
 
         `bias_jacobian` (..., 3, m) is the Jacobian of a measured pose w.r.t. the biases; zero by
         default.
@@ -196,14 +177,19 @@ class PoseFilter:
         return self._fuse(_Measurement(_POSE, value, np.array(covariance), by), measured_s)
 
     def fuse_linear(
-        self, rows: Array, value: Array, covariance: Array, bias_jacobian: Array
+        self,
+        rows: Array,
+        value: Array,
+        covariance: Array,
+        bias_jacobian: Array,
+        measured_s: float | None = None,
     ) -> bool:
-        """Fuse a `value` (j,) of `rows` (j, 3) @ pose, measured now; return as `fuse_heading`.
+        """Fuse a `value` (..., j) of `rows` (j, 3) @ pose; return False as in `fuse_pose`.
 
         The gain accounts for the biases of the value, unlike that of a measured pose.
         """
         measurement = _Measurement(rows, value, covariance, bias_jacobian, weighs_biases=True)
-        return self._fuse(measurement, None)
+        return self._fuse(measurement, measured_s)
 
     def mahalanobis_sq(
         self,
@@ -279,7 +265,8 @@ class PoseFilter:
             while end < len(self._steps) and not self._steps[end - 1].measured:
                 end += 1
             _carry(self._steps[index - 1], self._steps[index:end])
-            self._steps[end - 1].correct()
+            for measurement in self._steps[end - 1].measured:
+                _correct(self._steps[end - 1], measurement)
             index = end
 
 
@@ -432,8 +419,9 @@ class DriftFilter:
         moved = (SE2(last.reckoned) @ SE2.exp(dt_s * twist)).xy_heading
         reckoned = np.array([moved[0], moved[1], last.reckoned[2] + dt_s * twist[2]])
         way = reckoned - last.reckoned
-        turn = np.eye(3)
-        turn[:2, :2] = _turn(last.reckoned[2] + 0.5 * way[2])
+        middle = last.reckoned[2] + 0.5 * way[2]
+        c, s = np.cos(middle), np.sin(middle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         step = dt_s * turn @ by_errors
         # A heading error rotates the whole displacement.
         step[:2] += np.outer([-way[1], way[0]], last.shift[2] + 0.5 * step[2])
@@ -474,8 +462,3 @@ class DriftFilter:
             return later
         earlier = self._past[after - 1]
         return earlier.towards(later, (at_s - earlier.end_s) / (later.end_s - earlier.end_s))
-
-
-def _turn(angle_rad: float) -> Array:
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[c, -s], [s, c]])
