@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -17,52 +18,40 @@ from tsd_twin.kinematics.base import PoseT
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import JointErrors, WheelSpeedResponse
 
-_PREDICTIONS_KEPT = 16
-
 
 class WheelSpeedModel:
     """First-order model of unmeasured wheel speeds that follow their setpoints."""
 
-    def __init__(self, spin_up: WheelSpeedResponse, joints: int) -> None:
-        self._spin_up = spin_up
+    def __init__(self, response: WheelSpeedResponse, joints: int) -> None:
+        self._response = response
         self.spin_rad_per_s: Array = np.zeros(joints)
         """(m,): modelled speeds."""
-        self._predictions: dict[tuple[bytes, float], Array] = {}
-        """Cached results of `after` by its arguments, valid while the modelled speeds are
-        unchanged."""
 
     def advance(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
         """Return the speeds (m,) after `dt_s` of a setpoint (m,)."""
-        speeds = self.after(setpoint_rad_per_s, dt_s)
-        if speeds.tobytes() != self.spin_rad_per_s.tobytes():
-            self._predictions.clear()
-        self.spin_rad_per_s = speeds
-        return speeds
+        self.spin_rad_per_s = self.after(setpoint_rad_per_s, dt_s)
+        return self.spin_rad_per_s
 
     def after(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
         """Predict the speeds (m,) after `dt_s` of a setpoint (m,), without changing the state."""
-        key = (setpoint_rad_per_s.tobytes(), dt_s)
-        found = self._predictions.get(key)
-        if found is None:
-            found = self._predicted(setpoint_rad_per_s, dt_s)
-            if len(self._predictions) >= _PREDICTIONS_KEPT:
-                self._predictions.clear()
-            self._predictions[key] = found
-        return found
+        speeds, goals = self.spin_rad_per_s.tolist(), setpoint_rad_per_s.tolist()
+        return _speeds_after(self._response, tuple(speeds), tuple(goals), dt_s)
 
-    def _predicted(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
-        law = self._spin_up
-        up, down = math.exp(-dt_s / law.up_s), math.exp(-dt_s / law.down_s)
 
-        # Plain floats, because numpy would take four times as long for a few wheels.
-        start, commanded = law.start_speed_rad_per_s, setpoint_rad_per_s.tolist()
-        goals = [speed if abs(speed) >= start else 0.0 for speed in commanded]
-        pairs = zip(goals, self.spin_rad_per_s.tolist(), strict=True)
-        speeds = np.array(
-            [goal + (spin - goal) * (up if abs(goal) > abs(spin) else down) for goal, spin in pairs]
-        )
-        speeds.setflags(write=False)
-        return speeds
+@functools.lru_cache(maxsize=16)
+def _speeds_after(
+    law: WheelSpeedResponse, speeds: tuple[float, ...], setpoints: tuple[float, ...], dt_s: float
+) -> Array:
+    """Predict wheel speeds; cached, because settled wheels repeat the same predictions."""
+    up, down = math.exp(-dt_s / law.up_s), math.exp(-dt_s / law.down_s)
+    # Plain floats, because numpy would take four times as long for a few wheels.
+    goals = [goal if abs(goal) >= law.start_speed_rad_per_s else 0.0 for goal in setpoints]
+    pairs = zip(goals, speeds, strict=True)
+    after = np.array(
+        [goal + (spin - goal) * (up if abs(goal) > abs(spin) else down) for goal, spin in pairs]
+    )
+    after.setflags(write=False)
+    return after
 
 
 _MAX_RESIDUAL_RATIO = 10.0
