@@ -15,7 +15,7 @@ import numpy as np
 
 from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
 from tsd_twin.estimation.pose_filter import GATE
-from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
+from tsd_twin.estimation.pose_uncertainty import PlanarBlock, PoseErrors, TwistErrors
 from tsd_twin.estimation.sensor_correction import LinearReading
 from tsd_twin.lie import SE2, Array, wrap
 
@@ -137,20 +137,12 @@ class BiasFilter:
                 self._correct(rows, off, covariance)
                 self._begin()
                 return
-        self._begin_at(pose, covariance, mounting, at_s)
+        self._begin_at(pose, PoseErrors(-mounting, covariance), at_s)
 
     def begin_pose(self, pose: SE2, errors: PoseErrors, at_s: float) -> None:
         """Begin with a pose that the estimate has, with its errors, unless there is one."""
-        if self._at_s is not None:
-            return
-        self._steps.clear()
-        self._at_s = at_s
-        by, prior = errors.bias_jacobian, self.covariance
-        self._state[:3] = pose.xy_heading + by @ self.biases
-        self._covariance[:3, :3] = errors.noise_cov + by @ prior @ by.T
-        self._covariance[:3, 3:] = by @ prior
-        self._covariance[3:, :3] = prior @ by.T
-        self._begin()
+        if self._at_s is None:
+            self._begin_at(pose, errors, at_s)
 
     def fuse_readings(
         self, at_s: float, linearized: Callable[[SE2], Sequence[LinearReading]]
@@ -169,13 +161,14 @@ class BiasFilter:
                 self._correct(rows, off, reading.covariance)
         self._begin()
 
-    def _begin_at(self, pose: SE2, covariance: Array, mounting: Array, at_s: float) -> None:
+    def _begin_at(self, pose: SE2, errors: PoseErrors, at_s: float) -> None:
         while self._steps and self._steps[0].end_s <= at_s:
             self._steps.popleft()
         self._at_s = at_s
-        self._state[:3] = pose.xy_heading - mounting @ self.biases
-        crossed = -mounting @ self.covariance
-        self._covariance[:3, :3] = covariance + mounting @ self.covariance @ mounting.T
+        by, prior = errors.bias_jacobian, self.covariance
+        self._state[:3] = pose.xy_heading + by @ self.biases
+        crossed = by @ prior
+        self._covariance[:3, :3] = errors.noise_cov + crossed @ by.T
         self._covariance[:3, 3:], self._covariance[3:, :3] = crossed, crossed.T
         self._begin()
 
@@ -199,10 +192,9 @@ class BiasFilter:
         """Begin a block of steps with equal twist errors."""
         self._rate: Array = self._errors.bias_jacobian @ self.biases
         """(3,): correction of the twist."""
-        self._elapsed_s = 0.0
+        self._block = PlanarBlock()
         self._heading, self._turned = float(self._state[2]), 0.0
-        self._way = self._by_velocity = self._by_turn_rate = 0j
-        self._mid_heading_s = self._speed_s = self._turn_rate_s = 0.0
+        self._speed_s = self._turn_rate_s = 0.0
 
     def _carry(self, until_s: float) -> None:
         """Process the buffered steps until `until_s`."""
@@ -223,35 +215,25 @@ class BiasFilter:
     def _add(self, twist: Array, dt_s: float) -> None:
         vx, vy, omega = (twist + self._rate).tolist()
         middle = self._heading + 0.5 * omega * dt_s
-        turn = complex(math.cos(middle), math.sin(middle))
-        way = dt_s * turn * complex(vx, vy)
-        self._by_turn_rate += 1j * way * (self._elapsed_s + 0.5 * dt_s)
-        self._by_velocity += dt_s * turn
-        self._way += way
+        direction = complex(math.cos(middle), math.sin(middle))
+        self._block.add(dt_s * direction * complex(vx, vy), direction, middle, dt_s)
         self._speed_s += dt_s * math.hypot(vx, vy)
         self._turn_rate_s += dt_s * abs(omega)
-        self._mid_heading_s += dt_s * middle
         self._heading += omega * dt_s
         self._turned += omega * dt_s
-        self._elapsed_s += dt_s
 
     def _end_block(self) -> None:
         """Propagate state and covariance over the block."""
-        dt_s = self._elapsed_s
+        block, dt_s = self._block, self._block.elapsed_s
         if dt_s == 0.0:
             return
-        x, y = self._way.real, self._way.imag
-        c, s = self._by_velocity.real, self._by_velocity.imag
-        far, left = self._by_turn_rate.real, self._by_turn_rate.imag
-        self._state[:2] += x, y
+        carry, by_twist = block.jacobians()
+        self._state[:2] += block.displacement.real, block.displacement.imag
         self._state[2] += self._turned
-        by_twist = np.array([[c, -s, far], [s, c, left], [0.0, 0.0, dt_s]])
         move = np.eye(len(self._state))
-        move[0, 2], move[1, 2] = -y, x
+        move[:3, :3] = carry
         move[:3, 3:] = by_twist @ self._errors.bias_jacobian
-        heading = self._mid_heading_s / dt_s
-        c, s = math.cos(heading), math.sin(heading)
-        axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        axes = block.axes()
         self._covariance = move @ self._covariance @ move.T
         self._covariance[:3, :3] += dt_s * axes @ self._errors.white_per_s @ axes.T
         own = CAUTION * np.array([self._speed_s, self._speed_s, self._turn_rate_s]) / dt_s
