@@ -9,7 +9,8 @@ import pytest
 from tsd_twin import robots
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.estimation import BiasFilter, TwistErrors
-from tsd_twin.estimation.bias_filter import CAUTION, Comparison
+from tsd_twin.estimation.bias_filter import CAUTION
+from tsd_twin.estimation.sensor_correction import LinearReading
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
@@ -110,12 +111,17 @@ def test_a_pose_older_than_the_last_changes_nothing() -> None:
     assert (ride.filter.biases == before).all()
 
 
+def comparison(difference: float, by_bias: float, variance: float) -> LinearReading:
+    by, covariance = np.array([[by_bias]]), np.array([[variance]])
+    return LinearReading(np.array([difference]), np.zeros((1, 3)), by, covariance)
+
+
 def test_what_nothing_measures_changes_by_itself_only_towards_the_description() -> None:
     """Over hours, what was known once is as unknown as at the start."""
     filtered = BiasFilter(1)
-    filtered.compare(0.0, Comparison(2.0, np.array([1.0]), 1e-6))
+    filtered.compare(0.0, comparison(2.0, 1.0, 1e-6))
     assert filtered.biases == pytest.approx([2.0], abs=1e-3)
-    filtered.compare(7200.0, Comparison(0.0, np.array([0.0]), 1.0))
+    filtered.compare(7200.0, comparison(0.0, 0.0, 1.0))
     assert filtered.biases == pytest.approx([0.0], abs=1e-3)
     assert filtered.covariance == pytest.approx(np.eye(1), abs=1e-3)
 

@@ -216,7 +216,7 @@ class StateEstimator:
             return None
         rows = self._fused.sensors.bias_rows(self._dead_reckoning.bias_rows())
         found = self._fused.learning.learned(rows)
-        return {name: BiasStatus(each.value, each.sigma) for name, each in found.items()}
+        return {name: BiasStatus(value, sigma) for name, (value, sigma) in found.items()}
 
     def consistency(self, *, wheels_spin: bool) -> ConsistencyStatus:
         """Return the joint consistency; wheels at rest carry no information on gimbals."""

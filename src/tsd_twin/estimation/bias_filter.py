@@ -1,6 +1,6 @@
 """Online estimation of a robot's biases with an extended Kalman filter.
 
-The filter also tracks a pose, but does not affect the pose estimate. Derived in
+The filter also tracks a pose, but does not affect the pose estimate in `pose_fusion.py`. Derived in
 `docs/estimation.md`.
 """
 
@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
-from tsd_twin.estimation.pose_filter import GATE
+from tsd_twin.estimation.consistency import is_plausible
 from tsd_twin.estimation.pose_uncertainty import PlanarBlock, PoseErrors, TwistErrors
 from tsd_twin.estimation.sensor_correction import LinearReading
 from tsd_twin.lie import SE2, Array, wrap
@@ -27,22 +26,6 @@ _FORGET_S = 600.0
 CAUTION = 0.005
 """Additional twist error per second, relative to the twist: printed wheel layers, gimbal dead
 bands."""
-
-
-class Comparison(NamedTuple):
-    """Sensor reading minus its prediction from the joints: `bias_jacobian @ u` plus noise."""
-
-    difference: float
-    bias_jacobian: Array
-    """(m,): Jacobian with respect to the biases."""
-    variance: float
-
-
-class BiasEstimate(NamedTuple):
-    """Estimated bias, in the unit given by its name."""
-
-    value: float
-    sigma: float
 
 
 class _BiasStep(NamedTuple):
@@ -86,12 +69,10 @@ class BiasFilter:
         """(m, m): covariance of `biases`."""
         return self._covariance[3:, 3:]
 
-    def learned(self, rows: Mapping[str, Array]) -> dict[str, BiasEstimate]:
-        """Return the named biases whose Jacobian rows (m,) are `rows`."""
+    def learned(self, rows: Mapping[str, Array]) -> dict[str, tuple[float, float]]:
+        """Return value and standard deviation of named biases with Jacobian rows (m,) `rows`."""
         return {
-            name: BiasEstimate(
-                float(row @ self.biases), math.sqrt(float(row @ self.covariance @ row))
-            )
+            name: (float(row @ self.biases), math.sqrt(float(row @ self.covariance @ row)))
             for name, row in rows.items()
         }
 
@@ -109,14 +90,13 @@ class BiasFilter:
         self._steps.clear()
         self._begin()
 
-    def compare(self, now_s: float, found: Comparison) -> None:
-        """Fuse a comparison between a sensor and the joints."""
+    def compare(self, now_s: float, comparison: LinearReading) -> None:
+        """Fuse a comparison between a sensor and the joints, which is independent of the pose."""
         if self._at_s is None and self._measured_s is not None:
             self._forget(now_s - self._measured_s)
         self._measured_s = now_s
-        rows = np.concatenate([np.zeros(3), found.bias_jacobian])[None]
-        off = np.array([found.difference]) - rows @ self._state
-        self._correct(rows, off, np.array([[found.variance]]))
+        rows = np.hstack([comparison.rows, comparison.bias_jacobian])
+        self._correct(rows, comparison.offset - rows @ self._state, comparison.covariance)
 
     def fuse_pose(self, pose: SE2, covariance: Array, mounting: Array, at_s: float) -> None:
         """Fuse a pose measured at `at_s`; `mounting` (3, m) is its Jacobian w.r.t. the biases.
@@ -133,7 +113,7 @@ class BiasFilter:
             off = pose.xy_heading - rows @ self._state
             off[2] = wrap(off[2])
             expected = rows @ self._covariance @ rows.T + covariance
-            if off @ np.linalg.solve(expected, off) <= GATE:
+            if is_plausible(off, expected):
                 self._correct(rows, off, covariance)
                 self._begin()
                 return
@@ -156,8 +136,7 @@ class BiasFilter:
             rows = np.hstack([reading.rows, reading.bias_jacobian])
             off = reading.offset - reading.bias_jacobian @ self.biases
             expected = rows @ self._covariance @ rows.T + reading.covariance
-            bound = chi_square_bound(len(off), FALSE_ALARM)
-            if off @ np.linalg.solve(expected, off) <= bound:
+            if is_plausible(off, expected):
                 self._correct(rows, off, reading.covariance)
         self._begin()
 

@@ -119,6 +119,15 @@ def _unit_lines(lines: Array) -> Array:
     return np.where(lengths > _RANK * lengths.max(), lines / np.maximum(lengths, 1e-300), 0.0)
 
 
+def is_plausible(off: Array, covariance: Array) -> bool:
+    """Return whether a difference `off` (d,) is within the gate for its `covariance` (d, d).
+
+    One in 10,000 correct ones is not.
+    """
+    distance_sq = float(off @ np.linalg.solve(covariance, off))
+    return distance_sq <= chi_square_bound(len(off), FALSE_ALARM)
+
+
 @functools.cache
 def chi_square_bound(dimensions: int, beyond: float) -> float:
     """Return the chi-square quantile with tail probability `beyond` (< 0.3).

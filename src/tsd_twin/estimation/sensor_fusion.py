@@ -9,9 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tsd_twin.estimation.bias_filter import Comparison
 from tsd_twin.estimation.outage import CoastStep
 from tsd_twin.estimation.pose_uncertainty import PoseErrors, PoseUncertainty, TwistErrors
+from tsd_twin.estimation.sensor_correction import LinearReading
 from tsd_twin.estimation.wheel_odometry import PlanarOdometry
 from tsd_twin.kinematics import TwistSolution
 from tsd_twin.lie import Array
@@ -66,8 +66,8 @@ class GyroOdometry(PlanarOdometry):
         self._compared: list[float] = []
         self._compared_from = 0.0
         """Turn rate from the wheels at the first comparison."""
-        self.comparison: Comparison | None = None
-        """Comparison of gyro and wheels that ended with the last step, or None."""
+        self.comparison: LinearReading | None = None
+        """Gyro minus wheels, if a comparison ended with the last step; independent of the pose."""
 
     def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
@@ -103,9 +103,9 @@ class GyroOdometry(PlanarOdometry):
         self._compared.append(rate - by_wheels)
         if len(self._compared) < _COMPARED:
             return
-        difference, wheels = fmean(self._compared), self._wheels
-        row = wheels.bias_jacobian[2].copy()
-        row[self._joint_biases.count] = self._bias
+        difference, wheels = np.array([fmean(self._compared)]), self._wheels
+        by_biases = wheels.bias_jacobian[2:].copy()
+        by_biases[0, self._joint_biases.count] = self._bias
         # Rounded angles stay constant for many steps, so their error does not average out.
         by_wheels_alone = wheels.covariance[2, 2] - np.square(wheels.bias_jacobian[2]).sum()
         # Also account for gimbal noise, seen as a turn rate, and for accelerating wheels.
@@ -115,7 +115,8 @@ class GyroOdometry(PlanarOdometry):
         total = max(float(by_wheels_alone), seen, 0.0) + noise / _COMPARED
         total += (_MAX_LAG_S * faster / _COMPARED_S) ** 2
         self._compared.clear()
-        self.comparison = Comparison(difference, row, total)
+        noise_cov = np.array([[total]])
+        self.comparison = LinearReading(difference, np.zeros((1, 3)), by_biases, noise_cov)
 
     def _mean_rate(self, sensors: Array) -> float:
         """Return the mean turn rate of the step, or NaN without a reading at its end."""
