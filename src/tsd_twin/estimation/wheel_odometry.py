@@ -192,11 +192,13 @@ class WheelOdometry(Generic[PoseT]):
     def _refreshed(self, joints: Array, dt_s: float) -> TwistErrors:
         """Return the errors of the twist; the same object in steady motion."""
         now, floor = (self.motion, joints.tobytes()), self._joint_biases.floor
-        was_steady = floor.is_steady
-        if floor.any:
+        is_steady = True
+        if floor is not None:
+            was_steady = floor.is_steady
             floor.follow(self.motion.twist, joints, self._since_refresh_s)
+            is_steady = was_steady and floor.is_steady
         self._since_refresh_s = 0.0
-        if now != self._refreshed_for or not (was_steady and floor.is_steady):
+        if now != self._refreshed_for or not is_steady:
             self._refreshed_for = now
             self.errors = self._twist_errors(joints, dt_s)
         return self.errors
