@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from enum import StrEnum
 from itertools import dropwhile
 from typing import Any, NamedTuple
@@ -18,8 +19,7 @@ from tsd_twin.estimation.bias_filter import BiasFilter
 from tsd_twin.estimation.pose_filter import GATE, PoseFilter
 from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
 from tsd_twin.estimation.sensor_correction import SensorCorrection
-from tsd_twin.estimation.sensor_fusion import DeadReckoning
-from tsd_twin.estimation.wheel_odometry import POSE_SENSOR_BIASES
+from tsd_twin.estimation.wheel_odometry import POSE_SENSOR_BIASES, WheelOdometry
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.sensors.pose import PoseSensor
@@ -138,7 +138,7 @@ class FusedEstimate:
     def __init__(
         self,
         kinematics: Kinematics[SE2],
-        inner: DeadReckoning,
+        inner: WheelOdometry[SE2],
         noise: PoseSensor,
         sensors: SensorCorrection | None = None,
     ) -> None:
@@ -202,17 +202,15 @@ class FusedEstimate:
         inner = self.inner
         twist, errors = inner.motion.twist, self.sensors.twist_errors(inner.errors)
         self.learning.follow(now_s, twist, errors)
-        self._past.append(
-            _EstimateRecord(now_s, twist, errors, inner.pose, inner.uncertainty.state)
-        )
+        step = _EstimateRecord(now_s, twist, errors, inner.pose, inner.uncertainty.state)
+        self._past.append(step)
         if self._used_s is None:
             self._used_s = now_s
         if self._filter is None:
             return
-        self._filter.advance(now_s, twist, errors.white_per_s, errors.bias_jacobian)
+        _replay(self._filter, [step])
         if self._hypothesis is not None:
-            held = self._hypothesis.filter
-            held.advance(now_s, twist, errors.white_per_s, errors.bias_jacobian)
+            _replay(self._hypothesis.filter, [step])
         if now_s - self._received_s > _SENSOR_TIMEOUT_S:
             self._set_inner(self._filter)
             self._past.clear()
@@ -317,9 +315,7 @@ class FusedEstimate:
         turned = here[2] + float(wrap(seen.xy_heading[2] - here[2]))
         pose = SE2(np.array([seen.xy_heading[0], seen.xy_heading[1], turned]))
         made = self._new_filter(pose, PoseErrors(-self._mounting, self._noise), at_s)
-        for past in self._past:
-            errors = past.errors
-            made.advance(past.end_s, past.twist, errors.white_per_s, errors.bias_jacobian)
+        _replay(made, self._past)
         return PoseHypothesis(made, pose, at_s, against_founded=is_founded)
 
     def _caught_up(self) -> PoseFilter | None:
@@ -331,8 +327,7 @@ class FusedEstimate:
         errors = self.inner.uncertainty.errors_at(first.uncertainty)
         errors = PoseErrors(self.sensors.padded(errors.bias_jacobian), errors.noise_cov)
         made = self._new_filter(first.pose, errors, first.end_s)
-        for past in others:
-            made.advance(past.end_s, past.twist, past.errors.white_per_s, past.errors.bias_jacobian)
+        _replay(made, others)
         return made
 
     def _new_filter(self, pose: SE2, errors: PoseErrors, now_s: float) -> PoseFilter:
@@ -344,3 +339,9 @@ class FusedEstimate:
             now_s=now_s,
             memory_s=MEMORY_S,
         )
+
+
+def _replay(pose_filter: PoseFilter, steps: Iterable[_EstimateRecord]) -> None:
+    for step in steps:
+        errors = step.errors
+        pose_filter.advance(step.end_s, step.twist, errors.white_per_s, errors.bias_jacobian)

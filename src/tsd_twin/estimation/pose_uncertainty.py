@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -332,13 +332,6 @@ class SO3Uncertainty(PoseUncertainty[SO3, Array]):
 
     def _coordinates(self, samples: Array) -> Array:
         return samples
-
-
-SPREADS: dict[type[Any], type[PoseUncertainty[Any, Any]]] = {
-    SE2: SE2Uncertainty,
-    SO3: SO3Uncertainty,
-}
-"""Uncertainty class for each pose type."""
 
 
 REGION_SIGMAS = 2.0

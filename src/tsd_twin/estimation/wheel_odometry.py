@@ -1,10 +1,14 @@
-"""Wheel odometry with covariance, and a model for unmeasured wheel speeds."""
+"""Wheel odometry with covariance, and a model for unmeasured wheel speeds.
+
+The errors of joints and floor come from `joint_errors.py`, growth of the pose uncertainty from
+`pose_uncertainty.py`. `odometry_kinds.py` adds other sensors, `pose_fusion.py` a pose sensor.
+"""
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Generic
 
@@ -12,11 +16,18 @@ import numpy as np
 
 from tsd_twin.estimation.joint_errors import JointBiases, JointNoise, jacobians
 from tsd_twin.estimation.outage import CoastStep
-from tsd_twin.estimation.pose_uncertainty import SPREADS, PoseErrors, PoseUncertainty, TwistErrors
+from tsd_twin.estimation.pose_uncertainty import (
+    PoseErrors,
+    PoseUncertainty,
+    SE2Uncertainty,
+    SO3Uncertainty,
+    TwistErrors,
+)
 from tsd_twin.kinematics import Kinematics, TwistSolution
 from tsd_twin.kinematics.base import PoseT
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import JointErrors, WheelSpeedResponse
+from tsd_twin.sensors.base import Bias
 
 
 class WheelSpeedModel:
@@ -61,6 +72,15 @@ _ROUNDING = 1e-18
 """Squared m/s: rounding level of the residual of joints without redundancy."""
 _REFRESH_STEPS = 10
 """Steps between updates of the twist errors, which change slowly."""
+POSE_SENSOR_BIASES = 3
+"""Biases of a pose sensor (x, y, heading), the last ones of each planar odometry.
+
+They do not affect the twist, but a pose corrected by the sensor depends on them.
+"""
+_UNCERTAINTY: dict[type[Any], type[PoseUncertainty[Any, Any]]] = {
+    SE2: SE2Uncertainty,
+    SO3: SO3Uncertainty,
+}
 
 
 class WheelOdometry(Generic[PoseT]):
@@ -71,13 +91,19 @@ class WheelOdometry(Generic[PoseT]):
     """
 
     def __init__(
-        self, kinematics: Kinematics[PoseT], noise: JointErrors, other_biases: int = 0
+        self,
+        kinematics: Kinematics[PoseT],
+        noise: JointErrors,
+        sensor_biases: Sequence[Bias] = (),
     ) -> None:
-        """`other_biases` is the number of biases in addition to the joint biases."""
-        self._kinematics = kinematics
+        """`sensor_biases` are the biases of other sensors that this odometry uses in each step."""
+        self._kinematics: Kinematics[PoseT] = kinematics
         self._noise = JointNoise(kinematics, noise)
         self._joint_biases = JointBiases(kinematics, noise)
-        count = self._joint_biases.count + other_biases
+        self._sensor_biases = sensor_biases
+        pose_type: type[Any] = kinematics.pose_type
+        count = self._joint_biases.count + len(sensor_biases)
+        count += POSE_SENSOR_BIASES if pose_type is SE2 else 0
         self._previous: Array | None = None
         self._solved_for = b""
         self._refreshed_for: tuple[object, object] = (None, None)
@@ -96,7 +122,7 @@ class WheelOdometry(Generic[PoseT]):
         """Mean motion during the last step."""
         self.errors = TwistErrors.none(count)
         """Errors of the twist; larger if joints are inconsistent."""
-        self.uncertainty: PoseUncertainty[PoseT, Any] = SPREADS[kinematics.pose_type](count)
+        self.uncertainty: PoseUncertainty[PoseT, Any] = _UNCERTAINTY[pose_type](count)
         """Uncertainty of the pose."""
 
     @property
@@ -112,7 +138,12 @@ class WheelOdometry(Generic[PoseT]):
     def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
         rows, count = self._joint_biases.rows(), self.uncertainty.bias_count
-        return {name: np.pad(row, (0, count - len(row))) for name, row in rows.items()}
+        unit = np.eye(count)[self._joint_biases.count :]
+        sensors = zip(self._sensor_biases, unit, strict=False)
+        return {
+            **{name: np.pad(row, (0, count - len(row))) for name, row in rows.items()},
+            **{bias.name: bias.sigma * row for bias, row in sensors},
+        }
 
     @property
     def end_twist(self) -> Array:
@@ -135,6 +166,14 @@ class WheelOdometry(Generic[PoseT]):
         self._move(self._forward(middle, step / dt_s, dt_s), middle, dt_s)
         return self.motion
 
+    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:  # noqa: ARG002  Joints only.
+        """Update with joints (n,) and other sensors (s,), NaN without a reading.
+
+        They were measured `dt_s` after the last ones; `motion` is the forward-kinematics solution
+        for the joints. The default uses the joints only.
+        """
+        self.advance(joints, dt_s)
+
     def twist_of_last(self) -> Array:
         """Return the twist (3,) at the last joints, without their rates; zero before the first."""
         if self._previous is None:
@@ -146,13 +185,12 @@ class WheelOdometry(Generic[PoseT]):
         if step.share == 0.0 and self._before_outage is not None and not self.motion.twist.any():
             return  # Already at rest.
         nominal = self._before_outage = self._before_outage or self.errors
-        bias_jacobian, white_per_s = (
+        own = TwistErrors(
             step.share * nominal.bias_jacobian,
             step.share**2 * nominal.white_per_s,
+            step.share**2 * nominal.covariance + step.twist_covariance,
         )
-        covariance = step.share**2 * nominal.covariance + step.twist_covariance
-        own = TwistErrors(bias_jacobian, white_per_s, covariance)
-        self.errors = replace(own, white_per_s=white_per_s + step.white_per_s)
+        self.errors = replace(own, white_per_s=own.white_per_s + step.white_per_s)
         before, self.motion = self.pose, TwistSolution(step.twist, np.zeros(0))
         self._means = (None, step.twist)
         if any(step.twist.tolist()):
@@ -231,33 +269,5 @@ class WheelOdometry(Generic[PoseT]):
         return found / explained if found > _MAX_RESIDUAL_RATIO * explained > _ROUNDING else 1.0
 
 
-POSE_SENSOR_BIASES = 3
-"""Biases of a pose sensor (x, y, heading), the last ones of each planar odometry."""
-
-
 class PlanarOdometry(WheelOdometry[SE2]):
-    """Wheel odometry on a floor: covariance of x, y, heading and of vx, vy, omega.
-
-    The last biases belong to a pose sensor. They do not affect the twist, but a pose corrected by
-    the sensor depends on them.
-    """
-
-    def __init__(
-        self, kinematics: Kinematics[SE2], noise: JointErrors, other_biases: int = 0
-    ) -> None:
-        """`other_biases` is the number of biases of other sensors."""
-        super().__init__(kinematics, noise, other_biases + POSE_SENSOR_BIASES)
-
-
-class OrientationOdometry(WheelOdometry[SO3]):
-    """Wheel odometry of a turning sphere: covariance of small rotations about the base axes.
-
-    Twist and error are both in base axes; errors rotate with the sphere.
-    """
-
-
-ODOMETRY: dict[type[Any], Callable[[Kinematics[Any], JointErrors], WheelOdometry[Any]]] = {
-    SE2: PlanarOdometry,
-    SO3: OrientationOdometry,
-}
-"""Wheel odometry for each pose type."""
+    """Wheel odometry on a floor: covariance of x, y, heading and of vx, vy, omega."""
