@@ -18,7 +18,7 @@ from tsd_twin import robots
 from tsd_twin.client.virtual import PERIOD_S
 from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.control.state_estimator import StateEstimator
-from tsd_twin.estimation import encloses, exponential_error, heading_region_rad, position_region
+from tsd_twin.estimation import exponential_error, heading_region_rad, position_region
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.commands import Sample
@@ -316,6 +316,15 @@ def unmeasured_joints(robot: RobotDescription) -> list[int]:
         return []
     joints = enumerate(robot.kinematics().joints)
     return [i for i, joint in joints if joint.kind is JointKind.VELOCITY]
+
+
+def encloses(outline: Array, point: Array) -> bool:
+    """Return whether a closed `outline` (n, 2) winds around a `point` (2,)."""
+    arms = outline - point
+    following = np.roll(arms, -1, axis=0)
+    crossed = arms[:, 0] * following[:, 1] - arms[:, 1] * following[:, 0]
+    turns = np.arctan2(crossed, (arms * following).sum(axis=-1))
+    return abs(float(turns.sum())) > np.pi
 
 
 _LEAST_M = 1e-5

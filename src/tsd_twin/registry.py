@@ -35,7 +35,7 @@ class RobotKind:
     description: type[Any]
     """Subclass of `RobotDescription`; the tag of its `drive` table is the name of the kind."""
     odometry: Callable[[Any], Any] | None = None
-    """Returns a `SensorOdometry` and whether it is the better estimate, or None. Default: joint
+    """Returns a `WheelOdometry` and whether it is the better estimate, or None. Default: joint
     odometry only."""
     plants: Mapping[str, Callable[..., Any]] = field(default_factory=dict[str, Callable[..., Any]])
     """Simulation factories by plant name, called as `simulate`. Default: no simulation."""

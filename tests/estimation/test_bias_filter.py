@@ -9,7 +9,8 @@ import pytest
 from tsd_twin import robots
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.estimation import BiasFilter, TwistErrors
-from tsd_twin.estimation.bias_filter import CAUTION, Comparison
+from tsd_twin.estimation.bias_filter import CAUTION
+from tsd_twin.estimation.sensor_correction import LinearReading
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
@@ -36,7 +37,7 @@ class Ride:
 
     def __init__(self, seed: int) -> None:
         self.random = np.random.default_rng(seed)
-        self.constants = self.random.standard_normal(7)
+        self.biases = self.random.standard_normal(7)
         self.filter = BiasFilter(7)
         self.truth = SE2.identity()
         self.now_s = 0.0
@@ -54,7 +55,7 @@ class Ride:
             own_per_s = np.square(CAUTION * np.array([speed, speed, omega]))
             spread = np.sqrt((np.diag(WHITE_PER_S) + own_per_s) / DT_S)
             noise = spread * self.random.standard_normal(3)
-            true = self.twist + self.errors.bias_jacobian @ self.constants + noise
+            true = self.twist + self.errors.bias_jacobian @ self.biases + noise
             self.truth = self.truth @ SE2.exp(DT_S * true)
             self.now_s += DT_S
             self.filter.follow(self.now_s, self.twist, self.errors)
@@ -65,7 +66,7 @@ class Ride:
 
     def see(self) -> SE2:
         noise = np.sqrt(np.diag(NOISE)) * self.random.standard_normal(3)
-        return SE2(self.truth.xy_heading + MOUNTING @ self.constants + noise)
+        return SE2(self.truth.xy_heading + MOUNTING @ self.biases + noise)
 
     def hear(self, at_s: float, pose: SE2) -> None:
         self.filter.fuse_pose(pose, NOISE, MOUNTING, at_s)
@@ -74,10 +75,10 @@ class Ride:
     def off(self) -> Array:
         """(7,): errors in units of sigma."""
         sigma = np.sqrt(np.diag(self.filter.covariance))
-        return (self.filter.constants - self.constants) / sigma
+        return (self.filter.biases - self.biases) / sigma
 
 
-def test_constants_are_within_three_sigma_and_better_known_by_driving() -> None:
+def test_biases_are_within_three_sigma_and_better_known_by_driving() -> None:
     rides = [Ride(seed) for seed in range(24)]
     before: float = 1.0
     for _ in range(2):
@@ -105,18 +106,23 @@ def test_a_carried_robot_keeps_what_it_has_learned() -> None:
 def test_a_pose_older_than_the_last_changes_nothing() -> None:
     ride = Ride(4)
     ride.drive(2.0, late=0)
-    before = ride.filter.constants.copy()
+    before = ride.filter.biases.copy()
     ride.hear(ride.now_s - 0.5, SE2.identity())
-    assert (ride.filter.constants == before).all()
+    assert (ride.filter.biases == before).all()
+
+
+def comparison(difference: float, by_bias: float, variance: float) -> LinearReading:
+    by, covariance = np.array([[by_bias]]), np.array([[variance]])
+    return LinearReading(np.array([difference]), np.zeros((1, 3)), by, covariance)
 
 
 def test_what_nothing_measures_changes_by_itself_only_towards_the_description() -> None:
     """Over hours, what was known once is as unknown as at the start."""
     filtered = BiasFilter(1)
-    filtered.compare(0.0, Comparison(2.0, np.array([1.0]), 1e-6))
-    assert filtered.constants == pytest.approx([2.0], abs=1e-3)
-    filtered.compare(7200.0, Comparison(0.0, np.array([0.0]), 1.0))
-    assert filtered.constants == pytest.approx([0.0], abs=1e-3)
+    filtered.compare(0.0, comparison(2.0, 1.0, 1e-6))
+    assert filtered.biases == pytest.approx([2.0], abs=1e-3)
+    filtered.compare(7200.0, comparison(0.0, 0.0, 1.0))
+    assert filtered.biases == pytest.approx([0.0], abs=1e-3)
     assert filtered.covariance == pytest.approx(np.eye(1), abs=1e-3)
 
 

@@ -33,7 +33,7 @@ def test_modules_that_agree_are_no_evidence(twist: Array) -> None:
     verdict = watched(DRIVE.inverse(twist))
     assert verdict.residual_mps < 1e-12
     assert verdict.level < 1e-9
-    assert not verdict.exceeds_threshold
+    assert verdict.level <= 1.0
     assert verdict.suspect is None
 
 
@@ -68,7 +68,7 @@ def test_a_module_stuck_at_neutral_is_evident_within_a_tenth_of_a_second(
     joints = DRIVE.inverse(np.array(twist))
     joints[3 * module : 3 * module + 2] = 0.0
     verdict = watched(joints, 0.1)
-    assert verdict.exceeds_threshold
+    assert verdict.level > 1.0
     # Along the line between two pivots either module explains all: then the first is named.
     alike = np.flatnonzero(verdict.shares > verdict.shares[module] - 1e-6)
     assert verdict.shares[module] == pytest.approx(1.0, abs=1e-6)
@@ -91,8 +91,8 @@ def test_noise_of_the_known_size_is_no_evidence() -> None:
     for _ in range(1000):
         wrong = joints + sigma * random.standard_normal(9)
         monitor.advance(wrong, 0.01)
-        assert not monitor.judge(joints).exceeds_threshold
-        assert not watched(wrong, 0.01).exceeds_threshold
+        assert monitor.judge(joints).level <= 1.0
+        assert watched(wrong, 0.01).level <= 1.0
 
 
 def test_the_residual_is_a_root_mean_square_smoothed_over_a_tenth_of_a_second() -> None:
@@ -144,14 +144,14 @@ def test_gimbals_that_give_way_to_the_floor_are_no_evidence(turning: float, shar
     """Of a robot that turns faster and faster, all gimbals lean outward, or all inward."""
     joints = speeding_up([0.0, 0.0, turning])
     joints[1:] += share * COMPLIANCE.by_acceleration @ np.array([0.0, 0.0, turning])
-    assert not judged(joints).exceeds_threshold
-    assert judged(joints, None).exceeds_threshold
+    assert judged(joints).level <= 1.0
+    assert judged(joints, None).level > 1.0
 
 
 def test_the_same_lean_of_a_robot_that_does_not_speed_up_is_evidence() -> None:
     lean = COMPLIANCE.by_acceleration @ np.array([0.0, 0.0, 20.0])
     joints = np.tile(DRIVE.inverse(np.array([0.5, 0.0, 0.0])) + lean, (100, 1))
-    assert judged(joints).exceeds_threshold
+    assert judged(joints).level > 1.0
 
 
 def test_gimbals_within_their_dead_bands_are_no_evidence() -> None:
@@ -160,7 +160,7 @@ def test_gimbals_within_their_dead_bands_are_no_evidence() -> None:
     for edge in edges:
         joints = DRIVE.inverse(np.array([0.7, -0.7, 0.0]))
         joints[GIMBALS] += edge
-        assert not judged(np.tile(joints, (60, 1))).exceeds_threshold
+        assert judged(np.tile(joints, (60, 1))).level <= 1.0
 
 
 @pytest.mark.parametrize("direction", np.linspace(0.0, 2.0 * np.pi, 7)[:-1])

@@ -29,6 +29,18 @@ def steps(filtered: PoseFilter, twist: Array, count: int) -> None:
         filtered.advance(filtered.now_s + DT_S, twist, GROWTH)
 
 
+def fuse_position(
+    filtered: PoseFilter, xy: Array, sigma: float, measured_s: float | None = None
+) -> bool:
+    rows, none = np.eye(3)[:2], np.zeros((2, 0))
+    return filtered.fuse_linear(rows, xy, sigma**2 * np.eye(2), none, measured_s)
+
+
+def fuse_heading(filtered: PoseFilter, heading: Array, sigma: float) -> bool:
+    rows, none = np.eye(3)[2:], np.zeros((1, 0))
+    return filtered.fuse_linear(rows, heading[..., None], np.array([[sigma**2]]), none)
+
+
 def test_without_measurements_it_is_dead_reckoning_with_growing_doubt() -> None:
     filtered, twist = origin(), np.array([0.5, -0.2, 1.0])
     steps(filtered, twist, 100)
@@ -64,7 +76,7 @@ def test_straight_on_it_is_the_least_squares_over_all_that_was_measured(
     for i in np.flatnonzero(seen):
         z = moves[: i + 1].sum() + sigma * random.standard_normal()
         # They come in when all is over.
-        assert filtered.fuse_position(np.array([z, 0.0]), sigma, ends_s[i])
+        assert fuse_position(filtered, np.array([z, 0.0]), sigma, ends_s[i])
         rows.append(np.eye(12)[i] / sigma)
         values.append(z / sigma)
     best = np.linalg.lstsq(np.array(rows), np.array(values), rcond=None)[0]
@@ -105,11 +117,11 @@ def test_what_is_too_old_or_no_number_is_refused_and_changes_nothing() -> None:
     filtered = origin()
     steps(filtered, np.array([0.5, 0.0, 0.0]), 300)
     before = filtered.pose.xy_heading.copy()
-    assert not filtered.fuse_position(np.zeros(2), 0.01, filtered.now_s - 1.5)
-    assert not filtered.fuse_heading(np.array(np.nan), 0.01)
-    assert not filtered.fuse_position(np.zeros(2), 0.01, np.nan)
+    assert not fuse_position(filtered, np.zeros(2), 0.01, filtered.now_s - 1.5)
+    assert not fuse_heading(filtered, np.array(np.nan), 0.01)
+    assert not fuse_position(filtered, np.zeros(2), 0.01, np.nan)
     np.testing.assert_array_equal(filtered.pose.xy_heading, before)
-    assert filtered.fuse_position(np.zeros(2), 0.01, filtered.now_s - 0.99)
+    assert fuse_position(filtered, np.zeros(2), 0.01, filtered.now_s - 0.99)
     assert filtered.pose.xy_heading[0] < before[0]
 
 
@@ -128,7 +140,7 @@ def test_time_that_stands_still_or_runs_back_moves_nothing() -> None:
 
 def test_headings_are_compared_around_the_circle() -> None:
     filtered = PoseFilter(DRIVE, SE2(np.array([0.0, 0.0, 7.0])), np.eye(3))
-    assert filtered.fuse_heading(np.array(7.1 - 2.0 * np.pi), 0.01)
+    assert fuse_heading(filtered, np.array(7.1 - 2.0 * np.pi), 0.01)
     assert filtered.pose.xy_heading[2] == pytest.approx(7.1, abs=1e-4)
 
 
@@ -140,7 +152,7 @@ def test_a_batch_is_each_of_its_members() -> None:
         for filtered, k in [(together, slice(None)), *zip(alone, range(3), strict=True)]:
             filtered.advance(DT_S * (i + 1), twists[k], GROWTH)
             if i % 7 == 3:
-                assert filtered.fuse_position(seen[k], 0.05, DT_S * i - 0.013)
+                assert fuse_position(filtered, seen[k], 0.05, DT_S * i - 0.013)
     for k, filtered in enumerate(alone):
         np.testing.assert_allclose(together.pose.xy_heading[k], filtered.pose.xy_heading)
         np.testing.assert_allclose(together.covariance[k], filtered.covariance)
@@ -195,7 +207,7 @@ def test_with_the_noise_of_wpilib_the_end_is_within_half_a_percent_of_the_path()
         twist = DRIVE.forward(joints.reshape(runs, 9)).twist
         filtered.advance(now_s, twist, np.broadcast_to(spread.T @ spread * dt_s, (runs, 3, 3)))
         seen = trajectory.at(now_s).pose[2] + 0.05 * random.standard_normal(runs)
-        assert filtered.fuse_heading(seen, 0.05)
+        assert fuse_heading(filtered, seen, 0.05)
     end = trajectory.at(trajectory.duration_s).pose
     off = filtered.pose.xy_heading - end
     errors = np.hypot(off[:, 0], off[:, 1])

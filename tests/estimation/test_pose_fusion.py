@@ -214,14 +214,14 @@ def test_what_it_claims_is_right_while_all_is_wrong_as_described(mounting: float
     for seed in range(60):
         ride = Ride(seed)
         ride.estimate = FusedEstimate(DRIVE, ride.odometry, sensor)
-        constants = ride.random.standard_normal(ride.odometry.spread.constants)
+        biases = ride.random.standard_normal(ride.odometry.uncertainty.bias_count)
         off = sigma * ride.random.standard_normal(3)
         for i in range(150):
             before = ride.truth
             ride.step()
             errors = ride.odometry.errors
             white = np.linalg.cholesky(errors.white_per_s + 1e-18 * np.eye(3)) * np.sqrt(DT_S)
-            twist = ride.odometry.motion.twist + errors.bias_jacobian @ constants
+            twist = ride.odometry.motion.twist + errors.bias_jacobian @ biases
             slip = white @ ride.random.standard_normal(3)
             ride.truth = DRIVE.integrate(before, twist + slip / DT_S, DT_S)
             ride.past[-1] = (ride.now_s, ride.truth)

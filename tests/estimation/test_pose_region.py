@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from research.open_loop import encloses
 from tsd_twin.estimation import (
     REGION_SHARE,
-    encloses,
     exponential_error,
     heading_region_rad,
     position_region,

@@ -381,11 +381,11 @@ def test_the_twist_at_the_end_of_a_step_is_that_of_its_end() -> None:
 def test_errors_of_a_pose_are_kept_when_it_is_set_with_them() -> None:
     one = new_odometry(ROBOT.joint_errors())
     drive_for(one, np.array([0.5, 0.1, 0.7]), 1.0)
-    state = one.spread.state
+    state = one.uncertainty.state
     if state is None:
         drive_for(one, np.array([0.5, 0.1, 0.7]), 0.01)
-        state = one.spread.state
-    errors = one.spread.errors_at(state)
+        state = one.uncertainty.state
+    errors = one.uncertainty.errors_at(state)
     other = new_odometry(ROBOT.joint_errors())
     other.set_pose(one.pose, errors)
     np.testing.assert_allclose(errors.covariance, one.pose_covariance, rtol=1e-9, atol=1e-15)

@@ -40,7 +40,6 @@ def range_finder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[No
     yield
     sys.modules.pop("tsd_twin.sensors.range_finder", None)
     sensors.find.cache_clear()
-    sensors._module.cache_clear()
 
 
 def robot(*tables: str, name: str = "tsd") -> RobotDescription:

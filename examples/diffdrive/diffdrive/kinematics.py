@@ -36,11 +36,6 @@ class DiffDriveKinematics(PlanarMotion, WheelKinematics):
         """`left_wheel` and `right_wheel`, in rad/s."""
         return tuple(Joint(name, JointKind.VELOCITY) for name in WHEELS)
 
-    @property
-    def actuators(self) -> tuple[str, ...]:
-        """Names of the wheels."""
-        return WHEELS
-
     def joint_utilization(self, twist: Array) -> Array:
         """Speed of the faster wheel over its limit, (...); infinite for a sideways twist."""
         share = np.abs(twist @ self.speeds_from_twist.T).max(axis=-1) / self.max_speed_rad_per_s

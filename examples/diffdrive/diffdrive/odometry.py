@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from diffdrive.kind import DiffDriveDescription
-from tsd_twin.estimation import PlanarOdometry
-from tsd_twin.estimation.pose_uncertainty import TwistErrors
-from tsd_twin.kinematics import TwistSolution
+from tsd_twin.estimation import PlanarOdometry, TwistErrors
 from tsd_twin.lie import Array
 
 
@@ -19,10 +17,6 @@ class DiffDriveOdometry(PlanarOdometry):
     def __init__(self, robot: DiffDriveDescription) -> None:
         super().__init__(robot.kinematics(), robot.joint_errors())
         self._skid_share = robot.noise.skid_share
-
-    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:  # noqa: ARG002
-        """Update with the wheel speeds (2,) measured `dt_s` after the last ones."""
-        self.advance(joints, dt_s)
 
     def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
         errors = super()._twist_errors(joints, dt_s)

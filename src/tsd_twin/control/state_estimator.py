@@ -11,17 +11,15 @@ import numpy as np
 
 from tsd_twin.control.sensor_inputs import PoseMeasurements
 from tsd_twin.estimation import (
-    ODOMETRY,
     OUTAGE_S,
     CoastStep,
     ConsistencyMonitor,
-    DeadReckoning,
-    Estimate,
     FusedEstimate,
     GyroOdometry,
     MeasurementOutage,
     ReportedOdometry,
     SensorCorrection,
+    WheelOdometry,
     WheelSpeedModel,
     sensor_odometry_of,
 )
@@ -52,23 +50,21 @@ class StateEstimator:
         self._wheels = np.flatnonzero(~self.is_angle)
         self._needed = np.flatnonzero(self.is_angle | robot.measures_spin)
         self._spin = WheelSpeedModel(robot.spin_up(), len(self._wheels))
-        self._wheel_odom = ODOMETRY[self.kinematics.pose_type](
-            self.kinematics, robot.joint_errors()
-        )
+        self._wheel_odom = WheelOdometry(self.kinematics, robot.joint_errors())
         self._aux_odom, prefer_second = sensor_odometry_of(robot)
-        self._dead_reckoning: DeadReckoning = (
+        self._dead_reckoning = (
             self._aux_odom if prefer_second and self._aux_odom else self._wheel_odom
         )
-        self._fused = None
+        self._fused: FusedEstimate | None = None
         if self.kinematics.pose_type is SE2:
-            own = sum(len(sensor.channels) for sensor in robot.own_sensors)
+            own = sum(len(sensor.channels(table)) for sensor, table in robot.own_sensors)
             correction = SensorCorrection(
-                own, robot.mounted_sensors, self._dead_reckoning.spread.constants
+                own, robot.mounted_sensors, self._dead_reckoning.uncertainty.bias_count
             )
             self._fused = FusedEstimate(
                 self.kinematics, self._dead_reckoning, robot.pose_sensor, correction
             )
-        self._output: Estimate = self._fused or self._dead_reckoning
+        self._output = self._fused or self._dead_reckoning
         self.pose_sensor = PoseMeasurements(self._fused)
         """Measurements from an external pose sensor."""
         self._consistency = ConsistencyMonitor(
@@ -216,7 +212,7 @@ class StateEstimator:
             return None
         rows = self._fused.sensors.bias_rows(self._dead_reckoning.bias_rows())
         found = self._fused.learning.learned(rows)
-        return {name: BiasStatus(each.value, each.sigma) for name, each in found.items()}
+        return {name: BiasStatus(value, sigma) for name, (value, sigma) in found.items()}
 
     def consistency(self, *, wheels_spin: bool) -> ConsistencyStatus:
         """Return the joint consistency; wheels at rest carry no information on gimbals."""
@@ -231,7 +227,7 @@ class StateEstimator:
         )
 
 
-def _message(estimate: Estimate, stamp_ns: int) -> Odometry:
+def _message(estimate: FusedEstimate | WheelOdometry[Any], stamp_ns: int) -> Odometry:
     return Odometry.of(
         estimate.pose,
         estimate.end_twist,

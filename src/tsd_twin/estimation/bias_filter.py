@@ -1,6 +1,6 @@
 """Online estimation of a robot's biases with an extended Kalman filter.
 
-The filter also tracks a pose, but does not affect the pose estimate. Derived in
+The filter also tracks a pose, but does not affect the pose estimate in `pose_fusion.py`. Derived in
 `docs/estimation.md`.
 """
 
@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
-from tsd_twin.estimation.pose_filter import GATE
-from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
+from tsd_twin.estimation.consistency import is_plausible
+from tsd_twin.estimation.pose_uncertainty import PlanarBlock, PoseErrors, TwistErrors
 from tsd_twin.estimation.sensor_correction import LinearReading
 from tsd_twin.lie import SE2, Array, wrap
 
@@ -27,22 +26,6 @@ _FORGET_S = 600.0
 CAUTION = 0.005
 """Additional twist error per second, relative to the twist: printed wheel layers, gimbal dead
 bands."""
-
-
-class Comparison(NamedTuple):
-    """Sensor reading minus its prediction from the joints: `bias_jacobian @ u` plus noise."""
-
-    difference: float
-    bias_jacobian: Array
-    """(m,): Jacobian with respect to the biases."""
-    variance: float
-
-
-class BiasEstimate(NamedTuple):
-    """Estimated bias, in the unit given by its name."""
-
-    value: float
-    sigma: float
 
 
 class _BiasStep(NamedTuple):
@@ -59,16 +42,16 @@ class BiasFilter:
     than the last one are ignored.
     """
 
-    def __init__(self, constants: int) -> None:
-        self._state: Array = np.zeros(3 + constants)
+    def __init__(self, biases: int) -> None:
+        self._state: Array = np.zeros(3 + biases)
         """(3 + m,): pose and biases."""
-        self._covariance: Array = np.diag([0.0] * 3 + [1.0] * constants)
+        self._covariance: Array = np.diag([0.0] * 3 + [1.0] * biases)
         self._steps: deque[_BiasStep] = deque()
         self._at_s: float | None = None
         """Time of the pose, or None before the first."""
         self._measured_s: float | None = None
         """Time of the last comparison."""
-        self._errors = TwistErrors.none(constants)
+        self._errors = TwistErrors.none(biases)
         self._begin()
 
     @property
@@ -77,21 +60,19 @@ class BiasFilter:
         return self._at_s is not None or self._measured_s is not None
 
     @property
-    def constants(self) -> Array:
+    def biases(self) -> Array:
         """(m,): estimated biases, relative to their described standard deviations."""
         return self._state[3:]
 
     @property
     def covariance(self) -> Array:
-        """(m, m): covariance of `constants`."""
+        """(m, m): covariance of `biases`."""
         return self._covariance[3:, 3:]
 
-    def learned(self, rows: Mapping[str, Array]) -> dict[str, BiasEstimate]:
-        """Return the named biases whose Jacobian rows (m,) are `rows`."""
+    def learned(self, rows: Mapping[str, Array]) -> dict[str, tuple[float, float]]:
+        """Return value and standard deviation of named biases with Jacobian rows (m,) `rows`."""
         return {
-            name: BiasEstimate(
-                float(row @ self.constants), math.sqrt(float(row @ self.covariance @ row))
-            )
+            name: (float(row @ self.biases), math.sqrt(float(row @ self.covariance @ row)))
             for name, row in rows.items()
         }
 
@@ -109,14 +90,13 @@ class BiasFilter:
         self._steps.clear()
         self._begin()
 
-    def compare(self, now_s: float, found: Comparison) -> None:
-        """Fuse a comparison between a sensor and the joints."""
+    def compare(self, now_s: float, comparison: LinearReading) -> None:
+        """Fuse a comparison between a sensor and the joints, which is independent of the pose."""
         if self._at_s is None and self._measured_s is not None:
             self._forget(now_s - self._measured_s)
         self._measured_s = now_s
-        rows = np.concatenate([np.zeros(3), found.bias_jacobian])[None]
-        off = np.array([found.difference]) - rows @ self._state
-        self._correct(rows, off, np.array([[found.variance]]))
+        rows = np.hstack([comparison.rows, comparison.bias_jacobian])
+        self._correct(rows, comparison.offset - rows @ self._state, comparison.covariance)
 
     def fuse_pose(self, pose: SE2, covariance: Array, mounting: Array, at_s: float) -> None:
         """Fuse a pose measured at `at_s`; `mounting` (3, m) is its Jacobian w.r.t. the biases.
@@ -133,24 +113,16 @@ class BiasFilter:
             off = pose.xy_heading - rows @ self._state
             off[2] = wrap(off[2])
             expected = rows @ self._covariance @ rows.T + covariance
-            if off @ np.linalg.solve(expected, off) <= GATE:
+            if is_plausible(off, expected):
                 self._correct(rows, off, covariance)
                 self._begin()
                 return
-        self._begin_at(pose, covariance, mounting, at_s)
+        self._begin_at(pose, PoseErrors(-mounting, covariance), at_s)
 
     def begin_pose(self, pose: SE2, errors: PoseErrors, at_s: float) -> None:
         """Begin with a pose that the estimate has, with its errors, unless there is one."""
-        if self._at_s is not None:
-            return
-        self._steps.clear()
-        self._at_s = at_s
-        by, prior = errors.bias_jacobian, self.covariance
-        self._state[:3] = pose.xy_heading + by @ self.constants
-        self._covariance[:3, :3] = errors.rest + by @ prior @ by.T
-        self._covariance[:3, 3:] = by @ prior
-        self._covariance[3:, :3] = prior @ by.T
-        self._begin()
+        if self._at_s is None:
+            self._begin_at(pose, errors, at_s)
 
     def fuse_readings(
         self, at_s: float, linearized: Callable[[SE2], Sequence[LinearReading]]
@@ -162,20 +134,20 @@ class BiasFilter:
         self._end_block()
         for reading in linearized(SE2(self._state[:3].copy())):
             rows = np.hstack([reading.rows, reading.bias_jacobian])
-            off = reading.offset - reading.bias_jacobian @ self.constants
+            off = reading.offset - reading.bias_jacobian @ self.biases
             expected = rows @ self._covariance @ rows.T + reading.covariance
-            bound = chi_square_bound(len(off), FALSE_ALARM)
-            if off @ np.linalg.solve(expected, off) <= bound:
+            if is_plausible(off, expected):
                 self._correct(rows, off, reading.covariance)
         self._begin()
 
-    def _begin_at(self, pose: SE2, covariance: Array, mounting: Array, at_s: float) -> None:
+    def _begin_at(self, pose: SE2, errors: PoseErrors, at_s: float) -> None:
         while self._steps and self._steps[0].end_s <= at_s:
             self._steps.popleft()
         self._at_s = at_s
-        self._state[:3] = pose.xy_heading - mounting @ self.constants
-        crossed = -mounting @ self.covariance
-        self._covariance[:3, :3] = covariance + mounting @ self.covariance @ mounting.T
+        by, prior = errors.bias_jacobian, self.covariance
+        self._state[:3] = pose.xy_heading + by @ self.biases
+        crossed = by @ prior
+        self._covariance[:3, :3] = errors.noise_cov + crossed @ by.T
         self._covariance[:3, 3:], self._covariance[3:, :3] = crossed, crossed.T
         self._begin()
 
@@ -197,12 +169,11 @@ class BiasFilter:
 
     def _begin(self) -> None:
         """Begin a block of steps with equal twist errors."""
-        self._rate: Array = self._errors.bias_jacobian @ self.constants
+        self._rate: Array = self._errors.bias_jacobian @ self.biases
         """(3,): correction of the twist."""
-        self._elapsed_s = 0.0
+        self._block = PlanarBlock()
         self._heading, self._turned = float(self._state[2]), 0.0
-        self._way = self._by_velocity = self._by_turn_rate = 0j
-        self._mid_heading_s = self._speed_s = self._turn_rate_s = 0.0
+        self._speed_s = self._turn_rate_s = 0.0
 
     def _carry(self, until_s: float) -> None:
         """Process the buffered steps until `until_s`."""
@@ -223,35 +194,25 @@ class BiasFilter:
     def _add(self, twist: Array, dt_s: float) -> None:
         vx, vy, omega = (twist + self._rate).tolist()
         middle = self._heading + 0.5 * omega * dt_s
-        turn = complex(math.cos(middle), math.sin(middle))
-        way = dt_s * turn * complex(vx, vy)
-        self._by_turn_rate += 1j * way * (self._elapsed_s + 0.5 * dt_s)
-        self._by_velocity += dt_s * turn
-        self._way += way
+        direction = complex(math.cos(middle), math.sin(middle))
+        self._block.add(dt_s * direction * complex(vx, vy), direction, middle, dt_s)
         self._speed_s += dt_s * math.hypot(vx, vy)
         self._turn_rate_s += dt_s * abs(omega)
-        self._mid_heading_s += dt_s * middle
         self._heading += omega * dt_s
         self._turned += omega * dt_s
-        self._elapsed_s += dt_s
 
     def _end_block(self) -> None:
         """Propagate state and covariance over the block."""
-        dt_s = self._elapsed_s
+        block, dt_s = self._block, self._block.elapsed_s
         if dt_s == 0.0:
             return
-        x, y = self._way.real, self._way.imag
-        c, s = self._by_velocity.real, self._by_velocity.imag
-        far, left = self._by_turn_rate.real, self._by_turn_rate.imag
-        self._state[:2] += x, y
+        carry, by_twist = block.jacobians()
+        self._state[:2] += block.displacement.real, block.displacement.imag
         self._state[2] += self._turned
-        by_twist = np.array([[c, -s, far], [s, c, left], [0.0, 0.0, dt_s]])
         move = np.eye(len(self._state))
-        move[0, 2], move[1, 2] = -y, x
+        move[:3, :3] = carry
         move[:3, 3:] = by_twist @ self._errors.bias_jacobian
-        heading = self._mid_heading_s / dt_s
-        c, s = math.cos(heading), math.sin(heading)
-        axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        axes = block.axes()
         self._covariance = move @ self._covariance @ move.T
         self._covariance[:3, :3] += dt_s * axes @ self._errors.white_per_s @ axes.T
         own = CAUTION * np.array([self._speed_s, self._speed_s, self._turn_rate_s]) / dt_s

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.estimation.joint_errors import JointNoise
+from tsd_twin.estimation.joint_errors import JointNoise, jacobians
 from tsd_twin.kinematics import JointKind, Kinematics, TwistSolution
 from tsd_twin.lie import Array
 from tsd_twin.robots import JointCompliance, JointErrors
@@ -37,32 +37,6 @@ _COMPLIANCE_FACTORS = (0.25, 0.5, 0.75, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ParitySpace:
-    """Parity space at one joint vector: the residuals that joint errors can cause."""
-
-    slopes: Array
-    """(n, m): derivatives of the residual with respect to the joints."""
-    basis: Array
-    """(d, m): orthonormal basis of these residuals."""
-
-    @staticmethod
-    def at(kinematics: Kinematics[Any], joints: Array) -> ParitySpace:
-        """Linearize forward kinematics at `joints` (n,)."""
-        scale = np.maximum(1.0, np.abs(joints))
-        steps = _DIFF_STEP * scale
-        nudged = np.empty((len(joints) + 1, len(joints)))
-        nudged[:] = joints
-        # This slice is the diagonal of all rows but the first, so each row perturbs one joint.
-        nudged.reshape(-1)[len(joints) :: len(joints) + 1] += steps
-        residuals = kinematics.forward(nudged).residual
-        slopes = (residuals[1:] - residuals[0]) / steps[:, None]
-        _, sizes, directions = np.linalg.svd(slopes * scale[:, None], full_matrices=False)
-        # Singular values are in descending order.
-        count = int(np.count_nonzero(sizes > _RANK * max(sizes[0], _MIN_SINGULAR_MPS)))
-        return ParitySpace(slopes, directions[:count])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class ParityTest:
     """Chi-square parity test at one joint vector."""
 
@@ -75,33 +49,21 @@ class ParityTest:
 
     @staticmethod
     def at(
-        kinematics: Kinematics[Any],
-        joints: Array,
-        sigma: Array,
-        false_alarm: float = FALSE_ALARM,
-        *,
-        common: Array | None = None,
+        kinematics: Kinematics[Any], joints: Array, sigma: Array, *, common: Array | None = None
     ) -> ParityTest:
         """Return the test around `joints` (n,) with standard deviations `sigma` (n,).
 
         `common` (n,) is a joint deviation along a fixed direction, scaled by one standard normal
         number.
         """
-        space = ParitySpace.at(kinematics, joints)
-        return ParityTest.of(space, sigma, false_alarm, common=common)
-
-    @staticmethod
-    def of(
-        space: ParitySpace,
-        sigma: Array,
-        false_alarm: float = FALSE_ALARM,
-        *,
-        common: Array | None = None,
-    ) -> ParityTest:
-        """Return the test for a given parity space; other arguments as in `at`."""
-        slopes, basis = space.slopes, space.basis
-        if len(basis) == 0:
+        slopes = jacobians(kinematics, joints, _DIFF_STEP)[1].T
+        scale = np.maximum(1.0, np.abs(joints))
+        _, sizes, directions = np.linalg.svd(slopes * scale[:, None], full_matrices=False)
+        # Singular values are in descending order.
+        count = int(np.count_nonzero(sizes > _RANK * max(sizes[0], _MIN_SINGULAR_MPS)))
+        if count == 0:
             return ParityTest(np.zeros((0, slopes.shape[1])), np.inf, slopes)
+        basis = directions[:count]
         noise = (np.maximum(sigma, _MIN_SIGMA)[:, None] * slopes) @ basis.T
         covariance = noise.T @ noise
         if common is not None:
@@ -109,21 +71,11 @@ class ParityTest:
             covariance += together[:, None] * together
         root = np.asarray(np.linalg.cholesky(covariance), dtype=float)
         whiten: Array = np.asarray(np.linalg.solve(root, basis), dtype=float)
-        threshold = chi_square_bound(len(basis), false_alarm)
-        return ParityTest(whiten, threshold, slopes)
+        return ParityTest(whiten, chi_square_bound(count, FALSE_ALARM), slopes)
 
-    @property
-    def dimensions(self) -> int:
-        """Dimension of the parity space."""
-        return len(self.whiten)
-
-    def statistic(self, residual: Array, samples: float = 1.0) -> Array:
-        """Return the test statistic (...) for the mean of `samples` residuals.
-
-        `residual` is (..., m); noise is independent between samples.
-        """
-        white = residual @ self.whiten.T
-        return samples * np.square(white).sum(axis=-1)
+    def statistic(self, residual: Array) -> Array:
+        """Return the test statistic (...) for residuals (..., m)."""
+        return np.square(residual @ self.whiten.T).sum(axis=-1)
 
     def single_fault(self, residual: Array, by_slip: Array | None = None) -> tuple[Array, Any]:
         """Return the joint that explains most of residuals (..., m), and whether it explains all.
@@ -134,7 +86,7 @@ class ParityTest:
         """
         white = residual @ self.whiten.T
         squared = np.square(white).sum(axis=-1)
-        most = chi_square_bound(self.dimensions - 1, _REMAINDER_TAIL)
+        most = chi_square_bound(len(self.whiten) - 1, _REMAINDER_TAIL)
         # Unit vectors in parity space, one per faulty joint; zero if the fault is not observable.
         explained = np.square(white @ _unit_lines(self.slopes @ self.whiten.T).T)
         joint: Array = explained.argmax(axis=-1)
@@ -159,16 +111,21 @@ class ParityTest:
             for share in _COMPLIANCE_FACTORS
         ]
 
-    def exceeds_threshold(self, residual: Array, samples: float = 1.0) -> Any:
-        """Return whether residuals (..., m) exceed the threshold, booleans (...)."""
-        return self.statistic(residual, samples) > self.threshold
-
 
 def _unit_lines(lines: Array) -> Array:
     """Normalize lines (n, d) to unit length."""
     lengths: Array = np.sqrt(np.square(lines).sum(axis=1, keepdims=True))
     # The speed of an upright wheel is not observable; normalizing its line would amplify rounding.
     return np.where(lengths > _RANK * lengths.max(), lines / np.maximum(lengths, 1e-300), 0.0)
+
+
+def is_plausible(off: Array, covariance: Array) -> bool:
+    """Return whether a difference `off` (d,) is within the gate for its `covariance` (d, d).
+
+    One in 10,000 correct ones is not.
+    """
+    distance_sq = float(off @ np.linalg.solve(covariance, off))
+    return distance_sq <= chi_square_bound(len(off), FALSE_ALARM)
 
 
 @functools.cache
@@ -211,16 +168,11 @@ class ConsistencyResult:
     residual_mps: float
     """Smoothed residual, RMS over the contacts."""
     level: float
-    """Test statistic divided by its threshold."""
+    """Test statistic divided by its threshold; above 1, known noise does not explain it."""
     shares: Array
     """(k,): fraction of the squared residual that each actuator alone explains, 0 to 1."""
     suspect: int | None
     """Index of the suspected actuator if the residual exceeds the threshold."""
-
-    @property
-    def exceeds_threshold(self) -> bool:
-        """Whether the residual is larger than known noise explains."""
-        return self.level > 1.0
 
 
 _EDGE_SHARE = math.sqrt(3.0 / chi_square_bound(3, FALSE_ALARM))
@@ -278,7 +230,6 @@ class ConsistencyMonitor:
         self._modelled: Array | None = None
         self._test: tuple[bytes, ParityTest] | None = None
         """Test and the joints it was built for, reused while they are unchanged."""
-        self._space: tuple[bytes, ParitySpace] | None = None
 
     def advance(self, joints: Array, dt_s: float, *, modelled: Array | None = None) -> None:
         """Update with joints (n,), `dt_s` after the last ones.
@@ -336,28 +287,17 @@ class ConsistencyMonitor:
             self._test = (key, self._made_test(joints))
         return self._test[1]
 
-    def _space_at(self, joints: Array) -> ParitySpace:
-        key = joints.tobytes()
-        if self._space is None or self._space[0] != key:
-            self._space = (key, ParitySpace.at(self._kinematics, joints))
-        return self._space[1]
-
     def _made_test(self, joints: Array) -> ParityTest:
         sigma, compliance = self._noise.sigma(joints), self._compliance
         if self._modelled is not None:
             sigma = np.where(self._modelled, 0.0, sigma)
         if compliance is None:
-            return ParityTest.of(self._space_at(joints), sigma)
-        lean, rate = self._maxima[: len(joints)], self._maxima[len(joints) :]
+            return ParityTest.at(self._kinematics, joints, sigma)
+        deflection, rate = self._maxima[: len(joints)], self._maxima[len(joints) :]
         trail = np.minimum(compliance.lag_s * rate, compliance.backlash_rad)
-        parts = (
-            sigma,
-            _DEFLECTION_SIGMA * lean,
-            self._play_share * trail,
-            self._edge_rad,
-        )
+        parts = (sigma, _DEFLECTION_SIGMA * deflection, self._play_share * trail, self._edge_rad)
         sigma = np.sqrt(np.square(parts).sum(axis=0))
-        return ParityTest.of(self._space_at(joints), sigma, common=self._tilt_error)
+        return ParityTest.at(self._kinematics, joints, sigma, common=self._tilt_error)
 
     def _by_slip(self, joints: Array) -> Array | None:
         """Return the joint deflection (n, m) per unit of residual, or None without compliance."""

@@ -1,6 +1,8 @@
 """Joint and floor-contact errors: white noise and biases, as errors of the twist.
 
 Biases cover joint zeros, wheel speeds, friction on spinning wheels, and roller creep.
+`wheel_odometry.py` assembles them into `TwistErrors`, whose effect on the pose grows in
+`pose_uncertainty.py`.
 """
 
 from __future__ import annotations
@@ -22,15 +24,11 @@ class JointNoise:
     def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
         self._angle = is_angle * noise.angle_rad
-        self._read_angle = is_angle * math.hypot(noise.angle_rad, noise.rounding_rad)
-        self._share = ~is_angle * noise.speed_scale_sigma
+        self.white: Array = is_angle * math.hypot(noise.angle_rad, noise.rounding_rad)
+        """(n,): standard deviations of the white noise."""
+        self._speed_scale_sigma = ~is_angle * noise.speed_scale_sigma
         self._is_speed = ~is_angle
         self._walk_rad = noise.random_walk_rad
-
-    @property
-    def white(self) -> Array:
-        """(n,): standard deviations of the white noise."""
-        return self._read_angle
 
     def walk(self, joints: Array) -> Array:
         """Return the random walk (n,) of the joints per square root of a second, radians."""
@@ -39,7 +37,7 @@ class JointNoise:
 
     def sigma(self, joints: Array) -> Array:
         """Return the standard deviations (..., n) of `joints` (..., n), radians and rad/s."""
-        return self._angle + self._share * np.abs(joints)
+        return self._angle + self._speed_scale_sigma * np.abs(joints)
 
 
 def acceleration(before: Array, twist: Array, elapsed_s: float) -> Array:
@@ -58,9 +56,7 @@ class FloorEffects:
 
     def __init__(self, is_speed: npt.NDArray[np.bool_], errors: FloorErrors) -> None:
         self._is_speed = is_speed
-        self._errors = errors
-        self.any = errors.slip_lag_s > 0.0
-        """Whether there are any effects."""
+        self.errors = errors
         self._twist: Array = np.zeros(3)
         self._spin_rad_per_s: Array | None = None
         self._slip: Array = np.zeros(3)
@@ -75,7 +71,7 @@ class FloorEffects:
 
     def follow(self, twist: Array, joints: Array, elapsed_s: float) -> None:
         """Advance by `elapsed_s`, ending with `twist` (3,) and `joints` (n,)."""
-        errors, before = self._errors, self._twist
+        errors, before = self.errors, self._twist
         spin = joints[self._is_speed]
         last_spin = spin if self._spin_rad_per_s is None else self._spin_rad_per_s
         self._twist, self._spin_rad_per_s = twist, spin
@@ -93,12 +89,12 @@ class FloorEffects:
 
     def of_joints(self, joints: Array) -> Array:
         """Return the errors (n,) of `joints` (n,): friction slows spinning wheels."""
-        loss_rad_per_s = self._errors.speed_scale_sigma * self._errors.at_rad_per_s
+        loss_rad_per_s = self.errors.speed_scale_sigma * self.errors.at_rad_per_s
         return np.where(self._is_speed & (joints > 0.0), -loss_rad_per_s, 0.0)
 
     def of_twist(self, joints: Array) -> Array:
         """Return the errors (3,) of the twist at `joints` (n,), in addition to joint errors."""
-        errors = self._errors
+        errors = self.errors
         speed = float(joints[self._is_speed].mean()) / errors.at_rad_per_s
         effect = -self._slip - self._droop / max(speed, _MIN_SPEED) ** 2 * self._twist
         effect[2] += self.turn_rad_per_s(joints)
@@ -106,8 +102,8 @@ class FloorEffects:
 
     def turn_rad_per_s(self, joints: Array) -> float:
         """Return the turn-rate error at `joints` (n,) in steady motion."""
-        speed = float(joints[self._is_speed].mean()) / self._errors.at_rad_per_s
-        return -speed * self._errors.turn_rad_per_s
+        speed = float(joints[self._is_speed].mean()) / self.errors.at_rad_per_s
+        return -speed * self.errors.turn_rad_per_s
 
 
 _MIN_SPEED = 0.1
@@ -118,9 +114,6 @@ _NO_DROOP = 1e-6
 
 class RollerCreep:
     """Modelled creep of a robot on rollers, proportional to the contact force."""
-
-    any = True
-    """Whether there are any effects."""
 
     def __init__(self, lag_s: Array) -> None:
         self._lag_s = lag_s
@@ -146,10 +139,6 @@ class RollerCreep:
         """Return the errors (3,) of the twist."""
         return -self._creep
 
-    def turn_rad_per_s(self, joints: Array) -> float:  # noqa: ARG002  As in `FloorEffects`.
-        """Return the turn-rate error in steady motion: 0."""
-        return 0.0
-
 
 class JointBiases:
     """Joint biases in terms of independent, standard normal numbers."""
@@ -160,32 +149,33 @@ class JointBiases:
         joints = len(is_angle)
         zeros = noise.zero_rad * np.eye(joints)[is_angle]
         self._zeros = zeros[zeros.any(axis=1)]
-        shares = noise.speed_scale_sigma * np.eye(joints)[~is_angle]
-        shares = np.vstack([shares, noise.common_spin_share * ~is_angle])
-        self._shares = shares[shares.any(axis=1)]
+        scales = noise.speed_scale_sigma * np.eye(joints)[~is_angle]
+        scales = np.vstack([scales, noise.common_spin_share * ~is_angle])
+        self._speed_scales = scales[scales.any(axis=1)]
         self._is_speed = ~is_angle
-        self._floor_errors = noise.floor
-        self.floor: FloorEffects | RollerCreep = FloorEffects(~is_angle, noise.floor)
-        """Its error is the last bias, if the floor has any effect."""
+        self.floor: FloorEffects | RollerCreep | None = None
+        """Floor whose effect is the last bias, or None without effects."""
         if noise.creep_lag_s is not None:
             self.floor = RollerCreep(np.array(noise.creep_lag_s))
+        elif noise.floor.slip_lag_s > 0.0:
+            self.floor = FloorEffects(~is_angle, noise.floor)
 
     @property
     def count(self) -> int:
         """Number of biases, m."""
-        return len(self._zeros) + len(self._shares) + self.floor.any
+        return len(self._zeros) + len(self._speed_scales) + (self.floor is not None)
 
     def of_twist(self, joints: Array, slopes: Array) -> Array:
         """Return the errors (3, m) of the twist at `joints` (n,), with Jacobian `slopes` (3, n)."""
         errors = slopes @ self.of_joints(joints)
-        if self.floor.any:
+        if self.floor is not None:
             errors[:, -1] += self.floor.of_twist(joints)
         return errors
 
     def of_joints(self, joints: Array) -> Array:
         """Return the errors (n, m) of `joints` (n,)."""
-        rows = [self._zeros, self._shares * joints]
-        if self.floor.any:
+        rows = [self._zeros, self._speed_scales * joints]
+        if self.floor is not None:
             rows.append(self.floor.of_joints(joints)[None])
         return np.concatenate(rows).T
 
@@ -196,17 +186,16 @@ class JointBiases:
         of a robot whose commanded gimbals are upright.
         """
         rows: dict[str, Array] = {}
-        zeros, shares = len(self._zeros), len(self._zeros) + len(self._shares)
+        zeros, scales = len(self._zeros), len(self._zeros) + len(self._speed_scales)
         by_joint = np.zeros((len(self._is_speed), self.count))
-        by_joint[:, :zeros], by_joint[:, zeros:shares] = self._zeros.T, self._shares.T
+        by_joint[:, :zeros], by_joint[:, zeros:scales] = self._zeros.T, self._speed_scales.T
         at_rest = self._kinematics.inverse(np.zeros(3))
         creep = np.zeros((3, self.count))
         creep[:, :zeros] = jacobians(self._kinematics, at_rest)[0] @ by_joint[:, :zeros]
-        if self.floor.any:
-            by_joint[self._is_speed, -1] = -self._floor_errors.speed_scale_sigma
+        if isinstance(self.floor, FloorEffects):
+            by_joint[self._is_speed, -1] = -self.floor.errors.speed_scale_sigma
             creep[2, -1] = self.floor.turn_rad_per_s(at_rest)
-            if self._floor_errors.slip_lag_s > 0.0:
-                rows["slip_lag_s"] = self._floor_errors.slip_lag_s * np.eye(self.count)[-1]
+            rows["slip_lag_s"] = self.floor.errors.slip_lag_s * np.eye(self.count)[-1]
         names = [joint.name for joint in self._kinematics.joints]
         for name, is_speed, row in zip(names, self._is_speed, by_joint, strict=True):
             if row.any():
@@ -217,16 +206,18 @@ class JointBiases:
         return rows
 
 
-_DIFF_STEP = 1e-6
-"""Finite-difference step: radians, or a fraction of the speed."""
+def jacobians(
+    kinematics: Kinematics[Any], joints: Array, step: float = 1e-6
+) -> tuple[Array, Array]:
+    """Return the Jacobians (3, n) and (r, n) of twist and residual at `joints` (n,).
 
-
-def jacobians(kinematics: Kinematics[Any], joints: Array) -> tuple[Array, Array]:
-    """Return the Jacobians (3, n) and (r, n) of twist and residual at `joints` (n,)."""
-    # Finite differences, evaluated in one batch.
-    steps = _DIFF_STEP * np.maximum(1.0, np.abs(joints))
-    nudged = np.tile(joints, (len(joints) + 1, 1))
-    nudged[1:] += np.diag(steps)
+    `step` of the finite differences is in radians, or a fraction of the speed.
+    """
+    steps = step * np.maximum(1.0, np.abs(joints))
+    nudged = np.empty((len(joints) + 1, len(joints)))
+    nudged[:] = joints
+    # This slice is the diagonal of all rows but the first, so each row perturbs one joint.
+    nudged.reshape(-1)[len(joints) :: len(joints) + 1] += steps
     motion = kinematics.forward(nudged)
     slopes = ((motion.twist[1:] - motion.twist[0]) / steps[:, None]).T
     return slopes, ((motion.residual[1:] - motion.residual[0]) / steps[:, None]).T

@@ -1,19 +1,20 @@
-"""Odometry from tracking wheels, a sphere's dual-row model and external poses."""
+"""Odometry from a yaw gyro, tracking wheels, a sphere's dual-row model and external poses."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from statistics import fmean, variance
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from tsd_twin.estimation.outage import CoastStep
 from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
-from tsd_twin.estimation.sensor_fusion import GyroOdometry, SensorOdometry
-from tsd_twin.estimation.wheel_odometry import OrientationOdometry, PlanarOdometry
+from tsd_twin.estimation.sensor_correction import LinearReading
+from tsd_twin.estimation.wheel_odometry import PlanarOdometry, WheelOdometry
 from tsd_twin.kinematics import SphereKinematics, TwistSolution
-from tsd_twin.lie import SE2, Array
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.registry import KindTable
 from tsd_twin.robots import (
     ExternalDescription,
@@ -22,7 +23,119 @@ from tsd_twin.robots import (
     SingularityDescription,
     SphereDescription,
 )
-from tsd_twin.sensors.dead_wheels import DEAD_WHEELS
+from tsd_twin.sensors.dead_wheels import DEAD_WHEELS, DeadWheels
+from tsd_twin.sensors.gyro import GYRO, Gyro
+
+
+def with_gyro(
+    twist: Array, covariance: Array, turn_rate: Array, sigma_rad_per_s: float
+) -> tuple[Array, Array]:
+    """Return planar twists (..., 3) and covariances, corrected by a yaw gyro's `turn_rate` (...).
+
+    The gyro is weighted by its variance. The correction extends to correlated wheel errors, such as
+    a slow wheel that both turns and shifts the robot.
+    """
+    column = covariance[..., :, 2]
+    gain = column / (column[..., 2:] + sigma_rad_per_s**2)
+    off = turn_rate - twist[..., 2]
+    return twist + gain * off[..., None], covariance - gain[..., :, None] * column[..., None, :]
+
+
+_COMPARED = 10
+"""Steps over which gyro and wheels are compared."""
+_COMPARED_S = 0.1
+"""Approximate duration of these steps."""
+_MAX_LAG_S = 0.01
+"""Maximum lag of the joints behind the gyro."""
+_RANGE_RAD_PER_S = math.radians(2000.0)
+"""Range limit of a small gyro; larger readings are discarded."""
+
+
+class GyroOdometry(PlanarOdometry):
+    """Odometry from wheels and yaw gyro, weighted by their covariances in each step.
+
+    A step without a gyro reading uses the wheels only. While the wheels are off the robot is at
+    rest, so the gyro bias does not turn the pose.
+    """
+
+    def __init__(self, robot: RobotDescription, gyro: Gyro) -> None:
+        super().__init__(robot.kinematics(), robot.joint_errors(), GYRO.biases(gyro))
+        self._bias, self._noise_rad_per_s = gyro.bias_rad_per_s, gyro.noise_rad_per_s
+        self._sigma = math.hypot(self._noise_rad_per_s, self._bias)
+        self._rate = math.nan
+        self._reads = False
+        self._wheels = TwistErrors.none(self.uncertainty.bias_count)
+        self._compared: list[float] = []
+        self._compared_from = 0.0
+        """Turn rate from the wheels at the first comparison."""
+        self.comparison: LinearReading | None = None
+        """Gyro minus wheels, if a comparison ended with the last step; independent of the pose."""
+
+    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
+        """Update with joints (n,) and turn rate (1,), measured `dt_s` after the last ones."""
+        rate = self._mean_rate(sensors)
+        reads = math.isfinite(rate)
+        self._compare(rate, float(motion.twist[2]))
+        if reads:
+            covariance = self._wheels.covariance
+            twist, _ = with_gyro(motion.twist, covariance, np.array(rate), self._sigma)
+            motion = TwistSolution(twist, motion.residual)
+        if reads is not self._reads:
+            self._reads, self._until_refresh = reads, 0
+        self._move(motion, joints, dt_s)
+
+    def coast(self, step: CoastStep, dt_s: float) -> None:
+        """Advance by a step in which neither joints nor gyro were measured."""
+        super().coast(step, dt_s)
+        self._rate, self.comparison = math.nan, None
+        self._compared.clear()
+
+    def _compare(self, rate: float, by_wheels: float) -> None:
+        self.comparison = None
+        if not math.isfinite(rate):
+            self._compared.clear()
+            return
+        if not self._compared:
+            self._compared_from = by_wheels
+        self._compared.append(rate - by_wheels)
+        if len(self._compared) < _COMPARED:
+            return
+        difference, wheels = np.array([fmean(self._compared)]), self._wheels
+        by_biases = wheels.bias_jacobian[2:].copy()
+        by_biases[0, self._joint_biases.count] = self._bias
+        # Rounded angles stay constant for many steps, so their error does not average out.
+        by_wheels_alone = wheels.covariance[2, 2] - np.square(wheels.bias_jacobian[2]).sum()
+        # Also account for gimbal noise, seen as a turn rate, and for accelerating wheels.
+        noise = self._noise_rad_per_s**2
+        seen = variance(self._compared) / _COMPARED
+        faster = by_wheels - self._compared_from
+        total = max(float(by_wheels_alone), seen, 0.0) + noise / _COMPARED
+        total += (_MAX_LAG_S * faster / _COMPARED_S) ** 2
+        self._compared.clear()
+        noise_cov = np.array([[total]])
+        self.comparison = LinearReading(difference, np.zeros((1, 3)), by_biases, noise_cov)
+
+    def _mean_rate(self, sensors: Array) -> float:
+        """Return the mean turn rate of the step, or NaN without a reading at its end."""
+        before, now = self._rate, float(sensors[0]) if len(sensors) else math.nan
+        self._rate = now if abs(now) <= _RANGE_RAD_PER_S else math.nan
+        return 0.5 * (before + self._rate) if math.isfinite(before) else self._rate
+
+    def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
+        wheels = super()._twist_errors(joints, dt_s)
+        self._wheels = wheels
+        if not self._reads:
+            return wheels
+        gain = wheels.covariance[:, 2] / (wheels.covariance[2, 2] + self._sigma**2)
+        keep = np.eye(3)
+        keep[:, 2] -= gain
+        bias_jacobian = keep @ wheels.bias_jacobian
+        bias_jacobian[:, self._joint_biases.count] = -gain * self._bias
+        noise = dt_s * self._noise_rad_per_s**2 * np.outer(gain, gain)
+        white_per_s = keep @ wheels.white_per_s @ keep.T + noise
+        _, covariance = with_gyro(np.zeros(3), wheels.covariance, np.array(0.0), self._sigma)
+        return TwistErrors(bias_jacobian, white_per_s, covariance)
+
 
 _PULSE_S = 1.0
 """Time over which pulse rounding persists."""
@@ -36,16 +149,9 @@ class DeadWheelOdometry(PlanarOdometry):
     computed in the robot frame. A step without these sensors uses the driven wheels.
     """
 
-    def __init__(self, robot: OmniDescription) -> None:
-        """Initialize the odometry for a `robot` with tracking wheels.
-
-        Raises:
-            ValueError: If the robot has no tracking wheels.
-        """
-        if robot.dead_wheels is None:
-            raise ValueError(f"{robot.name} has no dead wheels")
-        super().__init__(robot.kinematics(), robot.joint_errors(), 5)
-        self._sensors = sensors = robot.dead_wheels
+    def __init__(self, robot: RobotDescription, sensors: DeadWheels) -> None:
+        super().__init__(robot.kinematics(), robot.joint_errors(), DEAD_WHEELS.biases(sensors))
+        self._sensors = sensors
         wheels = np.array(sensors.rows()) / sensors.radius_m
         self._twist_from_rates = np.linalg.inv(np.vstack([wheels, [0.0, 0.0, 1.0]]))
         self._across = np.array(sensors.rows(0.5 * math.pi)) / sensors.radius_m
@@ -55,13 +161,6 @@ class DeadWheelOdometry(PlanarOdometry):
         """Heading variance from turning between two readings, since the last refresh."""
         self._between_s = 0.0
         self._rates: Array | None = None
-
-    def bias_rows(self) -> Mapping[str, Array]:
-        """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
-        unit = np.eye(self.spread.constants)[self._constants.count :]
-        biases = zip(DEAD_WHEELS.biases(self._sensors), unit, strict=False)
-        own = {bias.name: bias.sigma * row for bias, row in biases}
-        return {**super().bias_rows(), **own}
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
         """Update with both angles and the rate, (3,), measured `dt_s` after the last ones."""
@@ -95,7 +194,7 @@ class DeadWheelOdometry(PlanarOdometry):
             return super()._twist_errors(joints, dt_s)
         sensors, by_rates = self._sensors, self._twist_from_rates
         bias_jacobian = np.zeros_like(self.errors.bias_jacobian)
-        own = bias_jacobian[:, self._constants.count :]
+        own = bias_jacobian[:, self._joint_biases.count :]
         own[:, :2] = by_rates[:, :2] * (sensors.radius_share * self._rates[:2])
         # A misaligned wheel also measures part of the lateral motion.
         across = self._across @ self.motion.twist
@@ -147,7 +246,7 @@ class ReportedOdometry(PlanarOdometry):
         self.pose = before
 
 
-class DualRowOdometry(OrientationOdometry):
+class DualRowOdometry(WheelOdometry[SO3]):
     """Dual-row odometry of a sphere: the wheel angle determines the supporting row.
 
     Source: Weiss et al. 2008, Eq. 8 to 12 and 25. The angle is the integrated wheel speed, starting
@@ -159,10 +258,6 @@ class DualRowOdometry(OrientationOdometry):
         super().__init__(self._sphere, robot.joint_errors())
         self.angles_rad: Array = np.zeros(self._sphere.wheels)
         """(k,): angle of each wheel."""
-
-    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:  # noqa: ARG002  Common signature.
-        """Update with the wheel speeds (k,) measured `dt_s` after the last ones."""
-        self.advance(joints, dt_s)
 
     def coast(self, step: CoastStep, dt_s: float) -> None:
         """Advance by a step without measurements, in which wheels roll with the sphere."""
@@ -178,50 +273,31 @@ class DualRowOdometry(OrientationOdometry):
         return TwistSolution(twist, self._sphere.wheel_radius_m * left)
 
 
-_Factory: TypeAlias = Callable[[Any], "tuple[SensorOdometry, bool] | None"]
+_Made: TypeAlias = tuple[WheelOdometry[Any], bool] | None
 
 
-def odometry_by_gyro(
-    robot: SingularityDescription | OmniDescription,
-) -> tuple[SensorOdometry, bool] | None:
-    """Return odometry from wheels and yaw gyro, or None for a robot without a gyro."""
-    return None if robot.gyro is None else (GyroOdometry(robot), True)
+def _gyro_odometry(robot: SingularityDescription | OmniDescription) -> _Made:
+    return None if robot.gyro is None else (GyroOdometry(robot, robot.gyro), True)
 
 
-def odometry_of_platform(robot: OmniDescription) -> tuple[SensorOdometry, bool] | None:
-    """Return odometry from tracking wheels or a yaw gyro, or None for a robot without them."""
+def _platform_odometry(robot: OmniDescription) -> _Made:
     if robot.dead_wheels is None:
-        return odometry_by_gyro(robot)
-    return DeadWheelOdometry(robot), True
+        return _gyro_odometry(robot)
+    return DeadWheelOdometry(robot, robot.dead_wheels), True
 
 
-def odometry_by_rows(robot: SphereDescription) -> tuple[SensorOdometry, bool]:
-    """Return dual-row odometry, and whether the description prefers it."""
-    return DualRowOdometry(robot), robot.estimate.model == "dual"
-
-
-def odometry_of_another(robot: ExternalDescription) -> tuple[SensorOdometry, bool]:
-    """Return the odometry reported by the robot itself."""
-    return ReportedOdometry(robot), True
-
-
-def no_odometry(_robot: RobotDescription) -> None:
-    """Return None: the robot has only the odometry of its joints."""
-
-
-_ODOMETRIES = KindTable[_Factory](
+_ODOMETRIES = KindTable[Callable[[Any], _Made]](
     {
-        SingularityDescription: odometry_by_gyro,
-        OmniDescription: odometry_of_platform,
-        SphereDescription: odometry_by_rows,
-        ExternalDescription: odometry_of_another,
+        SingularityDescription: _gyro_odometry,
+        OmniDescription: _platform_odometry,
+        SphereDescription: lambda robot: (DualRowOdometry(robot), robot.estimate.model == "dual"),
+        ExternalDescription: lambda robot: (ReportedOdometry(robot), True),
     },
     lambda kind: kind.odometry,
-    no_odometry,
+    lambda _robot: None,
 )
 
 
-def sensor_odometry_of(robot: RobotDescription) -> tuple[SensorOdometry | None, bool]:
+def sensor_odometry_of(robot: RobotDescription) -> tuple[WheelOdometry[Any] | None, bool]:
     """Return the robot's alternative odometry or None, and whether it is preferred."""
-    made = _ODOMETRIES.of(robot)(robot)
-    return (None, False) if made is None else made
+    return _ODOMETRIES.of(robot)(robot) or (None, False)

@@ -49,20 +49,16 @@ class MeasurementOutage:
                 time at full twist.
         """
         self._full_twist = full_twist
-        self._spread_s = HARDWARE_TIMEOUT_S + stopping_s - OUTAGE_S
-        self._elapsed_s = 0.0
+        self._width_s = HARDWARE_TIMEOUT_S + stopping_s - OUTAGE_S
+        self.elapsed_s = 0.0
+        """Time since the last measurement."""
         self._twist: Array = np.zeros(3)
         self._displacement: Array = np.zeros((3, 3))
         """Displacement covariance per s² of variance of the motion time."""
 
-    @property
-    def elapsed_s(self) -> float:
-        """Time since the last measurement."""
-        return self._elapsed_s
-
     def end(self) -> None:
         """End the outage after a measurement."""
-        self._elapsed_s = 0.0
+        self.elapsed_s = 0.0
 
     def begin(self, twist: Array) -> None:
         """Begin an outage of a robot last measured with `twist` (3,)."""
@@ -73,8 +69,8 @@ class MeasurementOutage:
 
     def advance(self, dt_s: float) -> CoastStep:
         """Return the motion during the next `dt_s` without a measurement."""
-        before_s = self._elapsed_s
-        self._elapsed_s = after_s = before_s + dt_s
+        before_s = self.elapsed_s
+        self.elapsed_s = after_s = before_s + dt_s
         added_s2 = self._variance_s2(after_s) - self._variance_s2(before_s)
         share = (self._mean_s(after_s) - self._mean_s(before_s)) / dt_s
         ended = self._ended(after_s)
@@ -87,14 +83,14 @@ class MeasurementOutage:
 
     def _ended(self, elapsed_s: float) -> float:
         """Return the probability that motion has ended."""
-        return min(max((elapsed_s - OUTAGE_S) / self._spread_s, 0.0), 1.0)
+        return min(max((elapsed_s - OUTAGE_S) / self._width_s, 0.0), 1.0)
 
     def _mean_s(self, elapsed_s: float) -> float:
         """Return the expected duration of the motion."""
         ended = self._ended(elapsed_s)
-        return min(elapsed_s, OUTAGE_S) + self._spread_s * (ended - 0.5 * ended**2)
+        return min(elapsed_s, OUTAGE_S) + self._width_s * (ended - 0.5 * ended**2)
 
     def _variance_s2(self, elapsed_s: float) -> float:
         """Return the variance of the motion's duration."""
         ended = self._ended(elapsed_s)
-        return self._spread_s**2 * (ended**3 / 3.0 - ended**4 / 4.0)
+        return self._width_s**2 * (ended**3 / 3.0 - ended**4 / 4.0)

@@ -21,7 +21,6 @@ from tsd_twin.lie import SE2, Array, wrap
 
 GATE = chi_square_bound(3, FALSE_ALARM)
 """Squared Mahalanobis distance (3 dimensions) exceeded by one correct pose in 10,000."""
-_POSITION = np.eye(3)[:2]
 _HEADING = np.eye(3)[2:]
 _POSE = np.eye(3)
 
@@ -48,26 +47,21 @@ class _FilterStep:
     moved: Array
     """(..., 3): displacement in the frame of the step's start, independent of that pose."""
     growth_per_s: Array
-    twist_by_constants: Array
+    twist_bias_jacobian: Array
     """(..., 3, m): Jacobian of the twist with respect to the biases."""
     pose: Array
     bias_jacobian: Array
     """(..., 3, m): Jacobian of the pose with respect to the biases."""
-    rest: Array
+    noise_cov: Array
     """(..., 3, 3): covariance of the pose without biases (process noise)."""
     cautious: Array
     """(..., 3, 3): covariance of the pose if twist biases were redrawn every second."""
     measured: list[_Measurement] = field(default_factory=list[_Measurement])
 
-    def correct(self) -> None:
-        """Apply the measurements at the end of the step."""
-        for measurement in self.measured:
-            _correct(self, measurement)
-
     @property
     def covariance(self) -> Array:
         """(..., 3, 3): covariance of the pose."""
-        return self.rest + self.bias_jacobian @ _transposed(self.bias_jacobian)
+        return self.noise_cov + self.bias_jacobian @ _transposed(self.bias_jacobian)
 
 
 class PoseFilter:
@@ -98,14 +92,13 @@ class PoseFilter:
         self._kinematics = kinematics
         self._memory_s = memory_s
         start = np.array(pose.xy_heading, dtype=float)
-        spread = np.zeros((*start.shape, 3)) if covariance is None else np.array(covariance)
-        none = np.zeros_like(start)
+        none, growth = np.zeros_like(start), np.zeros((*start.shape, 3))
+        noise_cov = growth if covariance is None else np.array(covariance)
         by = np.zeros((*start.shape, 0)) if bias_jacobian is None else np.array(bias_jacobian)
         self._none: Array = np.zeros_like(by)
-        growth = np.zeros((*start.shape, 3))
-        cautious = spread + by @ _transposed(by)
+        cautious = noise_cov + by @ _transposed(by)
         self._steps = [
-            _FilterStep(now_s, none, none, growth, self._none, start, by, spread, cautious)
+            _FilterStep(now_s, none, none, growth, self._none, start, by, noise_cov, cautious)
         ]
         self._still = SE2.identity(start.shape[:-1])
 
@@ -141,7 +134,7 @@ class PoseFilter:
     @property
     def errors(self) -> PoseErrors:
         """Errors of x, y, heading."""
-        return PoseErrors(self._steps[-1].bias_jacobian, self._steps[-1].rest)
+        return PoseErrors(self._steps[-1].bias_jacobian, self._steps[-1].noise_cov)
 
     def advance(
         self, now_s: float, twist: Array, growth_per_s: Array, bias_jacobian: Array | None = None
@@ -158,7 +151,7 @@ class PoseFilter:
         if not now_s > self.now_s:
             return
         last = self._steps[-1]
-        growth = np.zeros_like(last.rest) + growth_per_s
+        growth = np.zeros_like(last.noise_cov) + growth_per_s
         by = self._none if bias_jacobian is None else self._none + bias_jacobian
         self._steps.append(self._step(last, now_s, np.array(twist), growth, by))
         self._run(len(self._steps) - 1)
@@ -167,18 +160,6 @@ class PoseFilter:
         while len(self._steps) > 2 and self._steps[1].end_s <= oldest:
             del self._steps[0]
 
-    def fuse_heading(self, heading: Array, sigma: float, measured_s: float | None = None) -> bool:
-        """Fuse headings (...), radians; return False if older than the memory or not finite."""
-        value = np.asarray(heading, dtype=float)[..., None]
-        none = self._none[..., 2:, :]
-        return self._fuse(_Measurement(_HEADING, value, np.array([[sigma**2]]), none), measured_s)
-
-    def fuse_position(self, xy: Array, sigma_m: float, measured_s: float | None = None) -> bool:
-        """Fuse positions (..., 2), metres; return False as in `fuse_heading`."""
-        covariance = sigma_m**2 * np.eye(2)
-        value, none = np.array(xy, dtype=float), self._none[..., :2, :]
-        return self._fuse(_Measurement(_POSITION, value, covariance, none), measured_s)
-
     def fuse_pose(
         self,
         pose: SE2,
@@ -186,7 +167,7 @@ class PoseFilter:
         measured_s: float | None = None,
         bias_jacobian: Array | None = None,
     ) -> bool:
-        """Fuse measured poses with a covariance (..., 3, 3); return False as in `fuse_heading`.
+        """Fuse measured poses with a covariance (..., 3, 3); return False if too old or not finite.
 
         `bias_jacobian` (..., 3, m) is the Jacobian of a measured pose w.r.t. the biases; zero by
         default.
@@ -196,14 +177,19 @@ class PoseFilter:
         return self._fuse(_Measurement(_POSE, value, np.array(covariance), by), measured_s)
 
     def fuse_linear(
-        self, rows: Array, value: Array, covariance: Array, bias_jacobian: Array
+        self,
+        rows: Array,
+        value: Array,
+        covariance: Array,
+        bias_jacobian: Array,
+        measured_s: float | None = None,
     ) -> bool:
-        """Fuse a `value` (j,) of `rows` (j, 3) @ pose, measured now; return as `fuse_heading`.
+        """Fuse a `value` (..., j) of `rows` (j, 3) @ pose; return False as in `fuse_pose`.
 
         The gain accounts for the biases of the value, unlike that of a measured pose.
         """
         measurement = _Measurement(rows, value, covariance, bias_jacobian, weighs_biases=True)
-        return self._fuse(measurement, None)
+        return self._fuse(measurement, measured_s)
 
     def mahalanobis_sq(
         self,
@@ -227,7 +213,7 @@ class PoseFilter:
             _carry(self._steps[index], [step])
         off = exponential_error(SE2(step.pose), pose)
         by = step.bias_jacobian if bias_jacobian is None else step.bias_jacobian + bias_jacobian
-        claimed = step.rest + by @ _transposed(by)
+        claimed = step.noise_cov + by @ _transposed(by)
         expected = np.stack([claimed, step.cautious]) + covariance
         weighed = np.asarray(np.linalg.solve(expected, off[None, ..., None]), dtype=float)
         return (off * weighed[..., 0]).sum(axis=-1).min(axis=0)
@@ -255,13 +241,13 @@ class PoseFilter:
         """Split the step at `index` at the time `at_s`."""
         whole = self._steps[index]
         first = self._part(self._steps[index - 1], at_s, whole)
-        rest = self._part(first, whole.end_s, whole)
-        rest.measured = whole.measured
-        self._steps[index : index + 1] = [first, rest]
+        second = self._part(first, whole.end_s, whole)
+        second.measured = whole.measured
+        self._steps[index : index + 1] = [first, second]
 
     def _part(self, before: _FilterStep, end_s: float, whole: _FilterStep) -> _FilterStep:
         """Return the part of a step from the end of `before` to `end_s`, not yet run."""
-        twist_by = whole.twist_by_constants
+        twist_by = whole.twist_bias_jacobian
         return self._step(before, end_s, whole.twist, whole.growth_per_s, twist_by)
 
     def _step(
@@ -269,7 +255,7 @@ class PoseFilter:
     ) -> _FilterStep:
         """Return a step that starts at the end of `before`, not yet run."""
         moved = self._kinematics.integrate(self._still, twist, end_s - before.end_s).xy_heading
-        state = (before.pose, before.bias_jacobian, before.rest, before.cautious)
+        state = (before.pose, before.bias_jacobian, before.noise_cov, before.cautious)
         return _FilterStep(end_s, twist, moved, growth_per_s, twist_by, *state)
 
     def _run(self, index: int) -> None:
@@ -279,7 +265,8 @@ class PoseFilter:
             while end < len(self._steps) and not self._steps[end - 1].measured:
                 end += 1
             _carry(self._steps[index - 1], self._steps[index:end])
-            self._steps[end - 1].correct()
+            for measurement in self._steps[end - 1].measured:
+                _correct(self._steps[end - 1], measurement)
             index = end
 
 
@@ -316,10 +303,10 @@ def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
     dt_s = np.diff(ends_s).reshape(-1, *(1,) * (growth.ndim - 1))
     grown = (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
     carry = 2.0 * _POSE - back
-    rest = carry @ (before.rest + grown) @ _transposed(carry)
-    bias_jacobian, cautious = [before.bias_jacobian] * len(steps), rest
+    noise_cov = carry @ (before.noise_cov + grown) @ _transposed(carry)
+    bias_jacobian, cautious = [before.bias_jacobian] * len(steps), noise_cov
     if before.bias_jacobian.shape[-1]:
-        twist_by = shift @ np.stack([step.twist_by_constants for step in steps])
+        twist_by = shift @ np.stack([step.twist_bias_jacobian for step in steps])
         bias_jacobian = carry @ (before.bias_jacobian + (dt_s * twist_by).cumsum(axis=0))
         twist = np.stack([step.twist for step in steps])
         square = np.square(_TWIST_MARGIN * twist)
@@ -331,7 +318,7 @@ def _carry(before: _FilterStep, steps: Sequence[_FilterStep]) -> None:
         cautious = carry @ (before.cautious + grown) @ _transposed(carry)
     for i, step in enumerate(steps):
         step.pose, step.bias_jacobian = pose[i], bias_jacobian[i]
-        step.rest, step.cautious = rest[i], cautious[i]
+        step.noise_cov, step.cautious = noise_cov[i], cautious[i]
 
 
 def _correct(step: _FilterStep, measurement: _Measurement) -> None:
@@ -347,14 +334,14 @@ def _correct(step: _FilterStep, measurement: _Measurement) -> None:
     crossed: Array = rows @ step.cautious
     if measurement.weighs_biases:
         by = rows @ step.bias_jacobian + measurement.bias_jacobian
-        innovation = rows @ step.rest @ rows.T + by @ _transposed(by) + measurement.covariance
-        crossed = rows @ step.rest + by @ _transposed(step.bias_jacobian)
+        innovation = rows @ step.noise_cov @ rows.T + by @ _transposed(by) + measurement.covariance
+        crossed = rows @ step.noise_cov + by @ _transposed(step.bias_jacobian)
     gain = _transposed(np.asarray(np.linalg.solve(innovation, crossed), dtype=float))
     keep = np.eye(3) - gain @ rows
     noise = gain @ measurement.covariance @ _transposed(gain)
     step.pose = pose + (gain @ off[..., None])[..., 0]
     step.bias_jacobian = keep @ step.bias_jacobian - gain @ measurement.bias_jacobian
-    step.rest = keep @ step.rest @ _transposed(keep) + noise
+    step.noise_cov = keep @ step.noise_cov @ _transposed(keep) + noise
     step.cautious = keep @ step.cautious @ _transposed(keep) + noise
 
 
@@ -432,8 +419,9 @@ class DriftFilter:
         moved = (SE2(last.reckoned) @ SE2.exp(dt_s * twist)).xy_heading
         reckoned = np.array([moved[0], moved[1], last.reckoned[2] + dt_s * twist[2]])
         way = reckoned - last.reckoned
-        turn = np.eye(3)
-        turn[:2, :2] = _turn(last.reckoned[2] + 0.5 * way[2])
+        middle = last.reckoned[2] + 0.5 * way[2]
+        c, s = np.cos(middle), np.sin(middle)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         step = dt_s * turn @ by_errors
         # A heading error rotates the whole displacement.
         step[:2] += np.outer([-way[1], way[0]], last.shift[2] + 0.5 * step[2])
@@ -474,8 +462,3 @@ class DriftFilter:
             return later
         earlier = self._past[after - 1]
         return earlier.towards(later, (at_s - earlier.end_s) / (later.end_s - earlier.end_s))
-
-
-def _turn(angle_rad: float) -> Array:
-    c, s = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[c, -s], [s, c]])

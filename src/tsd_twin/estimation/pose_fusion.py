@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from enum import StrEnum
 from itertools import dropwhile
 from typing import Any, NamedTuple
@@ -18,8 +19,7 @@ from tsd_twin.estimation.bias_filter import BiasFilter
 from tsd_twin.estimation.pose_filter import GATE, PoseFilter
 from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
 from tsd_twin.estimation.sensor_correction import SensorCorrection
-from tsd_twin.estimation.sensor_fusion import DeadReckoning
-from tsd_twin.estimation.wheel_odometry import POSE_SENSOR_CONSTANTS
+from tsd_twin.estimation.wheel_odometry import POSE_SENSOR_BIASES, WheelOdometry
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.sensors.pose import PoseSensor
@@ -123,7 +123,7 @@ class _EstimateRecord(NamedTuple):
     twist: Array
     errors: TwistErrors
     pose: SE2
-    spread: Any
+    uncertainty: Any
     """State of the pose uncertainty, or None in the middle of a block."""
 
 
@@ -138,20 +138,20 @@ class FusedEstimate:
     def __init__(
         self,
         kinematics: Kinematics[SE2],
-        inner: DeadReckoning,
+        inner: WheelOdometry[SE2],
         noise: PoseSensor,
         sensors: SensorCorrection | None = None,
     ) -> None:
         """`sensors` correct the pose, too; none by default."""
         self.inner = inner
-        own = inner.spread.constants
+        own = inner.uncertainty.bias_count
         self.sensors = sensors or SensorCorrection(0, (), own)
         self._kinematics = kinematics
         sigma = np.array([noise.sigma_m, noise.sigma_m, math.radians(noise.sigma_deg)])
         self._noise = np.diag(np.square(sigma))
         mounting = [noise.mounting_m, noise.mounting_m, math.radians(noise.mounting_deg)]
-        self._mounting: Array = np.zeros((3, self.sensors.constants))
-        self._mounting[:, own - POSE_SENSOR_CONSTANTS : own] = np.diag(mounting)
+        self._mounting: Array = np.zeros((3, self.sensors.bias_count))
+        self._mounting[:, own - POSE_SENSOR_BIASES : own] = np.diag(mounting)
         self._past: deque[_EstimateRecord] = deque(maxlen=_STEPS_KEPT)
         self._filter: PoseFilter | None = None
         self._well_founded_limit = _NARROW_FACTOR * (
@@ -162,7 +162,7 @@ class FusedEstimate:
         """Time when a pose was last used or set, or None until the next step."""
         self._hypothesis: PoseHypothesis | None = None
         self._rested = False
-        self.learning = BiasFilter(self.sensors.constants)
+        self.learning = BiasFilter(self.sensors.bias_count)
         """Estimates the biases from the poses used."""
 
     @property
@@ -202,15 +202,15 @@ class FusedEstimate:
         inner = self.inner
         twist, errors = inner.motion.twist, self.sensors.twist_errors(inner.errors)
         self.learning.follow(now_s, twist, errors)
-        self._past.append(_EstimateRecord(now_s, twist, errors, inner.pose, inner.spread.state))
+        step = _EstimateRecord(now_s, twist, errors, inner.pose, inner.uncertainty.state)
+        self._past.append(step)
         if self._used_s is None:
             self._used_s = now_s
         if self._filter is None:
             return
-        self._filter.advance(now_s, twist, errors.white_per_s, errors.bias_jacobian)
+        _replay(self._filter, [step])
         if self._hypothesis is not None:
-            held = self._hypothesis.filter
-            held.advance(now_s, twist, errors.white_per_s, errors.bias_jacobian)
+            _replay(self._hypothesis.filter, [step])
         if now_s - self._received_s > _SENSOR_TIMEOUT_S:
             self._set_inner(self._filter)
             self._past.clear()
@@ -315,30 +315,33 @@ class FusedEstimate:
         turned = here[2] + float(wrap(seen.xy_heading[2] - here[2]))
         pose = SE2(np.array([seen.xy_heading[0], seen.xy_heading[1], turned]))
         made = self._new_filter(pose, PoseErrors(-self._mounting, self._noise), at_s)
-        for past in self._past:
-            errors = past.errors
-            made.advance(past.end_s, past.twist, errors.white_per_s, errors.bias_jacobian)
+        _replay(made, self._past)
         return PoseHypothesis(made, pose, at_s, against_founded=is_founded)
 
     def _caught_up(self) -> PoseFilter | None:
         """Return a new filter that has processed all steps in the memory, or None without steps."""
-        steps = list(dropwhile(lambda past: past.spread is None, self._past))
+        steps = list(dropwhile(lambda past: past.uncertainty is None, self._past))
         if not steps:
             return None
         first, *others = steps
-        errors = self.inner.spread.errors_at(first.spread)
-        errors = PoseErrors(self.sensors.padded(errors.bias_jacobian), errors.rest)
+        errors = self.inner.uncertainty.errors_at(first.uncertainty)
+        errors = PoseErrors(self.sensors.padded(errors.bias_jacobian), errors.noise_cov)
         made = self._new_filter(first.pose, errors, first.end_s)
-        for past in others:
-            made.advance(past.end_s, past.twist, past.errors.white_per_s, past.errors.bias_jacobian)
+        _replay(made, others)
         return made
 
     def _new_filter(self, pose: SE2, errors: PoseErrors, now_s: float) -> PoseFilter:
         return PoseFilter(
             self._kinematics,
             pose,
-            errors.rest,
+            errors.noise_cov,
             bias_jacobian=errors.bias_jacobian,
             now_s=now_s,
             memory_s=MEMORY_S,
         )
+
+
+def _replay(pose_filter: PoseFilter, steps: Iterable[_EstimateRecord]) -> None:
+    for step in steps:
+        errors = step.errors
+        pose_filter.advance(step.end_s, step.twist, errors.white_per_s, errors.bias_jacobian)

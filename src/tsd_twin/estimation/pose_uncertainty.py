@@ -1,6 +1,8 @@
 """Pose uncertainty of dead reckoning: accumulated biases and white noise.
 
-Also computes confidence regions of the pose. Derived in `docs/estimation.md`.
+`joint_errors.py` gives the errors of joints and floor, `wheel_odometry.py` turns them into the
+twist errors integrated here. Also computes confidence regions of the pose. Derived in
+`docs/estimation.md`.
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,43 +38,38 @@ class TwistErrors:
     """(3, 3): total covariance of the twist, from biases and noise."""
 
     @staticmethod
-    def none(constants: int) -> TwistErrors:
+    def none(biases: int) -> TwistErrors:
         """Return the errors of an exact twist."""
-        return TwistErrors(np.zeros((3, constants)), np.zeros((3, 3)), np.zeros((3, 3)))
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether all errors are zero."""
-        return not (self.bias_jacobian.any() or self.white_per_s.any())
+        return TwistErrors(np.zeros((3, biases)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseErrors:
-    """Errors of an estimated pose: `bias_jacobian @ u` with the biases `u`, plus process noise."""
+    """Errors of an estimated pose: `bias_jacobian @ u` with the biases `u`, plus noise."""
 
     bias_jacobian: Array
     """(3, m): Jacobian with respect to the biases."""
-    rest: Array
+    noise_cov: Array
     """(3, 3): covariance of the process noise, which is independent of the biases."""
 
     @property
     def covariance(self) -> Array:
         """(3, 3): covariance of the pose."""
-        return self.bias_jacobian @ self.bias_jacobian.T + self.rest
+        return self.bias_jacobian @ self.bias_jacobian.T + self.noise_cov
 
 
 _SAMPLES = 128
 """Approximate number of samples."""
 
 
-def unit_samples(constants: int) -> Array:
-    """Return deterministic samples (n, m) of standard normal numbers.
+def bias_samples(biases: int) -> Array:
+    """Return deterministic samples (n, m) of standard normal biases.
 
     Their first five moments about the origin match the normal distribution: mean and covariance
     exactly, the fourth moment averaged over all directions.
     """
     random = np.random.default_rng(0)
-    dimensions = max(constants, 3)
+    dimensions = max(biases, 3)
     pairs = max(1, round(_SAMPLES / (4 * dimensions)))
     # Two vector lengths give squared lengths the mean m and the variance 2 m.
     lengths = [math.sqrt(dimensions + sign * math.sqrt(2.0 * dimensions)) for sign in (-1.0, 1.0)]
@@ -82,22 +79,13 @@ def unit_samples(constants: int) -> Array:
         for length in lengths
     ]
     half = np.concatenate(blocks)
-    return np.concatenate([half, -half])[:, :constants]
+    return np.concatenate([half, -half])[:, :biases]
 
 
-class _SampleState(Protocol):
-    """State of a pose uncertainty."""
-
-    @property
-    def rest(self) -> Array:
-        """(3, 3): covariance of the white noise."""
-        ...
+SamplesT = TypeVar("SamplesT")
 
 
-StateT = TypeVar("StateT", bound=_SampleState)
-
-
-class PoseUncertainty(ABC, Generic[PoseT, StateT]):
+class PoseUncertainty(ABC, Generic[PoseT, SamplesT]):
     """Pose uncertainty in exponential coordinates about the axes of `odom`.
 
     Each sample is a robot with its own biases. All samples follow the measured twists, each with
@@ -105,60 +93,75 @@ class PoseUncertainty(ABC, Generic[PoseT, StateT]):
     white noise. Samples advance by blocks of steps.
     """
 
-    def __init__(self, constants: int) -> None:
-        self._units = unit_samples(constants)
-        self._errors = TwistErrors.none(constants)
-        self._rates: Array = np.zeros((len(self._units), 3))
+    def __init__(self, biases: int) -> None:
+        self._biases = bias_samples(biases)
+        self._errors = TwistErrors.none(biases)
+        self._twist_errors: Array = np.zeros((len(self._biases), 3))
+        """(n, 3): twist error of each sample."""
         self._is_exact = True
-        self._state: StateT = self._exact()
-        self._begin()
+        self.set(None)
+
+    def _begin(self) -> None:
+        """Begin a block of steps."""
+        self._elapsed_s = 0.0
+        self._covariance: Array | None = None
+        self._initial: Array | None = None
+        """(n, 3): errors at the start of the block, in exponential coordinates."""
+        self._clear()
 
     @property
-    def constants(self) -> int:
+    def bias_count(self) -> int:
         """Number of biases, m."""
-        return self._units.shape[1]
+        return self._biases.shape[1]
 
     @property
-    def state(self) -> StateT | None:
-        """State for `errors_at`, or None in the middle of a block."""
-        return self._state if self._elapsed_s == 0.0 else None
+    def state(self) -> tuple[SamplesT, Array] | None:
+        """Samples and noise covariance for `errors_at`, or None in the middle of a block."""
+        return (self._samples, self._noise_cov) if self._elapsed_s == 0.0 else None
 
     @property
     def covariance(self) -> Array:
         """(3, 3): covariance of the pose error."""
         if self._covariance is None:
-            if self._began is None:
-                self._began = self._coordinates(self._state)
-            errors, rest = self._began, self._state.rest
+            if self._initial is None:
+                self._initial = self._coordinates(self._samples)
+            errors, noise_cov = self._initial, self._noise_cov
             if self._elapsed_s > 0.0:
                 # Within a block, linearize in the additional error.
                 carry, by_twist = self._linear()
-                errors = errors @ carry.T + self._rates @ by_twist.T
-                rest = self._ended_rest(carry)
-            self._covariance = errors.T @ errors / len(errors) + rest
+                errors = errors @ carry.T + self._twist_errors @ by_twist.T
+                noise_cov = self._ended_noise(carry)
+            self._covariance = errors.T @ errors / len(errors) + noise_cov
         return self._covariance
 
-    def errors_at(self, state: StateT) -> PoseErrors:
+    def errors_at(self, state: tuple[SamplesT, Array]) -> PoseErrors:
         """Return the pose errors of a `state`, linear in the biases by regression."""
-        errors = self._coordinates(state)
-        bias_jacobian = errors.T @ self._units / len(errors)
+        samples, noise_cov = state
+        errors = self._coordinates(samples)
+        bias_jacobian = errors.T @ self._biases / len(errors)
         bent = errors.T @ errors / len(errors) - bias_jacobian @ bias_jacobian.T
-        return PoseErrors(bias_jacobian, bent + state.rest)
+        return PoseErrors(bias_jacobian, bent + noise_cov)
 
     def set(self, errors: PoseErrors | None) -> None:
         """Set the pose errors; None means zero."""
-        self._state = self._exact() if errors is None else self._given(errors)
+        if errors is None:
+            errors = PoseErrors(np.zeros((3, self.bias_count)), np.zeros((3, 3)))
+        self._samples: SamplesT = self._displaced(self._biases @ errors.bias_jacobian.T)
+        self._noise_cov: Array = errors.noise_cov
         self._begin()
 
     def refresh(self, errors: TwistErrors) -> None:
         """End the block, assuming that twist errors changed linearly to `errors`."""
-        rates = self._rates
+        twist_errors = self._twist_errors
         if errors is not self._errors:
-            rates = self._units @ errors.bias_jacobian.T
+            twist_errors = self._biases @ errors.bias_jacobian.T
         if self._elapsed_s > 0.0:
-            self._state = self._ended(0.5 * (self._rates + rates))
+            noise_cov = self._ended_noise(self._linear()[0])
+            self._samples = self._ended(0.5 * (self._twist_errors + twist_errors))
+            self._noise_cov = noise_cov
             self._begin()
-        self._errors, self._rates, self._is_exact = errors, rates, errors.is_exact
+        self._errors, self._twist_errors = errors, twist_errors
+        self._is_exact = not (errors.bias_jacobian.any() or errors.white_per_s.any())
 
     def step(self, before: PoseT, after: PoseT, twist: Array, dt_s: float) -> None:
         """Advance from one estimated pose to another by `twist` (3,)."""
@@ -168,13 +171,9 @@ class PoseUncertainty(ABC, Generic[PoseT, StateT]):
         self._elapsed_s += dt_s
         self._covariance = None
 
-    def _begin(self) -> None:
-        """Begin a block of steps."""
-        self._elapsed_s = 0.0
-        self._covariance: Array | None = None
-        self._began: Array | None = None
-        """(n, 3): errors at the start of the block, in exponential coordinates."""
-        self._clear()
+    def _ended_noise(self, carry: Array) -> Array:
+        """Return the covariance (3, 3) of the white noise at the end of the block."""
+        return carry @ self._noise_cov @ carry.T + self._block_noise()
 
     @abstractmethod
     def _clear(self) -> None:
@@ -189,94 +188,96 @@ class PoseUncertainty(ABC, Generic[PoseT, StateT]):
         """Return the Jacobians (3, 3) of the errors w.r.t. the initial errors and the twist."""
 
     @abstractmethod
-    def _ended_rest(self, carry: Array) -> Array:
-        """Return the covariance (3, 3) of the white noise at the end of the block."""
+    def _block_noise(self) -> Array:
+        """Return the covariance (3, 3) that white noise adds over the block."""
 
     @abstractmethod
-    def _ended(self, rates: Array) -> StateT:
-        """Return the state at the end of the block, for samples with twist errors (n, 3)."""
+    def _ended(self, twist_errors: Array) -> SamplesT:
+        """Return the samples at the end of the block, given their twist errors (n, 3)."""
 
     @abstractmethod
-    def _exact(self) -> StateT:
-        """Return the state without errors."""
+    def _displaced(self, errors: Array) -> SamplesT:
+        """Return samples with errors (n, 3) in exponential coordinates."""
 
     @abstractmethod
-    def _given(self, errors: PoseErrors) -> StateT:
-        """Return the state with pose errors."""
-
-    @abstractmethod
-    def _coordinates(self, state: StateT) -> Array:
+    def _coordinates(self, samples: SamplesT) -> Array:
         """Return the errors (n, 3) of the samples in exponential coordinates."""
 
 
-class SE2Samples(NamedTuple):
-    """Samples of planar poses, and the white noise."""
+class PlanarBlock:
+    """Displacement over a block of steps, and its derivatives w.r.t. constant twist errors."""
 
-    off: _Complex
-    """(n,): position error x + i y of each sample."""
-    turned: Array
-    """(n,): heading error of each sample."""
-    rest: Array
-    """(3, 3): covariance of the white noise."""
-
-
-class SE2Uncertainty(PoseUncertainty[SE2, SE2Samples]):
-    """Uncertainty of a planar pose: x, y, heading."""
-
-    def _clear(self) -> None:
-        self._way = 0j
-        """Estimated displacement in the block."""
-        self._by_velocity = 0j
+    def __init__(self) -> None:
+        self.elapsed_s = 0.0
+        self.displacement = 0j
+        self.by_velocity = 0j
         """Derivative of the displacement w.r.t. an error of vx; for vy, rotate by 90°."""
-        self._by_turn_rate = 0j
+        self.by_turn_rate = 0j
         """Derivative of the displacement w.r.t. an error of omega."""
         self._heading_s = 0.0
+
+    def add(self, displacement: complex, direction: complex, heading: float, dt_s: float) -> None:
+        """Add a step of `dt_s`; `heading` and its unit vector `direction` are at its midpoint."""
+        self.by_turn_rate += 1j * displacement * (self.elapsed_s + 0.5 * dt_s)
+        self.by_velocity += dt_s * direction
+        self.displacement += displacement
+        self._heading_s += dt_s * heading
+        self.elapsed_s += dt_s
+
+    def jacobians(self) -> tuple[Array, Array]:
+        """Return the Jacobians (3, 3) of the final error w.r.t. the initial and the twist error."""
+        x, y = self.displacement.real, self.displacement.imag
+        c, s = self.by_velocity.real, self.by_velocity.imag
+        far, left = self.by_turn_rate.real, self.by_turn_rate.imag
+        carry = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
+        return carry, np.array([[c, -s, far], [s, c, left], [0.0, 0.0, self.elapsed_s]])
+
+    def axes(self) -> Array:
+        """Return the rotation (3, 3) from base axes to the axes of `odom`, at the mean heading."""
+        heading = self._heading_s / self.elapsed_s
+        c, s = math.cos(heading), math.sin(heading)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+class SE2Uncertainty(PoseUncertainty[SE2, tuple[_Complex, Array]]):
+    """Uncertainty of a planar pose: x, y, heading.
+
+    The samples are position errors x + i y and heading errors, (n,) each.
+    """
+
+    def _clear(self) -> None:
+        self._block = PlanarBlock()
 
     def _advance(self, before: SE2, after: SE2, twist: Array, dt_s: float) -> None:  # noqa: ARG002  Common signature.
         x, y, heading = before.xy_heading.tolist()
         x_after, y_after, heading_after = after.xy_heading.tolist()
-        way = complex(x_after - x, y_after - y)
         middle = 0.5 * (heading + heading_after)
-        self._by_turn_rate += 1j * way * (self._elapsed_s + 0.5 * dt_s)
-        self._by_velocity += dt_s * complex(math.cos(middle), math.sin(middle))
-        self._way += way
-        self._heading_s += dt_s * middle
-
-    def _ended(self, rates: Array) -> SE2Samples:
-        off, turned, _ = self._state
-        error = self._by_velocity * (rates[:, 0] + 1j * rates[:, 1])
-        error += self._by_turn_rate * rates[:, 2]
-        # A sample's heading error rotates its displacement in this block.
-        off = off + np.exp(1j * turned) * (self._way + error) - self._way
-        turned = turned + self._elapsed_s * rates[:, 2]
-        return SE2Samples(off, turned, self._ended_rest(self._linear()[0]))
+        direction = complex(math.cos(middle), math.sin(middle))
+        self._block.add(complex(x_after - x, y_after - y), direction, middle, dt_s)
 
     def _linear(self) -> tuple[Array, Array]:
-        x, y = self._way.real, self._way.imag
-        c, s = self._by_velocity.real, self._by_velocity.imag
-        far, left = self._by_turn_rate.real, self._by_turn_rate.imag
-        carry = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
-        return carry, np.array([[c, -s, far], [s, c, left], [0.0, 0.0, self._elapsed_s]])
+        return self._block.jacobians()
 
-    def _ended_rest(self, carry: Array) -> Array:
-        heading = self._heading_s / self._elapsed_s
-        c, s = math.cos(heading), math.sin(heading)
-        axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        grown = axes @ (self._elapsed_s * self._errors.white_per_s) @ axes.T
-        return carry @ self._state.rest @ carry.T + grown
+    def _block_noise(self) -> Array:
+        axes = self._block.axes()
+        return axes @ (self._elapsed_s * self._errors.white_per_s) @ axes.T
 
-    def _exact(self) -> SE2Samples:
-        samples = len(self._units)
-        return SE2Samples(np.zeros(samples, dtype=complex), np.zeros(samples), np.zeros((3, 3)))
+    def _ended(self, twist_errors: Array) -> tuple[_Complex, Array]:
+        (position_error, heading_error), block = self._samples, self._block
+        added = block.by_velocity * (twist_errors[:, 0] + 1j * twist_errors[:, 1])
+        added += block.by_turn_rate * twist_errors[:, 2]
+        # A sample's heading error rotates its displacement in this block.
+        rotated = np.exp(1j * heading_error) * (block.displacement + added)
+        position_error = position_error + rotated - block.displacement
+        return position_error, heading_error + self._elapsed_s * twist_errors[:, 2]
 
-    def _given(self, errors: PoseErrors) -> SE2Samples:
-        along = self._units @ errors.bias_jacobian.T
-        off = (along[:, 0] + 1j * along[:, 1]) * chord(along[:, 2])
-        return SE2Samples(off, along[:, 2], errors.rest)
+    def _displaced(self, errors: Array) -> tuple[_Complex, Array]:
+        return (errors[:, 0] + 1j * errors[:, 1]) * chord(errors[:, 2]), errors[:, 2]
 
-    def _coordinates(self, state: SE2Samples) -> Array:
-        off = state.off / chord(state.turned)
-        return np.stack([off.real, off.imag, state.turned], axis=-1)
+    def _coordinates(self, samples: tuple[_Complex, Array]) -> Array:
+        position_error, heading_error = samples
+        straight = position_error / chord(heading_error)
+        return np.stack([straight.real, straight.imag, heading_error], axis=-1)
 
 
 def chord(turned: Array) -> _Complex:
@@ -300,17 +301,11 @@ def exponential_error(estimate: SE2, true: SE2) -> Array:
     return np.stack([straight.real, straight.imag, turned], axis=-1)
 
 
-class SO3Samples(NamedTuple):
-    """Samples of orientations, and the white noise."""
+class SO3Uncertainty(PoseUncertainty[SO3, Array]):
+    """Uncertainty of a sphere's orientation, as rotation vectors about the base axes.
 
-    off: Array
-    """(n, 3): rotation vector from the estimated orientation to each sample."""
-    rest: Array
-    """(3, 3): covariance of the white noise."""
-
-
-class SO3Uncertainty(PoseUncertainty[SO3, SO3Samples]):
-    """Uncertainty of a sphere's orientation, as rotation vectors about the base axes."""
+    The samples are rotation vectors (n, 3) from the estimated orientation.
+    """
 
     def _clear(self) -> None:
         self._carry: Array = np.eye(3)
@@ -321,34 +316,22 @@ class SO3Uncertainty(PoseUncertainty[SO3, SO3Samples]):
         self._carry = turn @ self._carry
         self._by_twist = turn @ self._by_twist + dt_s * np.eye(3)
 
-    def _ended(self, rates: Array) -> SO3Samples:
-        gained, carried = (
-            SO3.exp(rates @ self._by_twist.T),
-            SO3.exp(self._state.off @ self._carry.T),
-        )
-        return SO3Samples((gained @ carried).log(), self._ended_rest(self._carry))
-
     def _linear(self) -> tuple[Array, Array]:
         return self._carry, self._by_twist
 
-    def _ended_rest(self, carry: Array) -> Array:
-        return carry @ self._state.rest @ carry.T + self._elapsed_s * self._errors.white_per_s
+    def _block_noise(self) -> Array:
+        return self._elapsed_s * self._errors.white_per_s
 
-    def _exact(self) -> SO3Samples:
-        return SO3Samples(np.zeros((len(self._units), 3)), np.zeros((3, 3)))
+    def _ended(self, twist_errors: Array) -> Array:
+        gained = SO3.exp(twist_errors @ self._by_twist.T)
+        carried = SO3.exp(self._samples @ self._carry.T)
+        return (gained @ carried).log()
 
-    def _given(self, errors: PoseErrors) -> SO3Samples:
-        return SO3Samples(self._units @ errors.bias_jacobian.T, errors.rest)
+    def _displaced(self, errors: Array) -> Array:
+        return errors
 
-    def _coordinates(self, state: SO3Samples) -> Array:
-        return state.off
-
-
-SPREADS: dict[type[Any], type[PoseUncertainty[Any, Any]]] = {
-    SE2: SE2Uncertainty,
-    SO3: SO3Uncertainty,
-}
-"""Uncertainty class for each pose type."""
+    def _coordinates(self, samples: Array) -> Array:
+        return samples
 
 
 REGION_SIGMAS = 2.0
@@ -383,12 +366,3 @@ def position_region(covariance: Array) -> Array:
 def heading_region_rad(covariance: Array) -> float:
     """Return the half-width of the heading region, at most half a turn."""
     return min(HEADING_SIGMAS * math.sqrt(max(float(covariance[2, 2]), 0.0)), math.pi)
-
-
-def encloses(outline: Array, point: Array) -> bool:
-    """Return whether a closed `outline` (n, 2) winds around a `point` (2,)."""
-    arms = outline - point
-    following = np.roll(arms, -1, axis=0)
-    crossed = arms[:, 0] * following[:, 1] - arms[:, 1] * following[:, 0]
-    turns = np.arctan2(crossed, (arms * following).sum(axis=-1))
-    return abs(float(turns.sum())) > np.pi

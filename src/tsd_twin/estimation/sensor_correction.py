@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
+from tsd_twin.estimation.consistency import is_plausible
 from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
 from tsd_twin.lie import SE2, Array
 from tsd_twin.sensors import MountedSensor
-from tsd_twin.sensors.base import SensorModel
+from tsd_twin.sensors.base import Bias, SensorModel
 
 
 class LinearReading(NamedTuple):
@@ -28,14 +28,10 @@ class LinearReading(NamedTuple):
     """(c, c): covariance of the noise."""
 
     def is_plausible(self, errors: PoseErrors) -> bool:
-        """Return whether the offset is within the gate, for a pose with these errors.
-
-        One in 10,000 correct readings is not.
-        """
+        """Return whether the offset is within the gate, for a pose with these errors."""
         by = self.rows @ errors.bias_jacobian + self.bias_jacobian
-        expected = self.rows @ errors.rest @ self.rows.T + by @ by.T + self.covariance
-        distance_sq = float(self.offset @ np.linalg.solve(expected, self.offset))
-        return distance_sq <= chi_square_bound(len(self.offset), FALSE_ALARM)
+        expected = self.rows @ errors.noise_cov @ self.rows.T + by @ by.T + self.covariance
+        return is_plausible(self.offset, expected)
 
 
 class _Entry(NamedTuple):
@@ -59,21 +55,19 @@ class SensorCorrection:
         """`sensors` follow `other_channels` in the readings of a step."""
         self._own = own_biases
         self._entries: list[_Entry] = []
-        self._names: list[str] = []
-        self._sigmas: list[float] = []
+        self._biases: list[Bias] = []
         channel, bias = other_channels, own_biases
-        for sensor in sensors:
-            channels = (channel, channel + len(sensor.channels))
-            channel, biases, model = channels[1], sensor.biases, sensor.model()
+        for sensor, table in sensors:
+            channels = (channel, channel + len(sensor.channels(table)))
+            channel, biases, model = channels[1], sensor.biases(table), sensor.model(table)
             if model is None:
                 continue
             sigmas = np.array([each.sigma for each in biases])
             columns = (bias, bias + len(biases))
             self._entries.append(_Entry(model, channels, columns, sigmas))
-            self._names += [each.name for each in biases]
-            self._sigmas += sigmas.tolist()
+            self._biases += biases
             bias = columns[1]
-        self.constants = bias
+        self.bias_count = bias
         """Number of all biases of the estimate."""
         self._padded: tuple[TwistErrors | None, TwistErrors | None] = (None, None)
 
@@ -83,17 +77,14 @@ class SensorCorrection:
 
     def bias_rows(self, own: Mapping[str, Array]) -> dict[str, Array]:
         """Return the Jacobian row (m,) of each parameter w.r.t. all biases."""
-        count = self.constants
+        count = self.bias_count
         rows = {name: np.pad(row, (0, count - len(row))) for name, row in own.items()}
-        unit = np.eye(count)[self._own :]
-        return rows | {
-            name: sigma * row
-            for name, sigma, row in zip(self._names, self._sigmas, unit, strict=True)
-        }
+        sensors = zip(self._biases, np.eye(count)[self._own :], strict=True)
+        return rows | {bias.name: bias.sigma * row for bias, row in sensors}
 
     def twist_errors(self, own: TwistErrors) -> TwistErrors:
         """Return twist errors with columns for all biases; the same object for the same errors."""
-        if self._own == self.constants:
+        if self._own == self.bias_count:
             return own
         if own is not self._padded[0]:
             self._padded = own, replace(own, bias_jacobian=self.padded(own.bias_jacobian))
@@ -101,7 +92,7 @@ class SensorCorrection:
 
     def padded(self, jacobian: Array) -> Array:
         """Return a Jacobian (..., own) with zero columns for the biases of the sensors."""
-        extra = self.constants - self._own
+        extra = self.bias_count - self._own
         if not extra:
             return jacobian
         return np.pad(jacobian, [(0, 0)] * (jacobian.ndim - 1) + [(0, extra)])
@@ -109,7 +100,7 @@ class SensorCorrection:
     def own_errors(self, errors: PoseErrors) -> PoseErrors:
         """Return pose errors whose part from the sensors' biases is noise."""
         by = errors.bias_jacobian[:, self._own :]
-        return PoseErrors(errors.bias_jacobian[:, : self._own], errors.rest + by @ by.T)
+        return PoseErrors(errors.bias_jacobian[:, : self._own], errors.noise_cov + by @ by.T)
 
     def readings(self, readings: Array, pose: SE2) -> list[LinearReading]:
         """Return the readings (s,) of a step, linearized at a pose; NaN has none."""
@@ -127,7 +118,7 @@ class SensorCorrection:
         expected = entry.model.predict(pose)
         if expected is None:
             return None
-        by = np.zeros((len(reading), self.constants))
+        by = np.zeros((len(reading), self.bias_count))
         by[:, slice(*entry.biases)] = expected.bias_jacobian * entry.sigmas
         offset = reading - expected.value
         return LinearReading(offset, expected.pose_jacobian, by, expected.covariance)

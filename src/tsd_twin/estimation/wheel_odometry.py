@@ -1,9 +1,14 @@
-"""Wheel odometry with covariance, and a model for unmeasured wheel speeds."""
+"""Wheel odometry with covariance, and a model for unmeasured wheel speeds.
+
+The errors of joints and floor come from `joint_errors.py`, growth of the pose uncertainty from
+`pose_uncertainty.py`. `odometry_kinds.py` adds other sensors, `pose_fusion.py` a pose sensor.
+"""
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Generic
 
@@ -11,58 +16,53 @@ import numpy as np
 
 from tsd_twin.estimation.joint_errors import JointBiases, JointNoise, jacobians
 from tsd_twin.estimation.outage import CoastStep
-from tsd_twin.estimation.pose_uncertainty import SPREADS, PoseErrors, PoseUncertainty, TwistErrors
+from tsd_twin.estimation.pose_uncertainty import (
+    PoseErrors,
+    PoseUncertainty,
+    SE2Uncertainty,
+    SO3Uncertainty,
+    TwistErrors,
+)
 from tsd_twin.kinematics import Kinematics, TwistSolution
 from tsd_twin.kinematics.base import PoseT
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import JointErrors, WheelSpeedResponse
-
-_PREDICTIONS_KEPT = 16
+from tsd_twin.sensors.base import Bias
 
 
 class WheelSpeedModel:
     """First-order model of unmeasured wheel speeds that follow their setpoints."""
 
-    def __init__(self, spin_up: WheelSpeedResponse, joints: int) -> None:
-        self._spin_up = spin_up
+    def __init__(self, response: WheelSpeedResponse, joints: int) -> None:
+        self._response = response
         self.spin_rad_per_s: Array = np.zeros(joints)
         """(m,): modelled speeds."""
-        self._predictions: dict[tuple[bytes, float], Array] = {}
-        """Cached results of `after` by its arguments, valid while the modelled speeds are
-        unchanged."""
 
     def advance(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
         """Return the speeds (m,) after `dt_s` of a setpoint (m,)."""
-        speeds = self.after(setpoint_rad_per_s, dt_s)
-        if speeds.tobytes() != self.spin_rad_per_s.tobytes():
-            self._predictions.clear()
-        self.spin_rad_per_s = speeds
-        return speeds
+        self.spin_rad_per_s = self.after(setpoint_rad_per_s, dt_s)
+        return self.spin_rad_per_s
 
     def after(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
         """Predict the speeds (m,) after `dt_s` of a setpoint (m,), without changing the state."""
-        key = (setpoint_rad_per_s.tobytes(), dt_s)
-        found = self._predictions.get(key)
-        if found is None:
-            found = self._predicted(setpoint_rad_per_s, dt_s)
-            if len(self._predictions) >= _PREDICTIONS_KEPT:
-                self._predictions.clear()
-            self._predictions[key] = found
-        return found
+        speeds, goals = self.spin_rad_per_s.tolist(), setpoint_rad_per_s.tolist()
+        return _speeds_after(self._response, tuple(speeds), tuple(goals), dt_s)
 
-    def _predicted(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
-        law = self._spin_up
-        up, down = math.exp(-dt_s / law.up_s), math.exp(-dt_s / law.down_s)
 
-        # Plain floats, because numpy would take four times as long for a few wheels.
-        start, commanded = law.start_speed_rad_per_s, setpoint_rad_per_s.tolist()
-        goals = [speed if abs(speed) >= start else 0.0 for speed in commanded]
-        pairs = zip(goals, self.spin_rad_per_s.tolist(), strict=True)
-        speeds = np.array(
-            [goal + (spin - goal) * (up if abs(goal) > abs(spin) else down) for goal, spin in pairs]
-        )
-        speeds.setflags(write=False)
-        return speeds
+@functools.lru_cache(maxsize=16)
+def _speeds_after(
+    law: WheelSpeedResponse, speeds: tuple[float, ...], setpoints: tuple[float, ...], dt_s: float
+) -> Array:
+    """Predict wheel speeds; cached, because settled wheels repeat the same predictions."""
+    up, down = math.exp(-dt_s / law.up_s), math.exp(-dt_s / law.down_s)
+    # Plain floats, because numpy would take four times as long for a few wheels.
+    goals = [goal if abs(goal) >= law.start_speed_rad_per_s else 0.0 for goal in setpoints]
+    pairs = zip(goals, speeds, strict=True)
+    after = np.array(
+        [goal + (spin - goal) * (up if abs(goal) > abs(spin) else down) for goal, spin in pairs]
+    )
+    after.setflags(write=False)
+    return after
 
 
 _MAX_RESIDUAL_RATIO = 10.0
@@ -72,6 +72,15 @@ _ROUNDING = 1e-18
 """Squared m/s: rounding level of the residual of joints without redundancy."""
 _REFRESH_STEPS = 10
 """Steps between updates of the twist errors, which change slowly."""
+POSE_SENSOR_BIASES = 3
+"""Biases of a pose sensor (x, y, heading), the last ones of each planar odometry.
+
+They do not affect the twist, but a pose corrected by the sensor depends on them.
+"""
+_UNCERTAINTY: dict[type[Any], type[PoseUncertainty[Any, Any]]] = {
+    SE2: SE2Uncertainty,
+    SO3: SO3Uncertainty,
+}
 
 
 class WheelOdometry(Generic[PoseT]):
@@ -82,13 +91,19 @@ class WheelOdometry(Generic[PoseT]):
     """
 
     def __init__(
-        self, kinematics: Kinematics[PoseT], noise: JointErrors, other_constants: int = 0
+        self,
+        kinematics: Kinematics[PoseT],
+        noise: JointErrors,
+        sensor_biases: Sequence[Bias] = (),
     ) -> None:
-        """`other_constants` is the number of biases in addition to the joint biases."""
-        self._kinematics = kinematics
+        """`sensor_biases` are the biases of other sensors that this odometry uses in each step."""
+        self._kinematics: Kinematics[PoseT] = kinematics
         self._noise = JointNoise(kinematics, noise)
-        self._constants = JointBiases(kinematics, noise)
-        count = self._constants.count + other_constants
+        self._joint_biases = JointBiases(kinematics, noise)
+        self._sensor_biases = sensor_biases
+        pose_type: type[Any] = kinematics.pose_type
+        count = self._joint_biases.count + len(sensor_biases)
+        count += POSE_SENSOR_BIASES if pose_type is SE2 else 0
         self._previous: Array | None = None
         self._solved_for = b""
         self._refreshed_for: tuple[object, object] = (None, None)
@@ -107,13 +122,13 @@ class WheelOdometry(Generic[PoseT]):
         """Mean motion during the last step."""
         self.errors = TwistErrors.none(count)
         """Errors of the twist; larger if joints are inconsistent."""
-        self.spread: PoseUncertainty[PoseT, Any] = SPREADS[kinematics.pose_type](count)
+        self.uncertainty: PoseUncertainty[PoseT, Any] = _UNCERTAINTY[pose_type](count)
         """Uncertainty of the pose."""
 
     @property
     def pose_covariance(self) -> Array:
         """(3, 3): covariance of the pose, in exponential coordinates about the axes of `odom`."""
-        return self.spread.covariance
+        return self.uncertainty.covariance
 
     @property
     def twist_covariance(self) -> Array:
@@ -122,8 +137,13 @@ class WheelOdometry(Generic[PoseT]):
 
     def bias_rows(self) -> Mapping[str, Array]:
         """Return the Jacobian row (m,) of each robot parameter w.r.t. the biases."""
-        rows, count = self._constants.rows(), self.spread.constants
-        return {name: np.pad(row, (0, count - len(row))) for name, row in rows.items()}
+        rows, count = self._joint_biases.rows(), self.uncertainty.bias_count
+        unit = np.eye(count)[self._joint_biases.count :]
+        sensors = zip(self._sensor_biases, unit, strict=False)
+        return {
+            **{name: np.pad(row, (0, count - len(row))) for name, row in rows.items()},
+            **{bias.name: bias.sigma * row for bias, row in sensors},
+        }
 
     @property
     def end_twist(self) -> Array:
@@ -134,7 +154,7 @@ class WheelOdometry(Generic[PoseT]):
     def set_pose(self, pose: PoseT, errors: PoseErrors | None = None) -> None:
         """Set the estimate to `pose`, with pose `errors` (zero by default)."""
         self.pose = pose
-        self.spread.set(errors)
+        self.uncertainty.set(errors)
         self._until_refresh = 0
 
     def advance(self, joints: Array, dt_s: float) -> TwistSolution:
@@ -145,6 +165,14 @@ class WheelOdometry(Generic[PoseT]):
         middle = previous + 0.5 * step
         self._move(self._forward(middle, step / dt_s, dt_s), middle, dt_s)
         return self.motion
+
+    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:  # noqa: ARG002  Joints only.
+        """Update with joints (n,) and other sensors (s,), NaN without a reading.
+
+        They were measured `dt_s` after the last ones; `motion` is the forward-kinematics solution
+        for the joints. The default uses the joints only.
+        """
+        self.advance(joints, dt_s)
 
     def twist_of_last(self) -> Array:
         """Return the twist (3,) at the last joints, without their rates; zero before the first."""
@@ -157,21 +185,20 @@ class WheelOdometry(Generic[PoseT]):
         if step.share == 0.0 and self._before_outage is not None and not self.motion.twist.any():
             return  # Already at rest.
         nominal = self._before_outage = self._before_outage or self.errors
-        bias_jacobian, white_per_s = (
+        own = TwistErrors(
             step.share * nominal.bias_jacobian,
             step.share**2 * nominal.white_per_s,
+            step.share**2 * nominal.covariance + step.twist_covariance,
         )
-        covariance = step.share**2 * nominal.covariance + step.twist_covariance
-        own = TwistErrors(bias_jacobian, white_per_s, covariance)
-        self.errors = replace(own, white_per_s=white_per_s + step.white_per_s)
+        self.errors = replace(own, white_per_s=own.white_per_s + step.white_per_s)
         before, self.motion = self.pose, TwistSolution(step.twist, np.zeros(0))
         self._means = (None, step.twist)
         if any(step.twist.tolist()):
             self.pose = self._kinematics.integrate(before, step.twist, dt_s)
         # Isolate the step in its own block, so that its noise is not applied to other steps.
-        self.spread.refresh(self.errors)
-        self.spread.step(before, self.pose, step.twist, dt_s)
-        self.spread.refresh(own)
+        self.uncertainty.refresh(self.errors)
+        self.uncertainty.step(before, self.pose, step.twist, dt_s)
+        self.uncertainty.refresh(own)
         self._previous = None  # Joint motion during the outage is unknown.
         self._solved_for, self._refreshed_for, self._until_refresh = b"", (None, None), 0
         self._since_refresh_s += dt_s
@@ -194,20 +221,22 @@ class WheelOdometry(Generic[PoseT]):
         self.motion = motion
         if any(twist.tolist()):
             self.pose = self._kinematics.integrate(before, twist, dt_s)
-        self.spread.step(before, self.pose, twist, dt_s)
+        self.uncertainty.step(before, self.pose, twist, dt_s)
         self._since_refresh_s += dt_s
         if self._until_refresh == 0:
-            self.spread.refresh(self._refreshed(joints, dt_s))
+            self.uncertainty.refresh(self._refreshed(joints, dt_s))
         self._until_refresh = (self._until_refresh + 1) % _REFRESH_STEPS
 
     def _refreshed(self, joints: Array, dt_s: float) -> TwistErrors:
         """Return the errors of the twist; the same object in steady motion."""
-        now, floor = (self.motion, joints.tobytes()), self._constants.floor
-        was_steady = floor.is_steady
-        if floor.any:
+        now, floor = (self.motion, joints.tobytes()), self._joint_biases.floor
+        is_steady = True
+        if floor is not None:
+            was_steady = floor.is_steady
             floor.follow(self.motion.twist, joints, self._since_refresh_s)
+            is_steady = was_steady and floor.is_steady
         self._since_refresh_s = 0.0
-        if now != self._refreshed_for or not (was_steady and floor.is_steady):
+        if now != self._refreshed_for or not is_steady:
             self._refreshed_for = now
             self.errors = self._twist_errors(joints, dt_s)
         return self.errors
@@ -217,13 +246,13 @@ class WheelOdometry(Generic[PoseT]):
         if self._jacobians is None or joints.tobytes() != self._jacobians[0]:
             self._jacobians = joints.tobytes(), *jacobians(self._kinematics, joints)
         _, slopes, left = self._jacobians
-        constant, white = self._constants.of_joints(joints), self._noise.white
-        explained = np.square(left @ constant).sum() + np.square(left * white).sum()
-        doubt = self._birge_ratio(float(explained))
+        by_bias, white = self._joint_biases.of_joints(joints), self._noise.white
+        explained = np.square(left @ by_bias).sum() + np.square(left * white).sum()
+        ratio = self._birge_ratio(float(explained))
         bias_jacobian = np.zeros_like(self.errors.bias_jacobian)
-        own = self._constants.of_twist(joints, slopes)
-        bias_jacobian[:, : self._constants.count] = math.sqrt(doubt) * own
-        noise, walk = math.sqrt(doubt) * slopes * white, slopes * self._noise.walk(joints)
+        own = self._joint_biases.of_twist(joints, slopes)
+        bias_jacobian[:, : self._joint_biases.count] = math.sqrt(ratio) * own
+        noise, walk = math.sqrt(ratio) * slopes * white, slopes * self._noise.walk(joints)
         white_per_s = dt_s * noise @ noise.T + walk @ walk.T
         covariance = white_per_s / dt_s + bias_jacobian @ bias_jacobian.T
         return TwistErrors(bias_jacobian, white_per_s, covariance)
@@ -240,33 +269,5 @@ class WheelOdometry(Generic[PoseT]):
         return found / explained if found > _MAX_RESIDUAL_RATIO * explained > _ROUNDING else 1.0
 
 
-POSE_SENSOR_CONSTANTS = 3
-"""Biases of a pose sensor (x, y, heading), the last ones of each planar odometry."""
-
-
 class PlanarOdometry(WheelOdometry[SE2]):
-    """Wheel odometry on a floor: covariance of x, y, heading and of vx, vy, omega.
-
-    The last biases belong to a pose sensor. They do not affect the twist, but a pose corrected by
-    the sensor depends on them.
-    """
-
-    def __init__(
-        self, kinematics: Kinematics[SE2], noise: JointErrors, other_constants: int = 0
-    ) -> None:
-        """`other_constants` is the number of biases of other sensors."""
-        super().__init__(kinematics, noise, other_constants + POSE_SENSOR_CONSTANTS)
-
-
-class OrientationOdometry(WheelOdometry[SO3]):
-    """Wheel odometry of a turning sphere: covariance of small rotations about the base axes.
-
-    Twist and error are both in base axes; errors rotate with the sphere.
-    """
-
-
-ODOMETRY: dict[type[Any], Callable[[Kinematics[Any], JointErrors], WheelOdometry[Any]]] = {
-    SE2: PlanarOdometry,
-    SO3: OrientationOdometry,
-}
-"""Wheel odometry for each pose type."""
+    """Wheel odometry on a floor: covariance of x, y, heading and of vx, vy, omega."""

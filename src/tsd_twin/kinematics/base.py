@@ -151,13 +151,8 @@ class PlanarMotion:
 
 
 @cache
-def _wheel_names(wheels: int) -> tuple[str, ...]:
-    return tuple(f"wheel{i + 1}" for i in range(wheels))
-
-
-@cache
 def _wheel_joints(wheels: int) -> tuple[Joint, ...]:
-    return tuple(Joint(name, JointKind.VELOCITY) for name in _wheel_names(wheels))
+    return tuple(Joint(f"wheel{i + 1}", JointKind.VELOCITY) for i in range(wheels))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -200,8 +195,8 @@ class WheelKinematics:
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """`wheel1`, `wheel2`, ..."""
-        return _wheel_names(self.wheels)
+        """Names of the wheels."""
+        return tuple(joint.name for joint in self.joints)
 
     def joint_utilization(self, twist: Array) -> Array:
         """Return the speed of the fastest wheel relative to its limit, (...)."""

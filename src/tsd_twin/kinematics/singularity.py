@@ -41,11 +41,6 @@ def _joints(modules: int) -> tuple[Joint, ...]:
     )
 
 
-@cache
-def _actuators(modules: int) -> tuple[str, ...]:
-    return tuple(f"module{i + 1}" for i in range(modules))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SingularityKinematics(PlanarMotion):
     """Kinematics of any number of spinning hemispheres on gimbals (three in the thesis).
@@ -123,7 +118,7 @@ class SingularityKinematics(PlanarMotion):
     @property
     def actuators(self) -> tuple[str, ...]:
         """`module1`, `module2`, ..."""
-        return _actuators(self.modules)
+        return tuple(f"module{i + 1}" for i in range(self.modules))
 
     @property
     def pivots_m(self) -> Array:

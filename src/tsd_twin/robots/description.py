@@ -295,7 +295,7 @@ class RobotDescription(Table, frozen=True, kw_only=True):
     def sensors(self) -> tuple[Joint, ...]:
         """Channels of all sensors; their readings follow the drive's joints in this order."""
         every = (*self.own_sensors, *self.mounted_sensors)
-        return tuple(channel for sensor in every for channel in sensor.channels)
+        return tuple(each for sensor, table in every for each in sensor.channels(table))
 
     @property
     def not_promised(self) -> tuple[str, ...]:

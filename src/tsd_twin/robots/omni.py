@@ -148,8 +148,8 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
     def own_sensors(self) -> tuple[MountedSensor, ...]:
         """Tracking wheels, which have a gyro of their own, or the gyro."""
         if self.dead_wheels is not None:
-            return (MountedSensor(DEAD_WHEELS, self.dead_wheels),)
-        return () if self.gyro is None else (MountedSensor(GYRO, self.gyro),)
+            return ((DEAD_WHEELS, self.dead_wheels),)
+        return () if self.gyro is None else ((GYRO, self.gyro),)
 
     def kinematics(self) -> OmniKinematics:
         """Return the kinematics."""

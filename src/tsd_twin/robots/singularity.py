@@ -235,7 +235,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
     @property
     def own_sensors(self) -> tuple[MountedSensor, ...]:
         """The gyro, if any."""
-        return () if self.gyro is None else (MountedSensor(GYRO, self.gyro),)
+        return () if self.gyro is None else ((GYRO, self.gyro),)
 
     def kinematics(self) -> SingularityKinematics:
         """Return the kinematics at cruise speed."""

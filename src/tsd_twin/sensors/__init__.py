@@ -36,8 +36,12 @@ def find(kind: str) -> tuple[Sensor[Any], type[SensorTable]]:
     """
     if not kind.isidentifier() or kind not in kinds():
         raise KindError(f"there is no sensor '{kind}' (sensors are {', '.join(kinds()) or 'none'})")
-    module = _module(kind)
-    return module.SENSOR, module.TABLE
+    if any(module.name == kind for module in pkgutil.iter_modules(__path__)):
+        found: Any = importlib.import_module(f"{__name__}.{kind}")
+    else:
+        (point,) = (point for point in _entry_points() if point.name == kind)
+        found = point.load()
+    return found.SENSOR, found.TABLE
 
 
 def read_tables(entries: Any) -> tuple[SensorTable, ...]:
@@ -58,7 +62,7 @@ def read_tables(entries: Any) -> tuple[SensorTable, ...]:
 
 def mounted(table: SensorTable) -> MountedSensor:
     """Return the sensor of an entry of `[[sensors]]`."""
-    return MountedSensor(find(str(table.__struct_config__.tag))[0], table)
+    return find(str(table.__struct_config__.tag))[0], table
 
 
 def _read(entry: Any, path: str) -> SensorTable:
@@ -85,12 +89,3 @@ def _entry_points() -> tuple[metadata.EntryPoint, ...]:
 def _is_entry(kind: str) -> bool:
     """Return whether a module of this package is a kind of `[[sensors]]`."""
     return hasattr(importlib.import_module(f"{__name__}.{kind}"), "TABLE")
-
-
-@cache
-def _module(kind: str) -> Any:
-    """Return the module of a kind, of this package or of another one."""
-    if any(module.name == kind for module in pkgutil.iter_modules(__path__)):
-        return importlib.import_module(f"{__name__}.{kind}")
-    (point,) = (point for point in _entry_points() if point.name == kind)
-    return point.load()

@@ -5,7 +5,7 @@ A module of this package has all of one sensor in `SENSOR`; `docs/add_a_sensor.m
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -99,28 +99,5 @@ class Sensor(Protocol[TableT]):
         ...
 
 
-class MountedSensor(NamedTuple):
-    """Sensor of a robot."""
-
-    sensor: Sensor[Any]
-    table: Table
-
-    @property
-    def channels(self) -> tuple[Joint, ...]:
-        """Channels of its readings."""
-        return self.sensor.channels(self.table)
-
-    @property
-    def biases(self) -> tuple[Bias, ...]:
-        """Constant errors of its readings."""
-        return self.sensor.biases(self.table)
-
-    def simulate(
-        self, batch: tuple[int, ...], random: np.random.Generator, scale: float
-    ) -> SimulatedSensor:
-        """Return its simulation; see `Sensor.simulate`."""
-        return self.sensor.simulate(self.table, batch, random, scale)
-
-    def model(self) -> SensorModel | None:
-        """Return its measurement model; see `Sensor.model`."""
-        return self.sensor.model(self.table)
+MountedSensor: TypeAlias = tuple[Sensor[Any], Table]
+"""Sensor of a robot, and its table."""

@@ -162,11 +162,10 @@ class ServoTest:
         self._blocks = np.full(count, _KNOWN_BLOCKS)
         self._shared = np.zeros((5, count))
         self._own, self._size = np.zeros((2, count)), np.zeros((2, count))
-        self._block, self._samples, self._block_s = np.zeros((2, count)), 0, 0.0
-        self._before = np.zeros(count)
+        self.restart(np.zeros(count))
 
     def restart(self, nominal: Array) -> None:
-        """Restart from the simulated angles (m,)."""
+        """Begin a block at the simulated angles (m,)."""
         self._before = nominal
         self._block, self._samples, self._block_s = np.zeros((2, len(self._names))), 0, 0.0
 
@@ -204,7 +203,7 @@ class ServoTest:
         self._block_s += dt_s
         if self._block_s >= _BLOCK_S - 1e-6:
             self._judge(calm)
-            self._block, self._samples, self._block_s = np.zeros_like(self._block), 0, 0.0
+            self.restart(nominal)
 
     def _judge(self, calm: npt.NDArray[np.bool_]) -> None:
         """Add the evidence of a block."""
@@ -314,9 +313,9 @@ class WheelTest:
         """Add a difference (d,) with Jacobian `rows` (d, k + n) and noise covariance (d, d)."""
         innovation = error - rows @ self._state
         crossed = rows @ self._covariance
-        spread = crossed @ rows.T + noise
+        innovation_cov = crossed @ rows.T + noise
         shown = rows @ self._unlearned
-        weighed = np.linalg.solve(spread, shown).T
+        weighed = np.linalg.solve(innovation_cov, shown).T
         strength = np.einsum("fd,df->f", weighed, shown)
         match = weighed @ innovation
         if len(error) == 1:
@@ -326,12 +325,12 @@ class WheelTest:
         self._size = np.where(self._cusum.sums > 0.0, self._size + np.array([strength, match]), 0.0)
         if was_named:
             return  # Do not learn it, so that a repair withdraws the report.
-        gain = np.linalg.solve(spread, crossed).T
+        gain = np.linalg.solve(innovation_cov, crossed).T
         self._state = self._state + gain @ innovation
         self._unlearned = self._unlearned - gain @ shown
         self._covariance = self._covariance - gain @ crossed
         new = rows @ self._faults
-        most = np.einsum("df,df->f", np.linalg.solve(spread, new), new)
+        most = np.einsum("df,df->f", np.linalg.solve(innovation_cov, new), new)
         sums = self._cusum.sums
         least = np.where(sums < _SUSPICION, _MIN_UNLEARNED_EARLY, _MIN_UNLEARNED) * most
         begins = ~self._cusum.named & ((sums <= 0.0) | (strength < least))

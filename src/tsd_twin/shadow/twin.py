@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from tsd_twin.estimation.joint_errors import acceleration
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array, wrap
 from tsd_twin.messages.cdr import JointState, Odometry
@@ -259,11 +260,9 @@ class ShadowTwin:
         self._twist = twist
         if self._gives is None:
             return self._tilt_errors
-        vx, vy, omega = twist.tolist()
-        over_ground = (twist - before) / dt_s + np.array([-omega * vy, omega * vx, 0.0])
-        lean: Array = self._gives.by_acceleration @ over_ground
+        deflection: Array = self._gives.by_acceleration @ acceleration(before, twist, dt_s)
         self._tilt_errors += (1.0 - math.exp(-dt_s / _TILT_LAG_S)) * (
-            lean[self._angles] - self._tilt_errors
+            deflection[self._angles] - self._tilt_errors
         )
         return self._tilt_errors.copy()
 
@@ -411,8 +410,9 @@ class ShadowTwin:
         per_loss, others = motion.rows[:, :count], motion.rows[:, count:] * self._nuisances
         if not (self._planar and self._sensed_s > 0.0):
             others = others[:, :-6]
-        spread = per_loss @ self._wheel_test.prior @ per_loss.T + motion.noise + others @ others.T
-        band = 3.0 * np.sqrt(np.diag(spread))
+        covariance = per_loss @ self._wheel_test.prior @ per_loss.T + motion.noise
+        covariance += others @ others.T
+        band = 3.0 * np.sqrt(np.diag(covariance))
         scale = np.array([1e3, 1e3, 180.0 / math.pi] if self._planar else [180.0 / math.pi] * 3)
         return PoseComparison(
             ("ahead", "left", "heading") if self._planar else ("about X", "about Y", "about Z"),

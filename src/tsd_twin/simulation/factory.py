@@ -97,7 +97,7 @@ def _with_delay_and_sensors(
         simulation = DelayWrapper(simulation, robot.delay_s)
     # The omni plant turns its dead wheels by the mean twist of a step; an added sensor only gets
     # the twist at its end.
-    own = [sensor for sensor in robot.own_sensors if sensor.sensor is not DEAD_WHEELS]
+    own = [each for each in robot.own_sensors if each[0] is not DEAD_WHEELS]
     sensors = (*own, *robot.mounted_sensors)
     if not sensors:
         return simulation

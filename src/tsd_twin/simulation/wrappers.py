@@ -133,8 +133,8 @@ class SensedSimulation(SimulationWrapper):
         # Separate random generators keep the errors of a robot the same with and without a sensor.
         seeds = [None if seed is None else [seed, 2 + i] for i in range(len(sensors))]
         self._sensors = [
-            sensor.simulate(batch, np.random.default_rng(own), noise)
-            for sensor, own in zip(sensors, seeds, strict=True)
+            sensor.simulate(table, batch, np.random.default_rng(own), noise)
+            for (sensor, table), own in zip(sensors, seeds, strict=True)
         ]
 
     def advance(self, dt_s: float) -> None:
