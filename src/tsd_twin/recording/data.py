@@ -20,7 +20,16 @@ from tsd_twin.messages.ros_types import decode_cdr
 from tsd_twin.messages.services import Description
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import mcap_file
-from tsd_twin.recording.channels import CDR, JSON, MSGPACK, RAW, Entry, robot_of, topic_of
+from tsd_twin.recording.channels import (
+    CDR,
+    JSON,
+    MSGPACK,
+    RAW,
+    Entry,
+    robot_of,
+    robots_in,
+    topic_of,
+)
 
 Column: TypeAlias = NDArray[Any]
 _STATE = "/state/"
@@ -105,19 +114,17 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        listed = mcap_file.topic_list(path)
+        listed, start_ns, end_ns = mcap_file.summary(path)
         self.topics: dict[str, TopicSummary] = {
             topic: TopicSummary(topic, ros_type or encoding, count)
             for topic, encoding, ros_type, count in listed
         }
         """All topics by name."""
-        self.robots: tuple[str, ...] = tuple(
-            sorted({robot_of(topic) for topic in self.topics} - {"", "*"})
-        )
+        self.robots: tuple[str, ...] = tuple(robots_in(self.topics))
         """Robot ids."""
-        self.start_ns, end_ns = mcap_file.time_span_ns(path)
+        self.start_ns = start_ns
         """Start of the recording, recorder's wall clock."""
-        self.duration_s = (end_ns - self.start_ns) * 1e-9
+        self.duration_s = (end_ns - start_ns) * 1e-9
 
     def __repr__(self) -> str:
         robots = ", ".join(self.robots)

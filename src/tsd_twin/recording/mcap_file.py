@@ -4,9 +4,11 @@ up to a truncation.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import os
+from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import IO, Any, cast
@@ -200,27 +202,15 @@ def entries(
     Raises:
         RecordingError: If the file is not a recording, or is damaged.
     """
-    file = RecordFile(path)
     first_ns, end_ns = from_ns or 0, until_ns or 1 << 64
-    try:
-        if file.is_whole:
-            yield from _indexed(path, topics, first_ns, end_ns)
+    with contextlib.closing(RecordFile(path)) as file:
+        if not file.is_whole:
+            for entry in _until_damaged(file, topics):
+                if first_ns <= entry.log_ns < end_ns:
+                    yield entry
             return
-        for entry in _until_damaged(file, topics):
-            if first_ns <= entry.log_ns < end_ns:
-                yield entry
-    finally:
-        file.close()
-
-
-def _indexed(
-    path: Path, topics: Collection[str] | None, first_ns: int, end_ns: int
-) -> Iterator[Entry]:
-    index = RecordingIndex(path)
-    try:
+    with contextlib.closing(RecordingIndex(path)) as index:
         yield from index.ordered(topics, first_ns, end_ns)
-    finally:
-        index.close()
 
 
 def _until_damaged(file: RecordFile, topics: Collection[str] | None) -> Iterator[Entry]:
@@ -234,43 +224,25 @@ def _until_damaged(file: RecordFile, topics: Collection[str] | None) -> Iterator
         return
 
 
-def topic_list(path: Path) -> list[tuple[str, str, str, int]]:
-    """Return topic, encoding, ROS 2 type and message count of all topics.
+def summary(path: Path) -> tuple[list[tuple[str, str, str, int]], int, int]:
+    """Return topic, encoding, ROS 2 type and message count of all topics, and first and last time.
+
+    Both times are 0 if the file is empty.
 
     Raises:
         RecordingError: If the file is not a recording.
     """
-    file = RecordFile(path)
-    try:
+    with contextlib.closing(RecordFile(path)) as file:
         if file.is_whole:
             channels, statistics, _ = file.summary()
             if statistics is not None:
-                return sorted(
-                    (*about, statistics.counts.get(number, 0))
-                    for number, about in channels.wanted(None).items()
-                )
-    finally:
-        file.close()
-    counted: dict[tuple[str, str, str], int] = {}
-    for entry in entries(path):
-        key = (entry.topic, entry.encoding, entry.type)
-        counted[key] = counted.get(key, 0) + 1
-    return sorted((*key, count) for key, count in counted.items())
-
-
-def time_span_ns(path: Path) -> tuple[int, int]:
-    """Return the times of the first and last entry, or (0, 0) if empty.
-
-    Raises:
-        RecordingError: If the file is not a recording.
-    """
-    file = RecordFile(path)
-    try:
-        if file.is_whole and (statistics := file.summary(chunks=False).statistics) is not None:
-            return statistics.start_ns, statistics.end_ns
-    finally:
-        file.close()
+                counts = statistics.counts
+                topics = [(*about, counts.get(n, 0)) for n, about in channels.wanted(None).items()]
+                return sorted(topics), statistics.start_ns, statistics.end_ns
+    counted: Counter[tuple[str, str, str]] = Counter()
     first_ns, last_ns = 1 << 64, 0
     for entry in entries(path):
+        counted[entry.topic, entry.encoding, entry.type] += 1
         first_ns, last_ns = min(first_ns, entry.log_ns), max(last_ns, entry.log_ns)
-    return (first_ns, last_ns) if last_ns else (0, 0)
+    topics = [(*about, count) for about, count in counted.items()]
+    return sorted(topics), min(first_ns, last_ns), last_ns

@@ -47,7 +47,7 @@ from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.services import Description
 from tsd_twin.messages.topics import Service
 from tsd_twin.models import robot_urdf
-from tsd_twin.recording.channels import RAW, Entry, robot_of, topic_of
+from tsd_twin.recording.channels import RAW, Entry, robot_of, robots_in, topic_of
 from tsd_twin.recording.index import RecordingIndex
 
 _WATCH_S = 0.05
@@ -257,9 +257,8 @@ class RecordingPlayback:
         self._index.close()
 
     def _show_robots(self, path: Path) -> None:
-        found = {robot_of(topic) for topic in self._index.topics} - {"", "*"}
         unknown: list[str] = []
-        for robot, names in namespaces(found).items():
+        for robot, names in namespaces(robots_in(self._index.topics)).items():
             try:
                 description = self._description(robot)
                 meshes = MeshFiles(robots.parse_description(description.robot, robot))
