@@ -326,7 +326,7 @@ def test_a_list_has_time_duration_robots_and_marks_of_each_recording(
     add_mark(whole, Annotation(START_NS, "here"))
     recording, player = tsd_twin.open_recording(driven), Player(driven)
     catalogue = Catalogue(tmp_path, FolderReader())
-    by_path = {each.path: each for each in catalogue.recordings()}
+    by_path = catalogue.recordings()
     assert set(by_path) == {whole, growing}
     assert by_path[whole].start_ns == recording.start_ns
     assert by_path[whole].duration_s == pytest.approx(recording.duration_s)
@@ -337,12 +337,12 @@ def test_a_list_has_time_duration_robots_and_marks_of_each_recording(
     assert 0.0 < before_s < player.duration_s
     growing.write_bytes(data)
     add_mark(whole, Annotation(START_NS, "and here"))
-    by_path = {each.path: each for each in catalogue.recordings()}
+    by_path = catalogue.recordings()
     assert by_path[growing].duration_s == pytest.approx(player.duration_s)
     assert by_path[growing].is_whole
     assert by_path[whole].marks == 2
     growing.unlink()
-    assert [each.path for each in catalogue.recordings()] == [whole]
+    assert list(catalogue.recordings()) == [whole]
     catalogue.close()
     player.close()
 

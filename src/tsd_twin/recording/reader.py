@@ -7,7 +7,8 @@ long texts are truncated, large states skipped.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -24,7 +25,7 @@ from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.services import Description
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import Service, Topic
-from tsd_twin.recording.channels import Entry, robot_of
+from tsd_twin.recording.channels import Entry, robots_in
 from tsd_twin.recording.events import Annotation, EventKind, RecordedEvent, read_events, read_marks
 from tsd_twin.recording.index import RecordingIndex
 from tsd_twin.recording.records import RecordFile, readable
@@ -90,17 +91,24 @@ class Contents(msgspec.Struct, frozen=True):
     """Robots that cannot be shown, with the reasons."""
 
 
-class Listing(msgspec.Struct, frozen=True):
+class RecordingSummary(msgspec.Struct, frozen=True):
     """Summary of a recording for listings."""
 
     start_ns: int
     """Start, recorder's wall clock; 0 if there are no messages."""
     end_ns: int
     robots: tuple[str, ...]
+    size: int
+    """Bytes."""
     is_whole: bool
     """Whether the file is complete, not truncated or still being written."""
     marks: int
     """Number of marks."""
+
+    @property
+    def duration_s(self) -> float:
+        """Duration."""
+        return 1e-9 * (self.end_ns - self.start_ns)
 
 
 class RecordingReader:
@@ -117,11 +125,11 @@ class RecordingReader:
         self._unknown: dict[str, str] = {}
         self._robots: dict[str, _RobotReader] = {}
         try:
-            for number, each in enumerate(sorted(_robots(self.index.topics))):
-                if number < MOST_ROBOTS:
-                    self._add(each)
-                else:
-                    self._unknown["others"] = f"only {MOST_ROBOTS} robots are shown"
+            found = robots_in(self.index.topics)
+            for each in found[:MOST_ROBOTS]:
+                self._add(each)
+            if len(found) > MOST_ROBOTS:
+                self._unknown["others"] = f"only {MOST_ROBOTS} robots are shown"
         except BaseException:
             self.index.close()
             raise
@@ -263,14 +271,13 @@ class FolderReader:
             index.close()
         self._growing.clear()
 
-    def listing(self, path: Path) -> Listing:
+    def listing(self, path: Path) -> RecordingSummary:
         """Return the summary of a recording.
 
         Raises:
             RecordingError: If the file is not a recording.
         """
-        file = RecordFile(path)
-        try:
+        with closing(RecordFile(path)) as file:
             if file.is_whole:
                 self._forget(path)
                 channels, statistics, _ = file.summary(chunks=False)
@@ -281,10 +288,8 @@ class FolderReader:
             else:
                 index = self._index(path)
                 start_ns, end_ns, found = index.start_ns, index.end_ns, set(index.topics)
-        finally:
-            file.close()
-        shown = tuple(sorted(_robots(found))[:MOST_ROBOTS])
-        return Listing(start_ns, end_ns, shown, file.is_whole, len(read_marks(path)))
+            shown, marks = tuple(robots_in(found)[:MOST_ROBOTS]), len(read_marks(path))
+            return RecordingSummary(start_ns, end_ns, shown, file.size, file.is_whole, marks)
 
     def _index(self, path: Path) -> RecordingIndex:
         """Return the index of a growing file, reading only new data."""
@@ -299,10 +304,6 @@ class FolderReader:
     def _forget(self, path: Path) -> None:
         if (index := self._growing.pop(path, None)) is not None:
             index.close()
-
-
-def _robots(found: Collection[str]) -> set[str]:
-    return {robot_of(topic) for topic in found} - {"", "*"}
 
 
 def _description(index: RecordingIndex, robot_id: str) -> tuple[str, RobotDescription]:
