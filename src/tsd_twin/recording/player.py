@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from tsd_twin.bus import Bus, PendingQuery, Publisher
+from tsd_twin.bus import Bus, Publisher
 from tsd_twin.client.connection import SentCommand
 from tsd_twin.client.monitor import RoundTrips, Snapshot
 from tsd_twin.errors import BusError, RecordingError
@@ -27,7 +27,6 @@ from tsd_twin.recording import mcap_file
 from tsd_twin.recording.channels import RAW, Entry, topic_of
 from tsd_twin.recording.data import Recording
 from tsd_twin.recording.reader import (
-    FoundState,
     RecordingReader,
     RobotStates,
     decoders,
@@ -57,7 +56,7 @@ class RecordedRobot:
         self.alive = False
         """Whether the node was on the bus."""
         self._decoders = decoders(robot)
-        self._shown: dict[str, tuple[FoundState, Any]] = {}
+        self._shown: dict[str, tuple[Entry, Any]] = {}
 
     def show(self, states: RobotStates, start_ns: int) -> None:
         """Set the state; `start_ns` is the start of the recording."""
@@ -79,7 +78,7 @@ class RecordedRobot:
             values["received_s"] = max(times_s.values())
         self.snapshot = Snapshot(**values)
 
-    def _decoded(self, name: str, found: FoundState) -> tuple[FoundState, Any]:
+    def _decoded(self, name: str, found: Entry) -> tuple[Entry, Any]:
         shown = self._shown.get(name)
         if shown is not None and shown[0] == found:
             return shown
@@ -237,8 +236,9 @@ class Replay:
         if bus.living_tokens(alive):
             raise BusError(f"'{replay_id}' is on the bus already: choose another id with --id")
         self._bus, self._recording, self._robot, self._id = bus, recording, robot, replay_id
-        self._description = _recorded_description(recording, robot)
-        self._refusal = because(Code.RECORDING, robot=robot)
+        refusal = because(Code.RECORDING, robot=robot)
+        self._replies = {service: encode_refusal(service, refusal) for service in Service}
+        self._replies[Service.DESC] = _recorded_description(recording, robot)
         self._publishers: dict[str, Publisher] = {}
         self._servers = {
             service: bus.queryable(service.key(replay_id), patterns=service is Service.DESC)
@@ -278,21 +278,12 @@ class Replay:
 
     def _serve_until(self, due_s: float, stop: threading.Event) -> None:
         while True:
-            self._serve()
+            for service, server in self._servers.items():
+                for request in server.take_requests():
+                    request.reply(self._replies[service])
             left_s = due_s - time.monotonic()
             if left_s <= 0.0 or stop.wait(min(left_s, _LOOK_S)):
                 return
-
-    def _serve(self) -> None:
-        for service, server in self._servers.items():
-            for request in server.take_requests():
-                self._answer(service, request)
-
-    def _answer(self, service: Service, request: PendingQuery) -> None:
-        if service is Service.DESC:
-            request.reply(self._description)
-        else:
-            request.reply(encode_refusal(service, self._refusal))
 
     def _send(self, entry: Entry) -> None:
         topic = topic_of(entry.topic)

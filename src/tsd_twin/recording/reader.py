@@ -61,22 +61,13 @@ def decoders(robot: RobotDescription) -> dict[str, Callable[[bytes], Any]]:
     return {"joints": decode_joints, "setpoint": decode_joints, **poses, "status": decode_status}
 
 
-class FoundState(msgspec.Struct, frozen=True, array_like=True):
-    """Latest decodable message of a stream at a time."""
-
-    log_ns: int
-    publish_ns: int
-    sequence: int
-    data: bytes
-
-
 class RobotStates(msgspec.Struct, frozen=True, array_like=True):
     """States of a robot at a time."""
 
     alive: bool
     """Whether the node was on the bus."""
-    found: dict[str, FoundState]
-    """States by stream."""
+    found: dict[str, Entry]
+    """Latest decodable message of each stream."""
 
 
 class Contents(msgspec.Struct, frozen=True):
@@ -218,14 +209,8 @@ class _RobotReader:
         self._known: dict[str, tuple[Entry, Any]] = {}
 
     def at(self, at_ns: int) -> RobotStates:
-        found = {name: each for name in STREAMS if (each := self._newest(name, at_ns))}
-        return RobotStates(
-            self._is_alive(at_ns, default="status" in found),
-            {
-                name: FoundState(entry.log_ns, entry.publish_ns, entry.sequence, entry.data)
-                for name, (entry, _) in found.items()
-            },
-        )
+        found = {name: known[0] for name in STREAMS if (known := self._newest(name, at_ns))}
+        return RobotStates(self._is_alive(at_ns, default="status" in found), found)
 
     def position(self, at_ns: int) -> tuple[float, float] | None:
         odom = self._newest("odom", at_ns)
