@@ -178,8 +178,8 @@ def test_a_file_that_grows_or_was_cut_shows_the_same(driven: Path, tmp_path: Pat
         for begin, end in zip(cuts, [*cuts[1:], len(data)], strict=True):
             growing.refresh()
             begun.refresh()
-            found = list(begun.entries(begun.topics))
-            before = [e for e in index.entries(index.topics) if e.log_ns <= begun.end_ns]
+            found = list(begun.ordered(begun.topics))
+            before = [e for e in index.ordered(index.topics) if e.log_ns <= begun.end_ns]
             assert found == before[: len(found)]
             for t_s in random.uniform(0.0, growing.duration_s, size=5):
                 growing.seek(t_s)

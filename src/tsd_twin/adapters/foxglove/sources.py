@@ -330,7 +330,7 @@ class RecordingPlayback:
             for entry in self._index.newest_first(topic, self._at_ns):
                 self._send(entry, self._at_ns)
                 break
-        self._entries = self._index.entries(self._topics, self._at_ns)
+        self._entries = self._index.ordered(self._topics, self._at_ns + 1)
         self._pending = next(self._entries, None)
 
     def _send(self, entry: Entry, log_ns: int | None = None) -> None:
