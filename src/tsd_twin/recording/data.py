@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias, cast
@@ -248,19 +248,12 @@ def _columns(values: list[Any]) -> dict[str, Column]:
     if not values:
         return {}
     if dataclasses.is_dataclass(values[0]):
-        return _ros_columns(values)
+        paths = [path for path in _paths(values[0]) if not path.endswith("__msgtype__")]
+        found = {path: _column(list(map(attrgetter(path), values))) for path in paths}
+        return _by_joint(found, values[0])
     rows = [dict(_flat(value)) for value in values]
     names = {name: None for row in rows for name in row}
     return {name: _column([row.get(name) for row in rows]) for name in names}
-
-
-def _ros_columns(values: list[Any]) -> dict[str, Column]:
-    paths = [path for path in _paths(values[0]) if not path.endswith("__msgtype__")]
-    get: Callable[[Any], Any] = attrgetter(*paths)
-    several = len(paths) > 1
-    columns = zip(*(get(value) if several else (get(value),) for value in values), strict=True)
-    found = {path: _column(list(column)) for path, column in zip(paths, columns, strict=True)}
-    return _by_joint(found, values[0])
 
 
 def _by_joint(columns: dict[str, Column], first: Any) -> dict[str, Column]:
