@@ -67,11 +67,6 @@ class RecordingSlice:
             )
         return recording
 
-    def end_ns(self, recording: Recording) -> int:
-        """Return the end of the range, recorder's wall clock."""
-        end_s = recording.duration_s if self.end_s is None else self.end_s
-        return recording.start_ns + round(end_s * 1e9)
-
 
 def to_mcap(part: RecordingSlice, out: Path) -> str:
     """Write the range as MCAP with lease ids replaced; return a summary.
@@ -97,7 +92,8 @@ def to_mcap(part: RecordingSlice, out: Path) -> str:
         raise TwinError(f"{out} is there already: choose another file") from error
     except OSError as error:
         raise TwinError(f"{out} cannot be written: {error.strerror}") from error
-    start_ns, end_ns = recording.start_ns + round(part.start_s * 1e9), part.end_ns(recording)
+    end_s = recording.duration_s if part.end_s is None else part.end_s
+    start_ns, end_ns = (recording.start_ns + round(t_s * 1e9) for t_s in (part.start_s, end_s))
     for mark in read_marks(part.path):
         if start_ns <= mark.log_ns <= end_ns:
             add_mark(out, mark)
