@@ -99,34 +99,6 @@ _NO_LIMIT_MPS2 = 1000.0
 """Acceleration limit for the thesis, which had none: corners at servo speed."""
 
 
-def _replace(table: str, **values: float) -> Callable[..., SingularityDescription]:
-    """Return a function that changes values in one table of a robot's description."""
-
-    def change(robot: SingularityDescription) -> SingularityDescription:
-        changed = msgspec.structs.replace(getattr(robot, table), **values)
-        return msgspec.structs.replace(robot, **{table: changed})
-
-    return change
-
-
-def _slower_motors(robot: SingularityDescription) -> SingularityDescription:
-    motor = robot.motor
-    up_s, down_s = 2.0 * motor.time_constant_up_s, 2.0 * motor.time_constant_down_s
-    return _replace("motor", time_constant_up_s=up_s, time_constant_down_s=down_s)(robot)
-
-
-MISMATCHES: dict[str, Callable[[SingularityDescription], SingularityDescription]] = {
-    "contact patch 2 mm": _replace("floor", patch_radius_m=0.002),
-    "friction 0.5": _replace("floor", friction=0.5),
-    "friction 0.35": _replace("floor", friction=0.35),
-    "servo approach rate 20/s": _replace("servo", approach_rate_per_s=20.0),
-    "servo torque halved": _replace("servo", stall_torque_nm=3.0),
-    "motor time constants doubled": _slower_motors,
-    "mass 4 kg": _replace("mass", total_kg=4.0),
-}
-"""Differences between a true robot and its description, for robots like `tsd`."""
-
-
 @dataclass(frozen=True, slots=True)
 class Square:
     """Settings of a square run, as in the flags of `tsd-lab square`."""
@@ -141,8 +113,8 @@ class Square:
     """Friction assumed by the robot, relative to the true friction."""
     turns: bool
     """Whether the robot first turns in place to measure its wheel speed."""
-    differs: str = ""
-    """Entry of `MISMATCHES` by which the simulated robot differs, or ""."""
+    differs: Callable[[SingularityDescription], SingularityDescription] | None = None
+    """Change of the simulated robot that its description does not know."""
 
     @staticmethod
     def of(args: argparse.Namespace, seed: int) -> Square:
@@ -180,9 +152,8 @@ class Square:
                 smooth_s=SMOOTH_S,
             )
         true = robot
-        if self.differs:
-            known = description_of_kind(robot, SingularityDescription)
-            true = MISMATCHES[self.differs](known)
+        if self.differs is not None:
+            true = self.differs(description_of_kind(robot, SingularityDescription))
         simulated = SimRobot(
             true, seed=self.seed, noise=self.noise, plant=self.plant, errors=self.errors
         )
@@ -242,28 +213,18 @@ _COLUMNS = ("rms_percent", "cross_track_percent", "closure_percent", "largest_pe
 _KEYS = ("rms_m", "cross_track_m", "closure_m", "worst_m")
 
 
-@dataclass(frozen=True, slots=True)
-class SquareResult:
-    """Errors and duration of a square."""
-
-    seed: int
-    duration_s: float
-    errors: TrackingErrors
-
-
 def run_seeds(squares: Sequence[Square], out: Output) -> list[str]:
     """Simulate all squares in parallel; draw and report the distribution of the errors."""
     driven = list(out.progress(drive_squares(squares), "driving squares", len(squares)))
-    percent = np.array([[percent_of(one.errors, key) for key in _KEYS] for one in driven])
+    percent = np.array([[percent_of(errors, key) for key in _KEYS] for _, errors in driven])
+    seeds = [square.seed for square in squares]
     out.table(
-        "squares",
-        {"seed": [float(one.seed) for one in driven]} | dict(zip(_COLUMNS, percent.T, strict=True)),
+        "squares", {"seed": list(map(float, seeds))} | dict(zip(_COLUMNS, percent.T, strict=True))
     )
-    first = squares[0]
-    title = f"{len(driven)} squares of 1 m in {driven[0].duration_s:.2f} s, loop: {first.loop}"
+    title = f"{len(driven)} squares of 1 m in {driven[0][0]:.2f} s, loop: {squares[0].loop}"
     _draw_errors(percent[:, : len(_DRAWN)], title, out)
     return [
-        f"{title}, seeds {driven[0].seed} to {driven[-1].seed}; "
+        f"{title}, seeds {seeds[0]} to {seeds[-1]}; "
         "per cent of the side (median, 95 of 100, worst):",
         *(
             f"  {name:20} {_format_quantiles(of)}"
@@ -272,17 +233,17 @@ def run_seeds(squares: Sequence[Square], out: Output) -> list[str]:
     ]
 
 
-def drive_squares(squares: Sequence[Square]) -> Iterator[SquareResult]:
-    """Simulate squares in parallel on all cores."""
+def drive_squares(squares: Sequence[Square]) -> Iterator[tuple[float, TrackingErrors]]:
+    """Simulate squares in parallel on all cores; yield their durations and errors."""
     # Spawn processes, because matplotlib and threads are not fork-safe.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(os.cpu_count() or 1, len(squares)), context) as pool:
         yield from pool.map(_drive_square, squares)
 
 
-def _drive_square(square: Square) -> SquareResult:
+def _drive_square(square: Square) -> tuple[float, TrackingErrors]:
     trajectory, record = square.drive()
-    return SquareResult(square.seed, trajectory.duration_s, record.errors())
+    return trajectory.duration_s, record.errors()
 
 
 def percent_of(errors: TrackingErrors, key: str) -> float:
