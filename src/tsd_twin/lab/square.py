@@ -37,44 +37,33 @@ from tsd_twin.simulation import PLANTS, SimRobot
 _FEEDFORWARD_STEP_S = 0.005
 
 
-class SlipFeedforward:
-    """Feed-forward that compensates slip, wheel-speed loss and gimbal compliance.
+def slip_feedforward(
+    robot: SingularityDescription, slip: Slip, trajectory: Trajectory
+) -> Callable[[float], Array]:
+    """Return the twist (3,) to command over time, with slip, speed loss and compliance compensated.
 
     Wheels slide to push the body, slow down under the load, and deflect their gimbals. A servo acts
     as a spring, whose stiffness follows from its torque and approach rate. The compensation is
     precomputed from the trajectory.
     """
-
-    def __init__(self, robot: SingularityDescription, slip: Slip, trajectory: Trajectory) -> None:
-        drive, slip = robot.kinematics(), slip.later(0.0)
-        self._twist_from_contacts = drive.twist_from_contacts
-        servo = robot.servo
-        stiffness_nm = servo.stall_torque_nm * servo.approach_rate_per_s
-        stiffness_nm /= servo.no_load_speed_rpm * RPM
-        # The floor rotates a gimbal by force times radius, and the tilt moves the wheel by its
-        # speed times radius, perpendicular to the force.
-        self._aside_mps_per_n = drive.wheel_radius_m**2 * drive.spin_rad_per_s / stiffness_nm
-        steps = int(np.ceil(trajectory.duration_s / _FEEDFORWARD_STEP_S)) + 1
-        self._at_s: Array = _FEEDFORWARD_STEP_S * (0.5 + np.arange(steps, dtype=np.float64))
-        reference = trajectory.at(self._at_s)
-        twists: list[Array] = [
-            self._push(slip, reference.twist[i], reference.twist_rate[i]) for i in range(steps)
-        ]
-        self._twists: Array = np.stack(twists)
-
-    def __call__(self, t_s: float) -> Array:
-        """Return the twist (3,) to command for the time `t_s` of the trajectory."""
-        twists = self._twists
-        return np.array([float(np.interp(t_s, self._at_s, twists[:, i])) for i in range(3)])
-
-    def _push(self, slip: Slip, twist: Array, rate: Array) -> Array:
-        """Return the compensated twist for `twist` and its `rate`; advances `slip` by a step."""
+    drive, slip, servo = robot.kinematics(), slip.later(0.0), robot.servo
+    stiffness_nm = servo.stall_torque_nm * servo.approach_rate_per_s
+    stiffness_nm /= servo.no_load_speed_rpm * RPM
+    # The floor rotates a gimbal by force times radius, and the tilt moves the wheel by its
+    # speed times radius, perpendicular to the force.
+    aside_mps_per_n = drive.wheel_radius_m**2 * drive.spin_rad_per_s / stiffness_nm
+    steps = int(np.ceil(trajectory.duration_s / _FEEDFORWARD_STEP_S)) + 1
+    at_s: Array = _FEEDFORWARD_STEP_S * (0.5 + np.arange(steps, dtype=np.float64))
+    reference = trajectory.at(at_s)
+    twists = np.empty((steps, 3))
+    for i, (twist, rate) in enumerate(zip(reference.twist, reference.twist_rate, strict=True)):
         x, y, turn = twist
         over_ground = rate + turn * np.array([-y, x, 0.0])
         rolled, force = slip.push(twist, over_ground, _FEEDFORWARD_STEP_S)
-        aside = self._aside_mps_per_n * np.stack([-force[:, 1], force[:, 0]], axis=-1)
+        aside = aside_mps_per_n * np.stack([-force[:, 1], force[:, 0]], axis=-1)
         # The wheel-speed setpoint refers to rest on this floor.
-        return self._twist_from_contacts @ (slip.rest_share * rolled - aside).ravel()
+        twists[i] = drive.twist_from_contacts @ (slip.rest_share * rolled - aside).ravel()
+    return lambda t_s: np.array([float(np.interp(t_s, at_s, column)) for column in twists.T])
 
 
 SPEED_MPS = 1.0
@@ -180,7 +169,7 @@ class Square:
         if watching.slip is None:
             return TrackingController(trajectory, TrackingSettings(lag_s, _GAINS, _GAINS))
         lag_s += _BACKLASH_LAG_S * min(self.errors, 1.0)
-        pushing = SlipFeedforward(
+        pushing = slip_feedforward(
             description_of_kind(robot, SingularityDescription), watching.slip, trajectory
         )
         return TrackingController(trajectory, TrackingSettings(lag_s, _GAINS, _GAINS), pushing)
