@@ -28,8 +28,6 @@ from tsd_twin.cli import flags
 from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.client.virtual_robot import VOLT_STEP
 from tsd_twin.lie import Array
-from tsd_twin.robots import SingularityDescription
-from tsd_twin.sensors.pose import CameraNoise
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
@@ -40,7 +38,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     found = fit_calibration(
         robot.kinematics(),
         recordings,
-        _camera(robot),
+        robot.pose_sensor.camera_noise(),
         robot.joint_errors(),
         volt_share,
         drives.learned,
@@ -60,12 +58,6 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     if args.write_to:
         lines.append(_write_description(args, drives, report.description_changes(rows, robot)))
     return lines
-
-
-def _camera(robot: SingularityDescription) -> CameraNoise:
-    """Return the pose-sensor noise of the description."""
-    seen = robot.pose_sensor
-    return CameraNoise(sigma_m=seen.sigma_m, sigma_rad=math.radians(seen.sigma_deg))
 
 
 def _summary(drives: CalibrationData) -> str:

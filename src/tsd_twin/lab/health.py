@@ -24,17 +24,18 @@ from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lab import manoeuvres as lab_manoeuvres
 from tsd_twin.lab.manoeuvres import TwistAt
+from tsd_twin.lab.rerun import chosen_robot
 from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages.cdr import BASE, decode_joints, decode_odometry
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS
-from tsd_twin.recording import Recording, open_recording
+from tsd_twin.recording import open_recording
 from tsd_twin.recording.mcap_file import entries
 from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
 from tsd_twin.sensors.gyro import Gyro
-from tsd_twin.sensors.pose import Camera, CameraNoise
+from tsd_twin.sensors.pose import Camera
 from tsd_twin.shadow import STREAMS, Drift, ShadowFeed, ShadowReport, ShadowTwin
 from tsd_twin.simulation import BATTERY, PLANTS, DegradedRobot, Wear
 
@@ -118,7 +119,7 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
         TwinError: If the file is not a recording, or the robot is missing or ambiguous.
     """
     recording = open_recording(path)
-    robot_id = robot_id or _only(recording)
+    robot_id = chosen_robot(recording, robot_id)
     text = recording.description(robot_id)
     robot = robots.parse_description(text, f"description of {robot_id}")
     health = Health(ShadowTwin(robot))
@@ -152,14 +153,6 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
         pass
     health.look(recording.duration_s, last=True)
     return _lines(health, f"{robot_id} in {path}")
-
-
-def _only(recording: Recording) -> str:
-    if len(recording.robots) != 1:
-        raise TwinError(
-            f"{', '.join(recording.robots) or 'no robot'} are in {recording.path}: choose with --id"
-        )
-    return recording.robots[0]
 
 
 # Robots on the bus.
@@ -310,7 +303,7 @@ def drive(case: WearScenario) -> Result:
     )
     link = SimulationLink(robot, simulated, None)
     client = RobotClient(link, "lab")
-    camera = Camera(_camera_noise(robot), np.random.default_rng([case.seed, 7]))
+    camera = Camera(robot.pose_sensor.camera_noise(), np.random.default_rng([case.seed, 7]))
     health, spent_s = Health(ShadowTwin(robot)), 0.0
     twist_at = _twists(case, robot)
     with client, client.control() as control:
@@ -336,11 +329,6 @@ def drive(case: WearScenario) -> Result:
             spent_s += time.process_time() - at_s
     named = [(t_s - case.wear_s, drift) for t_s, drift in health.named]
     return Result(case, named, health.compared_s, spent_s / max(health.compared_s, 1e-9))
-
-
-def _camera_noise(robot: RobotDescription) -> CameraNoise:
-    sensor = robot.pose_sensor
-    return CameraNoise(sigma_m=sensor.sigma_m, sigma_rad=math.radians(sensor.sigma_deg))
 
 
 def _worn_part(wear: str, robot: RobotDescription, seed: int) -> str:
