@@ -33,7 +33,7 @@ from tsd_twin.calibration.operator import (
     print_line,
 )
 from tsd_twin.calibration.report import edit_description
-from tsd_twin.cli.experiment import PERCENT_STEPS, Output, in_percent_steps
+from tsd_twin.cli.experiment import Output
 from tsd_twin.client import RobotControl
 from tsd_twin.client.virtual import PERIOD_S
 from tsd_twin.client.virtual_robot import VirtualRobot, voltage_share
@@ -289,18 +289,12 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
         max_age_s = requested_command_age_s(robot, args.speed)
         with KeyWatcher() as keys, client.control(max_age_s) as control:
             spin_up = _stop_on_key(control.arming(), keys)
-            for _ in out.progress(
-                in_percent_steps(spin_up, 1.0), "spinning up, any key stops", PERCENT_STEPS
-            ):
-                pass
+            out.show_progress(spin_up, 1.0, "spinning up, any key stops")
             # Discard earlier poses, because the robot may have been carried since.
             subscriber.set_driver(CalibrationDriver(robot, route))
             pause_s = longest_pause_s(robot.limits, max_age_s)
             drive = subscriber.drive(control, keys, pause_s)
-            for _ in out.progress(
-                in_percent_steps(drive, 1.0), "driving, any key stops", PERCENT_STEPS
-            ):
-                pass
+            out.show_progress(drive, 1.0, "driving, any key stops")
         recordings = [*earlier, subscriber.recording()]
         learned = subscriber.learned
         return DrivenData(client.id, client.description_text, robot, recordings, learned)

@@ -310,9 +310,7 @@ def _hold_still(
     """Hold the robot ready at standstill; return the time that was held or tracked."""
     held_s = 0.0
     with client.control() as control:
-        spin_up = in_percent_steps(control.arming(), 1.0)
-        for _ in out.progress(spin_up, "spinning up", PERCENT_STEPS):
-            pass
+        out.show_progress(control.arming(), 1.0, "spinning up")
         tracker.clear()
         held = in_percent_steps(_hold_and_track(control, args.seconds, tracker), args.seconds)
         for percent in out.progress(held, "standing still, Ctrl-C stops", PERCENT_STEPS):

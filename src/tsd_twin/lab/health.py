@@ -16,7 +16,7 @@ import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.cli import experiment, flags
-from tsd_twin.cli.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
+from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.client.state import RobotState
 from tsd_twin.client.sync import RobotClient, connect
 from tsd_twin.client.virtual import SimulationLink
@@ -148,9 +148,7 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
             health.look(t_s)
             yield t_s
 
-    steps = in_percent_steps(replay(), max(recording.duration_s, 1e-9))
-    for _ in out.progress(steps, "comparing", PERCENT_STEPS):
-        pass
+    out.show_progress(replay(), max(recording.duration_s, 1e-9), "comparing")
     health.look(recording.duration_s, last=True)
     return _lines(health, f"{robot_id} in {path}")
 
@@ -175,9 +173,7 @@ def health_of_robot(args: argparse.Namespace, out: Output) -> list[str]:
                 health.look(t_s)
                 yield t_s
 
-        steps = in_percent_steps(watch(), args.seconds)
-        for _ in out.progress(steps, "comparing, drive it", PERCENT_STEPS):
-            pass
+        out.show_progress(watch(), args.seconds, "comparing, drive it")
         health.look(time.monotonic() - begin_s, last=True)
         return _lines(health, f"{client.link.id} on the bus")
 
