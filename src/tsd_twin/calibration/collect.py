@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -24,10 +23,10 @@ from tsd_twin.calibration.guided_drive import (
     requested_command_age_s,
 )
 from tsd_twin.calibration.operator import (
-    CalibratedRobot,
     KeyWatcher,
     ask_line,
     connect,
+    hold_control,
     interruptible,
     longest_pause_s,
     print_line,
@@ -35,6 +34,7 @@ from tsd_twin.calibration.operator import (
 from tsd_twin.calibration.report import edit_description
 from tsd_twin.cli.experiment import Output
 from tsd_twin.client import RobotControl
+from tsd_twin.client.bus_port import BusLink
 from tsd_twin.client.virtual import PERIOD_S
 from tsd_twin.client.virtual_robot import VirtualRobot, voltage_share
 from tsd_twin.errors import TwinError
@@ -260,34 +260,36 @@ _LAST_FRAME_S = 1.1
 """Recording time after the end of the drive, because poses may be delayed by a second."""
 
 
-class DrivenData(NamedTuple):
-    """Result of a drive on the bus."""
+@dataclass(frozen=True, slots=True)
+class CalibrationData:
+    """Calibration data: description, recordings, and the true parameters if simulated."""
 
-    id: str
-    description_text: str
-    """The robot's description in TOML."""
+    what: str
+    text: str
+    """The active description in TOML."""
     robot: SingularityDescription
     recordings: list[Recording]
-    """Recordings of `--log`, and the new one."""
-    learned: Mapping[str, BiasStatus]
-    """Biases estimated by the robot."""
+    true: SingularityDescription | None = None
+    """True parameters of a simulated robot."""
+    learned: Mapping[str, BiasStatus] = field(default_factory=dict[str, BiasStatus])
+    """Biases estimated by the robot, if it was on the bus."""
 
 
-def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
-    """Run a guided drive after the operator's consent, and return its recording.
+def drive_on_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
+    """Run a guided drive after the operator's consent; return it after earlier recordings.
 
     Raises:
         TwinError: If the drive cannot start or was aborted; the robot is disarmed and released.
     """
-    with connect(args) as client:
-        robot = description_of_kind(client.robot, SingularityDescription)
+    with connect(args) as (client, link):
+        robot = description_of_kind(link.robot, SingularityDescription)
         earlier = read_recordings(args.log, robot) if args.log else []
         route = plan_route(robot, args.room, args.speed)
-        subscriber = _RobotSubscriber(client, robot, CalibrationDriver(robot, route))
-        _wait_for_camera(subscriber, client.id)
-        _confirm(args, client.id, route)
+        subscriber = _RobotSubscriber(link, robot, CalibrationDriver(robot, route))
+        _wait_for_camera(subscriber, link.id)
+        _confirm(args, link.id, route)
         max_age_s = requested_command_age_s(robot, args.speed)
-        with KeyWatcher() as keys, client.control(max_age_s) as control:
+        with KeyWatcher() as keys, hold_control(client, args.operator, max_age_s) as control:
             spin_up = _stop_on_key(control.arming(), keys)
             out.show_progress(spin_up, 1.0, "spinning up, any key stops")
             # Discard earlier poses, because the robot may have been carried since.
@@ -296,22 +298,22 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
             drive = subscriber.drive(control, keys, pause_s)
             out.show_progress(drive, 1.0, "driving, any key stops")
         recordings = [*earlier, subscriber.recording()]
-        learned = subscriber.learned
-        return DrivenData(client.id, client.description_text, robot, recordings, learned)
+        text, learned = link.description.robot, subscriber.learned
+        return CalibrationData(link.id, text, robot, recordings, learned=learned)
 
 
 class _RobotSubscriber:
     """Subscribes to the robot; feeds the recorder and the driver."""
 
     def __init__(
-        self, client: CalibratedRobot, robot: SingularityDescription, driver: CalibrationDriver
+        self, link: BusLink, robot: SingularityDescription, driver: CalibrationDriver
     ) -> None:
-        self._client, self._driver = client, driver
+        self._link, self._limits, self._driver = link, robot.limits, driver
         self.recorder = RobotRecorder(robot)
-        self._joints = client.link.subscriber(topics.JOINTS, 256)
-        self._setpoints = client.link.subscriber(topics.SETPOINT, 512)
-        self._odometry = client.link.subscriber(topics.ODOM, 256)
-        self._poses = client.link.subscriber(topics.SENSOR_POSE, 256)
+        self._joints = link.subscriber(topics.JOINTS, 256)
+        self._setpoints = link.subscriber(topics.SETPOINT, 512)
+        self._odometry = link.subscriber(topics.ODOM, 256)
+        self._poses = link.subscriber(topics.SENSOR_POSE, 256)
         self.poses = 0
         self._now_s = -np.inf
         self._first_s = np.inf
@@ -353,7 +355,7 @@ class _RobotSubscriber:
         self._first_s = self._now_s
         for _ in control.driving(interruptible(self._step, keys, pause_s)):
             yield self._driver.progress
-        status = self._client.client.state.status
+        status = self._link.state().status
         self._battery_v, self.learned = battery_v(status), status.learned or {}
 
     def _wait_for_pose(self, control: RobotControl) -> None:
@@ -366,7 +368,7 @@ class _RobotSubscriber:
 
     def _step(self, now_s: float) -> Array | None:
         self.poll()
-        patience_s = max_unheard_s(self._client.robot.limits)
+        patience_s = max_unheard_s(self._limits)
         if now_s - self._odometry_received_s > patience_s:
             raise TwinError(f"no odometry has arrived for {patience_s:g} s")
         twist = self._driver.advance(self._now_s)
@@ -427,40 +429,14 @@ _RUN_SPACING_S = 60.0
 """Time between the starts of two simulated runs, which are shorter."""
 
 
-@dataclass(frozen=True, slots=True)
-class CalibrationData:
-    """Calibration data: description, recordings, and the true parameters if simulated."""
-
-    what: str
-    text: str
-    """The active description in TOML."""
-    robot: SingularityDescription
-    recordings: list[Recording]
-    true: SingularityDescription | None = None
-    """True parameters of a simulated robot."""
-    learned: Mapping[str, BiasStatus] = field(default_factory=dict[str, BiasStatus])
-    """Biases estimated by the robot, if it was on the bus."""
-
-
 def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
     """Collect the calibration data selected by the flags; write new drives to a file."""
-    found = _from_bus(args, out) if args.drive else _without_bus(args, out)
+    if args.drive:
+        out.refuse_overwrite(f"{LOG_TABLE}.csv", args.log)
+    found = drive_on_bus(args, out) if args.drive else _without_bus(args, out)
     if args.drive or not args.log:
         out.table(LOG_TABLE, drive_log.recording_columns(found.recordings))
     return found
-
-
-def _from_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
-    """Drive the robot on the bus, and add the earlier recordings."""
-    out.refuse_overwrite(f"{LOG_TABLE}.csv", args.log)
-    drive_data = drive_on_bus(args, out)
-    return CalibrationData(
-        drive_data.id,
-        drive_data.description_text,
-        drive_data.robot,
-        drive_data.recordings,
-        learned=drive_data.learned,
-    )
 
 
 def _without_bus(args: argparse.Namespace, out: Output) -> CalibrationData:

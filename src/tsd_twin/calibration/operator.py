@@ -23,7 +23,6 @@ from tsd_twin.client.bus_port import BusLink
 from tsd_twin.client.discovery import robots_on
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
-from tsd_twin.robots import RobotDescription
 from tsd_twin.robots.description import Limits
 
 
@@ -108,61 +107,32 @@ def print_line(text: str) -> None:
 _CONNECT_TIMEOUT_S = 3.0
 
 
-class CalibratedRobot:
-    """Robot on the bus: its description, streams and control."""
+@contextlib.contextmanager
+def hold_control(
+    client: RobotClient, operator: str, max_age_s: float | None = None
+) -> Generator[RobotControl]:
+    """Hold the lease; on any exit, including SIGTERM, command zero, disarm and release.
 
-    def __init__(self, bus: Bus, robot_id: str, operator: str) -> None:
-        """Connect to a robot; closes `bus` at the end.
+    If this process dies instead, the lease expires and the robot spins down automatically.
 
-        Raises:
-            BusError: If the robot does not answer.
-            RobotFileError: If its description cannot be used.
-            RobotSilent: If it sends no state.
-        """
-        self.link = BusLink(bus, robot_id)
-        """Streams of the robot."""
-        self.client = RobotClient(self.link, operator)
-        self._operator = operator
-
-    @property
-    def id(self) -> str:
-        """Robot id on the bus."""
-        return self.link.id
-
-    @property
-    def description_text(self) -> str:
-        """The description in TOML."""
-        return self.link.description.robot
-
-    @property
-    def robot(self) -> RobotDescription:
-        """The robot's description."""
-        return self.link.robot
-
-    @contextlib.contextmanager
-    def control(self, max_age_s: float | None = None) -> Generator[RobotControl]:
-        """Hold the lease; on any exit, including SIGTERM, command zero, disarm and release.
-
-        If this process dies instead, the lease expires and the robot spins down automatically.
-
-        Raises:
-            ControlDenied: If another operator has control.
-        """
-        # SIGTERM raises KeyboardInterrupt like Ctrl-C, so that this context exits.
-        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-        control = self.client.control(self._operator, max_age_s=max_age_s, arm=False)
+    Raises:
+        ControlDenied: If another operator has control.
+    """
+    # SIGTERM raises KeyboardInterrupt like Ctrl-C, so that this context exits.
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    control = client.control(operator, max_age_s=max_age_s, arm=False)
+    try:
+        control.acquire()
+        yield control
+    finally:
+        # A second interrupt must not leave the wheels spinning.
+        previous_sigint = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         try:
-            control.acquire()
-            yield control
+            control.release()
         finally:
-            # A second interrupt must not leave the wheels spinning.
-            previous_sigint = signal.signal(signal.SIGINT, signal.SIG_IGN)
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)
-            try:
-                control.release()
-            finally:
-                signal.signal(signal.SIGINT, previous_sigint)
-                signal.signal(signal.SIGTERM, before)
+            signal.signal(signal.SIGINT, previous_sigint)
+            signal.signal(signal.SIGTERM, before)
 
 
 def interruptible(
@@ -207,7 +177,7 @@ def add_bus_flags(parser: argparse.ArgumentParser) -> None:
 
 
 @contextlib.contextmanager
-def connect(args: argparse.Namespace) -> Generator[CalibratedRobot]:
+def connect(args: argparse.Namespace) -> Generator[tuple[RobotClient, BusLink]]:
     """Open the bus selected by the flags, and find the robot, without acquiring the lease.
 
     Raises:
@@ -220,9 +190,9 @@ def connect(args: argparse.Namespace) -> Generator[CalibratedRobot]:
     )
     # A camera connects to the same robot, and is not a peer of this session.
     with Bus(as_client(config, _CONNECT_TIMEOUT_S)) as bus:
-        robot = CalibratedRobot(bus, args.id or _only_robot(bus), args.operator)
-        with robot.client:
-            yield robot
+        link = BusLink(bus, args.id or _only_robot(bus))
+        with RobotClient(link, args.operator) as client:
+            yield client, link
 
 
 def _only_robot(bus: Bus) -> str:
