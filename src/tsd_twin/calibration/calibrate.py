@@ -22,7 +22,7 @@ from tsd_twin.calibration.collect import (
     spin_ratio_of,
 )
 from tsd_twin.calibration.fit import CalibrationFit, fit_calibration
-from tsd_twin.calibration.operator import add_bus_flags, ask_yes, print_line
+from tsd_twin.calibration.operator import add_bus_flags, ask_line, print_line
 from tsd_twin.calibration.report import write_description
 from tsd_twin.cli import flags
 from tsd_twin.cli.experiment import Experiment, Output
@@ -52,7 +52,8 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     if args.write_to and args.drive and not args.yes:
         for line in lines:
             print_line(line)
-        if not ask_yes(f"Write this into {args.write_to}? y or n: "):
+        answer = ask_line(f"Write this into {args.write_to}? y or n: ")
+        if answer.strip().lower() not in {"y", "yes"}:
             return [f"{args.write_to} was left as it is"]
         lines = []
     if args.write_to:

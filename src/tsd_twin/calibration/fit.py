@@ -219,8 +219,6 @@ class CalibrationFit:
     radius."""
     unobservable: list[str]
     """Unobservable directions, as combinations of unknowns."""
-    singular_values: Array
-    """Ratios of the information in the data to the prior, in descending order."""
     before: list[Array]
     """Residuals (m, 3) of each run before the correction, metres and radians."""
     after: list[Array]
@@ -327,7 +325,6 @@ def _make_fit(
         sigma,
         problem.measured,
         unseen,
-        strengths,
         [problem.residual(r, nothing, s) for r, s in zip(recordings, seen_starts, strict=True)],
         [problem.residual(r, unknowns, s) for r, s in zip(recordings, starts, strict=True)],
     )

@@ -58,11 +58,6 @@ def ask_line(question: str) -> str:
         raise TwinError("no input: the procedure needs an operator at the keyboard") from None
 
 
-def ask_yes(question: str) -> bool:
-    """Ask, and return whether the answer is yes."""
-    return ask_line(question).strip().lower() in {"y", "yes"}
-
-
 class KeyWatcher:
     """Detects key presses without Enter if the input is a terminal; otherwise never.
 
