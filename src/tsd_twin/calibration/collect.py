@@ -24,12 +24,11 @@ from tsd_twin.calibration.guided_drive import (
 )
 from tsd_twin.calibration.operator import (
     KeyWatcher,
-    ask_line,
+    confirm,
     connect,
     hold_control,
     interruptible,
     longest_pause_s,
-    print_line,
 )
 from tsd_twin.calibration.report import edit_description
 from tsd_twin.cli.experiment import Output
@@ -287,7 +286,7 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
         route = plan_route(robot, args.room, args.speed)
         subscriber = _RobotSubscriber(link, robot, CalibrationDriver(robot, route))
         _wait_for_camera(subscriber, link.id)
-        _confirm(args, link.id, route)
+        confirm(args, _warning(args, link.id, route))
         max_age_s = requested_command_age_s(robot, args.speed)
         with KeyWatcher() as keys, hold_control(client, args.operator, max_age_s) as control:
             spin_up = _stop_on_key(control.arming(), keys)
@@ -408,11 +407,8 @@ def _wait_for_camera(subscriber: _RobotSubscriber, robot_id: str) -> None:
         time.sleep(0.02)
 
 
-def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -> None:
-    """Describe the robot's motion, and wait for the operator's confirmation."""
-    if args.yes:
-        return
-    print_line(
+def _warning(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -> str:
+    return (
         f"{robot_id} will drive squares of {2 * route.half_m:.2f} m and turn on the spot, both "
         f"ways, at up to {args.speed:g} m/s, for some {route.duration_s:.0f} s.\nIts centre stays "
         f"within {route.half_m:.2f} m of here in each direction, and it is stopped at "
@@ -420,7 +416,6 @@ def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -
         "its own size besides. Have the hardware stop at hand.\n"
         "Any key here stops it, and so does Ctrl-C."
     )
-    ask_line("Enter begins: ")
 
 
 LOG_TABLE = "calibrate_log"

@@ -58,6 +58,13 @@ def ask_line(question: str) -> str:
         raise TwinError("no input: the procedure needs an operator at the keyboard") from None
 
 
+def confirm(args: argparse.Namespace, warning: str) -> None:
+    """Print a warning, and wait for the operator's confirmation, unless `--yes` is given."""
+    if not args.yes:
+        print_line(warning)
+        ask_line("Enter begins: ")
+
+
 class KeyWatcher:
     """Detects key presses without Enter if the input is a terminal; otherwise never.
 

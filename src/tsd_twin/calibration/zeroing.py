@@ -17,7 +17,7 @@ import numpy as np
 from tsd_twin.calibration.operator import (
     add_bus_flags,
     ask_displacement,
-    ask_line,
+    confirm,
     connect,
     hold_control,
     print_line,
@@ -271,7 +271,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Zero the gimbals of a robot on the bus to less than an inch of creep in 30 s at 2,500 rpm."""
     with connect(args) as (client, link):
         robot = description_of_kind(link.robot, SingularityDescription)
-        _confirm(args, robot, link.id)
+        confirm(args, _warning(args, robot, link.id))
         tracker = PoseTracker(link)
         held_s = _hold_still(args, out, client, tracker)
     seen = len(tracker.poses) > 1 and not args.by_hand
@@ -329,16 +329,12 @@ def _hold_and_track(control: RobotControl, seconds: float, tracker: PoseTracker)
     yield seconds
 
 
-def _confirm(args: argparse.Namespace, robot: SingularityDescription, robot_id: str) -> None:
-    """Describe the robot's motion, and wait for the operator's confirmation."""
-    if args.yes:
-        return
-    print_line(
+def _warning(args: argparse.Namespace, robot: SingularityDescription, robot_id: str) -> str:
+    return (
         f"{robot_id} will spin its wheels at {spin_rpm(robot):.0f} rpm, commanded to stand still, "
         f"for {args.seconds:g} s.\nGive it 1 m of free, level floor on all sides, mark its centre "
         "and its heading,\nand have the hardware stop at hand. Ctrl-C here disarms it."
     )
-    ask_line("Enter begins: ")
 
 
 def _advice(

@@ -23,7 +23,6 @@ from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import SphereKinematics
 from tsd_twin.lie import Array
 from tsd_twin.robots import OmniDescription, SphereDescription, description_of_kind
-from tsd_twin.robots.description import Limits
 from tsd_twin.simulation import SimRobot, simulate
 
 _SETTLE_S = 1.0
@@ -42,12 +41,6 @@ class PointToPointProfile:
     speed_mps: float
     acceleration_mps2: float
     deceleration_mps2: float
-
-    @staticmethod
-    def of(distance_m: float, limits: Limits) -> PointToPointProfile:
-        """Return the profile over `distance_m` within these limits."""
-        a, d = limits.acceleration_mps2, limits.deceleration_mps2
-        return PointToPointProfile(distance_m, limits.speed_mps, a, d)
 
     @property
     def peak_mps(self) -> float:
@@ -150,7 +143,8 @@ def run_omni_step(args: argparse.Namespace, out: Output) -> list[str]:
     goals = {"triangle": 0.6 * reach_m, "trapezoid": 1.6 * reach_m}
     for name, distance_m in out.progress(goals.items(), "driving", len(goals)):
         virtual = VirtualRobot(robot, SimRobot(robot, noise=args.noise))
-        runs[name] = run_profile(virtual, PointToPointProfile.of(distance_m, limits))
+        profile = PointToPointProfile(distance_m, args.speed, args.acceleration, args.acceleration)
+        runs[name] = run_profile(virtual, profile)
         out.table(f"omni-step_{name}", runs[name].columns())
     spin = unlimited_step(robot, args.speed)
     out.table("omni-step_unlimited", spin)

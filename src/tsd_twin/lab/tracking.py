@@ -411,11 +411,9 @@ def run_path(
     drive = robot.kinematics()
     trajectory = plan(Route(named_path(name), heading), drive, robot.limits, share=SHARE)
     tracker = TrackingController(trajectory, TrackingSettings(lag_s=robot.lag_s))
-    return follow_trajectory(virtual, trajectory, tracker, _estimated_pose)
-
-
-def _estimated_pose(virtual: VirtualRobot) -> SE2:
-    return SE2(virtual.odometry().xy_heading)
+    return follow_trajectory(
+        virtual, trajectory, tracker, lambda each: SE2(each.odometry().xy_heading)
+    )
 
 
 def _draw_omni_paths(
