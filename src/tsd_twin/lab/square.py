@@ -67,8 +67,8 @@ def slip_feedforward(
 
 
 SPEED_MPS = 1.0
-ACCELERATION_MPS2, DECELERATION_MPS2 = 4.0, 4.0
-"""Limits of the closed loop; the robot's own limits are raised above them as a margin."""
+ACCELERATION_MPS2 = 4.0
+"""Limit of the closed loop, either way; the robot's own limits are raised above it as a margin."""
 SMOOTH_S = 0.0495
 """Rise time of the acceleration: the remainder of 5.2 s, on four sides."""
 _LIMIT_SHARE = 0.5
@@ -126,12 +126,10 @@ class Square:
         robot = robots.load_robot(self.robot)
         route = Route(tracking.named_path("square"))
         if self.loop is Loop.OPEN:
-            robot = _with_limits(robot, _NO_LIMIT_MPS2, _NO_LIMIT_MPS2)
+            robot = _with_acceleration(robot, _NO_LIMIT_MPS2)
             trajectory = unlimited_trajectory(route)
         else:
-            robot = _with_limits(
-                robot, ACCELERATION_MPS2 / _LIMIT_SHARE, DECELERATION_MPS2 / _LIMIT_SHARE
-            )
+            robot = _with_acceleration(robot, ACCELERATION_MPS2 / _LIMIT_SHARE)
             trajectory = plan(
                 route,
                 robot.kinematics(),
@@ -183,15 +181,13 @@ def unlimited_trajectory(route: Route) -> Trajectory:
     return Trajectory(route, profile)
 
 
-def _with_limits(
-    robot: RobotDescription, acceleration_mps2: float, deceleration_mps2: float
-) -> RobotDescription:
-    """Return the robot with other acceleration limits, and a speed margin."""
+def _with_acceleration(robot: RobotDescription, acceleration_mps2: float) -> RobotDescription:
+    """Return the robot with another limit of acceleration either way, and a speed margin."""
     limits = msgspec.structs.replace(
         robot.limits,
         speed_mps=max(robot.limits.speed_mps, _SPEED_MARGIN * SPEED_MPS),
         acceleration_mps2=acceleration_mps2,
-        deceleration_mps2=deceleration_mps2,
+        deceleration_mps2=acceleration_mps2,
     )
     return msgspec.structs.replace(robot, limits=limits)
 
@@ -272,14 +268,9 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     )
     frames = camera_frames(record, args.seed)
     out.table("square", record.columns())
-    out.table(
-        "square_camera",
-        {"t_s": [frame.taken_s for frame in frames]}
-        | {
-            f"{axis}_m": tracking.camera_xy(record, frames)[:, i]
-            for i, axis in enumerate(("x", "y"))
-        },
-    )
+    camera_s = [frame.taken_s for frame in frames]
+    x_m, y_m = tracking.camera_xy(record, frames).T
+    out.table("square_camera", {"t_s": camera_s, "x_m": x_m, "y_m": y_m})
     of_thesis = args.robot == THESIS_ROBOT
     _draw_square(loop, record, frames, out, of_thesis=of_thesis)
     errors = record.errors()
