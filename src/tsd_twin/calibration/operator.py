@@ -145,13 +145,14 @@ def interruptible(
     Raises:
         TwinError: By the wrapped function, if a key was pressed or the pause exceeds `pause_s`.
     """
-    last_s: list[float] = []
+    last_s = math.inf
 
     def guarded(now_s: float) -> Array | None:
+        nonlocal last_s
         # After a longer pause the robot has begun to stop, and must not be restarted.
-        if last_s and now_s - last_s[0] > pause_s:
-            raise TwinError(f"this program was held up for {now_s - last_s[0]:.1f} s")
-        last_s[:] = [now_s]
+        if now_s - last_s > pause_s:
+            raise TwinError(f"this program was held up for {now_s - last_s:.1f} s")
+        last_s = now_s
         if keys.pressed(0.0):
             raise TwinError("stopped by a key")
         return step(now_s)
