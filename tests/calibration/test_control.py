@@ -12,10 +12,10 @@ import pytest
 from tests.support.robot_node import PATIENCE_S, PATIENT, running
 from tsd_twin import connect
 from tsd_twin.calibration.operator import (
-    KeyWatcher,
     hold_control,
     interruptible,
     longest_pause_s,
+    watch_keys,
 )
 from tsd_twin.client import RobotClient
 from tsd_twin.client.bus_port import BusLink
@@ -80,10 +80,10 @@ def _drive_until(
         return SLOW
 
     def drive() -> None:
-        with KeyWatcher() as keys, hold_control(lab, "lab") as control:
+        with watch_keys() as pressed, hold_control(lab, "lab") as control:
             list(control.arming())
             pause_s = longest_pause_s(lab.description.limits, None)
-            list(control.driving(interruptible(step, keys, pause_s)))
+            list(control.driving(interruptible(step, pressed, pause_s)))
 
     with pytest.raises(TwinError, match=says):
         drive()

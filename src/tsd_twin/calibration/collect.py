@@ -23,12 +23,12 @@ from tsd_twin.calibration.guided_drive import (
     requested_command_age_s,
 )
 from tsd_twin.calibration.operator import (
-    KeyWatcher,
     confirm,
     connect,
     hold_control,
     interruptible,
     longest_pause_s,
+    watch_keys,
 )
 from tsd_twin.calibration.report import edit_description
 from tsd_twin.cli.experiment import Output
@@ -288,13 +288,13 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
         _wait_for_camera(subscriber, link.id)
         confirm(args, _warning(args, link.id, route))
         max_age_s = requested_command_age_s(robot, args.speed)
-        with KeyWatcher() as keys, hold_control(client, args.operator, max_age_s) as control:
-            spin_up = _stop_on_key(control.arming(), keys)
+        with watch_keys() as pressed, hold_control(client, args.operator, max_age_s) as control:
+            spin_up = _stop_on_key(control.arming(), pressed)
             out.show_progress(spin_up, 1.0, "spinning up, any key stops")
             # Discard earlier poses, because the robot may have been carried since.
             subscriber.set_driver(CalibrationDriver(robot, route))
             pause_s = longest_pause_s(robot.limits, max_age_s)
-            drive = subscriber.drive(control, keys, pause_s)
+            drive = subscriber.drive(control, pressed, pause_s)
             out.show_progress(drive, 1.0, "driving, any key stops")
         recordings = [*earlier, subscriber.recording()]
         text, learned = link.description.robot, subscriber.learned
@@ -348,11 +348,13 @@ class _RobotSubscriber:
                 self._now_s, self._odometry_received_s = now_s, time.monotonic()
                 self._driver.add_twist(now_s, twist)
 
-    def drive(self, control: RobotControl, keys: KeyWatcher, pause_s: float) -> Iterator[float]:
+    def drive(
+        self, control: RobotControl, key_pressed: Callable[[], bool], pause_s: float
+    ) -> Iterator[float]:
         """Drive the route, wait for the last delayed poses, and yield the progress."""
         self._wait_for_pose(control)
         self._first_s = self._now_s
-        for _ in control.driving(interruptible(self._step, keys, pause_s)):
+        for _ in control.driving(interruptible(self._step, key_pressed, pause_s)):
             yield self._driver.progress
         status = self._link.state().status
         self._battery_v, self.learned = battery_v(status), status.learned or {}
@@ -382,10 +384,10 @@ class _RobotSubscriber:
         return self.recorder.recording(self._first_s, self._now_s, self._battery_v)
 
 
-def _stop_on_key(shares: Iterator[float], keys: KeyWatcher) -> Iterator[float]:
+def _stop_on_key(shares: Iterator[float], pressed: Callable[[], bool]) -> Iterator[float]:
     """Iterate over `shares`, and raise if a key is pressed."""
     for share in shares:
-        if keys.pressed(0.0):
+        if pressed():
             raise TwinError("stopped by a key")
         yield share
 

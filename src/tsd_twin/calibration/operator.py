@@ -10,10 +10,8 @@ import select
 import signal
 import sys
 import termios
-import time
 import tty
 from collections.abc import Callable, Generator
-from typing import Any, Self
 
 import numpy as np
 
@@ -65,40 +63,31 @@ def confirm(args: argparse.Namespace, warning: str) -> None:
         ask_line("Enter begins: ")
 
 
-class KeyWatcher:
-    """Detects key presses without Enter if the input is a terminal; otherwise never.
+@contextlib.contextmanager
+def watch_keys() -> Generator[Callable[[], bool]]:
+    """Yield a function that tells whether a key was pressed, without Enter.
 
-    Ctrl-C keeps its meaning. The terminal settings are restored on exit.
+    It is always false if the input is not a terminal; a closed terminal counts as a key. Ctrl-C
+    keeps its meaning. The terminal settings are restored on exit.
     """
+    if not (sys.stdin and sys.stdin.isatty()):
+        yield lambda: False
+        return
+    terminal = sys.stdin.fileno()
 
-    def __init__(self) -> None:
-        self._terminal = sys.stdin.fileno() if sys.stdin and sys.stdin.isatty() else None
-        self._before: list[Any] = []
-
-    def __enter__(self) -> Self:
-        if self._terminal is not None:
-            self._before = termios.tcgetattr(self._terminal)
-            tty.setcbreak(self._terminal)
-            # Discard keys typed before.
-            termios.tcflush(self._terminal, termios.TCIFLUSH)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._terminal is not None:
-            termios.tcsetattr(self._terminal, termios.TCSAFLUSH, self._before)
-
-    def pressed(self, patience_s: float) -> bool:
-        """Return whether a key is pressed within `patience_s`.
-
-        A closed terminal counts as a key.
-        """
-        if self._terminal is None:
-            time.sleep(patience_s)
-            return False
-        ready, _, _ = select.select([self._terminal], [], [], patience_s)
+    def pressed() -> bool:
+        ready, _, _ = select.select([terminal], [], [], 0.0)
         if ready:
-            os.read(self._terminal, 64)
+            os.read(terminal, 64)
         return bool(ready)
+
+    before = termios.tcgetattr(terminal)
+    try:
+        tty.setcbreak(terminal)
+        termios.tcflush(terminal, termios.TCIFLUSH)  # Discard keys typed before.
+        yield pressed
+    finally:
+        termios.tcsetattr(terminal, termios.TCSAFLUSH, before)
 
 
 def print_line(text: str) -> None:
@@ -138,7 +127,7 @@ def hold_control(
 
 
 def interruptible(
-    step: Callable[[float], Array | None], keys: KeyWatcher, pause_s: float
+    step: Callable[[float], Array | None], key_pressed: Callable[[], bool], pause_s: float
 ) -> Callable[[float], Array | None]:
     """Wrap `step` so that a key press or a long pause ends the drive.
 
@@ -153,7 +142,7 @@ def interruptible(
         if now_s - last_s > pause_s:
             raise TwinError(f"this program was held up for {now_s - last_s:.1f} s")
         last_s = now_s
-        if keys.pressed(0.0):
+        if key_pressed():
             raise TwinError("stopped by a key")
         return step(now_s)
 
