@@ -5,11 +5,9 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -25,14 +23,14 @@ from tsd_twin.kinematics import JointKind
 from tsd_twin.lab import manoeuvres as lab_manoeuvres
 from tsd_twin.lab.manoeuvres import TwistAt
 from tsd_twin.lab.rerun import chosen_robot
-from tsd_twin.lie import SE2, SO3
-from tsd_twin.messages.cdr import BASE, decode_joints, decode_odometry
+from tsd_twin.lie import SE2
+from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.pose import PoseStamped, encode_pose
-from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS
 from tsd_twin.recording import open_recording
 from tsd_twin.recording.mcap_file import entries
+from tsd_twin.recording.reader import decoders
 from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
 from tsd_twin.sensors.gyro import Gyro
 from tsd_twin.sensors.pose import Camera
@@ -123,26 +121,19 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
     text = recording.description(robot_id)
     robot = robots.parse_description(text, f"description of {robot_id}")
     health = Health(ShadowTwin(robot))
-    feed = ShadowFeed(health.twin)
-    turning = robot.kinematics().pose_type is SO3
-    decoders: dict[str, tuple[str, Callable[[bytes], Any]]] = {
-        topic.key(robot_id): (
-            name,
-            partial(decode_odometry, turning=turning) if name == "odom" else decode_joints,
-        )
-        for name, topic in STREAMS.items()
-    }
-    status_key = STATUS.key(robot_id)
+    feed, decode = ShadowFeed(health.twin), decoders(robot)
+    names = {topic.key(robot_id): name for name, topic in STREAMS.items()}
+    names[STATUS.key(robot_id)] = "status"
 
     def replay() -> Iterator[float]:
-        for entry in entries(path, [*decoders, status_key]):
-            t_s = 1e-9 * (entry.log_ns - recording.start_ns)
+        for entry in entries(path, names):
+            t_s, name = 1e-9 * (entry.log_ns - recording.start_ns), names[entry.topic]
             try:
-                if entry.topic == status_key:
-                    feed.status = decode_status(entry.data)
+                message = decode[name](entry.data)
+                if name == "status":
+                    feed.status = message
                 else:
-                    name, decode = decoders[entry.topic]
-                    feed.add(name, decode(entry.data), entry.publish_ns)
+                    feed.add(name, message, entry.publish_ns)
             except MessageError:
                 continue
             health.look(t_s)
