@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import msgspec
@@ -173,43 +173,35 @@ def simulate_run(
     start_s: float = 0.0,
     *,
     tachometer: bool,
-    periods: Callable[[Array], Iterable[Array]] = iter,
 ) -> Recording:
     """Simulate an open-loop run with wheels at `ratio` (k,) of cruise speed.
 
     The robot has been at rest since `start_s`.
     """
     random = np.random.default_rng(seed)
-    robot = VirtualRobot(_with_spin_ratio(believed, ratio), machine, start_s)
+    drive = msgspec.structs.replace(believed.drive, spin_ratio=ratio)
+    robot = VirtualRobot(msgspec.structs.replace(believed, drive=drive), machine, start_s)
     at_voltage = voltage_share(robot)
     camera = Camera(CameraNoise(), random)
-    measured: list[Array] = []
-    commanded: list[Array] = []
-    speeds: list[Array] = []
+    rows: list[tuple[float, Array, Array, Array]] = []
     frames: list[Frame] = []
-    start_s, t_s = robot.now_s, np.empty(0)
-    for twist in periods(excitation_twists()):
+    start_s = robot.now_s
+    for twist in excitation_twists():
         now_s = robot.now_s - start_s
-        t_s = np.append(t_s, now_s)
-        measured.append(robot.controller.joints.reshape(-1, 3)[:, :2].ravel())
-        commanded.append(at_voltage * robot.controller.setpoint[2::3])
-        speeds.append(machine.truth(robot.now_s).joints[2::3])
+        angles = robot.controller.joints.reshape(-1, 3)[:, :2].ravel()
+        commanded = at_voltage * robot.controller.setpoint[2::3]
+        rows.append((now_s, angles, commanded, machine.truth(robot.now_s).joints[2::3]))
         frames += camera.capture(now_s, robot.truth)
         robot.drive(twist)
-    spin = np.array(speeds) * (1.0 + TACHOMETER_SHARE * random.standard_normal(np.shape(speeds)))
+    t_s, measured, commanded, speeds = (np.array(column) for column in zip(*rows, strict=True))
+    spin = speeds * (1.0 + TACHOMETER_SHARE * random.standard_normal(speeds.shape))
     return Recording(
         t_s,
-        np.array(measured),
-        np.array(commanded),
+        measured,
+        commanded,
         spin if tachometer else np.full(spin.shape, np.nan),
         np.array([frame.taken_s for frame in frames]),
         np.array([frame.pose for frame in frames]),
-    )
-
-
-def _with_spin_ratio(robot: SingularityDescription, ratio: list[float]) -> SingularityDescription:
-    return msgspec.structs.replace(
-        robot, drive=msgspec.structs.replace(robot.drive, spin_ratio=ratio)
     )
 
 

@@ -128,7 +128,8 @@ def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -
             f"that "
             f"{robot.name} drives, not {speed_mps:g}"
         )
-    needed_m = FENCE_MARGIN_M + stopping_distance_m(limits, speed_mps)
+    unheard_m = speed_mps * max_unheard_s(limits)
+    needed_m = FENCE_MARGIN_M + (unheard_m + speed_mps**2 / (2.0 * limits.deceleration_mps2))
     half_m = min(_MAX_HALF_SIDE_M, room_m - needed_m)
     if not half_m >= _MIN_HALF_SIDE_M:
         raise TwinError(
@@ -146,11 +147,6 @@ def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -
         for route in (_square_route(half_m, way), _turn_route(way))
     ]
     return CalibrationRoute(legs, slower, half_m, half_m + FENCE_MARGIN_M)
-
-
-def stopping_distance_m(limits: Limits, speed_mps: float) -> float:
-    """Return the distance travelled until rest after a link loss or stop command, metres."""
-    return speed_mps * max_unheard_s(limits) + speed_mps**2 / (2.0 * limits.deceleration_mps2)
 
 
 def max_unheard_s(limits: Limits) -> float:

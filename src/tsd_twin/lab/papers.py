@@ -159,16 +159,14 @@ def run_omni_step(args: argparse.Namespace, out: Output) -> list[str]:
     ]
 
 
-def unlimited_step(
-    robot: OmniDescription, speed_mps: float, seconds: float = 1.5
-) -> dict[str, Array]:
-    """Return the response of a robot to an unlimited step of wheel speed."""
+def unlimited_step(robot: OmniDescription, speed_mps: float) -> dict[str, Array]:
+    """Return the response of a robot to an unlimited step of wheel speed over 1.5 s."""
     simulation = simulate(robot)
     drive = simulation.kinematics
     full = np.array([speed_mps, 0.0, 0.0])
     simulation.command(drive.inverse(full))
     rows: list[tuple[float, float, float]] = []
-    for i in range(round(seconds / 0.01) + 1):
+    for i in range(151):
         rim = drive.forward(simulation.measure()[: len(drive.joints)]).twist[0]
         rows.append((0.01 * i, float(simulation.twist()[0]), float(rim)))
         simulation.advance(0.01)
@@ -298,14 +296,12 @@ class RowEffect:
         return table | {"angle_deg": np.degrees(self.angle_rad), "share_percent": 100 * self.share}
 
 
-def row_effect(
-    drive: SphereKinematics, table: Array = TABLE_1, step_s: float = STEP_S
-) -> RowEffect:
-    """Return the dual-row effect for wheel speeds (r, 1 + k), linear between times."""
-    start, end = float(table[0, 0]), float(table[-1, 0])
-    t: Array = np.linspace(start, end, round((end - start) / step_s) + 1)
-    columns = [np.interp(t, table[:, 0], table[:, i]) for i in range(1, table.shape[1])]
-    speeds = np.stack(columns, axis=-1)
+def row_effect(drive: SphereKinematics) -> RowEffect:
+    """Return the dual-row effect for the wheel speeds of Table 1, linear between times."""
+    table_s, *table = TABLE_1.T
+    start, end = float(table_s[0]), float(table_s[-1])
+    t: Array = np.linspace(start, end, round((end - start) / STEP_S) + 1)
+    speeds = np.stack([np.interp(t, table_s, column) for column in table], axis=-1)
     # The trapezoidal rule is exact for a speed that is linear in time.
     steps: Array = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(t)[:, None]
     angles: Array = np.concatenate([np.zeros((1, speeds.shape[1])), np.cumsum(steps, axis=0)])
