@@ -234,11 +234,10 @@ def summary(path: Path) -> tuple[list[tuple[str, str, str, int]], int, int]:
     """
     with contextlib.closing(RecordFile(path)) as file:
         if file.is_whole:
-            channels, statistics, _ = file.summary()
-            if statistics is not None:
-                counts = statistics.counts
+            channels, _, start_ns, end_ns, counts = file.summary()
+            if counts is not None:
                 topics = [(*about, counts.get(n, 0)) for n, about in channels.wanted(None).items()]
-                return sorted(topics), statistics.start_ns, statistics.end_ns
+                return sorted(topics), start_ns, end_ns
     counted: Counter[tuple[str, str, str]] = Counter()
     first_ns, last_ns = 1 << 64, 0
     for entry in entries(path):

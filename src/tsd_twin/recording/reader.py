@@ -265,11 +265,10 @@ class FolderReader:
         with closing(RecordFile(path)) as file:
             if file.is_whole:
                 self._forget(path)
-                channels, statistics, _ = file.summary(chunks=False)
-                if statistics is None:
+                channels, _, start_ns, end_ns, counts = file.summary(chunks=False)
+                if counts is None:
                     raise RecordingError(f"{path} has no index")
                 found = {about[0] for about in channels.wanted(None).values()}
-                start_ns, end_ns = statistics.start_ns, statistics.end_ns
             else:
                 index = self._index(path)
                 start_ns, end_ns, found = index.start_ns, index.end_ns, set(index.topics)
