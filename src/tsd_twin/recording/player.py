@@ -56,33 +56,31 @@ class RecordedRobot:
         self.alive = False
         """Whether the node was on the bus."""
         self._decoders = decoders(robot)
-        self._shown: dict[str, tuple[Entry, Any]] = {}
+        self._found: dict[str, Entry] = {}
+        self._decoded: dict[str, Any] = {}
 
     def show(self, states: RobotStates, start_ns: int) -> None:
         """Set the state; `start_ns` is the start of the recording."""
         self.alive = states.alive
-        if states.found == {name: each for name, (each, _) in self._shown.items()}:
+        before, found = self._found, states.found
+        if found == before:
             return
-        self._shown = {name: self._decoded(name, each) for name, each in states.found.items()}
-        values: dict[str, Any] = {name: value for name, (_, value) in self._shown.items()}
-        values["source"] = "recording"
-        times_s = {
-            name: 1e-9 * (found.log_ns - start_ns) for name, (found, _) in self._shown.items()
+        self._decoded = {
+            name: self._decoded[name] if before.get(name) == each else decode(each.data)
+            for name, decode in self._decoders.items()
+            if (each := found.get(name)) is not None
         }
+        self._found = found
+        values = {**self._decoded, "source": "recording"}
+        times_s = {name: 1e-9 * (each.log_ns - start_ns) for name, each in found.items()}
         if "odom" in times_s:
             values["odom_received_s"] = times_s["odom"]
-        if (status := states.found.get("status")) is not None:
+        if (status := found.get("status")) is not None:
             values["status_seq"] = status.sequence
             values["status_robot_s"] = 1e-9 * status.publish_ns
         if times_s:
             values["received_s"] = max(times_s.values())
         self.snapshot = Snapshot(**values)
-
-    def _decoded(self, name: str, found: Entry) -> tuple[Entry, Any]:
-        shown = self._shown.get(name)
-        if shown is not None and shown[0] == found:
-            return shown
-        return found, self._decoders[name](found.data)
 
 
 class Player:
