@@ -118,12 +118,12 @@ class RecordingFile:
         self._waiting.clear()
 
 
-class McapWriter:
+class McapWriter(Writer):
     """Writes entries to a stream, with the required channels and schemas."""
 
     def __init__(self, stream: IO[Any]) -> None:
-        self._writer = Writer(stream, chunk_size=_CHUNK_BYTES)
-        self._writer.start(profile=PROFILE, library=LIBRARY)
+        super().__init__(stream, chunk_size=_CHUNK_BYTES)
+        self.start(PROFILE, LIBRARY)
         self._channels: dict[tuple[str, str, str], int] = {}
         self._schemas: dict[str, int] = {}
 
@@ -143,24 +143,14 @@ class McapWriter:
         key = (entry.topic, entry.encoding, entry.type)
         if (channel := self._channels.get(key)) is None:
             schema = self._schema(entry.type) if entry.type else 0
-            channel = self._writer.register_channel(entry.topic, entry.encoding, schema)
+            channel = self.register_channel(entry.topic, entry.encoding, schema)
             self._channels[key] = channel
-        self._writer.add_message(
-            channel, entry.log_ns, entry.data, entry.publish_ns, entry.sequence
-        )
-
-    def flush(self) -> None:
-        """End the chunk."""
-        self._writer.flush()
-
-    def finish(self) -> None:
-        """Write the index."""
-        self._writer.finish()
+        self.add_message(channel, entry.log_ns, entry.data, entry.publish_ns, entry.sequence)
 
     def _schema(self, ros_type: str) -> int:
         if (schema := self._schemas.get(ros_type)) is None:
             text = definition(ros_type).encode()
-            schema = self._writer.register_schema(ros_type, "ros2msg", text)
+            schema = self.register_schema(ros_type, "ros2msg", text)
             self._schemas[ros_type] = schema
         return schema
 
