@@ -13,11 +13,10 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from tsd_twin.control.logged_controller import (
     Call,
-    ControllerCheckpoint,
-    InputBatch,
     LeaseDrawn,
     PosesCall,
     ServeCall,
@@ -237,14 +236,12 @@ class Redactor:
             state = snapshot.state
             for lease in snapshot.leases:
                 state = state.replace(lease, self.id(lease))
-            snapshot = ControllerCheckpoint(
-                snapshot.build, state, [self.id(each) for each in snapshot.leases]
-            )
+            leases = [self.id(each) for each in snapshot.leases]
+            snapshot = replace(snapshot, state=state, leases=leases)
         calls = [self._call(call) for call in batch.calls]
-        return encode_batch(InputBatch(batch.first, calls, snapshot, batch.pose))
+        return encode_batch(replace(batch, calls=calls, snapshot=snapshot))
 
     def _call(self, call: Call) -> Call:
-        replace = msgspec.structs.replace
         match call:
             case LeaseDrawn():
                 return LeaseDrawn(self.id(call.id))
