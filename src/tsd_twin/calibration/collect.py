@@ -276,20 +276,19 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
         robot = description_of_kind(link.robot, SingularityDescription)
         earlier = read_recordings(args.log, robot) if args.log else []
         route = plan_route(robot, args.room, args.speed)
-        subscriber = _RobotSubscriber(link, robot, CalibrationDriver(robot, route))
+        subscriber = _RobotSubscriber(link, robot, route)
         _wait_for_camera(subscriber, link.id)
         confirm(args, _warning(args, link.id, route))
         max_age_s = requested_command_age_s(robot, args.speed)
         with watch_keys() as pressed, hold_control(client, args.operator, max_age_s) as control:
             spin_up = _stop_on_key(control.arming(), pressed)
             out.show_progress(spin_up, 1.0, "spinning up, any key stops")
-            # Discard earlier poses, because the robot may have been carried since.
-            subscriber.set_driver(CalibrationDriver(robot, route))
             pause_s = longest_pause_s(robot.limits, max_age_s)
             drive = subscriber.drive(control, pressed, pause_s)
             out.show_progress(drive, 1.0, "driving, any key stops")
-        recordings = [*earlier, subscriber.recording()]
-        text, learned = link.description.robot, subscriber.learned
+            status = client.state.status
+        recordings = [*earlier, subscriber.recording(battery_v(status))]
+        text, learned = link.description.robot, status.learned or {}
         return CalibrationData(link.id, text, robot, recordings, learned=learned)
 
 
@@ -297,9 +296,10 @@ class _RobotSubscriber:
     """Subscribes to the robot; feeds the recorder and the driver."""
 
     def __init__(
-        self, link: BusLink, robot: SingularityDescription, driver: CalibrationDriver
+        self, link: BusLink, robot: SingularityDescription, route: CalibrationRoute
     ) -> None:
-        self._link, self._limits, self._driver = link, robot.limits, driver
+        self._robot, self._route = robot, route
+        self._driver = CalibrationDriver(robot, route)
         self.recorder = RobotRecorder(robot)
         self._joints = link.subscriber(topics.JOINTS, 256)
         self._setpoints = link.subscriber(topics.SETPOINT, 512)
@@ -310,14 +310,6 @@ class _RobotSubscriber:
         self._first_s = np.inf
         self._finished_s: float | None = None
         self._odometry_received_s = -np.inf
-        self._battery_v: float | None = None
-        self.learned: Mapping[str, BiasStatus] = {}
-        """Biases estimated by the robot at the end of the drive."""
-
-    def set_driver(self, driver: CalibrationDriver) -> None:
-        """Replace the driver that commands the robot."""
-        self.poll()
-        self._driver = driver
 
     def poll(self) -> None:
         """Process the samples since the last call."""
@@ -344,12 +336,13 @@ class _RobotSubscriber:
         self, control: RobotControl, key_pressed: Callable[[], bool], pause_s: float
     ) -> Iterator[float]:
         """Drive the route, wait for the last delayed poses, and yield the progress."""
+        self.poll()
+        # Discard earlier poses, because the robot may have been carried since.
+        self._driver = CalibrationDriver(self._robot, self._route)
         self._wait_for_pose(control)
         self._first_s = self._now_s
         for _ in control.driving(interruptible(self._step, key_pressed, pause_s)):
             yield self._driver.progress
-        status = self._link.state().status
-        self._battery_v, self.learned = battery_v(status), status.learned or {}
 
     def _wait_for_pose(self, control: RobotControl) -> None:
         """Remain at rest until a pose measurement arrives."""
@@ -361,7 +354,7 @@ class _RobotSubscriber:
 
     def _step(self, now_s: float) -> Array | None:
         self.poll()
-        patience_s = max_unheard_s(self._limits)
+        patience_s = max_unheard_s(self._robot.limits)
         if now_s - self._odometry_received_s > patience_s:
             raise TwinError(f"no odometry has arrived for {patience_s:g} s")
         twist = self._driver.advance(self._now_s)
@@ -371,9 +364,9 @@ class _RobotSubscriber:
                 return None
         return twist
 
-    def recording(self) -> Recording:
-        """Return the recording of the drive."""
-        return self.recorder.recording(self._first_s, self._now_s, self._battery_v)
+    def recording(self, volts: float | None) -> Recording:
+        """Return the recording of the drive, at a battery voltage if known."""
+        return self.recorder.recording(self._first_s, self._now_s, volts)
 
 
 def _stop_on_key(shares: Iterator[float], pressed: Callable[[], bool]) -> Iterator[float]:
