@@ -129,18 +129,14 @@ class McapWriter(Writer):
 
     def fits(self, entry: Entry) -> bool:
         """Return whether readers accept an entry within their limits per file."""
-        known = (entry.topic, entry.encoding, entry.type) in self._channels
-        return len(entry.data) <= MOST_MESSAGE_BYTES and (
-            known
-            or (
-                len(self._channels) < MOST_CHANNELS
-                and len(entry.topic.encode()) <= MOST_TOPIC_BYTES
-            )
-        )
+        if len(entry.data) > MOST_MESSAGE_BYTES:
+            return False
+        is_short = len(entry.topic.encode()) <= MOST_TOPIC_BYTES
+        return entry[:3] in self._channels or (is_short and len(self._channels) < MOST_CHANNELS)
 
     def add(self, entry: Entry) -> None:
         """Add an entry."""
-        key = (entry.topic, entry.encoding, entry.type)
+        key = entry[:3]
         if (channel := self._channels.get(key)) is None:
             schema = self._schema(entry.type) if entry.type else 0
             channel = self.register_channel(entry.topic, entry.encoding, schema)
@@ -231,7 +227,7 @@ def summary(path: Path) -> tuple[list[tuple[str, str, str, int]], int, int]:
     counted: Counter[tuple[str, str, str]] = Counter()
     first_ns, last_ns = 1 << 64, 0
     for entry in entries(path):
-        counted[entry.topic, entry.encoding, entry.type] += 1
+        counted[entry[:3]] += 1
         first_ns, last_ns = min(first_ns, entry.log_ns), max(last_ns, entry.log_ns)
     topics = [(*about, count) for about, count in counted.items()]
     return sorted(topics), min(first_ns, last_ns), last_ns
