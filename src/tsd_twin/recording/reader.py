@@ -127,7 +127,8 @@ class RecordingReader:
 
     def _add(self, robot_id: str) -> None:
         try:
-            text, robot = _description(self.index, robot_id)
+            text = recorded_description(self.index, robot_id).robot
+            robot = parse_recorded(text, robot_id)
             self._robots[robot_id] = _RobotReader(self.index, robot_id, robot)
         except TwinError as error:
             self._unknown[robot_id] = str(error)[: 4 * _TEXT_LENGTH]
@@ -290,19 +291,17 @@ class FolderReader:
             index.close()
 
 
-def _description(index: RecordingIndex, robot_id: str) -> tuple[str, RobotDescription]:
-    """Return the latest valid description of a robot, as text and parsed.
+def recorded_description(index: RecordingIndex, robot_id: str) -> Description:
+    """Return the latest valid description of a robot.
 
     Raises:
         RecordingError: If the file has no description.
-        RobotFileError: If it cannot be used.
     """
     for entry in index.newest_first(Service.DESC.key(robot_id), _LATEST_NS):
         try:
-            text = msgspec.json.decode(entry.data, type=Description).robot
+            return msgspec.json.decode(entry.data, type=Description)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue  # Third-party robot.
-        return text, parse_recorded(text, robot_id)
     raise RecordingError(f"there is no description of '{robot_id}'")
 
 

@@ -15,8 +15,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from tsd_twin import robots
 from tsd_twin.adapters.cmd_vel import CmdVelOperator, decode_cmd_vel
 from tsd_twin.adapters.cmd_vel_bridge import CmdVelBridge
@@ -44,11 +42,10 @@ from tsd_twin.bus import Bus
 from tsd_twin.client.bus_port import BusLink
 from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.messages.errors import MessageError
-from tsd_twin.messages.services import Description
-from tsd_twin.messages.topics import Service
 from tsd_twin.models import robot_urdf
 from tsd_twin.recording.channels import RAW, Entry, robot_of, robots_in, topic_of
 from tsd_twin.recording.index import RecordingIndex
+from tsd_twin.recording.reader import recorded_description
 
 _WATCH_S = 0.05
 
@@ -217,7 +214,6 @@ async def serve_live(
 SLOWEST, FASTEST = 0.01, 100.0
 """Range of playback speeds."""
 _STEP_S = 0.02
-_LATEST_NS = (1 << 63) - 1
 
 
 class RecordingPlayback:
@@ -260,7 +256,7 @@ class RecordingPlayback:
         unknown: list[str] = []
         for robot, names in namespaces(robots_in(self._index.topics)).items():
             try:
-                description = self._description(robot)
+                description = recorded_description(self._index, robot)
                 meshes = MeshFiles(robots.parse_description(description.robot, robot))
                 text = description.urdf or robot_urdf(meshes.robot)
                 mapping = RobotMapping(robot, names, text, package_of(names))
@@ -275,12 +271,6 @@ class RecordingPlayback:
         if not self._mappings:
             reasons = "; ".join(unknown) or "there is no robot in it"
             raise RecordingError(f"{path} cannot be shown: {reasons}")
-
-    def _description(self, robot: str) -> Description:
-        for entry in self._index.newest_first(Service.DESC.key(robot), _LATEST_NS):
-            with contextlib.suppress(msgspec.DecodeError):
-                return msgspec.json.decode(entry.data, type=Description)
-        raise RecordingError(f"there is no description of '{robot}'")
 
     # Called on SDK threads.
 
