@@ -202,9 +202,9 @@ def follow_trajectory(
         t_s = i * PERIOD_S
         seen = SE2(robot.odometry().xy_heading) if estimate is None else estimate(robot)
         pose = start @ seen
-        reference = trajectory.at(t_s)
-        truth = (start @ robot.truth).xy_heading
-        rows.append((reference.pose, truth, pose.xy_heading, reference.twist, robot.true_twist))
+        goal = trajectory.at(t_s)
+        true = (start @ robot.truth).xy_heading
+        rows.append((goal.pose, true, pose.xy_heading, goal.twist, robot.true_twist))
         if estimate is None:
             robot.drive(tracker.feed_forward(t_s + _COMMAND_LEAD_S))
         else:
@@ -213,8 +213,9 @@ def follow_trajectory(
     joints = np.array([*trajectory.route.breaks_m])
     path_xy = trajectory.route.path.at(np.sort(np.concatenate([s_m, joints]))).xy
     at_s = PERIOD_S * np.arange(len(steps), dtype=np.float64)
-    columns = (np.array(column) for column in zip(*rows, strict=True))
-    return TrackingRecord(at_s, *columns, path_xy)
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    reference, truth, estimated, reference_twist, true_twist = columns
+    return TrackingRecord(at_s, reference, truth, estimated, reference_twist, true_twist, path_xy)
 
 
 def draw_positions(axes: Axes, record: TrackingRecord, frames: list[Frame], title: str) -> None:

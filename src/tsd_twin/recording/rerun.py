@@ -174,8 +174,8 @@ class Rerun:
                 self._compare_replies("the answer to stop", call, reply)
             case ServeCall():
                 self._requests.append(call.service)
-                reply = controller.serve(Service(call.service), call.payload, call.now_s)
-                self._compare_replies(f"the answer to {call.service}", call, reply)
+                answer = controller.serve(Service(call.service), call.payload, call.now_s)
+                self._compare_replies(f"the answer to {call.service}", call, answer)
             case PosesCall():
                 controller.add_pose_measurements(call.poses, call.now_s, call.wall_ns)
             case StepCall():
