@@ -167,13 +167,13 @@ def list_recordings(args: argparse.Namespace) -> None:
     if not args.dir.is_dir():
         raise TwinError(f"{args.dir} is no folder")
     catalogue = Catalogue(args.dir, FolderReader())
-    for each in reversed(catalogue.recordings()):
+    for path, each in reversed(catalogue.recordings().items()):
         start = datetime.fromtimestamp(1e-9 * each.start_ns, UTC)
         marks = f", {each.marks} mark{'s' * (each.marks > 1)}" if each.marks else ""
         state = "" if each.is_whole else ", without an index yet"
         print(
             f"{start:%Y-%m-%d %H:%M:%SZ} {each.duration_s:8.1f} s {each.size / 1e6:7.1f} MB "
-            f"{each.path.name}: {', '.join(each.robots) or 'no robot'}{marks}{state}"
+            f"{path.name}: {', '.join(each.robots) or 'no robot'}{marks}{state}"
         )
     catalogue.close()
 

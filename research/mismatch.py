@@ -3,22 +3,49 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from tsd_twin.cli import experiment, flags
 from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.errors import TwinError
 from tsd_twin.lab.observer import Loop
-from tsd_twin.lab.square import MISMATCHES, Square, drive_squares, percent_of
+from tsd_twin.lab.square import Square, drive_squares, percent_of
 from tsd_twin.lie import Array
+from tsd_twin.robots import SingularityDescription
 
 _AS_DESCRIBED = "as described"
 _LOOPS = (Loop.CAMERA, Loop.GYRO)
 """Default loops of the table."""
 _KEYS = ("rms_m", "cross_track_m", "closure_m")
+
+
+def _changed(table: str, robot: SingularityDescription, **values: float) -> SingularityDescription:
+    """Return the robot with other values in one table of its description."""
+    changed = msgspec.structs.replace(getattr(robot, table), **values)
+    return msgspec.structs.replace(robot, **{table: changed})
+
+
+def _slower_motors(robot: SingularityDescription) -> SingularityDescription:
+    motor = robot.motor
+    up_s, down_s = 2.0 * motor.time_constant_up_s, 2.0 * motor.time_constant_down_s
+    return _changed("motor", robot, time_constant_up_s=up_s, time_constant_down_s=down_s)
+
+
+MISMATCHES: dict[str, Callable[[SingularityDescription], SingularityDescription]] = {
+    "contact patch 2 mm": partial(_changed, "floor", patch_radius_m=0.002),
+    "friction 0.5": partial(_changed, "floor", friction=0.5),
+    "friction 0.35": partial(_changed, "floor", friction=0.35),
+    "servo approach rate 20/s": partial(_changed, "servo", approach_rate_per_s=20.0),
+    "servo torque halved": partial(_changed, "servo", stall_torque_nm=3.0),
+    "motor time constants doubled": _slower_motors,
+    "mass 4 kg": partial(_changed, "mass", total_kg=4.0),
+}
+"""Differences between the true robot and its description; sent to other processes."""
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
@@ -38,18 +65,20 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
             plant="mujoco",
             believed_friction=1.0,
             turns=True,
-            differs=name,
+            differs=MISMATCHES.get(name),
         )
         for name in names
         for loop in loops
         for i in range(args.seeds)
     ]
     driven = list(out.progress(drive_squares(squares), "driving squares", len(squares)))
-    percent = np.array([[percent_of(one.errors, key) for key in _KEYS] for one in driven])
+    percent = np.array([[percent_of(errors, key) for key in _KEYS] for _, errors in driven])
     out.table(
         "mismatch",
         {
-            "differs": [square.differs or _AS_DESCRIBED for square in squares],
+            "differs": [
+                name or _AS_DESCRIBED for name in names for _ in range(len(loops) * args.seeds)
+            ],
             "loop": [str(square.loop) for square in squares],
             "seed": [float(square.seed) for square in squares],
             "rms_percent": percent[:, 0].tolist(),

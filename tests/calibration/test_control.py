@@ -12,11 +12,13 @@ import pytest
 from tests.support.robot_node import PATIENCE_S, PATIENT, running
 from tsd_twin import connect
 from tsd_twin.calibration.operator import (
-    CalibratedRobot,
-    KeyWatcher,
+    hold_control,
     interruptible,
     longest_pause_s,
+    watch_keys,
 )
+from tsd_twin.client import RobotClient
+from tsd_twin.client.bus_port import BusLink
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 
@@ -56,17 +58,16 @@ def test_it_lets_go_of_the_robot_whatever_goes_wrong(monkeypatch: pytest.MonkeyP
             (lambda: other.stop("a cat"), "is stopped"),
         ]
         for trouble, says in troubles:
-            lab = CalibratedRobot(node.client(), node.id, "lab")
-            with lab.client:
+            with RobotClient(BusLink(node.client(), node.id), "lab") as lab:
                 _drive_until(lab, speed_mps, trouble, says)
                 _until(lambda: abs(speed_mps()) < 0.01)
-                _until(lambda lab=lab: lab.client.state.lease.holder != "lab")
+                _until(lambda lab=lab: lab.state.lease.holder != "lab")
             alice.release()
     os.close(outside)
 
 
 def _drive_until(
-    lab: CalibratedRobot, speed_mps: Callable[[], float], trouble: Callable[[], None], says: str
+    lab: RobotClient, speed_mps: Callable[[], float], trouble: Callable[[], None], says: str
 ) -> None:
     """Drive, make trouble once the robot moves, and see that it is told."""
     done = False
@@ -79,10 +80,10 @@ def _drive_until(
         return SLOW
 
     def drive() -> None:
-        with KeyWatcher() as keys, lab.control() as control:
+        with watch_keys() as pressed, hold_control(lab, "lab") as control:
             list(control.arming())
-            pause_s = longest_pause_s(lab.robot.limits, None)
-            list(control.driving(interruptible(step, keys, pause_s)))
+            pause_s = longest_pause_s(lab.description.limits, None)
+            list(control.driving(interruptible(step, pressed, pause_s)))
 
     with pytest.raises(TwinError, match=says):
         drive()

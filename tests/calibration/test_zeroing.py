@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import math
 import time
-from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +17,7 @@ from tests.support.robot_node import PATIENCE_S, QUICK, RunningNode, matched, ru
 from tsd_mock import OverheadCamera
 from tsd_twin import connect, robots
 from tsd_twin.calibration.collect import PerturbedRobot, with_calibration
-from tsd_twin.calibration.operator import CalibratedRobot, ask_displacement
+from tsd_twin.calibration.operator import ask_displacement, hold_control
 from tsd_twin.calibration.zeroing import (
     PoseTracker,
     ZeroOffsetDrift,
@@ -28,6 +26,8 @@ from tsd_twin.calibration.zeroing import (
     drift_of,
     twist_by_zero_offsets,
 )
+from tsd_twin.client import RobotClient
+from tsd_twin.client.bus_port import BusLink
 from tsd_twin.client.connection import RobotConnection
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
@@ -191,19 +191,16 @@ def test_no_wheel_turns_when_another_has_control(tmp_path: Path) -> None:
         assert other.state.mode == "disarmed"
 
 
-@contextlib.contextmanager
-def calibrated(node: RunningNode) -> Generator[CalibratedRobot]:
-    """The robot of a node, as a calibration connects to it."""
-    robot = CalibratedRobot(node.client(), node.id, "lab")
-    with robot.client:
-        yield robot
+def calibrating(node: RunningNode) -> RobotClient:
+    """Connect to the robot of a node as a calibration does."""
+    return RobotClient(BusLink(node.client(), node.id), "lab")
 
 
 @pytest.mark.timed
 def test_who_loses_control_is_told_and_leaves_the_robot_to_the_other() -> None:
-    with running() as node, calibrated(node) as lab, connect(node.endpoint) as other:
+    with running() as node, calibrating(node) as lab, connect(node.endpoint) as other:
         alice = other.control("alice", take_over=True, arm=False)
-        with lab.control() as control:
+        with hold_control(lab, "lab") as control:
             list(control.arming())
             held = control.staying_ready(60.0)
             next(held)
@@ -215,10 +212,10 @@ def test_who_loses_control_is_told_and_leaves_the_robot_to_the_other() -> None:
 
 @pytest.mark.timed
 def test_a_robot_that_falls_silent_is_not_waited_for() -> None:
-    with running() as node, calibrated(node) as lab:
+    with running() as node, calibrating(node) as lab:
 
         def hold() -> None:
-            with lab.control() as control:
+            with hold_control(lab, "lab") as control:
                 list(control.arming())
                 node.stopping.set()
                 with pytest.raises(TwinError, match=r"has sent no status|is stopped"):

@@ -85,9 +85,7 @@ def test_a_recorder_that_comes_late_begins_with_a_state_and_gets_one_again(
     assert states[0] == 0
     assert set(states[2:]) - {states[1] + 150} == set()
     (stretch,) = stretches(found)
-    assert all(
-        sum(isinstance(call, StepCall) for call in batch.calls) == 20 for batch in stretch.batches
-    )
+    assert all(sum(isinstance(call, StepCall) for call in batch.calls) == 20 for batch in stretch)
     assert Rerun(stretch, QUICK).run().difference is None
 
 

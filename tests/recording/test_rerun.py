@@ -261,9 +261,9 @@ def test_after_a_gap_the_run_goes_on_from_the_next_state() -> None:
         if i != 7
     ]
     first, second = stretches(without)
-    assert (len(first.batches), len(second.batches)) == (7, len(run.batches) - 8)
+    assert (len(first), len(second)) == (7, len(run.batches) - 8)
     _, later = stretches(no_state)
-    assert len(later.batches) == len(second.batches) - 2
+    assert len(later) == len(second) - 2
     for part in (first, second, later):
         assert Rerun(part, run.text).run().difference is None
 

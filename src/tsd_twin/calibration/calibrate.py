@@ -22,14 +22,12 @@ from tsd_twin.calibration.collect import (
     spin_ratio_of,
 )
 from tsd_twin.calibration.fit import CalibrationFit, fit_calibration
-from tsd_twin.calibration.operator import add_bus_flags, ask_yes, print_line
+from tsd_twin.calibration.operator import add_bus_flags, ask_line, print_line
 from tsd_twin.calibration.report import write_description
 from tsd_twin.cli import flags
 from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.client.virtual_robot import VOLT_STEP
 from tsd_twin.lie import Array
-from tsd_twin.robots import SingularityDescription
-from tsd_twin.sensors.pose import CameraNoise
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
@@ -40,7 +38,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     found = fit_calibration(
         robot.kinematics(),
         recordings,
-        _camera(robot),
+        robot.pose_sensor.camera_noise(),
         robot.joint_errors(),
         volt_share,
         drives.learned,
@@ -54,18 +52,13 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     if args.write_to and args.drive and not args.yes:
         for line in lines:
             print_line(line)
-        if not ask_yes(f"Write this into {args.write_to}? y or n: "):
+        answer = ask_line(f"Write this into {args.write_to}? y or n: ")
+        if answer.strip().lower() not in {"y", "yes"}:
             return [f"{args.write_to} was left as it is"]
         lines = []
     if args.write_to:
         lines.append(_write_description(args, drives, report.description_changes(rows, robot)))
     return lines
-
-
-def _camera(robot: SingularityDescription) -> CameraNoise:
-    """Return the pose-sensor noise of the description."""
-    seen = robot.pose_sensor
-    return CameraNoise(sigma_m=seen.sigma_m, sigma_rad=math.radians(seen.sigma_deg))
 
 
 def _summary(drives: CalibrationData) -> str:

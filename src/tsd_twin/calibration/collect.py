@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -24,17 +23,17 @@ from tsd_twin.calibration.guided_drive import (
     requested_command_age_s,
 )
 from tsd_twin.calibration.operator import (
-    CalibratedRobot,
-    KeyWatcher,
-    ask_line,
+    confirm,
     connect,
+    hold_control,
     interruptible,
     longest_pause_s,
-    print_line,
+    watch_keys,
 )
 from tsd_twin.calibration.report import edit_description
-from tsd_twin.cli.experiment import PERCENT_STEPS, Output, in_percent_steps
+from tsd_twin.cli.experiment import Output
 from tsd_twin.client import RobotControl
+from tsd_twin.client.bus_port import BusLink
 from tsd_twin.client.virtual import PERIOD_S
 from tsd_twin.client.virtual_robot import VirtualRobot, voltage_share
 from tsd_twin.errors import TwinError
@@ -174,43 +173,35 @@ def simulate_run(
     start_s: float = 0.0,
     *,
     tachometer: bool,
-    periods: Callable[[Array], Iterable[Array]] = iter,
 ) -> Recording:
     """Simulate an open-loop run with wheels at `ratio` (k,) of cruise speed.
 
     The robot has been at rest since `start_s`.
     """
     random = np.random.default_rng(seed)
-    robot = VirtualRobot(_with_spin_ratio(believed, ratio), machine, start_s)
+    drive = msgspec.structs.replace(believed.drive, spin_ratio=ratio)
+    robot = VirtualRobot(msgspec.structs.replace(believed, drive=drive), machine, start_s)
     at_voltage = voltage_share(robot)
     camera = Camera(CameraNoise(), random)
-    measured: list[Array] = []
-    commanded: list[Array] = []
-    speeds: list[Array] = []
+    rows: list[tuple[float, Array, Array, Array]] = []
     frames: list[Frame] = []
-    start_s, t_s = robot.now_s, np.empty(0)
-    for twist in periods(excitation_twists()):
+    start_s = robot.now_s
+    for twist in excitation_twists():
         now_s = robot.now_s - start_s
-        t_s = np.append(t_s, now_s)
-        measured.append(robot.controller.joints.reshape(-1, 3)[:, :2].ravel())
-        commanded.append(at_voltage * robot.controller.setpoint[2::3])
-        speeds.append(machine.truth(robot.now_s).joints[2::3])
+        angles = robot.controller.joints.reshape(-1, 3)[:, :2].ravel()
+        commanded = at_voltage * robot.controller.setpoint[2::3]
+        rows.append((now_s, angles, commanded, machine.truth(robot.now_s).joints[2::3]))
         frames += camera.capture(now_s, robot.truth)
         robot.drive(twist)
-    spin = np.array(speeds) * (1.0 + TACHOMETER_SHARE * random.standard_normal(np.shape(speeds)))
+    t_s, measured, commanded, speeds = (np.array(column) for column in zip(*rows, strict=True))
+    spin = speeds * (1.0 + TACHOMETER_SHARE * random.standard_normal(speeds.shape))
     return Recording(
         t_s,
-        np.array(measured),
-        np.array(commanded),
+        measured,
+        commanded,
         spin if tachometer else np.full(spin.shape, np.nan),
         np.array([frame.taken_s for frame in frames]),
         np.array([frame.pose for frame in frames]),
-    )
-
-
-def _with_spin_ratio(robot: SingularityDescription, ratio: list[float]) -> SingularityDescription:
-    return msgspec.structs.replace(
-        robot, drive=msgspec.structs.replace(robot.drive, spin_ratio=ratio)
     )
 
 
@@ -260,77 +251,65 @@ _LAST_FRAME_S = 1.1
 """Recording time after the end of the drive, because poses may be delayed by a second."""
 
 
-class DrivenData(NamedTuple):
-    """Result of a drive on the bus."""
+@dataclass(frozen=True, slots=True)
+class CalibrationData:
+    """Calibration data: description, recordings, and the true parameters if simulated."""
 
-    id: str
-    description_text: str
-    """The robot's description in TOML."""
+    what: str
+    text: str
+    """The active description in TOML."""
     robot: SingularityDescription
     recordings: list[Recording]
-    """Recordings of `--log`, and the new one."""
-    learned: Mapping[str, BiasStatus]
-    """Biases estimated by the robot."""
+    true: SingularityDescription | None = None
+    """True parameters of a simulated robot."""
+    learned: Mapping[str, BiasStatus] = field(default_factory=dict[str, BiasStatus])
+    """Biases estimated by the robot, if it was on the bus."""
 
 
-def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
-    """Run a guided drive after the operator's consent, and return its recording.
+def drive_on_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
+    """Run a guided drive after the operator's consent; return it after earlier recordings.
 
     Raises:
         TwinError: If the drive cannot start or was aborted; the robot is disarmed and released.
     """
-    with connect(args) as client:
-        robot = description_of_kind(client.robot, SingularityDescription)
+    with connect(args) as (client, link):
+        robot = description_of_kind(link.robot, SingularityDescription)
         earlier = read_recordings(args.log, robot) if args.log else []
         route = plan_route(robot, args.room, args.speed)
-        subscriber = _RobotSubscriber(client, robot, CalibrationDriver(robot, route))
-        _wait_for_camera(subscriber, client.id)
-        _confirm(args, client.id, route)
+        subscriber = _RobotSubscriber(link, robot, route)
+        _wait_for_camera(subscriber, link.id)
+        confirm(args, _warning(args, link.id, route))
         max_age_s = requested_command_age_s(robot, args.speed)
-        with KeyWatcher() as keys, client.control(max_age_s) as control:
-            spin_up = _stop_on_key(control.arming(), keys)
-            for _ in out.progress(
-                in_percent_steps(spin_up, 1.0), "spinning up, any key stops", PERCENT_STEPS
-            ):
-                pass
-            # Discard earlier poses, because the robot may have been carried since.
-            subscriber.set_driver(CalibrationDriver(robot, route))
+        with watch_keys() as pressed, hold_control(client, args.operator, max_age_s) as control:
+            spin_up = _stop_on_key(control.arming(), pressed)
+            out.show_progress(spin_up, 1.0, "spinning up, any key stops")
             pause_s = longest_pause_s(robot.limits, max_age_s)
-            drive = subscriber.drive(control, keys, pause_s)
-            for _ in out.progress(
-                in_percent_steps(drive, 1.0), "driving, any key stops", PERCENT_STEPS
-            ):
-                pass
-        recordings = [*earlier, subscriber.recording()]
-        learned = subscriber.learned
-        return DrivenData(client.id, client.description_text, robot, recordings, learned)
+            drive = subscriber.drive(control, pressed, pause_s)
+            out.show_progress(drive, 1.0, "driving, any key stops")
+            status = client.state.status
+        recordings = [*earlier, subscriber.recording(battery_v(status))]
+        text, learned = link.description.robot, status.learned or {}
+        return CalibrationData(link.id, text, robot, recordings, learned=learned)
 
 
 class _RobotSubscriber:
     """Subscribes to the robot; feeds the recorder and the driver."""
 
     def __init__(
-        self, client: CalibratedRobot, robot: SingularityDescription, driver: CalibrationDriver
+        self, link: BusLink, robot: SingularityDescription, route: CalibrationRoute
     ) -> None:
-        self._client, self._driver = client, driver
+        self._robot, self._route = robot, route
+        self._driver = CalibrationDriver(robot, route)
         self.recorder = RobotRecorder(robot)
-        self._joints = client.link.subscriber(topics.JOINTS, 256)
-        self._setpoints = client.link.subscriber(topics.SETPOINT, 512)
-        self._odometry = client.link.subscriber(topics.ODOM, 256)
-        self._poses = client.link.subscriber(topics.SENSOR_POSE, 256)
+        self._joints = link.subscriber(topics.JOINTS, 256)
+        self._setpoints = link.subscriber(topics.SETPOINT, 512)
+        self._odometry = link.subscriber(topics.ODOM, 256)
+        self._poses = link.subscriber(topics.SENSOR_POSE, 256)
         self.poses = 0
         self._now_s = -np.inf
         self._first_s = np.inf
         self._finished_s: float | None = None
         self._odometry_received_s = -np.inf
-        self._battery_v: float | None = None
-        self.learned: Mapping[str, BiasStatus] = {}
-        """Biases estimated by the robot at the end of the drive."""
-
-    def set_driver(self, driver: CalibrationDriver) -> None:
-        """Replace the driver that commands the robot."""
-        self.poll()
-        self._driver = driver
 
     def poll(self) -> None:
         """Process the samples since the last call."""
@@ -353,14 +332,17 @@ class _RobotSubscriber:
                 self._now_s, self._odometry_received_s = now_s, time.monotonic()
                 self._driver.add_twist(now_s, twist)
 
-    def drive(self, control: RobotControl, keys: KeyWatcher, pause_s: float) -> Iterator[float]:
+    def drive(
+        self, control: RobotControl, key_pressed: Callable[[], bool], pause_s: float
+    ) -> Iterator[float]:
         """Drive the route, wait for the last delayed poses, and yield the progress."""
+        self.poll()
+        # Discard earlier poses, because the robot may have been carried since.
+        self._driver = CalibrationDriver(self._robot, self._route)
         self._wait_for_pose(control)
         self._first_s = self._now_s
-        for _ in control.driving(interruptible(self._step, keys, pause_s)):
+        for _ in control.driving(interruptible(self._step, key_pressed, pause_s)):
             yield self._driver.progress
-        status = self._client.client.state.status
-        self._battery_v, self.learned = battery_v(status), status.learned or {}
 
     def _wait_for_pose(self, control: RobotControl) -> None:
         """Remain at rest until a pose measurement arrives."""
@@ -372,7 +354,7 @@ class _RobotSubscriber:
 
     def _step(self, now_s: float) -> Array | None:
         self.poll()
-        patience_s = max_unheard_s(self._client.robot.limits)
+        patience_s = max_unheard_s(self._robot.limits)
         if now_s - self._odometry_received_s > patience_s:
             raise TwinError(f"no odometry has arrived for {patience_s:g} s")
         twist = self._driver.advance(self._now_s)
@@ -382,15 +364,15 @@ class _RobotSubscriber:
                 return None
         return twist
 
-    def recording(self) -> Recording:
-        """Return the recording of the drive."""
-        return self.recorder.recording(self._first_s, self._now_s, self._battery_v)
+    def recording(self, volts: float | None) -> Recording:
+        """Return the recording of the drive, at a battery voltage if known."""
+        return self.recorder.recording(self._first_s, self._now_s, volts)
 
 
-def _stop_on_key(shares: Iterator[float], keys: KeyWatcher) -> Iterator[float]:
+def _stop_on_key(shares: Iterator[float], pressed: Callable[[], bool]) -> Iterator[float]:
     """Iterate over `shares`, and raise if a key is pressed."""
     for share in shares:
-        if keys.pressed(0.0):
+        if pressed():
             raise TwinError("stopped by a key")
         yield share
 
@@ -412,11 +394,8 @@ def _wait_for_camera(subscriber: _RobotSubscriber, robot_id: str) -> None:
         time.sleep(0.02)
 
 
-def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -> None:
-    """Describe the robot's motion, and wait for the operator's confirmation."""
-    if args.yes:
-        return
-    print_line(
+def _warning(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -> str:
+    return (
         f"{robot_id} will drive squares of {2 * route.half_m:.2f} m and turn on the spot, both "
         f"ways, at up to {args.speed:g} m/s, for some {route.duration_s:.0f} s.\nIts centre stays "
         f"within {route.half_m:.2f} m of here in each direction, and it is stopped at "
@@ -424,7 +403,6 @@ def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -
         "its own size besides. Have the hardware stop at hand.\n"
         "Any key here stops it, and so does Ctrl-C."
     )
-    ask_line("Enter begins: ")
 
 
 LOG_TABLE = "calibrate_log"
@@ -433,40 +411,14 @@ _RUN_SPACING_S = 60.0
 """Time between the starts of two simulated runs, which are shorter."""
 
 
-@dataclass(frozen=True, slots=True)
-class CalibrationData:
-    """Calibration data: description, recordings, and the true parameters if simulated."""
-
-    what: str
-    text: str
-    """The active description in TOML."""
-    robot: SingularityDescription
-    recordings: list[Recording]
-    true: SingularityDescription | None = None
-    """True parameters of a simulated robot."""
-    learned: Mapping[str, BiasStatus] = field(default_factory=dict[str, BiasStatus])
-    """Biases estimated by the robot, if it was on the bus."""
-
-
 def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
     """Collect the calibration data selected by the flags; write new drives to a file."""
-    found = _from_bus(args, out) if args.drive else _without_bus(args, out)
+    if args.drive:
+        out.refuse_overwrite(f"{LOG_TABLE}.csv", args.log)
+    found = drive_on_bus(args, out) if args.drive else _without_bus(args, out)
     if args.drive or not args.log:
         out.table(LOG_TABLE, drive_log.recording_columns(found.recordings))
     return found
-
-
-def _from_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
-    """Drive the robot on the bus, and add the earlier recordings."""
-    out.refuse_overwrite(f"{LOG_TABLE}.csv", args.log)
-    drive_data = drive_on_bus(args, out)
-    return CalibrationData(
-        drive_data.id,
-        drive_data.description_text,
-        drive_data.robot,
-        drive_data.recordings,
-        learned=drive_data.learned,
-    )
 
 
 def _without_bus(args: argparse.Namespace, out: Output) -> CalibrationData:

@@ -70,11 +70,11 @@ def recording_columns(recordings: Sequence[Recording]) -> dict[str, Array]:
     table: dict[str, list[Array]] = {}
     for number, run in enumerate(recordings):
         t_s = np.union1d(run.t_s, run.camera_s)
-        wheels = [f"module{i + 1}_wheel" for i in range(run.modules)]
+        angles, commanded, measured = _column_names(run.modules)
         groups = [
-            (angle_columns(run.modules), run.t_s, run.angles_rad),
-            ([f"{wheel}_told_rad_per_s" for wheel in wheels], run.t_s, run.commanded_rad_per_s),
-            ([f"{wheel}_rad_per_s" for wheel in wheels], run.t_s, run.spin_rad_per_s),
+            (angles, run.t_s, run.angles_rad),
+            (commanded, run.t_s, run.commanded_rad_per_s),
+            (measured, run.t_s, run.spin_rad_per_s),
             (_POSE_COLUMNS, run.camera_s, run.camera_poses),
         ]
         named = {"run": np.full(len(t_s), float(number)), "t_s": t_s}
@@ -87,9 +87,14 @@ def recording_columns(recordings: Sequence[Recording]) -> dict[str, Array]:
     return {name: np.concatenate(parts) for name, parts in table.items()}
 
 
-def angle_columns(modules: int) -> list[str]:
-    """Return the column names of the gimbals."""
-    return [f"module{i + 1}_{part}_rad" for i in range(modules) for part in ("alpha", "beta")]
+def _column_names(modules: int) -> tuple[list[str], list[str], list[str]]:
+    """Return the columns of gimbal angles, commanded wheel speeds and measured wheel speeds."""
+    names = [f"module{i + 1}" for i in range(modules)]
+    return (
+        [f"{name}_{part}_rad" for name in names for part in ("alpha", "beta")],
+        [f"{name}_wheel_told_rad_per_s" for name in names],
+        [f"{name}_wheel_rad_per_s" for name in names],
+    )
 
 
 def read_recordings(file: str, robot: SingularityDescription) -> list[Recording]:
@@ -112,8 +117,8 @@ def read_recordings(file: str, robot: SingularityDescription) -> list[Recording]
             ]
     except (OSError, ValueError, TypeError) as error:
         raise TwinError(f"{file} cannot be read as a log: {error}") from error
-    needed = ["t_s", *angle_columns(modules), *_POSE_COLUMNS]
-    needed += [f"module{i + 1}_wheel_told_rad_per_s" for i in range(modules)]
+    angles, commanded, _ = _column_names(modules)
+    needed = ["t_s", *angles, *_POSE_COLUMNS, *commanded]
     missing = [name for name in needed if not rows or name not in rows[0]]
     if missing:
         raise TwinError(f"{file}: no column {missing[0]} (needed are {', '.join(needed)})")
@@ -188,11 +193,7 @@ def battery_v(status: RobotStatus) -> float | None:
 
 def _parse_recording(rows: list[_Row], modules: int, file: str) -> Recording:
     rows = sorted(rows, key=lambda row: row["t_s"])
-    joints = _columns_as_array(rows, angle_columns(modules))
-    commanded = _columns_as_array(
-        rows, [f"module{i + 1}_wheel_told_rad_per_s" for i in range(modules)]
-    )
-    spin = _columns_as_array(rows, [f"module{i + 1}_wheel_rad_per_s" for i in range(modules)])
+    joints, commanded, spin = (_columns_as_array(rows, names) for names in _column_names(modules))
     poses, t_s = _columns_as_array(rows, _POSE_COLUMNS), np.array([row["t_s"] for row in rows])
     have = np.isfinite(np.column_stack([t_s, joints, commanded])).all(axis=1)
     if have.sum() < 2:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -147,56 +147,47 @@ _MAX_MEANS = 120
 """Maximum number of frames per run; neighbours are redundant, and the cost is cubic."""
 
 
-class Whitening:
-    """Whitens the residuals of a run to independent values of unit variance.
+def whitening(
+    drive: SingularityKinematics, run: Recording, camera: CameraNoise, joints: JointErrors
+) -> Callable[[Array], Array]:
+    """Return the whitening of a run's residuals (3 m,), or columns (3 m, c), to unit variance.
 
     Camera noise is independent between frames, but odometry errors are not: a heading error rotates
     all later displacements. Without whitening, the fit underestimates its variance.
     """
+    frames = len(run.camera_s)
+    each = -(-frames // _MAX_MEANS)
+    groups = frames // each
 
-    def __init__(
-        self, drive: SingularityKinematics, run: Recording, camera: CameraNoise, joints: JointErrors
-    ) -> None:
-        sigma = np.array([camera.sigma_m, camera.sigma_m, camera.sigma_rad])
-        self._frames = len(run.camera_s)
-        self._each = -(-self._frames // _MAX_MEANS)
-        walk = self._means(self._random_walk_effect(drive, run, joints.angle_rad))
-        own = np.tile(np.square(sigma) / self._each, len(walk) // 3)
-        covariance = walk @ walk.T + np.diag(own)
-        self._unmix = np.linalg.inv(np.linalg.cholesky(covariance))
+    def means(values: Array) -> Array:
+        # Over neighbouring frames, without an incomplete last group.
+        by_frame = values[: 3 * groups * each].reshape(groups, each, 3, *values.shape[1:])
+        return by_frame.mean(axis=1).reshape(3 * groups, *values.shape[1:])
 
-    def __call__(self, residual: Array) -> Array:
-        """Return independent residuals from the frames' residuals (3 m,), or columns (3 m, c)."""
-        return self._unmix @ self._means(residual)
+    walk = means(_random_walk_effect(drive, run, joints.angle_rad))
+    sigma = np.array([camera.sigma_m, camera.sigma_m, camera.sigma_rad])
+    own = np.tile(np.square(sigma) / each, groups)
+    unmix = np.linalg.inv(np.linalg.cholesky(walk @ walk.T + np.diag(own)))
+    return lambda residual: unmix @ means(residual)
 
-    def _means(self, values: Array) -> Array:
-        """Return means (3 g, ...) over neighbouring frames, without an incomplete last group."""
-        many = self._frames // self._each
-        used = values[: 3 * many * self._each]
-        by_frame = used.reshape(many, self._each, 3, *values.shape[1:])
-        return by_frame.mean(axis=1).reshape(3 * many, *values.shape[1:])
 
-    def _random_walk_effect(
-        self, drive: SingularityKinematics, run: Recording, angle_rad: float
-    ) -> Array:
-        """Return the effect (3 m, 3 g) on the poses of unit-variance steps at each of g knots."""
-        knots = np.arange(run.t_s[0], run.t_s[-1], _KNOT_SPACING_S)
-        here = np.column_stack(
-            [np.interp(knots, run.camera_s, run.camera_poses[:, i]) for i in (0, 1)]
-        )
-        rim_mps = drive.wheel_radius_m * np.abs(run.commanded_rad_per_s).max(axis=0)
-        by_angle = drive.twist_from_contacts * np.repeat(rim_mps, 2) * angle_rad
-        dt_s = float(np.median(np.diff(run.t_s)))
-        # Samples are independent, so their errors within a knot add up with the root of their
-        # number.
-        x, y, heading = np.sqrt(np.square(by_angle).sum(axis=1) * dt_s * _KNOT_SPACING_S)
-        later = (run.camera_s[:, None] > knots).astype(float)
-        steps = np.zeros((len(run.camera_s), 3, len(knots), 3))
-        steps[:, 0, :, 0] = steps[:, 1, :, 1] = later * max(x, y)
-        steps[:, 0, :, 2] = -later * heading * (run.camera_poses[:, None, 1] - here[:, 1])
-        steps[:, 1, :, 2] = later * heading * (run.camera_poses[:, None, 0] - here[:, 0])
-        steps[:, 2, :, 2] = later * heading
-        return steps.reshape(3 * len(run.camera_s), -1)
+def _random_walk_effect(drive: SingularityKinematics, run: Recording, angle_rad: float) -> Array:
+    """Return the effect (3 m, 3 g) on the poses of unit-variance steps at each of g knots."""
+    knots = np.arange(run.t_s[0], run.t_s[-1], _KNOT_SPACING_S)
+    here = np.column_stack([np.interp(knots, run.camera_s, run.camera_poses[:, i]) for i in (0, 1)])
+    rim_mps = drive.wheel_radius_m * np.abs(run.commanded_rad_per_s).max(axis=0)
+    by_angle = drive.twist_from_contacts * np.repeat(rim_mps, 2) * angle_rad
+    dt_s = float(np.median(np.diff(run.t_s)))
+    # Samples are independent, so their errors within a knot add up with the root of their
+    # number.
+    x, y, heading = np.sqrt(np.square(by_angle).sum(axis=1) * dt_s * _KNOT_SPACING_S)
+    later = (run.camera_s[:, None] > knots).astype(float)
+    steps = np.zeros((len(run.camera_s), 3, len(knots), 3))
+    steps[:, 0, :, 0] = steps[:, 1, :, 1] = later * max(x, y)
+    steps[:, 0, :, 2] = -later * heading * (run.camera_poses[:, None, 1] - here[:, 1])
+    steps[:, 1, :, 2] = later * heading * (run.camera_poses[:, None, 0] - here[:, 0])
+    steps[:, 2, :, 2] = later * heading
+    return steps.reshape(3 * len(run.camera_s), -1)
 
 
 _least_squares: Any = optimize.least_squares  # pyright: ignore  scipy is untyped.
@@ -219,8 +210,6 @@ class CalibrationFit:
     radius."""
     unobservable: list[str]
     """Unobservable directions, as combinations of unknowns."""
-    singular_values: Array
-    """Ratios of the information in the data to the prior, in descending order."""
     before: list[Array]
     """Residuals (m, 3) of each run before the correction, metres and radians."""
     after: list[Array]
@@ -249,7 +238,7 @@ def fit_calibration(
     """
     problem = CalibrationProblem(drive, recordings)
     weights = 1.0 / np.array([noise.sigma_m, noise.sigma_m, noise.sigma_rad])
-    whitenings = [Whitening(drive, run, noise, joints) for run in recordings]
+    whitenings = [whitening(drive, run, noise, joints) for run in recordings]
     count = len(problem.prior)
     parts = [
         part
@@ -327,7 +316,6 @@ def _make_fit(
         sigma,
         problem.measured,
         unseen,
-        strengths,
         [problem.residual(r, nothing, s) for r, s in zip(recordings, seen_starts, strict=True)],
         [problem.residual(r, unknowns, s) for r, s in zip(recordings, starts, strict=True)],
     )

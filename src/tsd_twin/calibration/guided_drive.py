@@ -12,7 +12,6 @@ from msgspec.structs import replace
 
 from tsd_twin.errors import TwinError
 from tsd_twin.estimation import PoseFilter
-from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.messages.sentences import sentence
 from tsd_twin.motion import TwistLimiter
@@ -129,7 +128,8 @@ def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -
             f"that "
             f"{robot.name} drives, not {speed_mps:g}"
         )
-    needed_m = FENCE_MARGIN_M + stopping_distance_m(limits, speed_mps)
+    unheard_m = speed_mps * max_unheard_s(limits)
+    needed_m = FENCE_MARGIN_M + (unheard_m + speed_mps**2 / (2.0 * limits.deceleration_mps2))
     half_m = min(_MAX_HALF_SIDE_M, room_m - needed_m)
     if not half_m >= _MIN_HALF_SIDE_M:
         raise TwinError(
@@ -147,11 +147,6 @@ def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -
         for route in (_square_route(half_m, way), _turn_route(way))
     ]
     return CalibrationRoute(legs, slower, half_m, half_m + FENCE_MARGIN_M)
-
-
-def stopping_distance_m(limits: Limits, speed_mps: float) -> float:
-    """Return the distance travelled until rest after a link loss or stop command, metres."""
-    return speed_mps * max_unheard_s(limits) + speed_mps**2 / (2.0 * limits.deceleration_mps2)
 
 
 def max_unheard_s(limits: Limits) -> float:
@@ -203,9 +198,8 @@ class CalibrationDriver:
 
     def __init__(self, robot: SingularityDescription, route: CalibrationRoute) -> None:
         self._route, self._lag_s = route, robot.lag_s
-        drive = robot.kinematics()
-        self._drive: SingularityKinematics = drive
-        self._limiter = TwistLimiter(drive, route.limits)
+        self._drive = robot.kinematics()
+        self._limiter = TwistLimiter(self._drive, route.limits)
         noise = robot.pose_sensor
         sigma = np.array([noise.sigma_m, noise.sigma_m, math.radians(noise.sigma_deg)])
         self._noise = np.diag(np.square(sigma))
@@ -258,14 +252,13 @@ class CalibrationDriver:
             raise TwinError(
                 f"it has left its area: it is {math.hypot(x_m, y_m):.2f} m from where it began"
             )
-        if self._is_between_legs(now_s):
+        follower = self._follower_at(now_s)
+        if follower is None:
             return np.zeros(3)
-        if self._follower is None:
-            return np.zeros(3)
-        step = self._follower.advance(now_s, local)
+        step = follower.advance(now_s, local)
         if step.why is not None:
             raise TwinError(sentence(step.why))
-        trajectory = self._follower.trajectory
+        trajectory = follower.trajectory
         share = min(step.done_m / trajectory.length_m, 1.0)
         self.progress = (self._done_s + share * trajectory.duration_s) / self._route.duration_s
         if step.phase is ExecutionPhase.ARRIVED:
@@ -273,17 +266,17 @@ class CalibrationDriver:
             self._follower, self._rest_until_s = None, None
         return step.twist
 
-    def _is_between_legs(self, now_s: float) -> bool:
-        """Return whether the robot pauses between legs; start the next leg after the pause."""
+    def _follower_at(self, now_s: float) -> TrajectoryExecutor | None:
+        """Return the executor of the leg, which starts after a pause; None between legs."""
         if self._follower is not None or self.finished:
-            return self.finished
+            return self._follower
         if self._rest_until_s is None:
             self._rest_until_s = now_s + _REST_S
         if now_s < self._rest_until_s:
-            return True
-        trajectory = next(self._legs, None)
-        if trajectory is None:
+            return None
+        leg = next(self._legs, None)
+        if leg is None:
             self.finished, self.progress = True, 1.0
-            return True
-        self._follower = TrajectoryExecutor(trajectory, self._limiter.cap, lag_s=self._lag_s)
-        return False
+            return None
+        self._follower = TrajectoryExecutor(leg, self._limiter.cap, lag_s=self._lag_s)
+        return self._follower

@@ -10,10 +10,8 @@ import select
 import signal
 import sys
 import termios
-import time
 import tty
 from collections.abc import Callable, Generator
-from typing import Any, Self
 
 import numpy as np
 
@@ -23,7 +21,6 @@ from tsd_twin.client.bus_port import BusLink
 from tsd_twin.client.discovery import robots_on
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
-from tsd_twin.robots import RobotDescription
 from tsd_twin.robots.description import Limits
 
 
@@ -59,45 +56,38 @@ def ask_line(question: str) -> str:
         raise TwinError("no input: the procedure needs an operator at the keyboard") from None
 
 
-def ask_yes(question: str) -> bool:
-    """Ask, and return whether the answer is yes."""
-    return ask_line(question).strip().lower() in {"y", "yes"}
+def confirm(args: argparse.Namespace, warning: str) -> None:
+    """Print a warning, and wait for the operator's confirmation, unless `--yes` is given."""
+    if not args.yes:
+        print_line(warning)
+        ask_line("Enter begins: ")
 
 
-class KeyWatcher:
-    """Detects key presses without Enter if the input is a terminal; otherwise never.
+@contextlib.contextmanager
+def watch_keys() -> Generator[Callable[[], bool]]:
+    """Yield a function that tells whether a key was pressed, without Enter.
 
-    Ctrl-C keeps its meaning. The terminal settings are restored on exit.
+    It is always false if the input is not a terminal; a closed terminal counts as a key. Ctrl-C
+    keeps its meaning. The terminal settings are restored on exit.
     """
+    if not (sys.stdin and sys.stdin.isatty()):
+        yield lambda: False
+        return
+    terminal = sys.stdin.fileno()
 
-    def __init__(self) -> None:
-        self._terminal = sys.stdin.fileno() if sys.stdin and sys.stdin.isatty() else None
-        self._before: list[Any] = []
-
-    def __enter__(self) -> Self:
-        if self._terminal is not None:
-            self._before = termios.tcgetattr(self._terminal)
-            tty.setcbreak(self._terminal)
-            # Discard keys typed before.
-            termios.tcflush(self._terminal, termios.TCIFLUSH)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._terminal is not None:
-            termios.tcsetattr(self._terminal, termios.TCSAFLUSH, self._before)
-
-    def pressed(self, patience_s: float) -> bool:
-        """Return whether a key is pressed within `patience_s`.
-
-        A closed terminal counts as a key.
-        """
-        if self._terminal is None:
-            time.sleep(patience_s)
-            return False
-        ready, _, _ = select.select([self._terminal], [], [], patience_s)
+    def pressed() -> bool:
+        ready, _, _ = select.select([terminal], [], [], 0.0)
         if ready:
-            os.read(self._terminal, 64)
+            os.read(terminal, 64)
         return bool(ready)
+
+    before = termios.tcgetattr(terminal)
+    try:
+        tty.setcbreak(terminal)
+        termios.tcflush(terminal, termios.TCIFLUSH)  # Discard keys typed before.
+        yield pressed
+    finally:
+        termios.tcsetattr(terminal, termios.TCSAFLUSH, before)
 
 
 def print_line(text: str) -> None:
@@ -108,79 +98,51 @@ def print_line(text: str) -> None:
 _CONNECT_TIMEOUT_S = 3.0
 
 
-class CalibratedRobot:
-    """Robot on the bus: its description, streams and control."""
+@contextlib.contextmanager
+def hold_control(
+    client: RobotClient, operator: str, max_age_s: float | None = None
+) -> Generator[RobotControl]:
+    """Hold the lease; on any exit, including SIGTERM, command zero, disarm and release.
 
-    def __init__(self, bus: Bus, robot_id: str, operator: str) -> None:
-        """Connect to a robot; closes `bus` at the end.
+    If this process dies instead, the lease expires and the robot spins down automatically.
 
-        Raises:
-            BusError: If the robot does not answer.
-            RobotFileError: If its description cannot be used.
-            RobotSilent: If it sends no state.
-        """
-        self.link = BusLink(bus, robot_id)
-        """Streams of the robot."""
-        self.client = RobotClient(self.link, operator)
-        self._operator = operator
-
-    @property
-    def id(self) -> str:
-        """Robot id on the bus."""
-        return self.link.id
-
-    @property
-    def description_text(self) -> str:
-        """The description in TOML."""
-        return self.link.description.robot
-
-    @property
-    def robot(self) -> RobotDescription:
-        """The robot's description."""
-        return self.link.robot
-
-    @contextlib.contextmanager
-    def control(self, max_age_s: float | None = None) -> Generator[RobotControl]:
-        """Hold the lease; on any exit, including SIGTERM, command zero, disarm and release.
-
-        If this process dies instead, the lease expires and the robot spins down automatically.
-
-        Raises:
-            ControlDenied: If another operator has control.
-        """
-        # SIGTERM raises KeyboardInterrupt like Ctrl-C, so that this context exits.
-        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-        control = self.client.control(self._operator, max_age_s=max_age_s, arm=False)
+    Raises:
+        ControlDenied: If another operator has control.
+    """
+    # SIGTERM raises KeyboardInterrupt like Ctrl-C, so that this context exits.
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    control = client.control(operator, max_age_s=max_age_s, arm=False)
+    try:
+        control.acquire()
+        yield control
+    finally:
+        # A second interrupt must not leave the wheels spinning.
+        previous_sigint = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         try:
-            control.acquire()
-            yield control
+            control.release()
         finally:
-            # A second interrupt must not leave the wheels spinning.
-            previous_sigint = signal.signal(signal.SIGINT, signal.SIG_IGN)
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)
-            try:
-                control.release()
-            finally:
-                signal.signal(signal.SIGINT, previous_sigint)
-                signal.signal(signal.SIGTERM, before)
+            signal.signal(signal.SIGINT, previous_sigint)
+            signal.signal(signal.SIGTERM, before)
 
 
 def interruptible(
-    step: Callable[[float], Array | None], keys: KeyWatcher, pause_s: float
+    step: Callable[[float], Array | None], key_pressed: Callable[[], bool], pause_s: float
 ) -> Callable[[float], Array | None]:
     """Wrap `step` so that a key press or a long pause ends the drive.
 
     Raises:
         TwinError: By the wrapped function, if a key was pressed or the pause exceeds `pause_s`.
     """
-    last_s: list[float] = []
+    last_s = math.inf
 
     def guarded(now_s: float) -> Array | None:
+        nonlocal last_s
         # After a longer pause the robot has begun to stop, and must not be restarted.
-        if last_s and now_s - last_s[0] > pause_s:
-            raise TwinError(f"this program was held up for {now_s - last_s[0]:.1f} s")
-        last_s[:] = [now_s]
-        if keys.pressed(0.0):
+        if now_s - last_s > pause_s:
+            raise TwinError(f"this program was held up for {now_s - last_s:.1f} s")
+        last_s = now_s
+        if key_pressed():
             raise TwinError("stopped by a key")
         return step(now_s)
 
@@ -207,7 +169,7 @@ def add_bus_flags(parser: argparse.ArgumentParser) -> None:
 
 
 @contextlib.contextmanager
-def connect(args: argparse.Namespace) -> Generator[CalibratedRobot]:
+def connect(args: argparse.Namespace) -> Generator[tuple[RobotClient, BusLink]]:
     """Open the bus selected by the flags, and find the robot, without acquiring the lease.
 
     Raises:
@@ -220,9 +182,9 @@ def connect(args: argparse.Namespace) -> Generator[CalibratedRobot]:
     )
     # A camera connects to the same robot, and is not a peer of this session.
     with Bus(as_client(config, _CONNECT_TIMEOUT_S)) as bus:
-        robot = CalibratedRobot(bus, args.id or _only_robot(bus), args.operator)
-        with robot.client:
-            yield robot
+        link = BusLink(bus, args.id or _only_robot(bus))
+        with RobotClient(link, args.operator) as client:
+            yield client, link
 
 
 def _only_robot(bus: Bus) -> str:

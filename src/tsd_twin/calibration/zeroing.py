@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tsd_twin.calibration.operator import (
-    CalibratedRobot,
     add_bus_flags,
     ask_displacement,
-    ask_line,
+    confirm,
     connect,
+    hold_control,
     print_line,
 )
 from tsd_twin.calibration.report import write_description
 from tsd_twin.cli import experiment, flags
 from tsd_twin.cli.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
-from tsd_twin.client import RobotControl
+from tsd_twin.client import RobotClient, RobotControl
 from tsd_twin.client.connection import RobotConnection
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
@@ -269,10 +269,10 @@ _MIN_S, _MAX_S = 1.0, 300.0
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Zero the gimbals of a robot on the bus to less than an inch of creep in 30 s at 2,500 rpm."""
-    with connect(args) as client:
-        robot = description_of_kind(client.robot, SingularityDescription)
-        _confirm(args, robot, client.id)
-        tracker = PoseTracker(client.link)
+    with connect(args) as (client, link):
+        robot = description_of_kind(link.robot, SingularityDescription)
+        confirm(args, _warning(args, robot, link.id))
+        tracker = PoseTracker(link)
         held_s = _hold_still(args, out, client, tracker)
     seen = len(tracker.poses) > 1 and not args.by_hand
     if seen:
@@ -295,24 +295,22 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     who = f"seen by {tracker.source_name}" if seen else "measured by hand"
     verdict = "PASS" if drift.passes else "FAIL"
     lines = [
-        f"{client.id}: wheels at {spin_rpm(robot):.0f} rpm for {held_s:.1f} s, {who}",
+        f"{link.id}: wheels at {spin_rpm(robot):.0f} rpm for {held_s:.1f} s, {who}",
         f"creeps {drift.sentence()}; at most {1000 * LIMIT_M:.1f} mm: {verdict}",
     ]
     if abs(drift.distance_m - LIMIT_M) < 2.0 * drift.distance_sigma_m:
         about_mm = 1000 * drift.distance_sigma_m
         lines.append(f"its standard deviation is {about_mm:.1f} mm: more --seconds reduce it")
-    return lines if drift.passes else lines + _advice(args, robot, client.description_text, drift)
+    return lines if drift.passes else lines + _advice(args, robot, link.description.robot, drift)
 
 
 def _hold_still(
-    args: argparse.Namespace, out: Output, client: CalibratedRobot, tracker: PoseTracker
+    args: argparse.Namespace, out: Output, client: RobotClient, tracker: PoseTracker
 ) -> float:
     """Hold the robot ready at standstill; return the time that was held or tracked."""
     held_s = 0.0
-    with client.control() as control:
-        spin_up = in_percent_steps(control.arming(), 1.0)
-        for _ in out.progress(spin_up, "spinning up", PERCENT_STEPS):
-            pass
+    with hold_control(client, args.operator) as control:
+        out.show_progress(control.arming(), 1.0, "spinning up")
         tracker.clear()
         held = in_percent_steps(_hold_and_track(control, args.seconds, tracker), args.seconds)
         for percent in out.progress(held, "standing still, Ctrl-C stops", PERCENT_STEPS):
@@ -331,16 +329,12 @@ def _hold_and_track(control: RobotControl, seconds: float, tracker: PoseTracker)
     yield seconds
 
 
-def _confirm(args: argparse.Namespace, robot: SingularityDescription, robot_id: str) -> None:
-    """Describe the robot's motion, and wait for the operator's confirmation."""
-    if args.yes:
-        return
-    print_line(
+def _warning(args: argparse.Namespace, robot: SingularityDescription, robot_id: str) -> str:
+    return (
         f"{robot_id} will spin its wheels at {spin_rpm(robot):.0f} rpm, commanded to stand still, "
         f"for {args.seconds:g} s.\nGive it 1 m of free, level floor on all sides, mark its centre "
         "and its heading,\nand have the hardware stop at hand. Ctrl-C here disarms it."
     )
-    ask_line("Enter begins: ")
 
 
 def _advice(

@@ -94,6 +94,11 @@ class Output:
         console = Console(file=sys.stderr, quiet=self._quiet)
         yield from track(items, what, total, console=console, transient=True)
 
+    def show_progress(self, shares: Iterator[float], whole: float, what: str) -> None:
+        """Iterate over `shares` of `whole` to the end, with a progress bar."""
+        for _ in self.progress(in_percent_steps(shares, whole), what, PERCENT_STEPS):
+            pass
+
     def _file(self, name: str) -> Path:
         self.folder.mkdir(parents=True, exist_ok=True)
         path = self.folder / name

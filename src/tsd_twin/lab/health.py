@@ -5,18 +5,16 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.cli import experiment, flags
-from tsd_twin.cli.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
+from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.client.state import RobotState
 from tsd_twin.client.sync import RobotClient, connect
 from tsd_twin.client.virtual import SimulationLink
@@ -24,17 +22,18 @@ from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lab import manoeuvres as lab_manoeuvres
 from tsd_twin.lab.manoeuvres import TwistAt
-from tsd_twin.lie import SE2, SO3
-from tsd_twin.messages.cdr import BASE, decode_joints, decode_odometry
+from tsd_twin.lab.rerun import chosen_robot
+from tsd_twin.lie import SE2
+from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.pose import PoseStamped, encode_pose
-from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS
-from tsd_twin.recording import Recording, open_recording
+from tsd_twin.recording import open_recording
 from tsd_twin.recording.mcap_file import entries
+from tsd_twin.recording.reader import decoders
 from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
 from tsd_twin.sensors.gyro import Gyro
-from tsd_twin.sensors.pose import Camera, CameraNoise
+from tsd_twin.sensors.pose import Camera
 from tsd_twin.shadow import STREAMS, Drift, ShadowFeed, ShadowReport, ShadowTwin
 from tsd_twin.simulation import BATTERY, PLANTS, DegradedRobot, Wear
 
@@ -118,48 +117,31 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
         TwinError: If the file is not a recording, or the robot is missing or ambiguous.
     """
     recording = open_recording(path)
-    robot_id = robot_id or _only(recording)
+    robot_id = chosen_robot(recording, robot_id)
     text = recording.description(robot_id)
     robot = robots.parse_description(text, f"description of {robot_id}")
     health = Health(ShadowTwin(robot))
-    feed = ShadowFeed(health.twin)
-    turning = robot.kinematics().pose_type is SO3
-    decoders: dict[str, tuple[str, Callable[[bytes], Any]]] = {
-        topic.key(robot_id): (
-            name,
-            partial(decode_odometry, turning=turning) if name == "odom" else decode_joints,
-        )
-        for name, topic in STREAMS.items()
-    }
-    status_key = STATUS.key(robot_id)
+    feed, decode = ShadowFeed(health.twin), decoders(robot)
+    names = {topic.key(robot_id): name for name, topic in STREAMS.items()}
+    names[STATUS.key(robot_id)] = "status"
 
     def replay() -> Iterator[float]:
-        for entry in entries(path, [*decoders, status_key]):
-            t_s = 1e-9 * (entry.log_ns - recording.start_ns)
+        for entry in entries(path, names):
+            t_s, name = 1e-9 * (entry.log_ns - recording.start_ns), names[entry.topic]
             try:
-                if entry.topic == status_key:
-                    feed.status = decode_status(entry.data)
+                message = decode[name](entry.data)
+                if name == "status":
+                    feed.status = message
                 else:
-                    name, decode = decoders[entry.topic]
-                    feed.add(name, decode(entry.data), entry.publish_ns)
+                    feed.add(name, message, entry.publish_ns)
             except MessageError:
                 continue
             health.look(t_s)
             yield t_s
 
-    steps = in_percent_steps(replay(), max(recording.duration_s, 1e-9))
-    for _ in out.progress(steps, "comparing", PERCENT_STEPS):
-        pass
+    out.show_progress(replay(), max(recording.duration_s, 1e-9), "comparing")
     health.look(recording.duration_s, last=True)
     return _lines(health, f"{robot_id} in {path}")
-
-
-def _only(recording: Recording) -> str:
-    if len(recording.robots) != 1:
-        raise TwinError(
-            f"{', '.join(recording.robots) or 'no robot'} are in {recording.path}: choose with --id"
-        )
-    return recording.robots[0]
 
 
 # Robots on the bus.
@@ -182,9 +164,7 @@ def health_of_robot(args: argparse.Namespace, out: Output) -> list[str]:
                 health.look(t_s)
                 yield t_s
 
-        steps = in_percent_steps(watch(), args.seconds)
-        for _ in out.progress(steps, "comparing, drive it", PERCENT_STEPS):
-            pass
+        out.show_progress(watch(), args.seconds, "comparing, drive it")
         health.look(time.monotonic() - begin_s, last=True)
         return _lines(health, f"{client.link.id} on the bus")
 
@@ -310,7 +290,7 @@ def drive(case: WearScenario) -> Result:
     )
     link = SimulationLink(robot, simulated, None)
     client = RobotClient(link, "lab")
-    camera = Camera(_camera_noise(robot), np.random.default_rng([case.seed, 7]))
+    camera = Camera(robot.pose_sensor.camera_noise(), np.random.default_rng([case.seed, 7]))
     health, spent_s = Health(ShadowTwin(robot)), 0.0
     twist_at = _twists(case, robot)
     with client, client.control() as control:
@@ -336,11 +316,6 @@ def drive(case: WearScenario) -> Result:
             spent_s += time.process_time() - at_s
     named = [(t_s - case.wear_s, drift) for t_s, drift in health.named]
     return Result(case, named, health.compared_s, spent_s / max(health.compared_s, 1e-9))
-
-
-def _camera_noise(robot: RobotDescription) -> CameraNoise:
-    sensor = robot.pose_sensor
-    return CameraNoise(sigma_m=sensor.sigma_m, sigma_rad=math.radians(sensor.sigma_deg))
 
 
 def _worn_part(wear: str, robot: RobotDescription, seed: int) -> str:

@@ -58,8 +58,8 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     every: RowMask = np.ones(len(signal), dtype=bool)
     all_rows, working = (fit_lines(signal, rpm, used) for used in (every, turning))
     columns = {"signal": signal} | {f"motor{i + 1}_rpm": row for i, row in enumerate(rpm)}
-    for name, lines in (("all_rows", all_rows), ("working_range", working)):
-        for i, row in enumerate(lines.rpm(signal)):
+    for name, fitted in (("all_rows", all_rows), ("working_range", working)):
+        for i, row in enumerate(fitted.rpm(signal)):
             columns[f"motor{i + 1}_{name}_rpm"] = row
     out.table("motors", columns)
     _draw(robot, signal, rpm, (all_rows, working), out)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from enum import StrEnum
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -164,17 +163,8 @@ _SWING_S = 2.5
 _REST_S = 0.5
 
 
-class SpinMeasurement(NamedTuple):
-    """Result of a wheel-speed measurement by a turn in place."""
-
-    speed_fraction: float
-    """Wheel speed relative to the assumed one."""
-    later_s: float
-    """Additional lag of the body behind its wheels."""
-
-
-def measure_spin(robot: VirtualRobot, gyro: YawGyro, slip: Slip | None) -> SpinMeasurement:
-    """Turn a robot back and forth, and compare its gyro with its wheels.
+def measure_spin(robot: VirtualRobot, gyro: YawGyro, slip: Slip | None) -> tuple[float, float]:
+    """Turn a robot back and forth; return relative wheel speed and additional lag, s, by its gyro.
 
     The rate is a sine, so gimbals pass through all tilts: servo steps and wheel layers average out,
     and constant offsets cancel between both directions.
@@ -194,7 +184,7 @@ def measure_spin(robot: VirtualRobot, gyro: YawGyro, slip: Slip | None) -> SpinM
     expected = np.array(by_wheels)
     columns = np.column_stack([expected, -np.gradient(expected, PERIOD_S)])
     share, late = np.linalg.lstsq(columns, seen)[0].tolist()
-    return SpinMeasurement(share, late / share)
+    return share, late / share
 
 
 _FRICTION_SHARE = 0.25
@@ -310,9 +300,9 @@ def make_observer(
         return PoseObserver(robot, slip=slip)
     gyro, spin_sigma = YawGyro(Gyro(), random), None
     if turns:
-        turned = measure_spin(robot, gyro, slip)
-        robot.speed_scale_sigma *= turned.speed_fraction
-        slip = None if slip is None else slip.later(turned.later_s)
+        speed_fraction, later_s = measure_spin(robot, gyro, slip)
+        robot.speed_scale_sigma *= speed_fraction
+        slip = None if slip is None else slip.later(later_s)
         robot.mark()
         spin_sigma = REMAINING_SPIN_SIGMA
     camera = Camera(CameraNoise(), random) if loop is Loop.CAMERA else None

@@ -23,7 +23,6 @@ from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import SphereKinematics
 from tsd_twin.lie import Array
 from tsd_twin.robots import OmniDescription, SphereDescription, description_of_kind
-from tsd_twin.robots.description import Limits
 from tsd_twin.simulation import SimRobot, simulate
 
 _SETTLE_S = 1.0
@@ -42,12 +41,6 @@ class PointToPointProfile:
     speed_mps: float
     acceleration_mps2: float
     deceleration_mps2: float
-
-    @staticmethod
-    def of(distance_m: float, limits: Limits) -> PointToPointProfile:
-        """Return the profile over `distance_m` within these limits."""
-        a, d = limits.acceleration_mps2, limits.deceleration_mps2
-        return PointToPointProfile(distance_m, limits.speed_mps, a, d)
 
     @property
     def peak_mps(self) -> float:
@@ -150,7 +143,8 @@ def run_omni_step(args: argparse.Namespace, out: Output) -> list[str]:
     goals = {"triangle": 0.6 * reach_m, "trapezoid": 1.6 * reach_m}
     for name, distance_m in out.progress(goals.items(), "driving", len(goals)):
         virtual = VirtualRobot(robot, SimRobot(robot, noise=args.noise))
-        runs[name] = run_profile(virtual, PointToPointProfile.of(distance_m, limits))
+        profile = PointToPointProfile(distance_m, args.speed, args.acceleration, args.acceleration)
+        runs[name] = run_profile(virtual, profile)
         out.table(f"omni-step_{name}", runs[name].columns())
     spin = unlimited_step(robot, args.speed)
     out.table("omni-step_unlimited", spin)
@@ -165,16 +159,14 @@ def run_omni_step(args: argparse.Namespace, out: Output) -> list[str]:
     ]
 
 
-def unlimited_step(
-    robot: OmniDescription, speed_mps: float, seconds: float = 1.5
-) -> dict[str, Array]:
-    """Return the response of a robot to an unlimited step of wheel speed."""
+def unlimited_step(robot: OmniDescription, speed_mps: float) -> dict[str, Array]:
+    """Return the response of a robot to an unlimited step of wheel speed over 1.5 s."""
     simulation = simulate(robot)
     drive = simulation.kinematics
     full = np.array([speed_mps, 0.0, 0.0])
     simulation.command(drive.inverse(full))
     rows: list[tuple[float, float, float]] = []
-    for i in range(round(seconds / 0.01) + 1):
+    for i in range(151):
         rim = drive.forward(simulation.measure()[: len(drive.joints)]).twist[0]
         rows.append((0.01 * i, float(simulation.twist()[0]), float(rim)))
         simulation.advance(0.01)
@@ -304,14 +296,12 @@ class RowEffect:
         return table | {"angle_deg": np.degrees(self.angle_rad), "share_percent": 100 * self.share}
 
 
-def row_effect(
-    drive: SphereKinematics, table: Array = TABLE_1, step_s: float = STEP_S
-) -> RowEffect:
-    """Return the dual-row effect for wheel speeds (r, 1 + k), linear between times."""
-    start, end = float(table[0, 0]), float(table[-1, 0])
-    t: Array = np.linspace(start, end, round((end - start) / step_s) + 1)
-    columns = [np.interp(t, table[:, 0], table[:, i]) for i in range(1, table.shape[1])]
-    speeds = np.stack(columns, axis=-1)
+def row_effect(drive: SphereKinematics) -> RowEffect:
+    """Return the dual-row effect for the wheel speeds of Table 1, linear between times."""
+    table_s, *table = TABLE_1.T
+    start, end = float(table_s[0]), float(table_s[-1])
+    t: Array = np.linspace(start, end, round((end - start) / STEP_S) + 1)
+    speeds = np.stack([np.interp(t, table_s, column) for column in table], axis=-1)
     # The trapezoidal rule is exact for a speed that is linear in time.
     steps: Array = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(t)[:, None]
     angles: Array = np.concatenate([np.zeros((1, speeds.shape[1])), np.cumsum(steps, axis=0)])

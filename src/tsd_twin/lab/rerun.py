@@ -50,7 +50,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         TwinError: If the file has no inputs, or the results differ with the same description.
     """
     recording = open_recording(args.file)
-    robot = _robot(recording, args.id)
+    robot = chosen_robot(recording, args.id)
     parts = stretches(recorded_batches(recording, robot))
     if not parts:
         raise TwinError(f"{args.file}: no state of the controller of {robot} is in it")
@@ -100,7 +100,12 @@ def _what_if(
     ]
 
 
-def _robot(recording: Recording, chosen: str | None) -> str:
+def chosen_robot(recording: Recording, chosen: str | None) -> str:
+    """Return the chosen robot of a recording, or its only one.
+
+    Raises:
+        TwinError: If none is chosen and the recording has none or several.
+    """
     if chosen is not None:
         return chosen
     if len(recording.robots) != 1:

@@ -37,49 +37,38 @@ from tsd_twin.simulation import PLANTS, SimRobot
 _FEEDFORWARD_STEP_S = 0.005
 
 
-class SlipFeedforward:
-    """Feed-forward that compensates slip, wheel-speed loss and gimbal compliance.
+def slip_feedforward(
+    robot: SingularityDescription, slip: Slip, trajectory: Trajectory
+) -> Callable[[float], Array]:
+    """Return the twist (3,) to command over time, with slip, speed loss and compliance compensated.
 
     Wheels slide to push the body, slow down under the load, and deflect their gimbals. A servo acts
     as a spring, whose stiffness follows from its torque and approach rate. The compensation is
     precomputed from the trajectory.
     """
-
-    def __init__(self, robot: SingularityDescription, slip: Slip, trajectory: Trajectory) -> None:
-        drive, slip = robot.kinematics(), slip.later(0.0)
-        self._twist_from_contacts = drive.twist_from_contacts
-        servo = robot.servo
-        stiffness_nm = servo.stall_torque_nm * servo.approach_rate_per_s
-        stiffness_nm /= servo.no_load_speed_rpm * RPM
-        # The floor rotates a gimbal by force times radius, and the tilt moves the wheel by its
-        # speed times radius, perpendicular to the force.
-        self._aside_mps_per_n = drive.wheel_radius_m**2 * drive.spin_rad_per_s / stiffness_nm
-        steps = int(np.ceil(trajectory.duration_s / _FEEDFORWARD_STEP_S)) + 1
-        self._at_s: Array = _FEEDFORWARD_STEP_S * (0.5 + np.arange(steps, dtype=np.float64))
-        reference = trajectory.at(self._at_s)
-        twists: list[Array] = [
-            self._push(slip, reference.twist[i], reference.twist_rate[i]) for i in range(steps)
-        ]
-        self._twists: Array = np.stack(twists)
-
-    def __call__(self, t_s: float) -> Array:
-        """Return the twist (3,) to command for the time `t_s` of the trajectory."""
-        twists = self._twists
-        return np.array([float(np.interp(t_s, self._at_s, twists[:, i])) for i in range(3)])
-
-    def _push(self, slip: Slip, twist: Array, rate: Array) -> Array:
-        """Return the compensated twist for `twist` and its `rate`; advances `slip` by a step."""
+    drive, slip, servo = robot.kinematics(), slip.later(0.0), robot.servo
+    stiffness_nm = servo.stall_torque_nm * servo.approach_rate_per_s
+    stiffness_nm /= servo.no_load_speed_rpm * RPM
+    # The floor rotates a gimbal by force times radius, and the tilt moves the wheel by its
+    # speed times radius, perpendicular to the force.
+    aside_mps_per_n = drive.wheel_radius_m**2 * drive.spin_rad_per_s / stiffness_nm
+    steps = int(np.ceil(trajectory.duration_s / _FEEDFORWARD_STEP_S)) + 1
+    at_s: Array = _FEEDFORWARD_STEP_S * (0.5 + np.arange(steps, dtype=np.float64))
+    reference = trajectory.at(at_s)
+    twists = np.empty((steps, 3))
+    for i, (twist, rate) in enumerate(zip(reference.twist, reference.twist_rate, strict=True)):
         x, y, turn = twist
         over_ground = rate + turn * np.array([-y, x, 0.0])
         rolled, force = slip.push(twist, over_ground, _FEEDFORWARD_STEP_S)
-        aside = self._aside_mps_per_n * np.stack([-force[:, 1], force[:, 0]], axis=-1)
+        aside = aside_mps_per_n * np.stack([-force[:, 1], force[:, 0]], axis=-1)
         # The wheel-speed setpoint refers to rest on this floor.
-        return self._twist_from_contacts @ (slip.rest_share * rolled - aside).ravel()
+        twists[i] = drive.twist_from_contacts @ (slip.rest_share * rolled - aside).ravel()
+    return lambda t_s: np.array([float(np.interp(t_s, at_s, column)) for column in twists.T])
 
 
 SPEED_MPS = 1.0
-ACCELERATION_MPS2, DECELERATION_MPS2 = 4.0, 4.0
-"""Limits of the closed loop; the robot's own limits are raised above them as a margin."""
+ACCELERATION_MPS2 = 4.0
+"""Limit of the closed loop, either way; the robot's own limits are raised above it as a margin."""
 SMOOTH_S = 0.0495
 """Rise time of the acceleration: the remainder of 5.2 s, on four sides."""
 _LIMIT_SHARE = 0.5
@@ -99,34 +88,6 @@ _NO_LIMIT_MPS2 = 1000.0
 """Acceleration limit for the thesis, which had none: corners at servo speed."""
 
 
-def _replace(table: str, **values: float) -> Callable[..., SingularityDescription]:
-    """Return a function that changes values in one table of a robot's description."""
-
-    def change(robot: SingularityDescription) -> SingularityDescription:
-        changed = msgspec.structs.replace(getattr(robot, table), **values)
-        return msgspec.structs.replace(robot, **{table: changed})
-
-    return change
-
-
-def _slower_motors(robot: SingularityDescription) -> SingularityDescription:
-    motor = robot.motor
-    up_s, down_s = 2.0 * motor.time_constant_up_s, 2.0 * motor.time_constant_down_s
-    return _replace("motor", time_constant_up_s=up_s, time_constant_down_s=down_s)(robot)
-
-
-MISMATCHES: dict[str, Callable[[SingularityDescription], SingularityDescription]] = {
-    "contact patch 2 mm": _replace("floor", patch_radius_m=0.002),
-    "friction 0.5": _replace("floor", friction=0.5),
-    "friction 0.35": _replace("floor", friction=0.35),
-    "servo approach rate 20/s": _replace("servo", approach_rate_per_s=20.0),
-    "servo torque halved": _replace("servo", stall_torque_nm=3.0),
-    "motor time constants doubled": _slower_motors,
-    "mass 4 kg": _replace("mass", total_kg=4.0),
-}
-"""Differences between a true robot and its description, for robots like `tsd`."""
-
-
 @dataclass(frozen=True, slots=True)
 class Square:
     """Settings of a square run, as in the flags of `tsd-lab square`."""
@@ -141,8 +102,8 @@ class Square:
     """Friction assumed by the robot, relative to the true friction."""
     turns: bool
     """Whether the robot first turns in place to measure its wheel speed."""
-    differs: str = ""
-    """Entry of `MISMATCHES` by which the simulated robot differs, or ""."""
+    differs: Callable[[SingularityDescription], SingularityDescription] | None = None
+    """Change of the simulated robot that its description does not know."""
 
     @staticmethod
     def of(args: argparse.Namespace, seed: int) -> Square:
@@ -165,12 +126,10 @@ class Square:
         robot = robots.load_robot(self.robot)
         route = Route(tracking.named_path("square"))
         if self.loop is Loop.OPEN:
-            robot = _with_limits(robot, _NO_LIMIT_MPS2, _NO_LIMIT_MPS2)
+            robot = _with_acceleration(robot, _NO_LIMIT_MPS2)
             trajectory = unlimited_trajectory(route)
         else:
-            robot = _with_limits(
-                robot, ACCELERATION_MPS2 / _LIMIT_SHARE, DECELERATION_MPS2 / _LIMIT_SHARE
-            )
+            robot = _with_acceleration(robot, ACCELERATION_MPS2 / _LIMIT_SHARE)
             trajectory = plan(
                 route,
                 robot.kinematics(),
@@ -180,9 +139,8 @@ class Square:
                 smooth_s=SMOOTH_S,
             )
         true = robot
-        if self.differs:
-            known = description_of_kind(robot, SingularityDescription)
-            true = MISMATCHES[self.differs](known)
+        if self.differs is not None:
+            true = self.differs(description_of_kind(robot, SingularityDescription))
         simulated = SimRobot(
             true, seed=self.seed, noise=self.noise, plant=self.plant, errors=self.errors
         )
@@ -209,7 +167,7 @@ class Square:
         if watching.slip is None:
             return TrackingController(trajectory, lag_s=lag_s, position=_GAINS)
         lag_s += _BACKLASH_LAG_S * min(self.errors, 1.0)
-        pushing = SlipFeedforward(
+        pushing = slip_feedforward(
             description_of_kind(robot, SingularityDescription), watching.slip, trajectory
         )
         return TrackingController(trajectory, lag_s=lag_s, position=_GAINS, feed_forward=pushing)
@@ -223,15 +181,13 @@ def unlimited_trajectory(route: Route) -> Trajectory:
     return Trajectory(route, profile)
 
 
-def _with_limits(
-    robot: RobotDescription, acceleration_mps2: float, deceleration_mps2: float
-) -> RobotDescription:
-    """Return the robot with other acceleration limits, and a speed margin."""
+def _with_acceleration(robot: RobotDescription, acceleration_mps2: float) -> RobotDescription:
+    """Return the robot with another limit of acceleration either way, and a speed margin."""
     limits = msgspec.structs.replace(
         robot.limits,
         speed_mps=max(robot.limits.speed_mps, _SPEED_MARGIN * SPEED_MPS),
         acceleration_mps2=acceleration_mps2,
-        deceleration_mps2=deceleration_mps2,
+        deceleration_mps2=acceleration_mps2,
     )
     return msgspec.structs.replace(robot, limits=limits)
 
@@ -242,28 +198,18 @@ _COLUMNS = ("rms_percent", "cross_track_percent", "closure_percent", "largest_pe
 _KEYS = ("rms_m", "cross_track_m", "closure_m", "worst_m")
 
 
-@dataclass(frozen=True, slots=True)
-class SquareResult:
-    """Errors and duration of a square."""
-
-    seed: int
-    duration_s: float
-    errors: TrackingErrors
-
-
 def run_seeds(squares: Sequence[Square], out: Output) -> list[str]:
     """Simulate all squares in parallel; draw and report the distribution of the errors."""
     driven = list(out.progress(drive_squares(squares), "driving squares", len(squares)))
-    percent = np.array([[percent_of(one.errors, key) for key in _KEYS] for one in driven])
+    percent = np.array([[percent_of(errors, key) for key in _KEYS] for _, errors in driven])
+    seeds = [square.seed for square in squares]
     out.table(
-        "squares",
-        {"seed": [float(one.seed) for one in driven]} | dict(zip(_COLUMNS, percent.T, strict=True)),
+        "squares", {"seed": list(map(float, seeds))} | dict(zip(_COLUMNS, percent.T, strict=True))
     )
-    first = squares[0]
-    title = f"{len(driven)} squares of 1 m in {driven[0].duration_s:.2f} s, loop: {first.loop}"
+    title = f"{len(driven)} squares of 1 m in {driven[0][0]:.2f} s, loop: {squares[0].loop}"
     _draw_errors(percent[:, : len(_DRAWN)], title, out)
     return [
-        f"{title}, seeds {driven[0].seed} to {driven[-1].seed}; "
+        f"{title}, seeds {seeds[0]} to {seeds[-1]}; "
         "per cent of the side (median, 95 of 100, worst):",
         *(
             f"  {name:20} {_format_quantiles(of)}"
@@ -272,17 +218,17 @@ def run_seeds(squares: Sequence[Square], out: Output) -> list[str]:
     ]
 
 
-def drive_squares(squares: Sequence[Square]) -> Iterator[SquareResult]:
-    """Simulate squares in parallel on all cores."""
+def drive_squares(squares: Sequence[Square]) -> Iterator[tuple[float, TrackingErrors]]:
+    """Simulate squares in parallel on all cores; yield their durations and errors."""
     # Spawn processes, because matplotlib and threads are not fork-safe.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(os.cpu_count() or 1, len(squares)), context) as pool:
         yield from pool.map(_drive_square, squares)
 
 
-def _drive_square(square: Square) -> SquareResult:
+def _drive_square(square: Square) -> tuple[float, TrackingErrors]:
     trajectory, record = square.drive()
-    return SquareResult(square.seed, trajectory.duration_s, record.errors())
+    return trajectory.duration_s, record.errors()
 
 
 def percent_of(errors: TrackingErrors, key: str) -> float:
@@ -322,14 +268,9 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     )
     frames = camera_frames(record, args.seed)
     out.table("square", record.columns())
-    out.table(
-        "square_camera",
-        {"t_s": [frame.taken_s for frame in frames]}
-        | {
-            f"{axis}_m": tracking.camera_xy(record, frames)[:, i]
-            for i, axis in enumerate(("x", "y"))
-        },
-    )
+    camera_s = [frame.taken_s for frame in frames]
+    x_m, y_m = tracking.camera_xy(record, frames).T
+    out.table("square_camera", {"t_s": camera_s, "x_m": x_m, "y_m": y_m})
     of_thesis = args.robot == THESIS_ROBOT
     _draw_square(loop, record, frames, out, of_thesis=of_thesis)
     errors = record.errors()

@@ -197,32 +197,25 @@ def follow_trajectory(
     """
     start = SE2(trajectory.at(0.0).pose)
     steps = range(round((trajectory.duration_s + SETTLE_S) / PERIOD_S))
-    rows: dict[str, list[Array]] = {name: [] for name in ("reference", "truth", "estimate")}
-    rows |= {"reference_twist": [], "true_twist": []}
+    rows: list[tuple[Array, ...]] = []
     for i in periods(steps):
         t_s = i * PERIOD_S
         seen = SE2(robot.odometry().xy_heading) if estimate is None else estimate(robot)
         pose = start @ seen
-        reference = trajectory.at(t_s)
-        for name, row in (
-            ("reference", reference.pose),
-            ("truth", (start @ robot.truth).xy_heading),
-            ("estimate", pose.xy_heading),
-            ("reference_twist", reference.twist),
-            ("true_twist", robot.true_twist),
-        ):
-            rows[name].append(row)
+        goal = trajectory.at(t_s)
+        true = (start @ robot.truth).xy_heading
+        rows.append((goal.pose, true, pose.xy_heading, goal.twist, robot.true_twist))
         if estimate is None:
             robot.drive(tracker.feed_forward(t_s + _COMMAND_LEAD_S))
         else:
             robot.drive(tracker.advance(t_s, pose, PERIOD_S, _COMMAND_LEAD_S))
     s_m = np.linspace(0.0, trajectory.length_m, 2001)
     joints = np.array([*trajectory.route.breaks_m])
-    return TrackingRecord(
-        t_s=PERIOD_S * np.arange(len(steps), dtype=np.float64),
-        path_xy=trajectory.route.path.at(np.sort(np.concatenate([s_m, joints]))).xy,
-        **{name: np.array(row) for name, row in rows.items()},
-    )
+    path_xy = trajectory.route.path.at(np.sort(np.concatenate([s_m, joints]))).xy
+    at_s = PERIOD_S * np.arange(len(steps), dtype=np.float64)
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    reference, truth, estimated, reference_twist, true_twist = columns
+    return TrackingRecord(at_s, reference, truth, estimated, reference_twist, true_twist, path_xy)
 
 
 def draw_positions(axes: Axes, record: TrackingRecord, frames: list[Frame], title: str) -> None:
@@ -419,11 +412,9 @@ def run_path(
     drive = robot.kinematics()
     trajectory = plan(Route(named_path(name), heading), drive, robot.limits, share=SHARE)
     tracker = TrackingController(trajectory, lag_s=robot.lag_s)
-    return follow_trajectory(virtual, trajectory, tracker, _estimated_pose)
-
-
-def _estimated_pose(virtual: VirtualRobot) -> SE2:
-    return SE2(virtual.odometry().xy_heading)
+    return follow_trajectory(
+        virtual, trajectory, tracker, lambda each: SE2(each.odometry().xy_heading)
+    )
 
 
 def _draw_omni_paths(

@@ -18,8 +18,9 @@ with needs_extra("A recording", "record"):
         read_events,
         read_marks,
     )
-    from tsd_twin.recording.folder import Catalogue, RecordingFolder, RecordingSummary
+    from tsd_twin.recording.folder import Catalogue, RecordingFolder
     from tsd_twin.recording.player import Player, RecordedRobot, Replay, play
+    from tsd_twin.recording.reader import RecordingSummary
     from tsd_twin.recording.recorder import ALLOWED, EVERYTHING, Recorder
 
 __all__ = [

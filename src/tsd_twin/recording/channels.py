@@ -13,7 +13,7 @@ import functools
 import itertools
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import msgspec
@@ -167,3 +167,8 @@ def robot_of(topic: str) -> str:
     """Return the robot id in a topic, or ""."""
     parts = topic.split("/")
     return parts[1] if len(parts) > 2 and parts[0] == "twin" else ""
+
+
+def robots_in(found: Iterable[str]) -> list[str]:
+    """Return the ids of the robots in some topics, sorted."""
+    return sorted({robot_of(topic) for topic in found} - {"", "*"})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias, cast
@@ -20,7 +20,16 @@ from tsd_twin.messages.ros_types import decode_cdr
 from tsd_twin.messages.services import Description
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import mcap_file
-from tsd_twin.recording.channels import CDR, JSON, MSGPACK, RAW, Entry, robot_of, topic_of
+from tsd_twin.recording.channels import (
+    CDR,
+    JSON,
+    MSGPACK,
+    RAW,
+    Entry,
+    robot_of,
+    robots_in,
+    topic_of,
+)
 
 Column: TypeAlias = NDArray[Any]
 _STATE = "/state/"
@@ -105,19 +114,17 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        listed = mcap_file.topic_list(path)
+        listed, start_ns, end_ns = mcap_file.summary(path)
         self.topics: dict[str, TopicSummary] = {
             topic: TopicSummary(topic, ros_type or encoding, count)
             for topic, encoding, ros_type, count in listed
         }
         """All topics by name."""
-        self.robots: tuple[str, ...] = tuple(
-            sorted({robot_of(topic) for topic in self.topics} - {"", "*"})
-        )
+        self.robots: tuple[str, ...] = tuple(robots_in(self.topics))
         """Robot ids."""
-        self.start_ns, end_ns = mcap_file.time_span_ns(path)
+        self.start_ns = start_ns
         """Start of the recording, recorder's wall clock."""
-        self.duration_s = (end_ns - self.start_ns) * 1e-9
+        self.duration_s = (end_ns - start_ns) * 1e-9
 
     def __repr__(self) -> str:
         robots = ", ".join(self.robots)
@@ -241,19 +248,12 @@ def _columns(values: list[Any]) -> dict[str, Column]:
     if not values:
         return {}
     if dataclasses.is_dataclass(values[0]):
-        return _ros_columns(values)
+        paths = [path for path in _paths(values[0]) if not path.endswith("__msgtype__")]
+        found = {path: _column(list(map(attrgetter(path), values))) for path in paths}
+        return _by_joint(found, values[0])
     rows = [dict(_flat(value)) for value in values]
     names = {name: None for row in rows for name in row}
     return {name: _column([row.get(name) for row in rows]) for name in names}
-
-
-def _ros_columns(values: list[Any]) -> dict[str, Column]:
-    paths = [path for path in _paths(values[0]) if not path.endswith("__msgtype__")]
-    get: Callable[[Any], Any] = attrgetter(*paths)
-    several = len(paths) > 1
-    columns = zip(*(get(value) if several else (get(value),) for value in values), strict=True)
-    found = {path: _column(list(column)) for path, column in zip(paths, columns, strict=True)}
-    return _by_joint(found, values[0])
 
 
 def _by_joint(columns: dict[str, Column], first: Any) -> dict[str, Column]:

@@ -9,21 +9,21 @@ recording is repaired.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from operator import attrgetter
 from pathlib import Path
 
 import msgspec
 
 from tsd_twin.errors import RecordingError
 from tsd_twin.messages import topics
-from tsd_twin.messages.codes import Code, Reason
+from tsd_twin.messages.codes import Code
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.status import decode_status
-from tsd_twin.recording.channels import RAW, Entry, robot_of
+from tsd_twin.recording.channels import RAW, robot_of
 from tsd_twin.recording.index import RecordingIndex
 
 
@@ -69,21 +69,14 @@ def read_events(index: RecordingIndex) -> list[RecordedEvent]:
         RecordingError: If the file is damaged.
     """
     kinds = {topic for topic in index.topics if "/event/" in topic and not topic.endswith(RAW)}
-    entries = sorted(index.entries(kinds), key=_log_ns)
-    return _merged(entries, index.start_ns, lambda robot, at_ns: _mode_after(index, robot, at_ns))
-
-
-def _merged(
-    entries: Iterable[Entry], start_ns: int, mode_after: Callable[[str, int], str]
-) -> list[RecordedEvent]:
     found: list[RecordedEvent] = []
     latest: dict[tuple[str, str, str], tuple[int, float]] = {}
-    for entry in entries:
+    for entry in sorted(index.ordered(kinds), key=attrgetter("log_ns")):
         try:
             event = msgspec.json.decode(entry.data, type=Event)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue
-        t_s, robot = 1e-9 * (entry.log_ns - start_ns), robot_of(entry.topic)
+        t_s, robot = 1e-9 * (entry.log_ns - index.start_ns), robot_of(entry.topic)
         key = (robot, event.kind, _same(event))
         at, last_s = latest.get(key, (-1, -1.0))
         if at >= 0 and event.kind != "mode" and t_s - last_s < _MERGED_S:
@@ -91,7 +84,7 @@ def _merged(
         else:
             at = len(found)
             is_old = event.kind == "mode" and event.why is None
-            kind = _of_mode(mode_after(robot, entry.log_ns)) if is_old else kind_of(event)
+            kind = _of_mode(_mode_after(index, robot, entry.log_ns)) if is_old else kind_of(event)
             found.append(RecordedEvent(t_s, robot, kind, event.text))
         latest[key] = at, t_s
     return found
@@ -123,15 +116,8 @@ def _same(event: Event) -> str:
     """Return what repeated events have in common: their code, request and cause."""
     if event.why is None:
         return event.rule
-    return " ".join((*_codes(event.why), str(event.why.params.get("request", ""))))
-
-
-def _codes(why: Reason) -> list[str]:
-    return [why.code, *([] if why.cause is None else [why.cause.code])]
-
-
-def _log_ns(entry: Entry) -> int:
-    return entry.log_ns
+    cause = [] if event.why.cause is None else [event.why.cause.code]
+    return " ".join((event.why.code, *cause, str(event.why.params.get("request", ""))))
 
 
 _ENDING = ".marks.jsonl"

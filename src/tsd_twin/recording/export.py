@@ -13,11 +13,10 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from tsd_twin.control.logged_controller import (
     Call,
-    ControllerCheckpoint,
-    InputBatch,
     LeaseDrawn,
     PosesCall,
     ServeCall,
@@ -67,11 +66,6 @@ class RecordingSlice:
             )
         return recording
 
-    def end_ns(self, recording: Recording) -> int:
-        """Return the end of the range, recorder's wall clock."""
-        end_s = recording.duration_s if self.end_s is None else self.end_s
-        return recording.start_ns + round(end_s * 1e9)
-
 
 def to_mcap(part: RecordingSlice, out: Path) -> str:
     """Write the range as MCAP with lease ids replaced; return a summary.
@@ -97,7 +91,8 @@ def to_mcap(part: RecordingSlice, out: Path) -> str:
         raise TwinError(f"{out} is there already: choose another file") from error
     except OSError as error:
         raise TwinError(f"{out} cannot be written: {error.strerror}") from error
-    start_ns, end_ns = recording.start_ns + round(part.start_s * 1e9), part.end_ns(recording)
+    end_s = recording.duration_s if part.end_s is None else part.end_s
+    start_ns, end_ns = (recording.start_ns + round(t_s * 1e9) for t_s in (part.start_s, end_s))
     for mark in read_marks(part.path):
         if start_ns <= mark.log_ns <= end_ns:
             add_mark(out, mark)
@@ -241,14 +236,12 @@ class Redactor:
             state = snapshot.state
             for lease in snapshot.leases:
                 state = state.replace(lease, self.id(lease))
-            snapshot = ControllerCheckpoint(
-                snapshot.build, state, [self.id(each) for each in snapshot.leases]
-            )
+            leases = [self.id(each) for each in snapshot.leases]
+            snapshot = replace(snapshot, state=state, leases=leases)
         calls = [self._call(call) for call in batch.calls]
-        return encode_batch(InputBatch(batch.first, calls, snapshot, batch.pose))
+        return encode_batch(replace(batch, calls=calls, snapshot=snapshot))
 
     def _call(self, call: Call) -> Call:
-        replace = msgspec.structs.replace
         match call:
             case LeaseDrawn():
                 return LeaseDrawn(self.id(call.id))

@@ -8,10 +8,8 @@ import contextlib
 import fcntl
 import logging
 import os
-import stat
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -19,7 +17,7 @@ from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.recording.channels import Entry
 from tsd_twin.recording.events import marks_file
 from tsd_twin.recording.mcap_file import McapWriter, RecordingFile, entries
-from tsd_twin.recording.reader import FolderReader
+from tsd_twin.recording.reader import FolderReader, RecordingSummary
 from tsd_twin.recording.records import is_whole
 from tsd_twin.recording.remote import RemoteFolderReader
 
@@ -163,23 +161,6 @@ def _until_cut(path: Path) -> Iterator[Entry]:
         yield from entries(path)
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingSummary:
-    """Summary of a recording for listings."""
-
-    path: Path
-    start_ns: int
-    """Start, recorder's wall clock; 0 if there are no messages."""
-    duration_s: float
-    robots: tuple[str, ...]
-    size: int
-    """Bytes."""
-    is_whole: bool
-    """Whether the file is complete, not truncated or still being written."""
-    marks: int = 0
-    """Number of marks."""
-
-
 class Catalogue:
     """Catalogue of a folder; rereads a file only if it or its marks have changed."""
 
@@ -188,41 +169,29 @@ class Catalogue:
         self._reader = reader
         self._known: dict[Path, tuple[tuple[int, ...], RecordingSummary | None]] = {}
 
-    def recordings(self) -> list[RecordingSummary]:
-        """Return all readable recordings, latest first."""
-        found: dict[Path, tuple[tuple[int, ...], RecordingSummary | None]] = {}
+    def recordings(self) -> dict[Path, RecordingSummary]:
+        """Return the summaries of all readable recordings, latest first."""
+        known, self._known = self._known, {}
         for path in self.folder.glob("*.mcap"):
-            with contextlib.suppress(OSError):  # The file may have been removed.
-                about = path.stat()
-                stamp = about.st_mtime_ns, about.st_size, *_stamp(marks_file(path))
-                known = self._known.get(path)
-                if known is None or known[0] != stamp:
-                    known = stamp, self._summary(path, about)
-                found[path] = known
-        self._known = found
-        every = [summary for _, summary in found.values() if summary is not None]
-        return sorted(every, key=lambda each: (each.start_ns, each.path.name), reverse=True)
+            stamp = *_stamp(path), *_stamp(marks_file(path))
+            if path not in known or known[path][0] != stamp:
+                known[path] = stamp, self._summary(path)
+            self._known[path] = known[path]
+        found = [
+            (path, summary) for path, (_, summary) in self._known.items() if summary is not None
+        ]
+        found.sort(key=lambda item: (item[1].start_ns, item[0].name), reverse=True)
+        return dict(found)
 
     def close(self) -> None:
         """Close the files that are being written."""
         self._reader.close()
 
-    def _summary(self, path: Path, about: os.stat_result) -> RecordingSummary | None:
-        if not stat.S_ISREG(about.st_mode):
-            return None
+    def _summary(self, path: Path) -> RecordingSummary | None:
         try:
-            found = self._reader.listing(path)
+            return self._reader.listing(path)
         except RecordingError:
             return None
-        return RecordingSummary(
-            path,
-            found.start_ns,
-            1e-9 * (found.end_ns - found.start_ns),
-            found.robots,
-            about.st_size,
-            found.is_whole,
-            found.marks,
-        )
 
 
 def _stamp(path: Path) -> tuple[int, ...]:

@@ -194,17 +194,6 @@ class RecordingIndex:
             raise RecordingError(f"{self.path} is damaged: too many of its chunks overlap")
         return count + 1
 
-    def entries(self, topics: Collection[str], after_ns: int = -1) -> Iterator[Entry]:
-        """Yield the messages of some topics after a time, roughly in order of time.
-
-        Raises:
-            RecordingError: If the file is damaged.
-        """
-        for place in self._places(topics, after_ns):
-            for entry in self._file.entries(place, self.channels, topics):
-                if entry.log_ns > after_ns:
-                    yield entry
-
     def ordered(
         self, topics: Collection[str] | None, from_ns: int = 0, until_ns: int = 1 << 64
     ) -> Iterator[Entry]:
@@ -213,8 +202,11 @@ class RecordingIndex:
         Raises:
             RecordingError: If the file is damaged.
         """
+        wanted = self.topics if topics is None else topics
+        chunks = [self._topics[topic] for topic in wanted if topic in self._topics]
+        places = {place for each in chunks for place in each.sorted()[0] if place.end_ns >= from_ns}
         pending = _Pending(self.path)
-        for place in self._places(self.topics if topics is None else topics, from_ns - 1):
+        for place in sorted(places):
             if place.start_ns >= until_ns:
                 break
             yield from pending.pop_before(place.start_ns)
@@ -222,13 +214,6 @@ class RecordingIndex:
                 if from_ns <= entry.log_ns < until_ns:
                     pending.add(place, number, entry)
         yield from pending.pop_before(until_ns)
-
-    def _places(self, topics: Collection[str], after_ns: int) -> list[Place]:
-        """Return the chunks with some topics that end after a time, sorted by start."""
-        chunks = [self._topics[topic] for topic in topics if topic in self._topics]
-        return sorted(
-            {place for each in chunks for place in each.sorted()[0] if place.end_ns > after_ns}
-        )
 
     def refresh(self) -> None:
         """Add data written to a growing file since the last call."""

@@ -4,9 +4,11 @@ up to a truncation.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import os
+from collections import Counter
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import IO, Any, cast
@@ -116,49 +118,35 @@ class RecordingFile:
         self._waiting.clear()
 
 
-class McapWriter:
+class McapWriter(Writer):
     """Writes entries to a stream, with the required channels and schemas."""
 
     def __init__(self, stream: IO[Any]) -> None:
-        self._writer = Writer(stream, chunk_size=_CHUNK_BYTES)
-        self._writer.start(profile=PROFILE, library=LIBRARY)
+        super().__init__(stream, chunk_size=_CHUNK_BYTES)
+        self.start(PROFILE, LIBRARY)
         self._channels: dict[tuple[str, str, str], int] = {}
         self._schemas: dict[str, int] = {}
 
     def fits(self, entry: Entry) -> bool:
         """Return whether readers accept an entry within their limits per file."""
-        known = (entry.topic, entry.encoding, entry.type) in self._channels
-        return len(entry.data) <= MOST_MESSAGE_BYTES and (
-            known
-            or (
-                len(self._channels) < MOST_CHANNELS
-                and len(entry.topic.encode()) <= MOST_TOPIC_BYTES
-            )
-        )
+        if len(entry.data) > MOST_MESSAGE_BYTES:
+            return False
+        is_short = len(entry.topic.encode()) <= MOST_TOPIC_BYTES
+        return entry[:3] in self._channels or (is_short and len(self._channels) < MOST_CHANNELS)
 
     def add(self, entry: Entry) -> None:
         """Add an entry."""
-        key = (entry.topic, entry.encoding, entry.type)
+        key = entry[:3]
         if (channel := self._channels.get(key)) is None:
             schema = self._schema(entry.type) if entry.type else 0
-            channel = self._writer.register_channel(entry.topic, entry.encoding, schema)
+            channel = self.register_channel(entry.topic, entry.encoding, schema)
             self._channels[key] = channel
-        self._writer.add_message(
-            channel, entry.log_ns, entry.data, entry.publish_ns, entry.sequence
-        )
-
-    def flush(self) -> None:
-        """End the chunk."""
-        self._writer.flush()
-
-    def finish(self) -> None:
-        """Write the index."""
-        self._writer.finish()
+        self.add_message(channel, entry.log_ns, entry.data, entry.publish_ns, entry.sequence)
 
     def _schema(self, ros_type: str) -> int:
         if (schema := self._schemas.get(ros_type)) is None:
             text = definition(ros_type).encode()
-            schema = self._writer.register_schema(ros_type, "ros2msg", text)
+            schema = self.register_schema(ros_type, "ros2msg", text)
             self._schemas[ros_type] = schema
         return schema
 
@@ -200,27 +188,15 @@ def entries(
     Raises:
         RecordingError: If the file is not a recording, or is damaged.
     """
-    file = RecordFile(path)
     first_ns, end_ns = from_ns or 0, until_ns or 1 << 64
-    try:
-        if file.is_whole:
-            yield from _indexed(path, topics, first_ns, end_ns)
+    with contextlib.closing(RecordFile(path)) as file:
+        if not file.is_whole:
+            for entry in _until_damaged(file, topics):
+                if first_ns <= entry.log_ns < end_ns:
+                    yield entry
             return
-        for entry in _until_damaged(file, topics):
-            if first_ns <= entry.log_ns < end_ns:
-                yield entry
-    finally:
-        file.close()
-
-
-def _indexed(
-    path: Path, topics: Collection[str] | None, first_ns: int, end_ns: int
-) -> Iterator[Entry]:
-    index = RecordingIndex(path)
-    try:
+    with contextlib.closing(RecordingIndex(path)) as index:
         yield from index.ordered(topics, first_ns, end_ns)
-    finally:
-        index.close()
 
 
 def _until_damaged(file: RecordFile, topics: Collection[str] | None) -> Iterator[Entry]:
@@ -234,43 +210,24 @@ def _until_damaged(file: RecordFile, topics: Collection[str] | None) -> Iterator
         return
 
 
-def topic_list(path: Path) -> list[tuple[str, str, str, int]]:
-    """Return topic, encoding, ROS 2 type and message count of all topics.
+def summary(path: Path) -> tuple[list[tuple[str, str, str, int]], int, int]:
+    """Return topic, encoding, ROS 2 type and message count of all topics, and first and last time.
+
+    Both times are 0 if the file is empty.
 
     Raises:
         RecordingError: If the file is not a recording.
     """
-    file = RecordFile(path)
-    try:
+    with contextlib.closing(RecordFile(path)) as file:
         if file.is_whole:
-            channels, statistics, _ = file.summary()
-            if statistics is not None:
-                return sorted(
-                    (*about, statistics.counts.get(number, 0))
-                    for number, about in channels.wanted(None).items()
-                )
-    finally:
-        file.close()
-    counted: dict[tuple[str, str, str], int] = {}
-    for entry in entries(path):
-        key = (entry.topic, entry.encoding, entry.type)
-        counted[key] = counted.get(key, 0) + 1
-    return sorted((*key, count) for key, count in counted.items())
-
-
-def time_span_ns(path: Path) -> tuple[int, int]:
-    """Return the times of the first and last entry, or (0, 0) if empty.
-
-    Raises:
-        RecordingError: If the file is not a recording.
-    """
-    file = RecordFile(path)
-    try:
-        if file.is_whole and (statistics := file.summary(chunks=False).statistics) is not None:
-            return statistics.start_ns, statistics.end_ns
-    finally:
-        file.close()
+            channels, _, start_ns, end_ns, counts = file.summary()
+            if counts is not None:
+                topics = [(*about, counts.get(n, 0)) for n, about in channels.wanted(None).items()]
+                return sorted(topics), start_ns, end_ns
+    counted: Counter[tuple[str, str, str]] = Counter()
     first_ns, last_ns = 1 << 64, 0
     for entry in entries(path):
+        counted[entry[:3]] += 1
         first_ns, last_ns = min(first_ns, entry.log_ns), max(last_ns, entry.log_ns)
-    return (first_ns, last_ns) if last_ns else (0, 0)
+    topics = [(*about, count) for about, count in counted.items()]
+    return sorted(topics), min(first_ns, last_ns), last_ns

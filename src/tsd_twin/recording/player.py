@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from tsd_twin.bus import Bus, PendingQuery, Publisher
+from tsd_twin.bus import Bus, Publisher
 from tsd_twin.client.connection import SentCommand
 from tsd_twin.client.monitor import RoundTrips, Snapshot
 from tsd_twin.errors import BusError, RecordingError
@@ -27,7 +27,6 @@ from tsd_twin.recording import mcap_file
 from tsd_twin.recording.channels import RAW, Entry, topic_of
 from tsd_twin.recording.data import Recording
 from tsd_twin.recording.reader import (
-    FoundState,
     RecordingReader,
     RobotStates,
     decoders,
@@ -57,33 +56,31 @@ class RecordedRobot:
         self.alive = False
         """Whether the node was on the bus."""
         self._decoders = decoders(robot)
-        self._shown: dict[str, tuple[FoundState, Any]] = {}
+        self._found: dict[str, Entry] = {}
+        self._decoded: dict[str, Any] = {}
 
     def show(self, states: RobotStates, start_ns: int) -> None:
         """Set the state; `start_ns` is the start of the recording."""
         self.alive = states.alive
-        if states.found == {name: each for name, (each, _) in self._shown.items()}:
+        before, found = self._found, states.found
+        if found == before:
             return
-        self._shown = {name: self._decoded(name, each) for name, each in states.found.items()}
-        values: dict[str, Any] = {name: value for name, (_, value) in self._shown.items()}
-        values["source"] = "recording"
-        times_s = {
-            name: 1e-9 * (found.log_ns - start_ns) for name, (found, _) in self._shown.items()
+        self._decoded = {
+            name: self._decoded[name] if before.get(name) == each else decode(each.data)
+            for name, decode in self._decoders.items()
+            if (each := found.get(name)) is not None
         }
+        self._found = found
+        values = {**self._decoded, "source": "recording"}
+        times_s = {name: 1e-9 * (each.log_ns - start_ns) for name, each in found.items()}
         if "odom" in times_s:
             values["odom_received_s"] = times_s["odom"]
-        if (status := states.found.get("status")) is not None:
+        if (status := found.get("status")) is not None:
             values["status_seq"] = status.sequence
             values["status_robot_s"] = 1e-9 * status.publish_ns
         if times_s:
             values["received_s"] = max(times_s.values())
         self.snapshot = Snapshot(**values)
-
-    def _decoded(self, name: str, found: FoundState) -> tuple[FoundState, Any]:
-        shown = self._shown.get(name)
-        if shown is not None and shown[0] == found:
-            return shown
-        return found, self._decoders[name](found.data)
 
 
 class Player:
@@ -237,8 +234,9 @@ class Replay:
         if bus.living_tokens(alive):
             raise BusError(f"'{replay_id}' is on the bus already: choose another id with --id")
         self._bus, self._recording, self._robot, self._id = bus, recording, robot, replay_id
-        self._description = _recorded_description(recording, robot)
-        self._refusal = because(Code.RECORDING, robot=robot)
+        refusal = because(Code.RECORDING, robot=robot)
+        self._replies = {service: encode_refusal(service, refusal) for service in Service}
+        self._replies[Service.DESC] = _recorded_description(recording, robot)
         self._publishers: dict[str, Publisher] = {}
         self._servers = {
             service: bus.queryable(service.key(replay_id), patterns=service is Service.DESC)
@@ -278,21 +276,12 @@ class Replay:
 
     def _serve_until(self, due_s: float, stop: threading.Event) -> None:
         while True:
-            self._serve()
+            for service, server in self._servers.items():
+                for request in server.take_requests():
+                    request.reply(self._replies[service])
             left_s = due_s - time.monotonic()
             if left_s <= 0.0 or stop.wait(min(left_s, _LOOK_S)):
                 return
-
-    def _serve(self) -> None:
-        for service, server in self._servers.items():
-            for request in server.take_requests():
-                self._answer(service, request)
-
-    def _answer(self, service: Service, request: PendingQuery) -> None:
-        if service is Service.DESC:
-            request.reply(self._description)
-        else:
-            request.reply(encode_refusal(service, self._refusal))
 
     def _send(self, entry: Entry) -> None:
         topic = topic_of(entry.topic)

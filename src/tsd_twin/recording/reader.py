@@ -7,7 +7,8 @@ long texts are truncated, large states skipped.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -24,7 +25,7 @@ from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.services import Description
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import Service, Topic
-from tsd_twin.recording.channels import Entry, robot_of
+from tsd_twin.recording.channels import Entry, robots_in
 from tsd_twin.recording.events import Annotation, EventKind, RecordedEvent, read_events, read_marks
 from tsd_twin.recording.index import RecordingIndex
 from tsd_twin.recording.records import RecordFile, readable
@@ -60,22 +61,13 @@ def decoders(robot: RobotDescription) -> dict[str, Callable[[bytes], Any]]:
     return {"joints": decode_joints, "setpoint": decode_joints, **poses, "status": decode_status}
 
 
-class FoundState(msgspec.Struct, frozen=True, array_like=True):
-    """Latest decodable message of a stream at a time."""
-
-    log_ns: int
-    publish_ns: int
-    sequence: int
-    data: bytes
-
-
 class RobotStates(msgspec.Struct, frozen=True, array_like=True):
     """States of a robot at a time."""
 
     alive: bool
     """Whether the node was on the bus."""
-    found: dict[str, FoundState]
-    """States by stream."""
+    found: dict[str, Entry]
+    """Latest decodable message of each stream."""
 
 
 class Contents(msgspec.Struct, frozen=True):
@@ -90,17 +82,24 @@ class Contents(msgspec.Struct, frozen=True):
     """Robots that cannot be shown, with the reasons."""
 
 
-class Listing(msgspec.Struct, frozen=True):
+class RecordingSummary(msgspec.Struct, frozen=True):
     """Summary of a recording for listings."""
 
     start_ns: int
     """Start, recorder's wall clock; 0 if there are no messages."""
     end_ns: int
     robots: tuple[str, ...]
+    size: int
+    """Bytes."""
     is_whole: bool
     """Whether the file is complete, not truncated or still being written."""
     marks: int
     """Number of marks."""
+
+    @property
+    def duration_s(self) -> float:
+        """Duration."""
+        return 1e-9 * (self.end_ns - self.start_ns)
 
 
 class RecordingReader:
@@ -117,18 +116,19 @@ class RecordingReader:
         self._unknown: dict[str, str] = {}
         self._robots: dict[str, _RobotReader] = {}
         try:
-            for number, each in enumerate(sorted(_robots(self.index.topics))):
-                if number < MOST_ROBOTS:
-                    self._add(each)
-                else:
-                    self._unknown["others"] = f"only {MOST_ROBOTS} robots are shown"
+            found = robots_in(self.index.topics)
+            for each in found[:MOST_ROBOTS]:
+                self._add(each)
+            if len(found) > MOST_ROBOTS:
+                self._unknown["others"] = f"only {MOST_ROBOTS} robots are shown"
         except BaseException:
             self.index.close()
             raise
 
     def _add(self, robot_id: str) -> None:
         try:
-            text, robot = _description(self.index, robot_id)
+            text = recorded_description(self.index, robot_id).robot
+            robot = parse_recorded(text, robot_id)
             self._robots[robot_id] = _RobotReader(self.index, robot_id, robot)
         except TwinError as error:
             self._unknown[robot_id] = str(error)[: 4 * _TEXT_LENGTH]
@@ -210,14 +210,8 @@ class _RobotReader:
         self._known: dict[str, tuple[Entry, Any]] = {}
 
     def at(self, at_ns: int) -> RobotStates:
-        found = {name: each for name in STREAMS if (each := self._newest(name, at_ns))}
-        return RobotStates(
-            self._is_alive(at_ns, default="status" in found),
-            {
-                name: FoundState(entry.log_ns, entry.publish_ns, entry.sequence, entry.data)
-                for name, (entry, _) in found.items()
-            },
-        )
+        found = {name: known[0] for name in STREAMS if (known := self._newest(name, at_ns))}
+        return RobotStates(self._is_alive(at_ns, default="status" in found), found)
 
     def position(self, at_ns: int) -> tuple[float, float] | None:
         odom = self._newest("odom", at_ns)
@@ -263,28 +257,24 @@ class FolderReader:
             index.close()
         self._growing.clear()
 
-    def listing(self, path: Path) -> Listing:
+    def listing(self, path: Path) -> RecordingSummary:
         """Return the summary of a recording.
 
         Raises:
             RecordingError: If the file is not a recording.
         """
-        file = RecordFile(path)
-        try:
+        with closing(RecordFile(path)) as file:
             if file.is_whole:
                 self._forget(path)
-                channels, statistics, _ = file.summary(chunks=False)
-                if statistics is None:
+                channels, _, start_ns, end_ns, counts = file.summary(chunks=False)
+                if counts is None:
                     raise RecordingError(f"{path} has no index")
                 found = {about[0] for about in channels.wanted(None).values()}
-                start_ns, end_ns = statistics.start_ns, statistics.end_ns
             else:
                 index = self._index(path)
                 start_ns, end_ns, found = index.start_ns, index.end_ns, set(index.topics)
-        finally:
-            file.close()
-        shown = tuple(sorted(_robots(found))[:MOST_ROBOTS])
-        return Listing(start_ns, end_ns, shown, file.is_whole, len(read_marks(path)))
+            shown, marks = tuple(robots_in(found)[:MOST_ROBOTS]), len(read_marks(path))
+            return RecordingSummary(start_ns, end_ns, shown, file.size, file.is_whole, marks)
 
     def _index(self, path: Path) -> RecordingIndex:
         """Return the index of a growing file, reading only new data."""
@@ -301,23 +291,17 @@ class FolderReader:
             index.close()
 
 
-def _robots(found: Collection[str]) -> set[str]:
-    return {robot_of(topic) for topic in found} - {"", "*"}
-
-
-def _description(index: RecordingIndex, robot_id: str) -> tuple[str, RobotDescription]:
-    """Return the latest valid description of a robot, as text and parsed.
+def recorded_description(index: RecordingIndex, robot_id: str) -> Description:
+    """Return the latest valid description of a robot.
 
     Raises:
         RecordingError: If the file has no description.
-        RobotFileError: If it cannot be used.
     """
     for entry in index.newest_first(Service.DESC.key(robot_id), _LATEST_NS):
         try:
-            text = msgspec.json.decode(entry.data, type=Description).robot
+            return msgspec.json.decode(entry.data, type=Description)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             continue  # Third-party robot.
-        return text, parse_recorded(text, robot_id)
     raise RecordingError(f"there is no description of '{robot_id}'")
 
 

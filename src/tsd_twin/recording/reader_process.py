@@ -5,6 +5,7 @@ It forks a reader for each connection that it receives, see `remote`. All exit w
 
 from __future__ import annotations
 
+import contextlib
 import os
 import resource
 import signal
@@ -40,11 +41,8 @@ class _Reader:
             return self._folder.listing(Path(arguments[0]))
         if name == "track":
             path, count = arguments
-            recording = RecordingReader(Path(path))
-            try:
+            with contextlib.closing(RecordingReader(Path(path))) as recording:
                 return recording.track(count)
-            finally:
-                recording.close()
         if name == "open":
             self._open = RecordingReader(Path(arguments[0]))
             return None

@@ -122,22 +122,17 @@ class Channels:
             raise ValueError(f"it has more than {MOST_CHANNELS} topics")
 
 
-class Statistics(NamedTuple):
-    """Times and message counts of a complete file."""
-
-    start_ns: int
-    end_ns: int
-    counts: dict[int, int]
-    """Message count by channel."""
-
-
 class Summary(NamedTuple):
     """Index at the end of a complete file."""
 
     channels: Channels
-    statistics: Statistics | None
     chunks: list[tuple[Place, list[int]]]
     """Chunks with their channels."""
+    start_ns: int
+    """Time of the first message, 0 without statistics."""
+    end_ns: int
+    counts: dict[int, int] | None
+    """Message count by channel, or None without statistics."""
 
 
 class RecordFile:
@@ -202,21 +197,22 @@ class RecordFile:
             return self._summary(parts, end)
 
     def _summary(self, parts: list[tuple[int, int]], end: int) -> Summary:
-        found, statistics, indexed = Summary(Channels(), None, []), None, 0
+        channels, chunks, indexed = Channels(), list[tuple[Place, list[int]]](), 0
+        statistics: tuple[int, int, dict[int, int] | None] = 0, 0, None
         for start, length in parts[:2]:
             for kind, body in self._part(start, length, end):
                 if kind in (Opcode.CHANNEL, Opcode.SCHEMA):
-                    found.channels.learn(kind, body)
+                    channels.learn(kind, body)
                 elif kind == Opcode.STATISTICS:
                     statistics = _statistics(body)
                 elif kind == Opcode.CHUNK_INDEX:
-                    place, channels = _chunk_index(body)
-                    indexed += len(channels)
-                    if len(found.chunks) >= MOST_CHUNKS or indexed > MOST_INDEXED:
+                    chunk = _chunk_index(body)
+                    indexed += len(chunk[1])
+                    if len(chunks) >= MOST_CHUNKS or indexed > MOST_INDEXED:
                         raise ValueError("its index is too long")
-                    found.chunks.append((place, channels))
-        _check_places([place for place, _ in found.chunks], end)
-        return found._replace(statistics=statistics)
+                    chunks.append(chunk)
+        _check_places([place for place, _ in chunks], end)
+        return Summary(channels, chunks, *statistics)
 
     def walk(self, at: int, size: int) -> Iterator[tuple[int, int, int]]:
         """Yield type, content offset and content length of all complete records from `at`."""
@@ -287,11 +283,8 @@ class RecordFile:
 def is_whole(path: Path) -> bool:
     """Return whether a file ends like a complete MCAP file."""
     with path.open("rb") as file:
-        file.seek(0, 2)
-        if file.tell() < 2 * len(MAGIC):
-            return False
-        file.seek(-len(MAGIC), 2)
-        return file.read() == MAGIC
+        end = os.fstat(file.fileno()).st_size - len(MAGIC)
+        return end >= len(MAGIC) and os.pread(file.fileno(), len(MAGIC), end) == MAGIC
 
 
 def _records(data: memoryview) -> Iterator[tuple[int, memoryview]]:
@@ -370,9 +363,9 @@ def _check_places(places: list[Place], end: int) -> None:
         at = place.offset + place.length
 
 
-def _statistics(body: bytes) -> Statistics:
+def _statistics(body: bytes) -> tuple[int, int, dict[int, int]]:
     *_, start_ns, end_ns, size = _STATISTICS.unpack_from(body)
     counts = body[_STATISTICS.size : _STATISTICS.size + size]
     if not start_ns <= end_ns <= _LATEST_NS or len(counts) != size:
         raise ValueError("its statistics are impossible")
-    return Statistics(start_ns, end_ns, dict(_OFFSET.iter_unpack(counts)))
+    return start_ns, end_ns, dict(_OFFSET.iter_unpack(counts))

@@ -21,7 +21,7 @@ import msgspec
 
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.events import Annotation, RecordedEvent
-from tsd_twin.recording.reader import Contents, Listing, RobotStates
+from tsd_twin.recording.reader import Contents, RecordingSummary, RobotStates
 
 MOST_ANSWER_BYTES = 2 << 20
 _PATIENCE_S = 60.0
@@ -99,9 +99,9 @@ class RemoteFolderReader:
         if self._connection is not None:
             self._connection.close()
 
-    def listing(self, path: Path) -> Listing:
+    def listing(self, path: Path) -> RecordingSummary:
         """See `FolderReader.listing`."""
-        return self._ask(path, "listing", Listing)
+        return self._ask(path, "listing", RecordingSummary)
 
     def track(self, path: Path, count: int) -> dict[str, list[tuple[float, float]]]:
         """See `RecordingReader.track`."""

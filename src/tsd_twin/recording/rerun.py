@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
 import numpy as np
@@ -42,22 +42,8 @@ from tsd_twin.recording import mcap_file
 from tsd_twin.recording.data import Recording
 from tsd_twin.robots import RobotDescription
 
-
-@dataclass(frozen=True, slots=True)
-class Stretch:
-    """Contiguous part of an input log."""
-
-    batches: Sequence[InputBatch]
-
-    @property
-    def calls(self) -> Iterator[Call]:
-        """All calls in order."""
-        return itertools.chain.from_iterable(batch.calls for batch in self.batches)
-
-    @property
-    def build(self) -> str:
-        """Build digest of the recorded code, or "" if unknown."""
-        return next((batch.snapshot.build for batch in self.batches if batch.snapshot), "")
+Stretch: TypeAlias = Sequence[InputBatch]
+"""Contiguous part of an input log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +87,7 @@ class RerunResult:
         )
 
 
-def stretches(batches: Iterable[InputBatch]) -> list[Stretch]:
+def stretches(batches: Iterable[InputBatch]) -> list[list[InputBatch]]:
     """Split an input log into contiguous parts that start with a controller state."""
     found: list[list[InputBatch]] = []
     following: int | None = None
@@ -114,7 +100,7 @@ def stretches(batches: Iterable[InputBatch]) -> list[Stretch]:
         if following is not None:
             found[-1].append(batch)
             following += len(batch.calls)
-    return [Stretch(part) for part in found]
+    return found
 
 
 def recorded_batches(recording: Recording, robot: str) -> Iterator[InputBatch]:
@@ -150,7 +136,7 @@ class Rerun:
         self._stretch, self._tolerance = stretch, tolerance
         self._leases: deque[bytes] = deque()
         self._unknown = itertools.count(1)
-        first = stretch.batches[0]
+        first = stretch[0]
         if first.first == 0:
             robot = robots.parse_description(description, "the recorded description")
             pose = None if first.pose is None else _pose(first.pose)
@@ -162,27 +148,20 @@ class Rerun:
         self._start_s: float | None = None
         self._requests: list[str] = []
 
-    def run(self, progress: Callable[[float], None] = lambda _share: None) -> RerunResult:
-        """Run all calls; `progress` receives the completed fraction after each batch."""
-        for number, batch in enumerate(self._stretch.batches):
-            for call in batch.calls:
-                if not self._do(call):
-                    return self._result
-            progress((number + 1) / len(self._stretch.batches))
+    def run(self) -> RerunResult:
+        """Run all calls, up to the first exception."""
+        for call in itertools.chain.from_iterable(batch.calls for batch in self._stretch):
+            try:
+                self._run(call)
+            except Exception as error:  # Any exception of the code under test is a difference.
+                now_s = getattr(call, "now_s", math.nan)
+                self._differs(now_s, f"the controller raises {type(error).__name__}: {error}", call)
+                break
         return self._result
 
     def _lease(self) -> bytes:
         # If the code draws an unrecorded lease, its different id appears in the reply.
         return self._leases.popleft() if self._leases else next(self._unknown).to_bytes(16, "big")
-
-    def _do(self, call: Call) -> bool:
-        try:
-            self._run(call)
-        except Exception as error:  # Any exception of the code under test is a difference.
-            now_s = getattr(call, "now_s", math.nan)
-            self._differs(now_s, f"the controller raises {type(error).__name__}: {error}", call)
-            return False
-        return True
 
     def _run(self, call: Call) -> None:
         controller = self.controller
@@ -195,8 +174,8 @@ class Rerun:
                 self._compare_replies("the answer to stop", call, reply)
             case ServeCall():
                 self._requests.append(call.service)
-                reply = controller.serve(Service(call.service), call.payload, call.now_s)
-                self._compare_replies(f"the answer to {call.service}", call, reply)
+                answer = controller.serve(Service(call.service), call.payload, call.now_s)
+                self._compare_replies(f"the answer to {call.service}", call, answer)
             case PosesCall():
                 controller.add_pose_measurements(call.poses, call.now_s, call.wall_ns)
             case StepCall():
@@ -319,18 +298,18 @@ class WhatIf(Rerun):
 
 def _free(stretch: Stretch, description: str) -> tuple[Stretch, SE2 | SO3 | None]:
     """Return the part of a log where a new controller can start, and the pose at its start."""
-    first = stretch.batches[0]
+    first = stretch[0]
     if first.first == 0:
         return stretch, None if first.pose is None else _pose(first.pose)
-    for number, batch in enumerate(stretch.batches):
+    for number, batch in enumerate(stretch):
         if batch.snapshot is None:
             continue
-        there = Rerun(Stretch(stretch.batches[number:]), description).controller
+        there = Rerun(stretch[number:], description).controller
         supervisor, odometry = there.supervisor, there.odometry(0)
         now_s = next((call.now_s for call in batch.calls if isinstance(call, StepCall)), math.inf)
         if supervisor.mode is Mode.DISARMED and supervisor.lease_in_force(now_s) is None:
             pose = odometry.xy_heading if odometry.wxyz is None else odometry.wxyz
-            return Stretch(stretch.batches[number:]), _pose(pose.tolist())
+            return stretch[number:], _pose(pose.tolist())
     raise TwinError(
         "the recording has no state in which the robot is disarmed and has no operator, "
         "from where another description could begin"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -25,6 +26,10 @@ class PoseSensor(Table, frozen=True):
     """Standard deviation of the bias in x and y, from the mounting position."""
     mounting_deg: NotNegative = 0.5
     """Standard deviation of the bias in the heading."""
+
+    def camera_noise(self) -> CameraNoise:
+        """Return the noise of a camera with this accuracy, without bias."""
+        return CameraNoise(sigma_m=self.sigma_m, sigma_rad=math.radians(self.sigma_deg))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
 from tsd_twin import robots
 from tsd_twin.adapters.fleet import LONGEST_OPERATOR, Fleet, MeshFiles, package_of
 from tsd_twin.adapters.foxglove.gateway import Access, Front
@@ -24,11 +22,10 @@ from tsd_twin.adapters.ros_messages import PUBLISHED, SOURCES, RobotMapping, nam
 from tsd_twin.bus import Bus
 from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.messages.errors import MessageError
-from tsd_twin.messages.services import Description
-from tsd_twin.messages.topics import Service
 from tsd_twin.models import robot_urdf
-from tsd_twin.recording.channels import RAW, Entry, robot_of, topic_of
+from tsd_twin.recording.channels import RAW, Entry, robot_of, robots_in, topic_of
 from tsd_twin.recording.index import RecordingIndex
+from tsd_twin.recording.reader import recorded_description
 
 _WATCH_S = 0.05
 
@@ -72,7 +69,6 @@ async def serve_live(
 SLOWEST, FASTEST = 0.01, 100.0
 """Range of playback speeds."""
 _STEP_S = 0.02
-_LATEST_NS = (1 << 63) - 1
 
 
 class RecordingPlayback:
@@ -112,11 +108,10 @@ class RecordingPlayback:
         self._index.close()
 
     def _show_robots(self, path: Path) -> None:
-        found = {robot_of(topic) for topic in self._index.topics} - {"", "*"}
         unknown: list[str] = []
-        for robot, names in namespaces(found).items():
+        for robot, names in namespaces(robots_in(self._index.topics)).items():
             try:
-                description = self._description(robot)
+                description = recorded_description(self._index, robot)
                 meshes = MeshFiles(robots.parse_description(description.robot, robot))
                 text = description.urdf or robot_urdf(meshes.robot)
                 mapping = RobotMapping(robot, names, text, package_of(names))
@@ -131,12 +126,6 @@ class RecordingPlayback:
         if not self._mappings:
             reasons = "; ".join(unknown) or "there is no robot in it"
             raise RecordingError(f"{path} cannot be shown: {reasons}")
-
-    def _description(self, robot: str) -> Description:
-        for entry in self._index.newest_first(Service.DESC.key(robot), _LATEST_NS):
-            with contextlib.suppress(msgspec.DecodeError):
-                return msgspec.json.decode(entry.data, type=Description)
-        raise RecordingError(f"there is no description of '{robot}'")
 
     # Called on SDK threads.
 
@@ -186,7 +175,7 @@ class RecordingPlayback:
             for entry in self._index.newest_first(topic, self._at_ns):
                 self._send(entry, self._at_ns)
                 break
-        self._entries = self._index.entries(self._topics, self._at_ns)
+        self._entries = self._index.ordered(self._topics, self._at_ns + 1)
         self._pending = next(self._entries, None)
 
     def _send(self, entry: Entry, log_ns: int | None = None) -> None:

@@ -72,14 +72,14 @@ class RecordedPages:
             found = await asyncio.to_thread(self._catalogue.recordings)
         body: list[dict[str, Any]] = [
             {
-                "name": each.path.name,
+                "name": path.name,
                 "start_ms": each.start_ns // 1_000_000,
                 "duration_s": round(each.duration_s, 1),
                 "robots": each.robots,
                 "marks": each.marks,
                 "is_whole": each.is_whole,
             }
-            for each in found
+            for path, each in found.items()
             if each.robots
         ]
         return web.Response(
