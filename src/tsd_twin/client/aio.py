@@ -24,12 +24,12 @@ from tsd_twin.client.port import (
     NextStatus,
     Outcome,
     Procedure,
-    Send,
     SendStop,
     Sleep,
     Step,
     run_async,
 )
+from tsd_twin.client.protocol import TwistCommand
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.messages.events import Event
 
@@ -119,7 +119,7 @@ class AsyncRobotClient(BaseClient["AsyncRobotControl", _Done]):
                 await self._next_status(until_s)
             case Compute(function):
                 value = await asyncio.to_thread(function)
-            case Send():
+            case TwistCommand():  # `advance` has published it.
                 pass
         return Outcome(link.now_s(), answer, value)
 

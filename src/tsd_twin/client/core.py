@@ -292,15 +292,8 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
             RobotStopped: If the robot is not ready, is stopped or stops automatically.
             RobotSilent: If the robot sends no status.
         """
-        protocol = self._protocol
-        return self._perform(
-            lambda: motions.drive(
-                protocol,
-                self._now_s,
-                protocol.planar(vx_mps, vy_mps, omega_rad_per_s),
-                duration_s,
-                frame,
-            )
+        return self._drive(
+            lambda: self._protocol.planar(vx_mps, vy_mps, omega_rad_per_s), duration_s, frame
         )
 
     def turn(
@@ -313,15 +306,10 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
         frame: str = BASE,
     ) -> DoneT:
         """Turn a sphere in place for `duration_s`, then stop; see `drive`."""
-        protocol = self._protocol
-        return self._perform(
-            lambda: motions.drive(
-                protocol,
-                self._now_s,
-                protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s),
-                duration_s,
-                frame,
-            )
+        return self._drive(
+            lambda: self._protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s),
+            duration_s,
+            frame,
         )
 
     def set_velocity(
@@ -436,6 +424,11 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
         return self._perform(lambda: procedures.set_wheel_speed(self._protocol, rpm))
 
     # Internals.
+
+    def _drive(self, twist: Callable[[], Sequence[float]], duration_s: float, frame: str) -> DoneT:
+        return self._perform(
+            lambda: motions.drive(self._protocol, self._now_s, twist(), duration_s, frame)
+        )
 
     @property
     def _link(self) -> Link:

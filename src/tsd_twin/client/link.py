@@ -14,7 +14,6 @@ from tsd_twin.client.port import (
     NextStatus,
     Outcome,
     Procedure,
-    Send,
     SendStop,
     Sleep,
     Step,
@@ -127,7 +126,7 @@ class Link(ABC):
                 self.wait_for_status(until_s)
             case Compute(function):
                 value = function()
-            case Send():  # `advance` has published it.
+            case TwistCommand():  # `advance` has published it.
                 pass
         return Outcome(self.now_s(), answer, value)
 

@@ -20,7 +20,7 @@ from tsd_twin.client.arguments import (
     checked_twist,
 )
 from tsd_twin.client.errors import MotionFailed
-from tsd_twin.client.port import Compute, NextStatus, Procedure, Send, Sleep
+from tsd_twin.client.port import Compute, NextStatus, Procedure, Sleep
 from tsd_twin.client.protocol import COMMAND_PERIOD_S, ZERO_TWIST, ControlProtocol
 from tsd_twin.errors import PathError
 from tsd_twin.kinematics import Kinematics
@@ -282,7 +282,7 @@ def _send_twists(
         protocol.check_motion(now_s, motion)
         if twist is None:
             break
-        yield Send(protocol.command(twist, frame, now_s))
+        yield protocol.command(twist, frame, now_s)
         now_s = (yield Sleep(min(now_s + COMMAND_PERIOD_S, end_s))).now_s
     yield from _come_to_rest(protocol, now_s, motion)
 
@@ -292,7 +292,7 @@ def _zero(
 ) -> Procedure[None]:
     """Send one zero after an error; a closed generator can no longer send."""
     if protocol.has_lease and protocol.is_active(motion) and not isinstance(error, GeneratorExit):
-        yield Send(protocol.command(ZERO_TWIST, BASE, now_s))
+        yield protocol.command(ZERO_TWIST, BASE, now_s)
 
 
 def _come_to_rest(protocol: ControlProtocol, now_s: float, motion: int) -> Procedure[None]:
@@ -301,7 +301,7 @@ def _come_to_rest(protocol: ControlProtocol, now_s: float, motion: int) -> Proce
         protocol.check_motion(now_s, motion)
         command = protocol.command(ZERO_TWIST, BASE, now_s)
         first = command.seq if first is None else first
-        yield Send(command)
+        yield command
         now_s = (yield Sleep(now_s + COMMAND_PERIOD_S)).now_s
         if protocol.at_rest_since(first):
             # Joints lag behind, and a noisy estimate never shows zero.

@@ -1,7 +1,8 @@
 """Steps of a procedure and their execution by a client.
 
-A procedure is a sans-I/O generator: it yields steps (`Call`, `Send`, `Sleep` ...) and is resumed
-with an `Outcome`. Clients perform the steps in a thread, on an event loop or in virtual time.
+A procedure is a sans-I/O generator: it yields steps (`Call`, `Sleep`, a `TwistCommand` ...) and is
+resumed with an `Outcome`. Clients perform the steps in a thread, on an event loop or in virtual
+time.
 """
 
 from __future__ import annotations
@@ -25,13 +26,6 @@ class Call:
     service: Service
     payload: bytes
     timeout_s: float = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Send:
-    """Step: publish a command."""
-
-    command: TwistCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +67,8 @@ class Outcome:
     """Return value of a `Compute`."""
 
 
-Step: TypeAlias = Call | Send | SendStop | Sleep | NextStatus | Compute
+Step: TypeAlias = Call | TwistCommand | SendStop | Sleep | NextStatus | Compute
+"""A `TwistCommand` is published."""
 Procedure: TypeAlias = Generator[Step, Outcome, T]
 
 
@@ -99,8 +94,8 @@ def advance(port: Port, resume: Callable[[], Step]) -> Step:
     # Hold the lock, so that commands are sent in the order of their numbers.
     with port.lock:
         step = resume()
-        if isinstance(step, Send):
-            port.send(step.command)
+        if isinstance(step, TwistCommand):
+            port.send(step)
     return step
 
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from tsd_twin.client.errors import ControlDenied, RequestRefused, RobotSilent, RobotStopped
-from tsd_twin.client.port import Call, NextStatus, Procedure, Send, SendStop
+from tsd_twin.client.port import Call, NextStatus, Procedure, SendStop
 from tsd_twin.client.protocol import STATUS_TIMEOUT_S, ZERO_TWIST, ControlProtocol
 from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.commands import why_of
@@ -376,7 +376,7 @@ def give_back(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     lease = protocol.lease_hex
     protocol.end_motion()
     try:
-        yield Send(protocol.command(ZERO_TWIST, BASE, now_s))
+        yield protocol.command(ZERO_TWIST, BASE, now_s)
         for _ in range(_TRIES):
             reply = yield from _ask(Service.DISARM, HolderRequest(lease), Reply, _ANSWER_S)
             if reply is not None and reply.ok:
