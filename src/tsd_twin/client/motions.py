@@ -261,8 +261,11 @@ def _motion(
     motion = protocol.begin_motion(now_s)
     try:
         yield from body(now_s, motion)
-    except BaseException as error:
-        yield from _zero(protocol, now_s, motion, error)
+    except GeneratorExit:  # A closed generator can no longer send.
+        raise
+    except BaseException:
+        if protocol.has_lease and protocol.is_active(motion):
+            yield protocol.command(ZERO_TWIST, BASE, now_s)
         raise
     finally:
         protocol.end_motion(motion)
@@ -285,14 +288,6 @@ def _send_twists(
         yield protocol.command(twist, frame, now_s)
         now_s = (yield Sleep(min(now_s + COMMAND_PERIOD_S, end_s))).now_s
     yield from _come_to_rest(protocol, now_s, motion)
-
-
-def _zero(
-    protocol: ControlProtocol, now_s: float, motion: int, error: BaseException
-) -> Procedure[None]:
-    """Send one zero after an error; a closed generator can no longer send."""
-    if protocol.has_lease and protocol.is_active(motion) and not isinstance(error, GeneratorExit):
-        yield protocol.command(ZERO_TWIST, BASE, now_s)
 
 
 def _come_to_rest(protocol: ControlProtocol, now_s: float, motion: int) -> Procedure[None]:

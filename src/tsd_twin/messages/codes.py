@@ -426,7 +426,7 @@ def hardware_reason(fault: Reason | str | None) -> Reason | None:
 
 def problem_of(reason: Reason) -> str:
     """Return why a reason has an unknown code or other parameters than its table; "" if neither."""
-    if reason.code not in _CODES:
+    if reason.code not in PARAMETERS:
         return f"{reason.code}: unknown code"
     types = PARAMETERS[Code(reason.code)]
     allowed = {name.removesuffix("?") for name in types}
@@ -435,8 +435,9 @@ def problem_of(reason: Reason) -> str:
     if given - allowed or needed - given:
         return f"{reason.code}: has parameters {sorted(given)}, needs {sorted(types)}"
     for name, value in reason.params.items():
-        is_number = type_of(types, name) in DECIMALS
-        if is_number != isinstance(value, int | float) or (is_number and not _is_finite(value)):
+        wants_number = type_of(types, name) in DECIMALS
+        is_number = not isinstance(value, str)
+        if is_number != wants_number or not (isinstance(value, str) or math.isfinite(value)):
             return f"{reason.code}: {name} is {value!r}"
     return "" if reason.cause is None else problem_of(reason.cause)
 
@@ -446,15 +447,8 @@ def type_of(types: Mapping[str, Type], name: str) -> Type | None:
     return types.get(name) or types.get(f"{name}?")
 
 
-_CODES = frozenset(code.value for code in Code)
-
-
 def _rounded(value: float, types: Mapping[str, Type], name: str) -> Value:
     decimals = DECIMALS.get(type_of(types, name) or Type.TEXT, 2)
     if not math.isfinite(value):
         return str(value)  # JSON has no such number.
     return round(value, decimals) if decimals else round(value)
-
-
-def _is_finite(value: Value) -> bool:
-    return isinstance(value, int | float) and math.isfinite(value)
