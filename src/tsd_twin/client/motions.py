@@ -15,11 +15,10 @@ from tsd_twin.client.arguments import (
     check_frame,
     check_numbers,
     check_optional,
-    check_speed,
     checked_points,
     checked_twist,
 )
-from tsd_twin.client.errors import MotionFailed
+from tsd_twin.client.errors import ClientError, MotionFailed
 from tsd_twin.client.port import Compute, NextStatus, Procedure, Sleep
 from tsd_twin.client.protocol import COMMAND_PERIOD_S, ZERO_TWIST, ControlProtocol
 from tsd_twin.errors import PathError
@@ -206,7 +205,9 @@ def follow(
         MotionFailed: If the robot leaves the path or misses the goal.
         ClientError: As for `ControlProtocol.check_motion`.
     """
-    check_speed(speed_mps)
+    check_optional(speed_mps=speed_mps)
+    if speed_mps is not None and speed_mps <= 0.0:
+        raise ClientError(f"speed_mps must be greater than 0, not {speed_mps}", "not_positive")
 
     def body(now_s: float, motion: int) -> Procedure[None]:
         start = protocol.pose(now_s)
