@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 
 from tsd_twin.messages.codes import PARAMETERS, Code, Reason, Type, Value, type_of
+from tsd_twin.messages.modes import Mode
 
 _DRIVE = "the speed controllers have no power: the stop circuit is open"
 _HEAT = "a servo is too hot: let it cool"
@@ -15,15 +16,7 @@ _SILENT = "it does not say why"
 
 WORDS: Mapping[Type, Mapping[str, str]] = {
     Type.SERVOS: {"one": "servo", "several": "servos"},
-    Type.MODE: {
-        "disarmed": "disarmed",
-        "arming": "arming",
-        "ready": "ready",
-        "driving": "driving",
-        "stopping": "stopping",
-        "stopped": "stopped",
-        "fault": "fault",
-    },
+    Type.MODE: {mode.value: mode.value for mode in Mode},
     Type.LATCHED: {"stopped": "stopped", "fault": "in a fault"},
     Type.REQUEST: {
         "acquire": "acquire control",
