@@ -23,11 +23,10 @@ from tsd_twin.client.port import (
     NextStatus,
     Outcome,
     Procedure,
-    Send,
     SendStop,
     Sleep,
 )
-from tsd_twin.client.protocol import ControlProtocol
+from tsd_twin.client.protocol import ControlProtocol, TwistCommand
 from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, Reply
 from tsd_twin.messages.status import CommandStatus, DropCounts, Refusals
 from tsd_twin.messages.topics import Service
@@ -145,13 +144,13 @@ def test_whatever_interrupts_a_drive_sends_a_zero_first(error: BaseException) ->
     protocol = granted()
     procedure = motions.drive(protocol, 0.0, (0.3, 0.0, 0.0), 10.0, "base_link")
     sent = next(procedure)
-    assert isinstance(sent, Send)
-    assert speed(sent.command) == pytest.approx(0.3)
+    assert isinstance(sent, TwistCommand)
+    assert speed(sent) == pytest.approx(0.3)
     assert isinstance(procedure.send(Outcome(0.0)), Sleep)
     last = procedure.throw(error)
-    assert isinstance(last, Send)
-    assert speed(last.command) == 0.0
-    assert last.command.seq > sent.command.seq
+    assert isinstance(last, TwistCommand)
+    assert speed(last) == 0.0
+    assert last.seq > sent.seq
     with pytest.raises(type(error)):
         procedure.send(Outcome(0.01))
     assert not protocol.in_motion
@@ -177,8 +176,8 @@ def test_a_motion_does_not_go_on_after_the_robot_stopped_by_itself() -> None:
     procedure.send(Outcome(0.0))
     protocol.receive_status(status("ready", stops=1, stop_reason="no command for 200 ms"), 2, 0.5)
     step = procedure.send(Outcome(0.5))
-    assert isinstance(step, Send)
-    assert speed(step.command) == 0.0
+    assert isinstance(step, TwistCommand)
+    assert speed(step) == 0.0
     with pytest.raises(RobotStopped, match="no command for 200 ms"):
         procedure.send(Outcome(0.51))
 
@@ -198,8 +197,8 @@ def test_a_path_without_progress_says_how_many_commands_came_too_late(stale: int
     while not failure:
         if isinstance(step, Sleep):
             now_s = step.until_s
-        elif isinstance(step, Send):
-            sent = step.command.seq
+        elif isinstance(step, TwistCommand):
+            sent = step.seq
         news(7 + stale)
         value = step.function() if isinstance(step, Compute) else None
         try:
@@ -215,8 +214,8 @@ def test_a_robot_that_cannot_be_disarmed_is_stopped() -> None:
     protocol = granted()
     procedure = steps.give_back(protocol, 0.0)
     zero = next(procedure)
-    assert isinstance(zero, Send)
-    assert speed(zero.command) == 0.0
+    assert isinstance(zero, TwistCommand)
+    assert speed(zero) == 0.0
     step, services = procedure.send(Outcome(0.0)), list[Service]()
     free = msgspec.json.encode(LeaseReply(False))
     for answer in (None, None, None, None, REFUSED, free):

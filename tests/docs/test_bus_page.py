@@ -28,12 +28,12 @@ from tsd_twin.messages.status import DropCounts, PoseSensorDrops, RobotStatus, e
 from tsd_twin.messages.topics import TOPICS, Service
 
 PAGE = page("bus.md")
-REQUESTS: dict[str, type[services.Request]] = {
+REQUESTS: dict[str, type[msgspec.Struct]] = {
     "srv/lease": services.LeaseRequest,
     "srv/set_pose": services.SetPoseRequest,
     "srv/speed": services.SpeedRequest,
     "stop": services.StopRequest,
-    "desc": services.Request,
+    "desc": msgspec.defstruct("Empty", ()),
 }
 ANSWERS: dict[str, type[msgspec.Struct]] = {
     "srv/lease": services.LeaseReply,

@@ -17,7 +17,6 @@ from tsd_twin.messages.services import (
     LeaseReply,
     LeaseRequest,
     Reply,
-    Request,
     SetPoseRequest,
     StopRequest,
     decode_request,
@@ -25,7 +24,7 @@ from tsd_twin.messages.services import (
 
 LEASE = "0123456789abcdef" * 2
 KINDS = (LeaseRequest, HolderRequest, SetPoseRequest, StopRequest)
-COMPLETE: dict[type[Request], dict[str, Any]] = {
+COMPLETE: dict[type[msgspec.Struct], dict[str, Any]] = {
     LeaseRequest: {"op": "acquire", "operator": "alice"},
     HolderRequest: {"lease": LEASE},
     SetPoseRequest: {"lease": LEASE, "x_m": 1.0, "y_m": 2, "heading_rad": -0.5},
@@ -39,14 +38,14 @@ def encoded(fields: dict[str, Any]) -> bytes:
 
 
 @pytest.mark.parametrize(("kind", "fields"), COMPLETE.items())
-def test_what_is_there_is_read(kind: type[Request], fields: dict[str, Any]) -> None:
+def test_what_is_there_is_read(kind: type[msgspec.Struct], fields: dict[str, Any]) -> None:
     request = decode_request(encoded(fields | {"unknown": [1, {}]}), kind)
     for name, value in fields.items():
         assert getattr(request, name) == value
 
 
 @pytest.mark.parametrize(("kind", "field"), MISSING)
-def test_a_missing_field_is_named(kind: type[Request], field: str) -> None:
+def test_a_missing_field_is_named(kind: type[msgspec.Struct], field: str) -> None:
     fields = {name: value for name, value in COMPLETE[kind].items() if name != field}
     with pytest.raises(MessageError, match=f"missing required field `{field}`") as caught:
         decode_request(encoded(fields), kind)
@@ -81,7 +80,7 @@ def test_a_missing_field_is_named(kind: type[Request], field: str) -> None:
     ],
 )
 def test_a_wrong_value_is_refused_with_the_name_of_its_field(
-    kind: type[Request], field: str, value: Any
+    kind: type[msgspec.Struct], field: str, value: Any
 ) -> None:
     with pytest.raises(MessageError, match=field) as caught:
         decode_request(encoded(COMPLETE[kind] | {field: value}), kind)
@@ -105,7 +104,7 @@ def test_a_wrong_value_is_refused_with_the_name_of_its_field(
         b"{} {}",
     ],
 )
-def test_what_is_no_json_object_is_refused(kind: type[Request], payload: bytes) -> None:
+def test_what_is_no_json_object_is_refused(kind: type[msgspec.Struct], payload: bytes) -> None:
     with pytest.raises(MessageError, match="not a request") as caught:
         decode_request(payload, kind)
     assert caught.value.reason == "shape"

@@ -18,8 +18,9 @@ from tsd_twin.adapters.cmd_vel import CmdVel
 from tsd_twin.adapters.frames import FOOTPRINT
 from tsd_twin.adapters.ros_messages import SOURCES, RobotMapping, RosMessage, RosNames, namespaces
 from tsd_twin.bus import Bus
-from tsd_twin.client import AsyncRobotClient, Subscription
+from tsd_twin.client import AsyncRobotClient
 from tsd_twin.client.bus_port import BusLink
+from tsd_twin.client.state import CallbackSubscription
 from tsd_twin.errors import BusError, TwinError
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import BASE, ODOM
@@ -78,7 +79,7 @@ class RobotSource(ABC):
         self._lock = threading.Lock()
         for topic in _STREAMS:
             link.subscribe(topic, partial(self._feed, topic))
-        link.subscribe_events(_EventTap(self._feed_event))
+        link.subscribe_events(CallbackSubscription(self._feed_event))
 
     async def rename(self, names: RosNames | None) -> None:
         """Show the robot under new names; None withdraws it.
@@ -165,18 +166,6 @@ class RobotSource(ABC):
 def package_of(names: RosNames) -> str:
     """Return the URI prefix of mesh files in a ROS package."""
     return f"package://{names.namespace}_description/meshes/"
-
-
-class _EventTap(Subscription[Event]):
-    """Subscription that passes events to a function immediately."""
-
-    def __init__(self, take: Callable[[Event], None]) -> None:
-        super().__init__(1)
-        self._take = take
-
-    def put(self, item: Event) -> None:
-        if not self.closed:
-            self._take(item)
 
 
 class Fleet:

@@ -148,12 +148,9 @@ def clients_of(config: Config, patience_s: float) -> list[Config]:
         BusError: If Zenoh cannot read the configuration.
     """
     try:
-        found = json.loads(config.parsed().get_json("connect/endpoints"))
+        endpoints = _endpoints(config.parsed(), "connect/endpoints")
     except zenoh.ZError as error:
         raise BusError(f"{config.where}: {reason(error)}") from error
-    if isinstance(found, dict):  # One list per mode.
-        by_mode = cast("dict[str, list[str]]", found)
-        found = [endpoint for group in by_mode.values() for endpoint in group]
     client = as_client(config, patience_s)
     return [
         replace(
@@ -161,7 +158,7 @@ def clients_of(config: Config, patience_s: float) -> list[Config]:
             where=endpoint,
             others={**client.others, "connect/endpoints": json.dumps([endpoint])},
         )
-        for endpoint in cast("list[str]", found or [])
+        for endpoint in endpoints
     ]
 
 
@@ -178,15 +175,12 @@ def from_file(path: str) -> Config:
         text = Path(path).read_text("utf-8")
         parsed = zenoh.Config.from_json5(text)
         access = json.loads(parsed.get_json("access_control"))
-        listening = json.loads(parsed.get_json("listen/endpoints"))
+        listening = _endpoints(parsed, "listen/endpoints")
         files = _files(parsed, Path(path).absolute().parent)
     except (zenoh.ZError, OSError, ValueError) as error:
         raise BusError(f"{path}: {reason(error)}") from error
-    if isinstance(listening, dict):  # One list per mode.
-        by_mode = cast("dict[str, list[str]]", listening)
-        listening = [endpoint for group in by_mode.values() for endpoint in group]
     guarded = access["enabled"] and access["default_permission"] == "deny"
-    for endpoint in cast("list[str]", listening or []):
+    for endpoint in listening:
         _refuse_open_door(endpoint, guarded=guarded)
     for file in files.values():
         if not file.is_file():
@@ -233,6 +227,14 @@ def reason(error: Exception) -> str:
     if syntax := _JSON5_ERROR.search(text):
         return f"line {syntax[1]}, column {syntax[2]}: {syntax[3]}"
     return " ".join(text.split()).rstrip(".")
+
+
+def _endpoints(settings: zenoh.Config, key: str) -> list[str]:
+    found = json.loads(settings.get_json(key))
+    if isinstance(found, dict):  # One list per mode.
+        by_mode = cast("dict[str, list[str]]", found)
+        return [endpoint for group in by_mode.values() for endpoint in group]
+    return cast("list[str]", found or [])
 
 
 def _files(settings: zenoh.Config, folder: Path) -> dict[str, Path]:

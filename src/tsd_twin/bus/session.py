@@ -161,9 +161,6 @@ def sample_of(sample: zenoh.Sample) -> Sample:
     )
 
 
-# The zenoh stubs omit return types of methods that return nothing.
-
-
 EVENTS_KEPT = 100
 """Events of each kind kept for late joiners."""
 _SETTLE_S = 0.05

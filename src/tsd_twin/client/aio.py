@@ -10,12 +10,12 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
 from pathlib import Path
-from typing import Any, Self, TypeAlias, TypeVar
+from typing import Any, Self, TypeAlias
 
 from tsd_twin.client import procedures
 from tsd_twin.client.arguments import check_numbers, check_optional
 from tsd_twin.client.bus_port import BusLink
-from tsd_twin.client.core import QUEUE, BaseClient, BaseControl
+from tsd_twin.client.core import QUEUE, Acquire, BaseClient, BaseControl
 from tsd_twin.client.discovery import open_link
 from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.port import (
@@ -24,20 +24,19 @@ from tsd_twin.client.port import (
     NextStatus,
     Outcome,
     Procedure,
-    Send,
     SendStop,
     Sleep,
     Step,
     run_async,
 )
+from tsd_twin.client.protocol import TwistCommand
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.messages.events import Event
 
-T = TypeVar("T")
 _Done: TypeAlias = Coroutine[Any, Any, None]
 
 
-class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
+class AsyncRobotClient(BaseClient["AsyncRobotControl", _Done]):
     """Robot on the bus for use in one event loop; returned by `connect_async`."""
 
     def __init__(self, link: BusLink, operator: str) -> None:
@@ -107,10 +106,6 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
         self._woken = False
         self._changed.set()
 
-    async def run(self, procedure: Procedure[T]) -> T:
-        """Run a procedure; errors and cancellations of a step are raised inside it."""
-        return await run_async(self.link, procedure, self._step)
-
     async def _step(self, step: Step) -> Outcome:
         answer, value, link = None, None, self.link
         match step:
@@ -124,7 +119,7 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
                 await self._next_status(until_s)
             case Compute(function):
                 value = await asyncio.to_thread(function)
-            case Send():
+            case TwistCommand():  # `advance` has published it.
                 pass
         return Outcome(link.now_s(), answer, value)
 
@@ -133,32 +128,22 @@ class AsyncRobotClient(BaseClient[BusLink, "AsyncRobotControl", _Done]):
         while self.state.status is seen and (left_s := until_s - self.time_s) > 0.0:
             await self.changed(left_s)
 
-    async def _perform(self, begin: Callable[[], Procedure[None]]) -> None:
-        await self.run(begin())
+    async def perform(self, begin: Callable[[], Procedure[None]]) -> None:
+        """Begin a procedure and run it (internal)."""
+        await run_async(self.link, begin(), self._step)
 
-    def _new_control(
-        self, operator: str, arm: bool, wish: dict[str, Any], ask_s: float | None
-    ) -> AsyncRobotControl:
-        return AsyncRobotControl(self, operator, arm=arm, wish=wish, ask_s=ask_s)
+    def _new_control(self, operator: str, arm: bool, acquire: Acquire) -> AsyncRobotControl:
+        return AsyncRobotControl(self, operator, arm, acquire)
 
 
-class AsyncRobotControl(BaseControl[BusLink, _Done]):
+class AsyncRobotControl(BaseControl[AsyncRobotClient, _Done]):
     """Asyncio counterpart of `RobotControl`.
 
     If the task of a motion is cancelled, a zero command is sent first.
     """
 
-    def __init__(
-        self,
-        robot: AsyncRobotClient,
-        operator: str,
-        *,
-        arm: bool,
-        wish: dict[str, Any],
-        ask_s: float | None = None,
-    ) -> None:
-        super().__init__(robot.link, operator, arm, wish, ask_s)
-        self.robot = robot
+    def __init__(self, robot: AsyncRobotClient, operator: str, arm: bool, acquire: Acquire) -> None:
+        super().__init__(robot, operator, arm, acquire)
         self._tasks: list[asyncio.Task[None]] = []
         self._has_setpoint = asyncio.Event()
 
@@ -174,7 +159,7 @@ class AsyncRobotControl(BaseControl[BusLink, _Done]):
         self._link.attach(self._protocol)
         self.robot.add_control(self, active=True)
         try:
-            await self._perform(self._acquire_lease)
+            await self._perform(lambda: self._acquire(self._protocol, self._now_s))
             for work in (self._renew(), self._send_setpoints()):
                 self._tasks.append(asyncio.create_task(work))
             if self._arm:
@@ -196,9 +181,6 @@ class AsyncRobotControl(BaseControl[BusLink, _Done]):
             self._tasks = []
             self._link.detach(self._protocol)
             self.robot.add_control(self, active=False)
-
-    async def _perform(self, begin: Callable[[], Procedure[None]]) -> None:
-        await self.robot.run(begin())
 
     def _wake_sender(self) -> None:
         self._has_setpoint.set()
@@ -247,17 +229,14 @@ def connect_async(
 
     Same arguments and errors as `connect`.
     """
-    return _Connecting(_open(endpoint, robot, certificate, zenoh_config))
 
+    async def opening() -> AsyncRobotClient:
+        link, operator = await asyncio.to_thread(
+            open_link, endpoint, robot, certificate, zenoh_config
+        )
+        return AsyncRobotClient(link, operator)
 
-async def _open(
-    endpoint: str | Sequence[str] | None,
-    robot: str | None,
-    certificate: str | Path | None,
-    zenoh_config: str | Path | None,
-) -> AsyncRobotClient:
-    link, operator = await asyncio.to_thread(open_link, endpoint, robot, certificate, zenoh_config)
-    return AsyncRobotClient(link, operator)
+    return _Connecting(opening())
 
 
 async def _uncancelled(work: Coroutine[Any, Any, None]) -> None:

@@ -41,17 +41,6 @@ def check_duration(**values: object) -> None:
             raise ClientError(f"{name} must be at least 0, not {value}", "negative")
 
 
-def check_speed(speed_mps: object) -> None:
-    """Check that an optional speed limit is positive and finite.
-
-    Raises:
-        ClientError: If it is not.
-    """
-    check_optional(speed_mps=speed_mps)
-    if speed_mps is not None and _number("speed_mps", speed_mps) <= 0.0:
-        raise ClientError(f"speed_mps must be greater than 0, not {speed_mps}", "not_positive")
-
-
 def check_frame(frame: object) -> None:
     """Check a frame name.
 

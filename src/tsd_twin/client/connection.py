@@ -29,7 +29,7 @@ from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import duplicate_id_text
 from tsd_twin.messages.services import Description, decode_json, encode_refusal
 from tsd_twin.messages.status import RobotStatus, decode_stamp, decode_status
-from tsd_twin.messages.topics import QoS, Service, Topic
+from tsd_twin.messages.topics import Service, Topic
 from tsd_twin.robots import RobotDescription
 
 _DESCRIPTION_S = 5.0
@@ -94,7 +94,7 @@ class RobotConnection:
         self._publishers: dict[str, Publisher] = {}
         self._publishers_lock = threading.Lock()  # Lets a stop bypass operators.
         self._sent_commands: deque[SentCommand] = deque(maxlen=_MAX_SENT_COMMANDS)
-        self._publisher(Service.STOP.key(self.id), QoS.REAL_TIME, "json")  # Ready when needed.
+        self._publisher(topics.STOP, topics.STOP.key(self.id))  # Ready when needed.
 
     def _describe(self) -> bytes:
         end_s = time.monotonic() + _DESCRIPTION_S
@@ -145,7 +145,7 @@ class RobotConnection:
             return
         key = topics.twist_key(self.id, command.operator)
         self._sent_commands.append(SentCommand(time.monotonic(), command.twist, command.frame))
-        self._put(key, topics.TWIST.type, command.payload, command.attachment)
+        self._put(topics.TWIST, key, command.payload, command.attachment)
 
     @property
     def sent_commands(self) -> Sequence[SentCommand]:
@@ -154,14 +154,13 @@ class RobotConnection:
 
     def send_stop(self, payload: bytes) -> None:
         """Publish a stop without waiting for an acknowledgement."""
-        self._put(Service.STOP.key(self.id), "json", payload)
+        self._put(topics.STOP, topics.STOP.key(self.id), payload)
 
     def send_pose(self, payload: bytes) -> None:
         """Publish a pose measurement, unless several instances have the id."""
         if self.has_duplicate:
             return
-        topic = topics.SENSOR_POSE
-        self._put(topic.key(self.id), topic.type, payload, qos=topic.qos)
+        self._put(topics.SENSOR_POSE, topics.SENSOR_POSE.key(self.id), payload)
 
     def subscriber(self, topic: Topic, depth: int) -> Subscriber:
         """Return a subscriber to a topic of the robot with a queue of `depth` samples."""
@@ -178,21 +177,14 @@ class RobotConnection:
                 publisher.close()
             self._publishers.clear()
 
-    def _put(
-        self,
-        key: str,
-        kind: str,
-        payload: bytes,
-        attachment: bytes = b"",
-        qos: QoS = QoS.REAL_TIME,
-    ) -> None:
+    def _put(self, topic: Topic, key: str, payload: bytes, attachment: bytes = b"") -> None:
         with contextlib.suppress(BusError):
-            self._publisher(key, qos, kind).put(payload, attachment)
+            self._publisher(topic, key).put(payload, attachment)
 
-    def _publisher(self, key: str, qos: QoS, kind: str) -> Publisher:
+    def _publisher(self, topic: Topic, key: str) -> Publisher:
         with self._publishers_lock:
             if key not in self._publishers:
-                self._publishers[key] = self._bus.publisher(key, qos, kind)
+                self._publishers[key] = self._bus.publisher(key, topic.qos, topic.type)
             return self._publishers[key]
 
 

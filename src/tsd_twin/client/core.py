@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 from tsd_twin.client import motions, procedures
 from tsd_twin.client.arguments import (
@@ -18,8 +18,8 @@ from tsd_twin.client.arguments import (
     check_optional,
     check_text,
 )
-from tsd_twin.client.bus_port import Link
 from tsd_twin.client.errors import ClientError
+from tsd_twin.client.link import Link
 from tsd_twin.client.motions import goal_along, goal_at
 from tsd_twin.client.port import Procedure
 from tsd_twin.client.protocol import ControlProtocol
@@ -35,25 +35,16 @@ _SHORTEST_SLEEP_S = 0.001
 
 DoneT = TypeVar("DoneT")
 """Return type of methods that wait for the robot: None or an awaitable."""
-LinkT = TypeVar("LinkT", bound=Link)
+ClientT = TypeVar("ClientT", bound="BaseClient[Any, Any]")
 ControlT = TypeVar("ControlT", bound="BaseControl[Any, Any]")
+Acquire: TypeAlias = Callable[[ControlProtocol, float], Procedure[None]]
+"""Returns the procedure that acquires the lease, for a protocol and the time."""
 
 
-def _usable(link: LinkT, process: int) -> LinkT:
-    """Return the link if this process opened it; its threads do not survive a fork."""
-    if os.getpid() != process and not link.virtual:
-        raise ClientError(
-            f"this connection to {link.id} belongs to the parent of this process: connect again in "
-            "the child, or start it with the method 'spawn'",
-            "connection_of_parent",
-        )
-    return link
-
-
-class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
+class BaseClient(ABC, Generic[ControlT, DoneT]):
     """Robot client: latest state and operations that need no lease."""
 
-    def __init__(self, link: LinkT, operator: str) -> None:
+    def __init__(self, link: Link, operator: str) -> None:
         """`operator` is the default name of `control`."""
         self._own_link, self._process = link, os.getpid()
         self._operator = operator
@@ -64,13 +55,21 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         return f"<{type(self).__name__} {self.id}: {state}>"
 
     @property
-    def link(self) -> LinkT:
+    def link(self) -> Link:
         """Connection, for internal use.
 
         Raises:
             ClientError: If called in a forked child of the process that connected.
         """
-        return _usable(self._own_link, self._process)
+        link = self._own_link
+        if os.getpid() != self._process and not link.virtual:
+            # The threads of the connection do not survive a fork.
+            raise ClientError(
+                f"this connection to {link.id} belongs to the parent of this process: connect "
+                "again in the child, or start it with the method 'spawn'",
+                "connection_of_parent",
+            )
+        return link
 
     @property
     def id(self) -> str:
@@ -99,7 +98,7 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
             RobotSilent: If no acknowledgement arrives.
         """
         check_text(reason=reason)
-        return self._perform(lambda: procedures.stop(self.id, self._operator, reason))
+        return self.perform(lambda: procedures.stop(self.id, self._operator, reason))
 
     def reset(self) -> DoneT:
         """Unlatch a stopped or faulty robot without arming it, holding the lease only briefly.
@@ -109,7 +108,7 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
             ControlDenied: If another operator has control.
         """
         held = [control for control in self._controls if control.is_held]
-        return held[0].reset() if held else self._perform(self._reset)
+        return held[0].reset() if held else self.perform(self._reset)
 
     def _reset(self) -> Procedure[None]:
         protocol = ControlProtocol(self.id, self.description, self._operator)
@@ -152,7 +151,11 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         check_optional(max_age_s=max_age_s)
         check_text(operator=operator, reason=reason)
         wish = {"take_over": bool(take_over), "max_age_s": max_age_s, "reason": reason}
-        return self._new_control(operator or self._operator, arm, wish, None)
+        return self._new_control(
+            operator or self._operator,
+            arm,
+            lambda protocol, _: procedures.acquire(protocol, **wish),
+        )
 
     def request_control(
         self,
@@ -169,8 +172,13 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         check_optional(max_age_s=max_age_s)
         check_duration(timeout_s=timeout_s)
         check_text(operator=operator)
-        wish = {"max_age_s": max_age_s}
-        return self._new_control(operator or self._operator, arm, wish, timeout_s)
+        return self._new_control(
+            operator or self._operator,
+            arm,
+            lambda protocol, now_s: procedures.ask_for_control(
+                protocol, now_s, timeout_s, max_age_s=max_age_s
+            ),
+        )
 
     def add_control(self, control: ControlT, *, active: bool) -> None:
         """Register or unregister a control (internal)."""
@@ -179,28 +187,20 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
             self._controls.append(control)
 
     @abstractmethod
-    def _new_control(
-        self, operator: str, arm: bool, wish: dict[str, Any], ask_s: float | None
-    ) -> ControlT: ...
+    def _new_control(self, operator: str, arm: bool, acquire: Acquire) -> ControlT: ...
 
     @abstractmethod
-    def _perform(self, begin: Callable[[], Procedure[None]]) -> DoneT: ...
+    def perform(self, begin: Callable[[], Procedure[None]]) -> DoneT:
+        """Begin a procedure and run it (internal)."""
 
 
-class BaseControl(ABC, Generic[LinkT, DoneT]):
+class BaseControl(ABC, Generic[ClientT, DoneT]):
     """Control of a robot by one operator: modes, motions, settings, handover."""
 
-    def __init__(
-        self,
-        link: LinkT,
-        operator: str,
-        arm: bool,
-        wish: dict[str, Any],
-        ask_s: float | None,
-    ) -> None:
-        self._own_link, self._process = link, os.getpid()
-        self._protocol = ControlProtocol(link.id, link.robot, operator)
-        self._arm, self._wish, self._ask_s = arm, wish, ask_s
+    def __init__(self, robot: ClientT, operator: str, arm: bool, acquire: Acquire) -> None:
+        self.robot = robot
+        self._protocol = ControlProtocol(robot.id, robot.description, operator)
+        self._arm, self._acquire = arm, acquire
 
     def __repr__(self) -> str:
         held = "has control of" if self.is_held else "has no control of"
@@ -292,15 +292,8 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
             RobotStopped: If the robot is not ready, is stopped or stops automatically.
             RobotSilent: If the robot sends no status.
         """
-        protocol = self._protocol
-        return self._perform(
-            lambda: motions.drive(
-                protocol,
-                self._now_s,
-                protocol.planar(vx_mps, vy_mps, omega_rad_per_s),
-                duration_s,
-                frame,
-            )
+        return self._drive(
+            lambda: self._protocol.planar(vx_mps, vy_mps, omega_rad_per_s), duration_s, frame
         )
 
     def turn(
@@ -313,15 +306,10 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         frame: str = BASE,
     ) -> DoneT:
         """Turn a sphere in place for `duration_s`, then stop; see `drive`."""
-        protocol = self._protocol
-        return self._perform(
-            lambda: motions.drive(
-                protocol,
-                self._now_s,
-                protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s),
-                duration_s,
-                frame,
-            )
+        return self._drive(
+            lambda: self._protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s),
+            duration_s,
+            frame,
         )
 
     def set_velocity(
@@ -437,18 +425,18 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
 
     # Internals.
 
+    def _drive(self, twist: Callable[[], Sequence[float]], duration_s: float, frame: str) -> DoneT:
+        return self._perform(
+            lambda: motions.drive(self._protocol, self._now_s, twist(), duration_s, frame)
+        )
+
     @property
-    def _link(self) -> LinkT:
-        return _usable(self._own_link, self._process)
+    def _link(self) -> Link:
+        return self.robot.link
 
     @property
     def _now_s(self) -> float:
         return self._link.now_s()
-
-    def _acquire_lease(self) -> Procedure[None]:
-        if self._ask_s is None:
-            return procedures.acquire(self._protocol, **self._wish)
-        return procedures.ask_for_control(self._protocol, self._now_s, self._ask_s, **self._wish)
 
     def _set_velocity(self, twist: Sequence[float], frame: str, given_s: float | None) -> None:
         check_optional(given_s=given_s)
@@ -466,8 +454,8 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
             self._link.send(command)
         return max(self._protocol.next_due_s, now_s + _SHORTEST_SLEEP_S)
 
-    @abstractmethod
-    def _perform(self, begin: Callable[[], Procedure[None]]) -> DoneT: ...
+    def _perform(self, begin: Callable[[], Procedure[None]]) -> DoneT:
+        return self.robot.perform(begin)
 
     @abstractmethod
     def _wake_sender(self) -> None: ...

@@ -15,12 +15,11 @@ from tsd_twin.client.arguments import (
     check_frame,
     check_numbers,
     check_optional,
-    check_speed,
     checked_points,
     checked_twist,
 )
-from tsd_twin.client.errors import MotionFailed
-from tsd_twin.client.port import Compute, NextStatus, Procedure, Send, Sleep
+from tsd_twin.client.errors import ClientError, MotionFailed
+from tsd_twin.client.port import Compute, NextStatus, Procedure, Sleep
 from tsd_twin.client.protocol import COMMAND_PERIOD_S, ZERO_TWIST, ControlProtocol
 from tsd_twin.errors import PathError
 from tsd_twin.kinematics import Kinematics
@@ -206,7 +205,9 @@ def follow(
         MotionFailed: If the robot leaves the path or misses the goal.
         ClientError: As for `ControlProtocol.check_motion`.
     """
-    check_speed(speed_mps)
+    check_optional(speed_mps=speed_mps)
+    if speed_mps is not None and speed_mps <= 0.0:
+        raise ClientError(f"speed_mps must be greater than 0, not {speed_mps}", "not_positive")
 
     def body(now_s: float, motion: int) -> Procedure[None]:
         start = protocol.pose(now_s)
@@ -261,8 +262,11 @@ def _motion(
     motion = protocol.begin_motion(now_s)
     try:
         yield from body(now_s, motion)
-    except BaseException as error:
-        yield from _zero(protocol, now_s, motion, error)
+    except GeneratorExit:  # A closed generator can no longer send.
+        raise
+    except BaseException:
+        if protocol.has_lease and protocol.is_active(motion):
+            yield protocol.command(ZERO_TWIST, BASE, now_s)
         raise
     finally:
         protocol.end_motion(motion)
@@ -282,17 +286,9 @@ def _send_twists(
         protocol.check_motion(now_s, motion)
         if twist is None:
             break
-        yield Send(protocol.command(twist, frame, now_s))
+        yield protocol.command(twist, frame, now_s)
         now_s = (yield Sleep(min(now_s + COMMAND_PERIOD_S, end_s))).now_s
     yield from _come_to_rest(protocol, now_s, motion)
-
-
-def _zero(
-    protocol: ControlProtocol, now_s: float, motion: int, error: BaseException
-) -> Procedure[None]:
-    """Send one zero after an error; a closed generator can no longer send."""
-    if protocol.has_lease and protocol.is_active(motion) and not isinstance(error, GeneratorExit):
-        yield Send(protocol.command(ZERO_TWIST, BASE, now_s))
 
 
 def _come_to_rest(protocol: ControlProtocol, now_s: float, motion: int) -> Procedure[None]:
@@ -301,7 +297,7 @@ def _come_to_rest(protocol: ControlProtocol, now_s: float, motion: int) -> Proce
         protocol.check_motion(now_s, motion)
         command = protocol.command(ZERO_TWIST, BASE, now_s)
         first = command.seq if first is None else first
-        yield Send(command)
+        yield command
         now_s = (yield Sleep(now_s + COMMAND_PERIOD_S)).now_s
         if protocol.at_rest_since(first):
             # Joints lag behind, and a noisy estimate never shows zero.

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from tsd_twin.client.errors import ControlDenied, RequestRefused, RobotSilent, RobotStopped
-from tsd_twin.client.port import Call, NextStatus, Procedure, Send, SendStop
+from tsd_twin.client.port import Call, NextStatus, Procedure, SendStop
 from tsd_twin.client.protocol import STATUS_TIMEOUT_S, ZERO_TWIST, ControlProtocol
 from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.commands import why_of
@@ -55,9 +55,7 @@ def request(
         RobotSilent: If no response arrives.
     """
     outcome = yield Call(service, msgspec.json.encode(message))
-    reply = _decoded(outcome.answer, Reply)
-    if reply is None:
-        raise RobotSilent(f"{protocol.robot_id} does not answer", "no_answer")
+    reply = _reply(protocol, outcome.answer, Reply)
     if not reply.ok:
         raise RequestRefused(protocol.robot_id, what, reply.reason, why_of(reply))
     return outcome.now_s
@@ -170,6 +168,12 @@ def _ask(
     return _decoded(answer, kind)
 
 
+def _reply(protocol: ControlProtocol, answer: bytes | None, kind: type[ReplyT]) -> ReplyT:
+    if (reply := _decoded(answer, kind)) is None:
+        raise RobotSilent(f"{protocol.robot_id} does not answer", "no_answer")
+    return reply
+
+
 def _decoded(answer: bytes | None, kind: type[ReplyT]) -> ReplyT | None:
     if answer is None:
         return None
@@ -203,9 +207,7 @@ def request_lease(
         reason=reason,
     )
     outcome = yield Call(Service.LEASE, msgspec.json.encode(wish))
-    reply = _decoded(outcome.answer, LeaseReply)
-    if reply is None:
-        raise RobotSilent(f"{protocol.robot_id} does not answer", "no_answer")
+    reply = _reply(protocol, outcome.answer, LeaseReply)
     if not reply.granted:
         raise ControlDenied(protocol.robot_id, reply.reason, reply.holder, why_of(reply))
     protocol.grant(reply, outcome.now_s)
@@ -263,10 +265,8 @@ def ask_holder(protocol: ControlProtocol) -> Procedure[LeaseReply]:
         RobotSilent: If no response arrives.
     """
     message = LeaseRequest(op="request", operator=protocol.operator)
-    reply = yield from _ask(Service.LEASE, message, LeaseReply)
-    if reply is None:
-        raise RobotSilent(f"{protocol.robot_id} does not answer", "no_answer")
-    return reply
+    outcome = yield Call(Service.LEASE, msgspec.json.encode(message))
+    return _reply(protocol, outcome.answer, LeaseReply)
 
 
 def withdraw_request(
@@ -354,9 +354,8 @@ def answer_request(protocol: ControlProtocol, *, grant: bool, asker: str | None)
         lease=protocol.lease_hex,
         requester=asker,
     )
-    reply = yield from _ask(Service.LEASE, message, LeaseReply)
-    if reply is None:
-        raise RobotSilent(f"{protocol.robot_id} does not answer", "no_answer")
+    outcome = yield Call(Service.LEASE, msgspec.json.encode(message))
+    reply = _reply(protocol, outcome.answer, LeaseReply)
     if not reply.done:
         what = "hand over control" if grant else "keep control"
         raise RequestRefused(protocol.robot_id, what, reply.reason, why_of(reply))
@@ -377,7 +376,7 @@ def give_back(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     lease = protocol.lease_hex
     protocol.end_motion()
     try:
-        yield Send(protocol.command(ZERO_TWIST, BASE, now_s))
+        yield protocol.command(ZERO_TWIST, BASE, now_s)
         for _ in range(_TRIES):
             reply = yield from _ask(Service.DISARM, HolderRequest(lease), Reply, _ANSWER_S)
             if reply is not None and reply.ok:

@@ -177,12 +177,10 @@ class Subscription(Generic[T]):
     If the consumer is slow, the oldest items are dropped and counted. Readable from any thread.
     """
 
-    def __init__(self, maxlen: int, timeout_s: float | None = None) -> None:
-        """Iteration ends after `timeout_s` without an item; None never times out."""
+    def __init__(self, maxlen: int) -> None:
         self._items: collections.deque[T] = collections.deque(maxlen=maxlen)
         self._ready = threading.Condition()
         self._closed = False
-        self._timeout_s = timeout_s
         self.dropped = 0
         """Number of dropped items."""
 
@@ -219,7 +217,7 @@ class Subscription(Generic[T]):
         return self._closed
 
     def __iter__(self) -> Iterator[T]:
-        while (item := self.get(self._timeout_s)) is not None:
+        while (item := self.get()) is not None:
             yield item
 
     def __enter__(self) -> Self:
@@ -227,3 +225,16 @@ class Subscription(Generic[T]):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class CallbackSubscription(Subscription[T]):
+    """Subscription that passes items to a callback immediately, on the thread of `put`."""
+
+    def __init__(self, callback: Callable[[T], None]) -> None:
+        super().__init__(1)
+        self._callback = callback
+
+    def put(self, item: T) -> None:
+        """Pass an item to the callback (internal)."""
+        if not self.closed:
+            self._callback(item)

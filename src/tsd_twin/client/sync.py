@@ -12,18 +12,18 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
 from tsd_twin.client import motions, procedures
 from tsd_twin.client.arguments import check_duration, check_frame, check_numbers, check_optional
-from tsd_twin.client.bus_port import Link
-from tsd_twin.client.core import QUEUE, BaseClient, BaseControl
+from tsd_twin.client.core import QUEUE, Acquire, BaseClient, BaseControl
 from tsd_twin.client.discovery import open_link
 from tsd_twin.client.held_lease import RENEW_PERIOD_S
+from tsd_twin.client.link import Link
 from tsd_twin.client.motions import TwistSource
-from tsd_twin.client.port import Procedure, Sleep, run, run_stepwise
+from tsd_twin.client.port import Procedure, Sleep
 from tsd_twin.client.protocol import ZERO_TWIST
-from tsd_twin.client.state import RobotState, Subscription
+from tsd_twin.client.state import CallbackSubscription, RobotState, Subscription
 from tsd_twin.messages.cdr import BASE
 from tsd_twin.messages.events import Event
 
@@ -35,7 +35,7 @@ _STATE_PERIOD_S = 0.02
 T = TypeVar("T")
 
 
-class RobotClient(BaseClient[Link, "RobotControl", None]):
+class RobotClient(BaseClient["RobotControl", None]):
     """Robot client: latest state, streams of states and events, and control.
 
     Use it as a context manager or call `close`. `tsd_twin.connect` returns one for a robot on the
@@ -116,7 +116,7 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
 
     def _callback(self, callback: Callable[[T], None], maxlen: int) -> Subscription[T]:
         if self.link.virtual:
-            return _CallbackSubscription(callback)
+            return CallbackSubscription(callback)
         subscription = Subscription[T](maxlen)
         read = partial(_read, subscription, callback)
         thread = threading.Thread(target=read, name="client-callback", daemon=True)
@@ -131,33 +131,23 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
         elif (state := subscription.get(_POLL_S)) is not None:
             yield state
 
-    def _perform(self, begin: Callable[[], Procedure[None]]) -> None:
-        run(self.link, begin())
+    def perform(self, begin: Callable[[], Procedure[None]]) -> None:
+        """Begin a procedure and run it (internal)."""
+        self.link.run(begin())
 
-    def _new_control(
-        self, operator: str, arm: bool, wish: dict[str, Any], ask_s: float | None
-    ) -> RobotControl:
-        return RobotControl(self, operator, arm=arm, wish=wish, ask_s=ask_s)
+    def _new_control(self, operator: str, arm: bool, acquire: Acquire) -> RobotControl:
+        return RobotControl(self, operator, arm, acquire)
 
 
-class RobotControl(BaseControl[Link, None]):
+class RobotControl(BaseControl[RobotClient, None]):
     """Control of a robot by one operator: lease, arming, motions, handover.
 
     Use it in `with`. If the process dies, commands cease and the robot stops within its
     `limits.command_timeout_s`; the lease expires after 2 s, and 10 s later the robot is disarmed.
     """
 
-    def __init__(
-        self,
-        robot: RobotClient,
-        operator: str,
-        *,
-        arm: bool,
-        wish: dict[str, Any],
-        ask_s: float | None = None,
-    ) -> None:
-        super().__init__(robot.link, operator, arm, wish, ask_s)
-        self.robot = robot
+    def __init__(self, robot: RobotClient, operator: str, arm: bool, acquire: Acquire) -> None:
+        super().__init__(robot, operator, arm, acquire)
         self._ended = threading.Event()
         self._has_setpoint = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -181,7 +171,7 @@ class RobotControl(BaseControl[Link, None]):
         self._link.attach(self._protocol)
         self.robot.add_control(self, active=True)
         try:
-            self._perform(self._acquire_lease)
+            self._perform(lambda: self._acquire(self._protocol, self._now_s))
             if not self._link.virtual:
                 for work in (self._renew, self._send_setpoints):
                     thread = threading.Thread(target=work, name="client-control", daemon=True)
@@ -216,7 +206,7 @@ class RobotControl(BaseControl[Link, None]):
 
     def arming(self) -> Iterator[float]:
         """Arm like `arm`, yielding the progress (0 to 1) of each stage."""
-        for _ in run_stepwise(self._link, procedures.arm(self._protocol, self._now_s)):
+        for _ in self._link.run_stepwise(procedures.arm(self._protocol, self._now_s)):
             arming = None if self._protocol.status is None else self._protocol.status.arming
             if arming is not None:
                 yield arming.progress
@@ -229,9 +219,8 @@ class RobotControl(BaseControl[Link, None]):
         """
         check_duration(duration_s=duration_s)
         began_s = self._now_s
-        for _ in run_stepwise(
-            self._link, procedures.stay_ready(self._protocol, began_s, duration_s)
-        ):
+        staying = procedures.stay_ready(self._protocol, began_s, duration_s)
+        for _ in self._link.run_stepwise(staying):
             yield self._now_s - began_s
 
     def driving(self, twist_at: TwistSource, *, frame: str = BASE) -> Iterator[float]:
@@ -247,7 +236,7 @@ class RobotControl(BaseControl[Link, None]):
         """
         check_frame(frame)
         driving = motions.drive_by(self._protocol, self._now_s, twist_at, frame)
-        steps = run_stepwise(self._link, driving)
+        steps = self._link.run_stepwise(driving)
         try:
             for step in steps:
                 if isinstance(step, Sleep):
@@ -257,9 +246,6 @@ class RobotControl(BaseControl[Link, None]):
                 if self._protocol.in_motion and self._protocol.has_lease:  # Loop left early.
                     self._link.send(self._protocol.command(ZERO_TWIST, BASE, self._now_s))
             steps.close()
-
-    def _perform(self, begin: Callable[[], Procedure[None]]) -> None:
-        run(self._link, begin())
 
     def _wake_sender(self) -> None:
         self._has_setpoint.set()
@@ -275,18 +261,6 @@ class RobotControl(BaseControl[Link, None]):
                 if not self._protocol.has_setpoint:
                     self._has_setpoint.clear()
             self._link.sleep_until(until_s)
-
-
-class _CallbackSubscription(Subscription[T]):
-    """Subscription that passes items to a callback immediately, on the thread of `put`."""
-
-    def __init__(self, callback: Callable[[T], None]) -> None:
-        super().__init__(1)
-        self._callback = callback
-
-    def put(self, item: T) -> None:
-        if not self.closed:
-            self._callback(item)
 
 
 def _read(subscription: Subscription[T], callback: Callable[[T], None]) -> None:

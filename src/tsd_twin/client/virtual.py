@@ -17,16 +17,15 @@ import numpy as np
 from tsd_twin import robots
 from tsd_twin.client import procedures
 from tsd_twin.client.errors import ClientError
-from tsd_twin.client.port import run
+from tsd_twin.client.link import Link
 from tsd_twin.client.protocol import ControlProtocol, TwistCommand
-from tsd_twin.client.state import RobotState, Subscription
+from tsd_twin.client.state import RobotState
 from tsd_twin.client.sync import RobotClient
 from tsd_twin.control import RobotController
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, wrapped_heading
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.events import Event
 from tsd_twin.messages.status import LoopStatus
 from tsd_twin.messages.topics import Service
 from tsd_twin.robots import RobotDescription
@@ -41,10 +40,11 @@ _NOWHERE = np.zeros(3)
 """Pose of a sphere that turns in place."""
 
 
-class SimulationLink:
-    """`Link` to a robot in virtual time, with its controller and simulated joints at 100 Hz."""
+class SimulationLink(Link):
+    """Link to a robot in virtual time, with its controller and simulated joints at 100 Hz."""
 
     def __init__(self, robot: RobotDescription, simulated: SimRobot, pose: SE2 | None) -> None:
+        super().__init__()
         self.id = robot.name
         self.virtual = True
         self.robot = robot
@@ -60,10 +60,6 @@ class SimulationLink:
         self._mode = self._controller.supervisor.mode
         self._status = self._controller.status(0.0, LoopStatus(), simulated.hardware())
         self._status_seq = 0
-        self._protocols: list[ControlProtocol] = []
-        self._states: list[Subscription[RobotState]] = []
-        self._events: list[Subscription[Event]] = []
-        self._closed = False
         self._step()
 
     def now_s(self) -> float:
@@ -107,10 +103,8 @@ class SimulationLink:
     def state(self) -> RobotState:
         """Return the current state."""
         controller, stamp_ns = self._controller, self.wall_ns()
-        odometry, alternative = (
-            controller.odometry(stamp_ns).wrapped(),
-            controller.alternative_odometry(stamp_ns),
-        )
+        odometry = controller.odometry(stamp_ns).wrapped()
+        alternative = controller.alternative_odometry(stamp_ns)
         joints, setpoint = controller.joint_state(stamp_ns), controller.setpoint_state(stamp_ns)
         truth = self.simulated.truth(self.now_s())
         exact = Odometry.of(truth.pose, truth.twist, _EXACT, _EXACT, stamp_ns).wrapped()
@@ -130,33 +124,6 @@ class SimulationLink:
         self._protocols.append(protocol)
         self._hand_odometry()
 
-    def detach(self, protocol: ControlProtocol) -> None:
-        """Undo `attach`."""
-        self._protocols = [each for each in self._protocols if each is not protocol]
-
-    def subscribe_states(self, subscription: Subscription[RobotState]) -> Subscription[RobotState]:
-        """Add a state to a subscription at 50 Hz virtual time until it is closed."""
-        self._states.append(subscription)
-        return subscription
-
-    def subscribe_events(self, subscription: Subscription[Event]) -> Subscription[Event]:
-        """Add every new event to a subscription until it is closed."""
-        self._events.append(subscription)
-        return subscription
-
-    def close(self) -> None:
-        """End all subscriptions."""
-        self._closed = True
-        for each in self._states:
-            each.close()
-        for each in self._events:
-            each.close()
-
-    @property
-    def closed(self) -> bool:
-        """Whether the connection is closed."""
-        return self._closed
-
     def _step(self) -> None:
         """Run one control period, like the node."""
         self._send_due()
@@ -169,15 +136,13 @@ class SimulationLink:
         inbox, self._inbox = self._inbox, []
         self.simulated.write(self._controller.step(now_s, measured, inbox), now_s)
         for event in self._controller.take_events():
-            for subscription in self._events:
-                subscription.put(event)
+            self._put_event(event)
         if self._tick % _STATUS_EVERY == 0 or self._controller.supervisor.mode is not self._mode:
             self._send_status(now_s)
         if self._tick % _STATE_EVERY == 0:
             self._hand_odometry()
-            self._states = [each for each in self._states if not each.closed]
-            for subscription in self._states:
-                subscription.put(self.state())
+            if self._states:
+                self._put_state(self.state())
 
     def _send_status(self, now_s: float) -> None:
         self._mode = self._controller.supervisor.mode
@@ -201,7 +166,7 @@ class SimulationLink:
             if (command := protocol.poll_command(now_s)) is not None:
                 self.send(command)
             if protocol.renewal_is_due(now_s):
-                run(self, procedures.renew(protocol, now_s))
+                self.run(procedures.renew(protocol, now_s))
 
 
 class SimulatedRobot(RobotClient):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
-from collections.abc import Mapping
 
 import msgspec
 import numpy as np
@@ -17,7 +15,14 @@ from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import BASE, Odometry
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.modes import Mode
-from tsd_twin.messages.services import LeaseReply
+from tsd_twin.messages.services import (
+    HolderRequest,
+    LeaseReply,
+    LeaseRequest,
+    Reply,
+    SetPoseRequest,
+    SpeedRequest,
+)
 from tsd_twin.messages.status import LoopStatus, RobotStatus
 from tsd_twin.messages.topics import Service, twist_key
 from tsd_twin.robots import RobotDescription
@@ -67,7 +72,7 @@ class VirtualRobot:
     def mark(self) -> None:
         """Set the mark to the current true pose and the estimate to zero."""
         self._mark = self._true_pose()
-        self._call_service(Service.SET_POSE, {"lease": self._lease} | _xyh(0.0, 0.0, 0.0))
+        self._call_service(Service.SET_POSE, SetPoseRequest(self._lease, 0.0, 0.0, 0.0))
 
     def choose_drive_speed(self, spin_rpm: float) -> None:
         """Set the speed of continuously spinning wheels.
@@ -75,7 +80,7 @@ class VirtualRobot:
         Raises:
             TwinError: If the robot has no such wheels or the speed is out of range.
         """
-        self._call_service(Service.SPEED, {"lease": self._lease, "cruise_speed_rpm": spin_rpm})
+        self._call_service(Service.SPEED, SpeedRequest(self._lease, float(spin_rpm)))
 
     def drive(self, twist: Array) -> None:
         """Run one control period with the command `twist` (3,) in the body frame."""
@@ -108,7 +113,7 @@ class VirtualRobot:
         return pose
 
     def _arm(self) -> None:
-        self._call_service(Service.ARM, {"lease": self._lease})
+        self._call_service(Service.ARM, HolderRequest(self._lease))
         end_s = self.now_s + _ARMING_S
         while self.controller.supervisor.mode is not Mode.READY:
             self._step(np.zeros(3))
@@ -136,22 +141,17 @@ class VirtualRobot:
         return Sample(key, command.payload, command.attachment)
 
     def _acquire(self) -> str:
-        reply = self.controller.serve(
-            Service.LEASE, json.dumps({"op": "acquire", "operator": _LAB}).encode(), self.now_s
-        )
-        if not isinstance(reply, LeaseReply):
-            raise TwinError(f"{Service.LEASE}: {reply.reason}")
-        self._protocol.grant(reply, self.now_s)
+        request = LeaseRequest(op="acquire", operator=_LAB)
+        reply = self._call_service(Service.LEASE, request)
+        if isinstance(reply, LeaseReply):
+            self._protocol.grant(reply, self.now_s)
         return self._protocol.lease_hex
 
-    def _call_service(self, service: Service, request: Mapping[str, object]) -> None:
-        reply = self.controller.serve(service, json.dumps(request).encode(), self.now_s)
-        if not (getattr(reply, "ok", True) and getattr(reply, "granted", True)):
+    def _call_service(self, service: Service, request: msgspec.Struct) -> LeaseReply | Reply:
+        reply = self.controller.serve(service, msgspec.json.encode(request), self.now_s)
+        if not (reply.ok and getattr(reply, "granted", True)):
             raise TwinError(f"{service.value}: {reply.reason}")
-
-
-def _xyh(x_m: float, y_m: float, heading_rad: float) -> dict[str, object]:
-    return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad}
+        return reply
 
 
 def voltage_share(robot: VirtualRobot) -> float:

@@ -8,7 +8,7 @@ from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.control.wheel_spin import WheelSpeedController
 from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.errors import MessageError, rejection
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import (
     HolderRequest,
@@ -62,7 +62,7 @@ class ServiceHandler:
                 case Service.DESC:
                     return Reply.refused(because(Code.NOT_SERVED))
         except MessageError as error:
-            refusal = self._refused(service, rejection(error), now_s)
+            refusal = self._refused(service, error.why, now_s)
             if service is Service.LEASE:
                 return LeaseReply(False, reason=refusal.reason, ok=False, why=refusal.why)
             return refusal

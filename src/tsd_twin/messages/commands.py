@@ -11,7 +11,7 @@ import numpy as np
 from tsd_twin.lie import Array
 from tsd_twin.messages.cdr import BASE, ODOM, TwistStamped, decode_twist
 from tsd_twin.messages.codes import Code, Reason, because, text_reason
-from tsd_twin.messages.errors import MessageError, RejectedMessage
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import LeaseReply, Reply
 
@@ -57,7 +57,7 @@ def decode_command(sample: Sample) -> Command:
     """
     parts = sample.key.split("/")
     if not sample.is_put or len(parts) != 5 or "*" in sample.key:
-        raise RejectedMessage("key", because(Code.BAD_KEY, key=sample.key))
+        raise MessageError("key", because(Code.BAD_KEY, key=sample.key))
     try:
         seq, lease, status_seq = _ATTACHMENT.unpack(sample.attachment)
     except struct.error as error:
@@ -73,7 +73,7 @@ def _checked_twist(payload: bytes) -> TwistStamped:
     if message.frame not in (BASE, ODOM):
         raise MessageError("shape", f"frame_id must be {BASE} or {ODOM}")
     if not np.isfinite(message.twist).all():
-        raise RejectedMessage("nonfinite", because(Code.NOT_FINITE, quantity="twist"))
+        raise MessageError("nonfinite", because(Code.NOT_FINITE, quantity="twist"))
     message.twist.setflags(write=False)
     return message
 

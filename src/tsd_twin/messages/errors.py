@@ -8,27 +8,14 @@ from tsd_twin.messages.sentences import sentence
 
 
 class MessageError(TwinError):
-    """A peer sent an unreadable message; `reason` is the word it is counted under."""
+    """A peer sent a message that cannot be read or does not count."""
 
-    def __init__(self, reason: str, detail: str) -> None:
-        super().__init__(f"{reason}: {detail}")
+    def __init__(self, reason: str, detail: str | Reason) -> None:
+        """`reason` is the word under which the status counts it."""
+        super().__init__(f"{reason}: {detail if isinstance(detail, str) else sentence(detail)}")
         self.reason = reason
-
-
-class RejectedMessage(MessageError):  # noqa: N818  Reads as what happened.
-    """A message that cannot be read or does not count; `why` is the reason for people."""
-
-    def __init__(self, counted_as: str, why: Reason) -> None:
-        """`counted_as` is the name under which the status counts it."""
-        super().__init__(counted_as, sentence(why))
-        self.why = why
-
-
-def rejection(error: MessageError) -> Reason:
-    """Reason why a message does not count."""
-    if isinstance(error, RejectedMessage):
-        return error.why
-    return because(Code.BAD_SHAPE, detail=str(error))
+        self.why = because(Code.BAD_SHAPE, detail=str(self)) if isinstance(detail, str) else detail
+        """Reason for people."""
 
 
 def path_refusal(why: Reason) -> PathError:

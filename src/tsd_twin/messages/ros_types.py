@@ -29,17 +29,6 @@ def make_header(stamp_ns: int, frame: str) -> Any:
     return make_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
-def make_pose(position_m: Iterable[float], wxyz: Iterable[float]) -> Any:
-    """Create a `geometry_msgs/msg/Pose`."""
-    x, y, z = (float(v) for v in position_m)
-    qw, qx, qy, qz = (float(v) for v in wxyz)
-    return make_message(
-        "geometry_msgs/msg/Pose",
-        position=make_message("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=make_message("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
-    )
-
-
 def make_twist(numbers: Iterable[float]) -> Any:
     """Return a `geometry_msgs/msg/Twist`; `numbers` are (vx, vy, vz, wx, wy, wz)."""
     lx, ly, lz, ax, ay, az = (float(v) for v in numbers)

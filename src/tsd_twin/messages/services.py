@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal, TypeAlias, TypeVar
+from typing import Annotated, Literal, TypeAlias, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -19,14 +18,9 @@ Operator: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
 ShortText: TypeAlias = Annotated[str, Meta(max_length=200)]
 """Bounded length, because it may be repeated in every status."""
 StructT = TypeVar("StructT", bound=msgspec.Struct)
-RequestT = TypeVar("RequestT", bound="Request")
 
 
-class Request(msgspec.Struct, frozen=True):
-    """Base class of JSON requests."""
-
-
-class LeaseRequest(Request, frozen=True, kw_only=True):
+class LeaseRequest(msgspec.Struct, frozen=True, kw_only=True):
     """`srv/lease`: `acquire`, `renew` or `release` the lease, or `peek` at its holder.
 
     `request` asks the holder for it, until `withdraw`; the holder responds with `grant` or `deny`.
@@ -46,13 +40,13 @@ class LeaseRequest(Request, frozen=True, kw_only=True):
     """Requested maximum command age for slow links; lowers the speed limit."""
 
 
-class HolderRequest(Request, frozen=True):
+class HolderRequest(msgspec.Struct, frozen=True):
     """`srv/arm`, `srv/disarm`, `srv/reset`: requests that require the lease."""
 
     lease: LeaseId
 
 
-class SetPoseRequest(Request, frozen=True):
+class SetPoseRequest(msgspec.Struct, frozen=True):
     """`srv/set_pose`: new pose estimate in `odom`."""
 
     lease: LeaseId
@@ -61,7 +55,7 @@ class SetPoseRequest(Request, frozen=True):
     heading_rad: float
 
 
-class SetOrientationRequest(Request, frozen=True):
+class SetOrientationRequest(msgspec.Struct, frozen=True):
     """`srv/set_pose` for a sphere: new orientation, by default the identity."""
 
     lease: LeaseId
@@ -69,14 +63,14 @@ class SetOrientationRequest(Request, frozen=True):
     """Quaternion, not necessarily normalized, as in `geometry_msgs/msg/Quaternion`."""
 
 
-class SpeedRequest(Request, frozen=True):
+class SpeedRequest(msgspec.Struct, frozen=True):
     """`srv/speed`: speed of continuously spinning wheels."""
 
     lease: LeaseId
     cruise_speed_rpm: float
 
 
-class StopRequest(Request, frozen=True):
+class StopRequest(msgspec.Struct, frozen=True):
     """`stop`: open to all clients; all fields are optional."""
 
     operator: ShortText = ""
@@ -123,7 +117,7 @@ class Description(msgspec.Struct, frozen=True):
     urdf: str
 
 
-def decode_request(payload: bytes, kind: type[RequestT]) -> RequestT:
+def decode_request(payload: bytes, kind: type[StructT]) -> StructT:
     """Decode a request.
 
     Raises:
@@ -168,8 +162,3 @@ def encode_refusal(service: Service, why: Reason) -> bytes:
     if service is Service.LEASE:
         return msgspec.json.encode(LeaseReply(False, reason=sentence(why), why=why))
     return msgspec.json.encode(Reply.refused(why))
-
-
-def to_builtins(message: msgspec.Struct) -> Mapping[str, Any]:
-    """Convert a message to plain dicts and lists."""
-    return msgspec.to_builtins(message)

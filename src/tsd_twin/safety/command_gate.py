@@ -7,7 +7,7 @@ from collections import OrderedDict
 
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import Command, Sample, decode_command
-from tsd_twin.messages.errors import MessageError, RejectedMessage
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.status import DropCounts
 from tsd_twin.safety.lease import Lease
 
@@ -74,17 +74,17 @@ class CommandGate:
 
     def _validate(self, command: Command, lease: Lease | None, now_s: float) -> None:
         if lease is None or command.operator != lease.holder or command.lease != lease.id:
-            raise RejectedMessage("lease", _not_holder(command.operator, lease))
+            raise MessageError("lease", _not_holder(command.operator, lease))
         lease_id, newest = self._seen
         if lease_id == command.lease and command.seq <= newest:
             late = because(Code.OUT_OF_ORDER, number=command.seq, latest=newest)
-            raise RejectedMessage("order", late)
+            raise MessageError("order", late)
         sent_s = self._sent_s.get(command.status_seq)
         if sent_s is None or now_s - sent_s > lease.max_age_s:
             self.is_overaged, self.overaged_s = True, sent_s
         problem = self._age_problem(command.status_seq, sent_s, lease, now_s)
         if problem is not None and command.twist.any():
-            raise RejectedMessage("stale", problem)
+            raise MessageError("stale", problem)
         self.is_stale_zero = problem is not None
         if problem is None:
             self.is_overaged = False

@@ -9,7 +9,7 @@ import numpy as np
 
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import Command, Sample
-from tsd_twin.messages.errors import MessageError, rejection
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import ARMED, LATCHED, Mode
 from tsd_twin.messages.sentences import sentence
@@ -237,7 +237,7 @@ class SafetySupervisor:
         lease = self._leases.current(now_s)
         outcome = self.gate.validate(sample, lease, now_s)
         if isinstance(outcome, MessageError):
-            dropped = because(Code.COMMAND_DROPPED, rejection(outcome))
+            dropped = because(Code.COMMAND_DROPPED, outcome.why)
             self._report_now_and_then("drop", dropped, outcome.reason, now_s)
             return
         if lease is not None and not self.gate.is_stale_zero:

@@ -59,7 +59,7 @@ from tsd_twin.dashboard.wire.to_page import (
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.commands import why_of
-from tsd_twin.messages.errors import MessageError, rejection
+from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.sentences import full_sentence
 from tsd_twin.messages.services import Reply
@@ -101,7 +101,7 @@ class PageSession:
         """Count an invalid message and reply to it."""
         self.rejected += 1
         if self.rejected == 1:
-            self._send(ActionReply(to="message", ok=False, why=rejection(error)))
+            self._send(ActionReply(to="message", ok=False, why=error.why))
 
     def _refuse_stop(self) -> None:
         self._send(ActionReply(to="stop", ok=False, why=VIEWER_REFUSAL))
