@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.faulty_devices import PretendBoard, plugged
-from tsd_twin.hardware.dynamixel.blocks import Radio
+from tsd_twin.hardware.dynamixel.control_table import Radio
 from tsd_twin.hardware.joints import EscCalibration, Receiver, ServoCalibration
 from tsd_twin.hardware.receiver_setup import (
     ReceiverWatcher,

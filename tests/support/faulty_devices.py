@@ -13,8 +13,14 @@ from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
 
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup, Telemetry
-from tsd_twin.hardware.dynamixel.control_table import TABLE_SIZE, BoardMode
+from tsd_twin.hardware.dynamixel.control_table import (
+    TABLE_SIZE,
+    BoardCommand,
+    BoardIdentity,
+    BoardMode,
+    Setup,
+    Telemetry,
+)
 from tsd_twin.hardware.dynamixel.packets import Decoder, Instruction, Packet, protocol2
 
 

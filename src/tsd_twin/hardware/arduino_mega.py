@@ -20,14 +20,16 @@ from tsd_twin.hardware.controller_board import (
     restart_reason,
     wiring_faults,
 )
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
     BOARD_ID,
     ESCS,
     SERVOS,
     ZERO_THROTTLE,
+    BoardCommand,
     BoardMode,
     ReceiverKind,
+    Setup,
+    Telemetry,
 )
 from tsd_twin.hardware.dynamixel.packets import StatusPacket, protocol2
 from tsd_twin.hardware.joints import (

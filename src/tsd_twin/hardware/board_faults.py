@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 from tsd_twin.hardware.controller_board import obstacle_word, trip_word
-from tsd_twin.hardware.dynamixel.blocks import Telemetry
-from tsd_twin.hardware.dynamixel.control_table import SWITCH_US, BoardMode, RcChannel, Refusal, Trip
+from tsd_twin.hardware.dynamixel.control_table import (
+    SWITCH_US,
+    BoardMode,
+    RcChannel,
+    Refusal,
+    Telemetry,
+    Trip,
+)
 from tsd_twin.hardware.dynamixel.servo_models import wrong_setting
 from tsd_twin.hardware.joints import JointConverter, hot_servos
 from tsd_twin.messages.codes import Code, Reason, Type, because

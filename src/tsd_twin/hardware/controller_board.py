@@ -5,14 +5,17 @@ from __future__ import annotations
 import time
 from enum import Enum, auto
 
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
     BOARD_ID,
     MODEL,
     TABLE_VERSION,
+    BoardCommand,
+    BoardIdentity,
     BoardMode,
     Refusal,
     ResetCause,
+    Setup,
+    Telemetry,
     Trip,
 )
 from tsd_twin.hardware.dynamixel.packets import ALERT, Fault, StatusPacket, protocol2

@@ -16,14 +16,15 @@ from typing import Literal
 import msgspec
 
 from tsd_twin.hardware.controller_board import find_board, request_data
-from tsd_twin.hardware.dynamixel.blocks import Radio, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
     BOARD_ID,
     ESCS,
     RECEIVER_CHANNELS,
     STICKS,
     SWITCH_US,
+    Radio,
     RcChannel,
+    Telemetry,
 )
 from tsd_twin.hardware.dynamixel.packets import protocol2
 from tsd_twin.hardware.joints import (

@@ -1,16 +1,15 @@
-"""Dynamixel packets: framing of Protocol 1.0 and 2.0, CRC-16, stream decoder, packed numbers."""
+"""Dynamixel packets: framing of Protocol 1.0 and 2.0, CRC-16, and stream decoder."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
-from itertools import islice
-from struct import Struct, pack, unpack_from
-from typing import Any, ClassVar, Self, cast
+from struct import pack, unpack_from
+from typing import ClassVar
 
 
 def crc16(data: bytes) -> int:
@@ -312,32 +311,3 @@ class Decoder:
     def _skip(self, count: int) -> None:
         self.skipped += count
         del self._kept[:count]
-
-
-@dataclass(frozen=True, slots=True)
-class Packed:
-    """Struct of numbers and number arrays in byte order; array lengths follow from the defaults."""
-
-    ADDRESS: ClassVar[int]
-    LAYOUT: ClassVar[Struct]
-
-    def pack(self) -> bytes:
-        """Return the bytes of the block."""
-        numbers: list[int] = []
-        for field in fields(self):
-            value: int | tuple[int, ...] = getattr(self, field.name)
-            numbers.extend(value if isinstance(value, tuple) else (value,))
-        return self.LAYOUT.pack(*numbers)
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Self:
-        """Parse a block."""
-        numbers = iter(cls.LAYOUT.unpack(data))
-        values: dict[str, Any] = {}
-        for field in fields(cls):
-            default = cast("int | tuple[int, ...]", field.default)
-            if isinstance(default, tuple):
-                values[field.name] = tuple(islice(numbers, len(default)))
-            else:
-                values[field.name] = next(numbers)
-        return cls(**values)
