@@ -49,11 +49,10 @@ from tsd_twin.hardware.serial_transport import (
     LinkHealth,
     SerialTransport,
     chip_warning,
-    connection_fault,
 )
 from tsd_twin.lie import Array
-from tsd_twin.messages.codes import Code, Reason, Type, because
-from tsd_twin.messages.sentences import WORDS, sentence
+from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.robots.description import Battery
 from tsd_twin.safety import Heartbeat
@@ -80,12 +79,9 @@ class BoardTelemetry:
 class ControllerBoard:
     """Controller board as the device of a `DeviceThread`.
 
-    Other threads write `command`, and read `report` and `disconnect_reason`. These are replaced as
-    a whole, so that no thread sees a partial update.
+    Other threads write `command` and read `report`. These are replaced as a whole, so that no
+    thread sees a partial update.
     """
-
-    name = WORDS[Type.DEVICE]["board"]
-    device = "board"
 
     def __init__(
         self,
@@ -106,8 +102,6 @@ class ControllerBoard:
         self.health = LinkHealth("board")
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.report: BoardTelemetry | None = None
-        self.disconnect_reason = ""
-        """Reason of a lost connection, or ""."""
         self.wiring_faults: dict[str, str] = {}
         """Wiring faults detected so far, by a short name; replaced as a whole."""
         self._was_connected = False
@@ -150,7 +144,6 @@ class ControllerBoard:
         self._warn("usb chip", chip_warning(transport.name, self.baud))
         self._was_connected = True
         self.report = BoardTelemetry(telemetry, time.monotonic(), self._switch.lost)
-        self.disconnect_reason = ""
 
     def cycle(self, transport: SerialTransport) -> bool:
         """Write the command and read telemetry in one exchange; return whether it succeeded.
@@ -194,11 +187,10 @@ class ControllerBoard:
         self.report = BoardTelemetry(telemetry, now_s, self._switch.lost)
         return True
 
-    def disconnected(self, reason: str) -> None:
-        """Record a lost connection; the board stays disarmed after it reconnects."""
+    def disconnected(self) -> None:
+        """Discard the report; the board stays disarmed after it reconnects."""
         self._switch.mark_lost(because(Code.BOARD_LOST))
-        self.report, self.disconnect_reason = None, reason
-        self.health.reconnects += 1
+        self.report = None
 
     def rest(self, transport: SerialTransport) -> None:
         """Disarm the board, retrying if it does not respond."""
@@ -226,10 +218,9 @@ class ControllerBoard:
             self.battery_warning = ""
 
     def _add_cycle(self, corrupt: bool, now_s: float) -> None:
-        errors = self.health.packet_errors
-        errors.add_cycle(corrupt, now_s)
-        if errors.fault is not None:
-            self._switch.mark_lost(errors.fault)
+        self.health.add_packets(corrupt, now_s)
+        if (fault := self.health.packet_fault) is not None:
+            self._switch.mark_lost(fault)
 
     def _board_command(self, wanted: JointCommand, now_s: float) -> BoardCommand:
         if not wanted.in_force(now_s):
@@ -350,7 +341,7 @@ class ArduinoMegaIO:
     def fault(self, now_s: float) -> Reason | None:
         """Return the fault of the board or its devices, or None."""
         report = self._board.report
-        fault = connection_fault(self._board, report and report.received_s, now_s)
+        fault = self._board.health.connection_fault(report and report.received_s, now_s)
         if fault is not None or report is None:
             return fault
         return self._faults.fault(report.telemetry, report.lost)

@@ -38,11 +38,10 @@ from tsd_twin.hardware.serial_transport import (
     HardwareError,
     LinkHealth,
     SerialTransport,
-    connection_fault,
 )
 from tsd_twin.lie import Array
-from tsd_twin.messages.codes import Code, Reason, Type
-from tsd_twin.messages.sentences import WORDS, sentence
+from tsd_twin.messages.codes import Code, Reason
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat
 
@@ -127,20 +126,16 @@ class ServoReport:
 class ServoBus:
     """Servo bus as the device of a `DeviceThread`.
 
-    Other threads write `command`, and read `report` and `disconnect_reason`. If this program dies,
-    the servos hold their position, and the board stops the robot by shutting off the wheels.
+    Other threads write `command` and read `report`. If this program dies, the servos hold their
+    position, and the board stops the robot by shutting off the wheels.
     """
 
-    name = WORDS[Type.DEVICE]["servo_bus"]
-    device = "servo_bus"
     baud = SERVO_BAUD
 
     def __init__(self, joints: JointConverter, calibration: ServoCalibration) -> None:
         self.health = LinkHealth("servo_bus")
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.report: ServoReport | None = None
-        self.disconnect_reason = ""
-        """Reason of a lost connection, or ""."""
         self._joints = joints
         self._ids = calibration.ids(joints.names)
         self._neutral = calibration.neutral(joints.names)
@@ -169,7 +164,6 @@ class ServoBus:
             self._check_settings(transport, device)
             self._set_up(transport, device)
         self._fed_s = 0.0
-        self.disconnect_reason = ""
 
     def cycle(self, transport: SerialTransport) -> bool:
         """Write goals and read measurements in one exchange; return whether any servo responded.
@@ -193,17 +187,16 @@ class ServoBus:
         self._cycles += 1
         if self._cycles % _TORQUE_CYCLES == 0:
             self._look_at_torque(transport, armed=command.heartbeat.armed)
-        self.health.packet_errors.add_cycle(transport.broken > broken, now_s)
+        self.health.add_packets(transport.broken > broken, now_s)
         if len(answers) < len(self._ids):
             self.health.add_timeout()
         else:
             self.health.add_round_trip(now_s - began_s)
         return bool(answers)
 
-    def disconnected(self, reason: str) -> None:
-        """Record that the connection to the adapter is lost."""
-        self.report, self.disconnect_reason = None, reason
-        self.health.reconnects += 1
+    def disconnected(self) -> None:
+        """Discard the report."""
+        self.report = None
 
     def rest(self, transport: SerialTransport) -> None:
         """Send the gimbals to neutral, where the servos hold them."""
@@ -449,7 +442,7 @@ class U2D2IO:
 
     def _servo_fault(self, now_s: float) -> Reason | None:
         report = self._bus.report
-        fault = connection_fault(self._bus, report and report.newest_s, now_s)
+        fault = self._bus.health.connection_fault(report and report.newest_s, now_s)
         if fault is not None or report is None:
             return fault
         if dead := self._joints.servos & ~report.alive(now_s):
