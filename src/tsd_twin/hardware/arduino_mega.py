@@ -12,16 +12,16 @@ import numpy as np
 
 from tsd_twin.hardware.board_faults import BoardFaults
 from tsd_twin.hardware.controller_board import (
-    READ_DELAY,
     REST_COMMAND,
     SETTLE_S,
     ArmSwitch,
     handshake,
+    read_request,
     restart_reason,
     wiring_faults,
+    write_request,
 )
 from tsd_twin.hardware.dynamixel.control_table import (
-    BOARD_ID,
     ESCS,
     SERVOS,
     ZERO_THROTTLE,
@@ -31,7 +31,7 @@ from tsd_twin.hardware.dynamixel.control_table import (
     Setup,
     Telemetry,
 )
-from tsd_twin.hardware.dynamixel.packets import StatusPacket, protocol2
+from tsd_twin.hardware.dynamixel.packets import StatusPacket
 from tsd_twin.hardware.joints import (
     CENTRE,
     JointCommand,
@@ -156,7 +156,7 @@ class ControllerBoard:
         began_s = time.monotonic()
         before, broken = self.report, transport.broken
         command = self._board_command(self.command, began_s)
-        request = protocol2.write(BOARD_ID, BoardCommand.ADDRESS, command.pack()) + READ_DELAY
+        request = write_request(command) + read_request(Telemetry)
         answers = transport.request(request, 2, RESPONSE_TIMEOUT_S)
         now_s = time.monotonic()
         telemetry, corrupt = _telemetry(answers), transport.broken > broken
@@ -195,8 +195,7 @@ class ControllerBoard:
     def rest(self, transport: SerialTransport) -> None:
         """Disarm the board, retrying if it does not respond."""
         for _ in range(_LEAVING):
-            request = protocol2.write(BOARD_ID, BoardCommand.ADDRESS, REST_COMMAND.pack())
-            if transport.request(request, 1, RESPONSE_TIMEOUT_S):
+            if transport.request(write_request(REST_COMMAND), 1, RESPONSE_TIMEOUT_S):
                 return
 
     def _find_wiring_faults(self, telemetry: Telemetry, *, opened: bool) -> None:

@@ -10,14 +10,14 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
-from tsd_twin.hardware.controller_board import find_board, request_data
+from tsd_twin.hardware.controller_board import find_board, read_block
 from tsd_twin.hardware.dynamixel.control_table import (
-    BOARD_ID,
     ESCS,
     RECEIVER_CHANNELS,
     STICKS,
@@ -26,7 +26,6 @@ from tsd_twin.hardware.dynamixel.control_table import (
     RcChannel,
     Telemetry,
 )
-from tsd_twin.hardware.dynamixel.packets import protocol2
 from tsd_twin.hardware.joints import (
     HIGH_US,
     LOW_US,
@@ -61,37 +60,21 @@ Pulses = tuple[int, ...]
 """Pulses of all channels, microseconds; 0 if missing."""
 
 
-class ReceiverWatcher:
-    """Reads all receiver channels from a board, which stays disarmed."""
+def watch_channels(transport: SerialTransport, seconds: float) -> list[Pulses]:
+    """Return the pulses that a disarmed board received: 16 SBUS channels, then six wires.
 
-    def __init__(self, transport: SerialTransport, baud: int) -> None:
-        """Find and disarm the board.
-
-        Raises:
-            HardwareError: If it is another device or does not respond.
-        """
-        self._transport = transport
-        find_board(transport, baud)
-
-    def watch(self, seconds: float) -> list[Pulses]:
-        """Return the pulses received during `seconds`: 16 SBUS channels, then six wires.
-
-        Raises:
-            HardwareError: If the drive has power, because an unknown channel could enable radio
-                control and another set the speed.
-        """
-        size = Telemetry.LAYOUT.size
-        request = protocol2.read(BOARD_ID, Telemetry.ADDRESS, size)
-        if Telemetry.unpack(request_data(self._transport, request, size)).drive_on:
-            raise HardwareError("the speed controllers have power: open the contactor first")
-        end_s = time.monotonic() + seconds
-        found: list[Pulses] = []
-        size = Radio.LAYOUT.size
-        request = protocol2.read(BOARD_ID, Radio.ADDRESS, size)
-        while time.monotonic() < end_s:
-            found.append(Radio.unpack(request_data(self._transport, request, size)).channel)
-            time.sleep(_PERIOD_S)
-        return found
+    Raises:
+        HardwareError: If the drive has power, because an unknown channel could enable radio
+            control and another set the speed.
+    """
+    if read_block(transport, Telemetry).drive_on:
+        raise HardwareError("the speed controllers have power: open the contactor first")
+    end_s = time.monotonic() + seconds
+    found: list[Pulses] = []
+    while time.monotonic() < end_s:
+        found.append(read_block(transport, Radio).channel)
+        time.sleep(_PERIOD_S)
+    return found
 
 
 def learn_receiver(
@@ -284,7 +267,8 @@ def set_up_receiver(port: str, baud: int, file: Path, ask: Ask = ask_line) -> No
         ServoCalibration.read(str(file))
     transport = SerialTransport(port, baud)
     try:
-        receiver = learn_receiver(ReceiverWatcher(transport, baud).watch, ask)
+        find_board(transport, baud)  # It also disarms the board.
+        receiver = learn_receiver(partial(watch_channels, transport), ask)
     finally:
         transport.close()
     ends = learn_pulse_ends(ask)
