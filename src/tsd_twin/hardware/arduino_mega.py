@@ -314,12 +314,8 @@ class ArduinoMegaIO:
 
     def read(self, now_s: float) -> Array | None:
         """Return newly measured joints (n,), NaN where unmeasured; None without a measurement."""
-        report = self._board.report
-        if (
-            report is None
-            or report.received_s <= self._read_s
-            or now_s - report.received_s > SILENT_S
-        ):
+        report = self._recent(now_s)
+        if report is None or report.received_s <= self._read_s:
             return None
         self._read_s = report.received_s
         return self._joints.measured(report.telemetry.position, report.telemetry.servo_alive)
@@ -347,15 +343,13 @@ class ArduinoMegaIO:
 
     def battery_v(self, now_s: float) -> float | None:
         """Return the latest battery voltage, or None if unknown."""
-        report = self._board.report
-        if report is None or now_s - report.received_s > SILENT_S:
-            return None
-        return report.telemetry.battery_mv / 1000.0
+        report = self._recent(now_s)
+        return None if report is None else report.telemetry.battery_mv / 1000.0
 
     def servo_c(self, now_s: float) -> float | None:
         """Return the latest temperature of the hottest servo, or None if unknown."""
-        report = self._board.report
-        if report is None or now_s - report.received_s > SILENT_S or not self._expected:
+        report = self._recent(now_s)
+        if report is None or not self._expected:
             return None
         return float(max(report.telemetry.temperature[: len(self._joints.names)]))
 
@@ -375,6 +369,10 @@ class ArduinoMegaIO:
     def close(self) -> None:
         """Disarm the board and close the line."""
         self._thread.close()
+
+    def _recent(self, now_s: float) -> BoardTelemetry | None:
+        report = self._board.report
+        return None if report is None or now_s - report.received_s > SILENT_S else report
 
     def _status(self, board: Telemetry) -> dict[str, Any]:
         status: dict[str, Any] = {

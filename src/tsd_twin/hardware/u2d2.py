@@ -61,32 +61,25 @@ POSITION = 132
 PRESENT = 126
 _LAYOUT = Struct("<hiiiiHB")
 PRESENT_SIZE = _LAYOUT.size
-_VELOCITY_STEP_PER_S = 0.229 / 60.0 * 4096.0
 
 
 @dataclass(frozen=True, slots=True)
 class ServoMeasurement:
     """Measurements of a servo."""
 
+    received_s: float
     position: int
     """Position in steps."""
-    velocity_step_per_s: float
     current_units: int
     """Current in units of `ServoModel.current_ma`."""
     voltage_v: float
     temperature_c: int
 
     @staticmethod
-    def unpack(data: bytes) -> ServoMeasurement:
+    def unpack(data: bytes, received_s: float) -> ServoMeasurement:
         """Decode the `PRESENT_SIZE` bytes starting at `PRESENT`."""
-        current, velocity, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
-        return ServoMeasurement(
-            position,
-            velocity * _VELOCITY_STEP_PER_S,
-            current,
-            voltage / 10.0,
-            temperature,
-        )
+        current, _, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
+        return ServoMeasurement(received_s, position, current, voltage / 10.0, temperature)
 
 
 _WRITTEN = (RETURN_DELAY, BUS_WATCHDOG)
@@ -111,16 +104,15 @@ class ServoReport:
     """Latest measurements of the servos, by index from 0."""
 
     present: Mapping[int, ServoMeasurement]
-    received_s: Mapping[int, float]
-    faults: int
-    """Mask of servos with a hardware error."""
     newest_s: float
+    faults: int = 0
+    """Mask of servos with a hardware error."""
     limp: int = 0
     """Mask of servos with torque off."""
 
     def alive(self, now_s: float) -> int:
         """Return the mask of servos that responded within `ALIVE_S`."""
-        return sum(1 << i for i, at_s in self.received_s.items() if now_s - at_s <= ALIVE_S)
+        return sum(1 << i for i, it in self.present.items() if now_s - it.received_s <= ALIVE_S)
 
 
 class ServoBus:
@@ -216,25 +208,19 @@ class ServoBus:
         return 1e-3 * self._models[i].current_ma * present.current_units
 
     def _add_responses(self, answers: list[StatusPacket], now_s: float) -> None:
-        before = self.report or ServoReport({}, {}, 0, now_s, self.far)
-        whole = [a for a in answers if a.id in self._ids and len(a.data) == PRESENT_SIZE]
-        if whole:
-            faults = before.faults
-            for answer in whole:
+        before = self.report or ServoReport({}, now_s, limp=self.far)
+        present: dict[int, ServoMeasurement] = {}
+        faults = before.faults
+        for answer in answers:
+            if answer.id in self._ids and len(answer.data) == PRESENT_SIZE:
                 bit = self._bit(answer.id)
                 faults = faults | bit if answer.error & ALERT else faults & ~bit
-            present = {self._ids.index(a.id): ServoMeasurement.unpack(a.data) for a in whole}
-            received_s = dict.fromkeys(present, now_s)
-            self.report = ServoReport(
-                {**before.present, **present},
-                {**before.received_s, **received_s},
-                faults,
-                now_s,
-                before.limp,
-            )
-            for i, servo in present.items():
-                steps = self._steps(i, servo.position)
-                self._approach.see(i, steps, holds=not before.limp >> i & 1)
+                present[self._ids.index(answer.id)] = ServoMeasurement.unpack(answer.data, now_s)
+        if present:
+            self.report = ServoReport({**before.present, **present}, now_s, faults, before.limp)
+        for i, servo in present.items():
+            steps = self._steps(i, servo.position)
+            self._approach.see(i, steps, holds=not before.limp >> i & 1)
 
     def _look_at_torque(self, transport: SerialTransport, *, armed: bool) -> None:
         """Check which servos have torque; while disarmed, enable it if off."""
