@@ -274,10 +274,6 @@ class Decoder:
         self._append_packets(packets)
         return packets
 
-    def clear(self) -> None:
-        """Discard buffered bytes, for example after reopening the port."""
-        self._kept.clear()
-
     def _append_packets(self, packets: list[Packet]) -> None:
         while self._find_header():
             size = self.framing.size(bytes(self._kept[: len(self._header) + 8]))
