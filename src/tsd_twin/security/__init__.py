@@ -23,7 +23,6 @@ from tsd_twin.security.access_rules import (
 
 if TYPE_CHECKING:
     from tsd_twin.security.certificates import (
-        CertificateRequest,
         KeyFolder,
         certificate_identity,
         provision,
@@ -38,7 +37,6 @@ __all__ = [
     "LONGEST",
     "ROBOT",
     "BusIdentity",
-    "CertificateRequest",
     "KeyFolder",
     "Login",
     "Logins",
