@@ -12,7 +12,8 @@ from pathlib import Path
 from tsd_twin import security
 from tsd_twin.bus import client_config, from_file, node_config
 from tsd_twin.cli import flags, program
-from tsd_twin.security import AUTHORITY, ROBOT, KeyFolder, Role
+from tsd_twin.security import AUTHORITY, ROBOT, Role
+from tsd_twin.security.certificates import KeyFolder, provision
 
 SOON = timedelta(days=30)
 
@@ -44,7 +45,7 @@ def make(args: argparse.Namespace) -> None:
     now = datetime.now(UTC)
     folder = KeyFolder(args.folder)
     identities = [security.client(name, role) for role in ROLES for name in getattr(args, role)]
-    security.provision(
+    provision(
         folder,
         now,
         json.loads(node_config([]).json5),

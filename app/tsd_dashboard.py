@@ -16,7 +16,8 @@ from tsd_twin.dashboard.gateway.connection_limits import allow_many_files
 from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
-from tsd_twin.security import Role, Users
+from tsd_twin.security import Role
+from tsd_twin.security.users import Users
 from tsd_twin.security.web_access import certificate_host_names, server_tls_context
 
 _LOG = logging.getLogger(__name__)

@@ -20,7 +20,8 @@ from tsd_twin.adapters.foxglove import (
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
-from tsd_twin.security import Role, refuse_public
+from tsd_twin.security import Role
+from tsd_twin.security.users import refuse_public
 from tsd_twin.security.web_access import certificate_host_names, server_tls_context
 
 _LOG = logging.getLogger(__name__)

@@ -21,7 +21,8 @@ from tests.support.provisioning import (
 )
 from tsd_twin.bus import client_config, from_file
 from tsd_twin.errors import BusError, TwinError
-from tsd_twin.security import KeyFolder, certificate_identity, certificates
+from tsd_twin.security import certificates
+from tsd_twin.security.certificates import KeyFolder, certificate_identity
 
 
 def test_keys_are_for_their_owner_alone(keys: Path) -> None:

@@ -24,8 +24,9 @@ from tests.support.provisioning import (
 from tsd_twin import security
 from tsd_twin.bus import Config, client_config, from_file, node_config
 from tsd_twin.errors import TwinError
-from tsd_twin.security import KeyFolder, Role
+from tsd_twin.security import Role
 from tsd_twin.security.access_rules import LARGEST_BYTES
+from tsd_twin.security.certificates import KeyFolder
 
 
 def test_one_order_makes_all_that_robot_and_people_need(keys: Path) -> None:

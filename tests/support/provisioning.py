@@ -9,7 +9,8 @@ from typing import Any
 
 from tsd_twin import security
 from tsd_twin.bus import client_config, from_file, node_config
-from tsd_twin.security import KeyFolder, Role
+from tsd_twin.security import Role
+from tsd_twin.security.certificates import KeyFolder, provision
 
 NOW = datetime.now(UTC)
 ALICE, BOB, GUEST = (
@@ -23,7 +24,7 @@ FIRST: dict[str, Any] = {"hosts": ("robot.local", "192.168.1.7"), "identities": 
 def provision_folder(path: Path, now: datetime = NOW, **order: Any) -> list[str]:
     """Return the names of the files that were made."""
     folder = KeyFolder(path)
-    security.provision(
+    provision(
         folder,
         now,
         json.loads(node_config([]).json5),

@@ -33,7 +33,8 @@ from tsd_twin.messages.services import (
 from tsd_twin.messages.status import RobotStatus, decode_status
 from tsd_twin.messages.topics import Service
 from tsd_twin.node import RobotNode
-from tsd_twin.security import KeyFolder, Role
+from tsd_twin.security import Role
+from tsd_twin.security.certificates import KeyFolder, provision
 from tsd_twin.simulation import SimRobot
 
 PATIENCE_S = 20.0
@@ -227,7 +228,7 @@ def make_keys(path: Path, **changes: Any) -> KeyFolder:
         "identities": PEOPLE,
         "listen": "tls/127.0.0.1:0",
     }
-    security.provision(
+    provision(
         folder,
         datetime.now(UTC),
         json.loads(node_config([]).json5),

@@ -162,7 +162,8 @@ def certificate(args: argparse.Namespace) -> BusIdentity | None:
     file = from_file(args.zenoh_config).certificate if args.zenoh_config else None
     if file is None:
         return None
-    from tsd_twin.security import certificate_identity  # Late, because it needs the extra `tls`.
+    # Late, because it needs the extra `tls`.
+    from tsd_twin.security.certificates import certificate_identity
 
     return certificate_identity(file)
 
