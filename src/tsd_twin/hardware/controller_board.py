@@ -20,7 +20,7 @@ from tsd_twin.hardware.dynamixel.control_table import (
     Telemetry,
     Trip,
 )
-from tsd_twin.hardware.dynamixel.packets import ALERT, Fault, StatusPacket, protocol2
+from tsd_twin.hardware.dynamixel.packets import ACCESS_ERROR, ALERT, StatusPacket, protocol2
 from tsd_twin.hardware.dynamixel.servo_models import MODELS
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 from tsd_twin.messages.codes import Code, Reason, because
@@ -93,10 +93,10 @@ def _write_setup(transport: SerialTransport, setup: Setup) -> None:
         error = _request(transport, write_request(setup)).error & ~ALERT
         if not error:
             return
-        if error != Fault.ACCESS or time.monotonic() > end_s:
+        if error != ACCESS_ERROR or time.monotonic() > end_s:
             raise HardwareError(
                 f"the controller board at {transport.name} refuses its set-up: error {error}"
-                + ("; open the contactor: " + _ZERO_MOVES if error == Fault.ACCESS else "")
+                + ("; open the contactor: " + _ZERO_MOVES if error == ACCESS_ERROR else "")
             )
         time.sleep(_AGAIN_S)
 

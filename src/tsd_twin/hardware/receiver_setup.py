@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 
@@ -108,17 +107,18 @@ def learn_receiver(
         raise HardwareError(
             "without its transmitter the receiver goes on with 'run': set its fail-safe to kill"
         )
-    return Receiver(
-        kind=kind,
-        channels=_six([channel + 1 for channel in channels]),
-        low_us=_four([low for low, _ in ends]),
-        centre_us=_four([centre[channel] for channel in channels[:STICKS]]),
-        high_us=_four([high for _, high in ends]),
-        dead_us=dead_us,
-    )
+    learned = {
+        "kind": kind,
+        "channels": [channel + 1 for channel in channels],
+        "low_us": [low for low, _ in ends],
+        "centre_us": [centre[channel] for channel in channels[:STICKS]],
+        "high_us": [high for _, high in ends],
+        "dead_us": dead_us,
+    }
+    return msgspec.convert(learned, Receiver)
 
 
-def _kind(rest: Sequence[Pulses]) -> Literal["pulses", "sbus"]:
+def _kind(rest: Sequence[Pulses]) -> str:
     frames = any(any(pulses[:RECEIVER_CHANNELS]) for pulses in rest)
     wires = any(any(pulses[RECEIVER_CHANNELS:]) for pulses in rest)
     if frames == wires:
@@ -192,16 +192,6 @@ def _dead_band(now: Pulses, channels: Sequence[int], centre: Sequence[int]) -> i
             f"stick {worst.name.lower()} does not return to its rest: {off[worst]} us beside it"
         )
     return max(least, 2 * off[worst])
-
-
-def _four(values: Sequence[int]) -> tuple[int, int, int, int]:
-    forward, left, turn, speed = values
-    return forward, left, turn, speed
-
-
-def _six(values: Sequence[int]) -> tuple[int, int, int, int, int, int]:
-    forward, left, turn, speed, kill, manual = values
-    return forward, left, turn, speed, kill, manual
 
 
 def learn_pulse_ends(ask: Ask) -> EscCalibration:

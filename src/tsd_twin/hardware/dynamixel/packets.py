@@ -50,18 +50,8 @@ class Instruction(IntEnum):
     BULK_READ = 0x92
 
 
-class Fault(IntEnum):
-    """Error codes of Protocol 2.0, in the low seven bits of `Status.error`."""
-
-    FAILED = 1
-    INSTRUCTION = 2
-    CRC = 3
-    RANGE = 4
-    LENGTH = 5
-    LIMIT = 6
-    ACCESS = 7
-
-
+ACCESS_ERROR = 7
+"""Error of Protocol 2.0: the register is not writable in this state."""
 ALERT = 0x80
 """Bit of `Status.error` in Protocol 2.0: the device has a hardware error but did not refuse."""
 
@@ -81,7 +71,7 @@ class StatusPacket:
 
     id: int
     error: int
-    """0 if no error; in Protocol 2.0 a `Fault` and `ALERT`, in Protocol 1.0 error bits."""
+    """0 if no error; in Protocol 2.0 an error code and `ALERT`, in Protocol 1.0 error bits."""
     data: bytes = b""
 
 
