@@ -31,7 +31,7 @@ PARSER = program.parser(
 def change(args: argparse.Namespace) -> None:
     """Apply the flags to the file and list its users."""
     file: Path = args.file
-    users = Users.load_any(file) if file.exists() else Users({})
+    users = Users.load(file, may_be_empty=True) if file.exists() else Users({})
     if args.remove:
         users.remove(args.remove)
         users.save(file)

@@ -65,6 +65,17 @@ def read_key(file: Path) -> Key:
     return key
 
 
+def create_file(file: Path, content: bytes, mode: int = 0o600) -> None:
+    """Write a new file, by default readable by its owner only.
+
+    Raises:
+        OSError: If the file exists or cannot be written.
+    """
+    descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    with os.fdopen(descriptor, "wb") as stream:
+        stream.write(content)
+
+
 def write_key(file: Path, key: Key) -> None:
     """Write a private key as PKCS #8 without a passphrase, readable by the owner only.
 
@@ -77,9 +88,7 @@ def write_key(file: Path, key: Key) -> None:
         serialization.NoEncryption(),
     )
     try:
-        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(content)
+        create_file(file, content)
     except OSError as error:
         raise TwinError(f"{file} cannot be written: {error.strerror}") from error
 
@@ -102,9 +111,7 @@ def replace_file(file: Path, content: bytes, mode: int = 0o644) -> None:
     draft = file.with_name(f"{file.name}.new")
     try:
         draft.unlink(missing_ok=True)  # A leftover draft may have public permissions.
-        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(content)
+        create_file(draft, content, mode)
         draft.replace(file)
     except OSError as error:
         raise TwinError(f"{file} cannot be written: {error.strerror}") from error
