@@ -26,11 +26,7 @@ from tsd_twin.messages.sentences import WORDS, sentence
 
 
 class HardwareError(TwinError):
-    """Raised if a device is missing, of another kind, or does not respond."""
-
-
-class PortError(HardwareError):
-    """Raised if a serial port cannot be opened or is gone."""
+    """Raised if a device is missing, of another kind, or does not respond, or a port is gone."""
 
 
 WINDOW_S = 0.5
@@ -143,14 +139,14 @@ def open_port(name: str, baud: int, timeout_s: float) -> Any:
     Returns a port of pyserial, which has no types.
 
     Raises:
-        PortError: If the port cannot be opened; the message suggests a remedy.
+        HardwareError: If the port cannot be opened; the message suggests a remedy.
     """
     try:
         port = serial.serial_for_url(
             name, baud, timeout=timeout_s, write_timeout=_WRITE_TIMEOUT_S, exclusive=True
         )
     except (*GONE, ValueError) as error:
-        raise PortError(_open_error(name, error)) from error
+        raise HardwareError(_open_error(name, error)) from error
     _set_exclusive(port, termios.TIOCEXCL)
     try:
         port.set_low_latency_mode(True)
@@ -274,7 +270,7 @@ class SerialTransport:
         """Open the port.
 
         Raises:
-            PortError: If the port cannot be opened.
+            HardwareError: If the port cannot be opened.
         """
         self.name = name
         self._port = open_port(name, baud, _READ_S)
@@ -292,7 +288,7 @@ class SerialTransport:
         """Send a request and return the responses; fewer than expected after the timeout.
 
         Raises:
-            PortError: If the port is gone.
+            HardwareError: If the port is gone.
         """
         decoder = Decoder(framing)
         rest = _LONGEST_REST if self._late else 0
@@ -302,7 +298,7 @@ class SerialTransport:
             self._port.write(request)
             found = self._receive(decoder, answers, patience_s)
         except GONE as error:
-            raise PortError(f"{self.name} is gone") from error
+            raise HardwareError(f"{self.name} is gone") from error
         # A response in two parts is late, not corrupt: one of the programs was delayed.
         self.broken += decoder.sum_errors + (decoder.skipped > rest and not decoder.cut)
         self._late = len(found) < answers
@@ -313,7 +309,7 @@ class SerialTransport:
         passed.
 
         Raises:
-            PortError: If the port is gone.
+            HardwareError: If the port is gone.
         """
         try:
             began_s = now_s = received_s = time.monotonic()
@@ -322,7 +318,7 @@ class SerialTransport:
                 now_s = time.monotonic()
                 received_s = now_s if heard else received_s
         except GONE as error:
-            raise PortError(f"{self.name} is gone") from error
+            raise HardwareError(f"{self.name} is gone") from error
 
     def _receive(self, decoder: Decoder, answers: int, patience_s: float) -> list[StatusPacket]:
         found: list[StatusPacket] = []
