@@ -13,7 +13,10 @@ from tsd_twin import security
 from tsd_twin.bus import client_config, from_file, node_config
 from tsd_twin.cli import flags, program
 from tsd_twin.security import AUTHORITY, ROBOT, Role
-from tsd_twin.security.certificates import KeyFolder, provision
+
+with program.requires("tsd-certs", "tls"):
+    from tsd_twin.security.certificates import KeyFolder, provision
+
 
 SOON = timedelta(days=30)
 

@@ -9,20 +9,23 @@ import secrets
 from functools import partial
 from pathlib import Path
 
-from tsd_twin.adapters.foxglove import (
-    FOXGLOVE_ORIGIN,
-    Access,
-    load_sdk,
-    serve_live,
-    serve_recording,
-)
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
 from tsd_twin.security import Role
-from tsd_twin.security.certificates import create_file
-from tsd_twin.security.users import refuse_public
-from tsd_twin.security.web_access import certificate_host_names, server_tls_context
+
+with program.requires("tsd-foxglove", "foxglove"):
+    from tsd_twin.adapters.foxglove import (
+        FOXGLOVE_ORIGIN,
+        Access,
+        load_sdk,
+        serve_live,
+        serve_recording,
+    )
+    from tsd_twin.security.certificates import create_file
+    from tsd_twin.security.users import refuse_public
+    from tsd_twin.security.web_access import certificate_host_names, server_tls_context
+
 
 _LOG = logging.getLogger(__name__)
 PORT = 8765

@@ -11,23 +11,6 @@ from collections.abc import Callable
 from functools import partial
 
 from tsd_twin import models
-from tsd_twin.adapters import RosNames
-from tsd_twin.adapters.ros import (
-    ADAPTER,
-    DdsPort,
-    Endpoints,
-    ExternalLimits,
-    ExternalRobot,
-    MeshServer,
-    OpenPort,
-    PortCallbacks,
-    RosPort,
-    ZenohPort,
-    check_ros,
-    describe,
-    endpoints,
-    serve_ros,
-)
 from tsd_twin.bus import Bus, Config, as_client, client_config, from_file
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
@@ -36,6 +19,26 @@ from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.robots import ExternalDescription, description_of_kind, parse_description
 from tsd_twin.security import Role
+
+with program.requires("tsd-ros", "ros"):
+    from tsd_twin.adapters import RosNames
+    from tsd_twin.adapters.ros import (
+        ADAPTER,
+        DdsPort,
+        Endpoints,
+        ExternalLimits,
+        ExternalRobot,
+        MeshServer,
+        OpenPort,
+        PortCallbacks,
+        RosPort,
+        ZenohPort,
+        check_ros,
+        describe,
+        endpoints,
+        serve_ros,
+    )
+
 
 OPERATOR = "ros"
 ROUTER = "tcp/127.0.0.1:7447"

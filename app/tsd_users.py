@@ -10,7 +10,10 @@ from pathlib import Path
 from tsd_twin.cli import program
 from tsd_twin.errors import TwinError
 from tsd_twin.security import Role
-from tsd_twin.security.users import Users
+
+with program.requires("tsd-users", "dashboard"):
+    from tsd_twin.security.users import Users
+
 
 PARSER = program.parser(
     "tsd-users",
