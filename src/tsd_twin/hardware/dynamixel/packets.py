@@ -41,13 +41,11 @@ class Instruction(IntEnum):
     PING = 0x01
     READ = 0x02
     WRITE = 0x03
-    REBOOT = 0x08
     STATUS = 0x55
     """Status packet; Protocol 2.0 only."""
     SYNC_READ = 0x82
     """Protocol 2.0 only."""
     SYNC_WRITE = 0x83
-    BULK_READ = 0x92
 
 
 ACCESS_ERROR = 7
@@ -99,10 +97,6 @@ class Framing(ABC):
     @abstractmethod
     def as_status(self, packet: Packet) -> StatusPacket | None:
         """Parse a packet as a response, or return None."""
-
-    @abstractmethod
-    def status(self, device: int, error: int, data: bytes = b"") -> bytes:
-        """Return the frame of a response."""
 
     def ping(self, device: int) -> bytes:
         """Request a response to find a device; in Protocol 2.0 with model and firmware version."""
@@ -159,10 +153,6 @@ class Protocol1(Framing):
         """Return the packet as a status; Protocol 1.0 does not mark status packets."""
         return StatusPacket(packet.id, packet.code, packet.params)
 
-    def status(self, device: int, error: int, data: bytes = b"") -> bytes:
-        """Return the frame of a response, with the error in place of the instruction."""
-        return self.encode(Packet(device, error, data))
-
 
 def _inverted_sum(inner: bytes) -> int:
     return ~sum(inner) & 0xFF
@@ -212,10 +202,6 @@ class Protocol2(Framing):
         if packet.code != Instruction.STATUS or not packet.params:
             return None
         return StatusPacket(packet.id, packet.params[0], packet.params[1:])
-
-    def status(self, device: int, error: int, data: bytes = b"") -> bytes:
-        """Return the frame of a response."""
-        return self.encode(Packet(device, Instruction.STATUS, bytes([error]) + data))
 
     def sync_read(self, devices: Sequence[int], address: int, length: int) -> bytes:
         """Request the same part of several devices' tables; they respond in this order."""
