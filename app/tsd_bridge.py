@@ -7,14 +7,17 @@ import sys
 from pathlib import Path
 
 from tsd_twin.cli import flags, node_program, program
-from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
-from tsd_twin.hardware.joints import ServoCalibration
-from tsd_twin.hardware.receiver_setup import set_up_receiver
 from tsd_twin.hardware.robot_io import RobotIO
-from tsd_twin.hardware.serial_transport import HardwareError, serial_ports
-from tsd_twin.hardware.u2d2 import U2D2IO
 from tsd_twin.robots import RobotDescription, SingularityDescription, description_of_kind
 from tsd_twin.simulation import Motors
+
+with program.requires("tsd-bridge", "bridge"):
+    from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
+    from tsd_twin.hardware.joints import ServoCalibration
+    from tsd_twin.hardware.receiver_setup import set_up_receiver
+    from tsd_twin.hardware.serial_transport import HardwareError, serial_ports
+    from tsd_twin.hardware.u2d2 import U2D2IO
+
 
 PARSER = program.parser(
     "tsd-bridge",

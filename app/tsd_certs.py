@@ -12,10 +12,21 @@ from pathlib import Path
 from tsd_twin import security
 from tsd_twin.bus import client_config, from_file, node_config
 from tsd_twin.cli import flags, program
-from tsd_twin.security import AUTHORITY, ROBOT, CertificateRequest, KeyFolder, Role
+from tsd_twin.security import AUTHORITY, ROBOT, Role
+
+with program.requires("tsd-certs", "tls"):
+    from tsd_twin.security.certificates import KeyFolder, provision
+
 
 SOON = timedelta(days=30)
 
+ROLES = {
+    Role.OPERATOR: "an operator, who sees, drives and stops",
+    Role.VIEWER: "a viewer, who sees and stops",
+    Role.SENSOR: "a camera or the like, which tells robots where they are",
+    Role.RECORDER: "a recorder, who reads all that is sent",
+}
+"""Roles of identities, each with a flag, and the help of it."""
 PROGRAMS = {Role.SENSOR: "its program", Role.RECORDER: "tsd-record"}
 """Programs other than the dashboard that use a certificate."""
 
@@ -36,17 +47,16 @@ def make(args: argparse.Namespace) -> None:
     """Create missing files, and print which files to copy to which machine."""
     now = datetime.now(UTC)
     folder = KeyFolder(args.folder)
-    identities = [security.client(name, Role.OPERATOR) for name in args.operator]
-    identities += [security.client(name, Role.VIEWER) for name in args.viewer]
-    identities += [security.client(name, Role.SENSOR) for name in args.sensor]
-    identities += [security.client(name, Role.RECORDER) for name in args.recorder]
-    order = CertificateRequest(tuple(args.robot_host), tuple(identities), args.days, args.listen)
-    security.provision(
-        order,
+    identities = [security.client(name, role) for role in ROLES for name in getattr(args, role)]
+    provision(
         folder,
         now,
         json.loads(node_config([]).json5),
         lambda endpoint: json.loads(client_config([endpoint]).json5),
+        hosts=args.robot_host,
+        identities=identities,
+        days=args.days,
+        listen=args.listen,
     )
     for identity in folder.identities():
         from_file(str(folder.settings_file(identity.name)))
@@ -103,34 +113,14 @@ def main() -> None:
         metavar="HOST",
         help="a name or address of the robot; clients connect to the first; may be repeated",
     )
-    PARSER.add_argument(
-        "--operator",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="an operator, who sees, drives and stops; may be repeated",
-    )
-    PARSER.add_argument(
-        "--viewer",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="a viewer, who sees and stops; may be repeated",
-    )
-    PARSER.add_argument(
-        "--sensor",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="a camera or the like, which tells robots where they are; may be repeated",
-    )
-    PARSER.add_argument(
-        "--recorder",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="a recorder, who reads all that is sent; may be repeated",
-    )
+    for role, help_ in ROLES.items():
+        PARSER.add_argument(
+            f"--{role}",
+            action="append",
+            default=[],
+            metavar="NAME",
+            help=f"{help_}; may be repeated",
+        )
     PARSER.add_argument(
         "--days",
         type=flags.whole(1, 3_650),

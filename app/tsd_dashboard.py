@@ -9,15 +9,19 @@ from pathlib import Path
 
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.cli import flags, program
-from tsd_twin.dashboard import app
-from tsd_twin.dashboard.app import tune_malloc
-from tsd_twin.dashboard.gateway.auth import AccessSettings
-from tsd_twin.dashboard.gateway.connection_limits import allow_many_files
-from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
-from tsd_twin.security import Role, Users
-from tsd_twin.security.web_access import certificate_host_names, server_tls_context
+from tsd_twin.security import Role
+
+with program.requires("tsd-dashboard", "dashboard"):
+    from tsd_twin.dashboard import app
+    from tsd_twin.dashboard.app import tune_malloc
+    from tsd_twin.dashboard.gateway.auth import AccessSettings
+    from tsd_twin.dashboard.gateway.connection_limits import allow_many_files
+    from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY
+    from tsd_twin.security.users import Users
+    from tsd_twin.security.web_access import certificate_host_names, server_tls_context
+
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 3.0

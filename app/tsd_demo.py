@@ -26,7 +26,10 @@ from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.link_emulation import LinkSpec
 from tsd_twin.messages import topics
-from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
+
+with program.requires("tsd-demo", "dashboard"):
+    from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
+
 
 ANY_PORTS = range(20_000, 30_000)
 """Search range for free ports, below the ephemeral ports that operating systems assign."""

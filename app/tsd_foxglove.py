@@ -5,19 +5,23 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
-import os
 import secrets
 from functools import partial
 from pathlib import Path
 
-from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, Access
-from tsd_twin.adapters.foxglove.sdk import load_sdk
-from tsd_twin.adapters.foxglove.sources import serve_live, serve_recording
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
-from tsd_twin.security import Role, refuse_public
-from tsd_twin.security.web_access import certificate_host_names, server_tls_context
+from tsd_twin.security import Role
+
+with program.requires("tsd-foxglove", "foxglove"):
+    from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, Access
+    from tsd_twin.adapters.foxglove.sdk import load_sdk
+    from tsd_twin.adapters.foxglove.sources import serve_live, serve_recording
+    from tsd_twin.security.certificates import create_file
+    from tsd_twin.security.users import refuse_public
+    from tsd_twin.security.web_access import certificate_host_names, server_tls_context
+
 
 _LOG = logging.getLogger(__name__)
 PORT = 8765
@@ -100,9 +104,7 @@ def token_of(file: Path) -> str:
     """
     try:
         if not file.exists():
-            descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with os.fdopen(descriptor, "w", encoding="ascii") as new:
-                new.write(secrets.token_urlsafe(32) + "\n")
+            create_file(file, f"{secrets.token_urlsafe(32)}\n".encode())
         refuse_public(file)
         token = file.read_text("ascii").strip()
     except (OSError, UnicodeDecodeError) as error:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from tsd_twin.calibration import calibrate, zeroing
 from tsd_twin.cli import program
-from tsd_twin.cli.experiment import Experiment, Output
-from tsd_twin.cli.experiments import run_experiments
-from tsd_twin.lab import health, motors, papers, rerun, square, tracking
+
+with program.requires("tsd-lab", "lab"):
+    from tsd_twin.calibration import calibrate, zeroing
+    from tsd_twin.cli.experiment import Experiment, Output
+    from tsd_twin.cli.experiments import run_experiments
+    from tsd_twin.lab import health, motors, papers, rerun, square, tracking
+
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     motors.EXPERIMENT,

@@ -21,19 +21,22 @@ from tsd_twin.bus import (
 )
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError, needs_extra
-from tsd_twin.recording import (
-    ALLOWED,
-    EVERYTHING,
-    Annotation,
-    Catalogue,
-    Recorder,
-    RecordingFolder,
-    add_mark,
-    export,
-)
-from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
-from tsd_twin.recording.index import RecordingIndex
-from tsd_twin.recording.reader import FolderReader
+
+with program.requires("tsd-record", "record"):
+    from tsd_twin.recording import (
+        ALLOWED,
+        EVERYTHING,
+        Annotation,
+        Catalogue,
+        Recorder,
+        RecordingFolder,
+        add_mark,
+        export,
+    )
+    from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
+    from tsd_twin.recording.index import RecordingIndex
+    from tsd_twin.recording.reader import FolderReader
+
 
 GB = 1_000_000_000
 

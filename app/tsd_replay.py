@@ -9,7 +9,10 @@ from pathlib import Path
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, as_client, client_config, node_config
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
-from tsd_twin.recording import Recording, Replay, open_recording, play
+
+with program.requires("tsd-replay", "record"):
+    from tsd_twin.recording import Recording, Replay, open_recording, play
+
 
 SUFFIX = "-replay"
 LONGEST_ID = 32

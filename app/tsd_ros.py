@@ -10,12 +10,6 @@ import threading
 from functools import partial
 
 from tsd_twin import models
-from tsd_twin.adapters.ros.adapter import MeshServer, serve_ros
-from tsd_twin.adapters.ros.dds_port import DdsPort, check_ros
-from tsd_twin.adapters.ros.external_robot import ExternalLimits, ExternalRobot, describe, endpoints
-from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, OpenPort, PortCallbacks, RosPort
-from tsd_twin.adapters.ros.zenoh_port import ZenohPort
-from tsd_twin.adapters.ros_messages import RosNames
 from tsd_twin.bus import Bus, Config, as_client, client_config, from_file
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
@@ -24,6 +18,20 @@ from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.robots import ExternalDescription, description_of_kind, parse_description
 from tsd_twin.security import Role
+
+with program.requires("tsd-ros", "ros"):
+    from tsd_twin.adapters.ros.adapter import MeshServer, serve_ros
+    from tsd_twin.adapters.ros.dds_port import DdsPort, check_ros
+    from tsd_twin.adapters.ros.external_robot import (
+        ExternalLimits,
+        ExternalRobot,
+        describe,
+        endpoints,
+    )
+    from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, OpenPort, PortCallbacks, RosPort
+    from tsd_twin.adapters.ros.zenoh_port import ZenohPort
+    from tsd_twin.adapters.ros_messages import RosNames
+
 
 OPERATOR = "ros"
 ROUTER = "tcp/127.0.0.1:7447"

@@ -9,7 +9,11 @@ from pathlib import Path
 
 from tsd_twin.cli import program
 from tsd_twin.errors import TwinError
-from tsd_twin.security import Role, Users
+from tsd_twin.security import Role
+
+with program.requires("tsd-users", "dashboard"):
+    from tsd_twin.security.users import Users
+
 
 PARSER = program.parser(
     "tsd-users",
@@ -30,7 +34,7 @@ PARSER = program.parser(
 def change(args: argparse.Namespace) -> None:
     """Apply the flags to the file and list its users."""
     file: Path = args.file
-    users = Users.load_any(file) if file.exists() else Users({})
+    users = Users.load(file, may_be_empty=True) if file.exists() else Users({})
     if args.remove:
         users.remove(args.remove)
         users.save(file)

@@ -29,7 +29,8 @@ from tests.support.logins import PHRASE, cookie_of
 from tests.support.page_client import Page
 from tests.support.robot_node import ANY_PORT, QUICK
 from tests.support.viser_client import CAMERA
-from tsd_twin.security import Role, Users
+from tsd_twin.security import Role
+from tsd_twin.security.users import Users
 
 VIEWERS = 10
 STOPS = 200

@@ -27,7 +27,8 @@ from tests.support.page_client import Page
 from tests.support.raw_http import FORM, MALFORMED, answer, dial, is_closed, malformed, request
 from tests.support.tls_connection import tls_connection
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
-from tsd_twin.security import Role, Users
+from tsd_twin.security import Role
+from tsd_twin.security.users import Users
 
 _PAGE = "0123456789abcdef"
 _MEASURE_S = 3.0

@@ -120,11 +120,13 @@ def test_every_program_is_listed() -> None:
 
 @pytest.mark.parametrize("program", EXTRAS)
 def test_program_without_its_extra_names_it(client: Path, program: str) -> None:
-    done = run_outside([str(client / "bin" / program)], client)
-    assert done.returncode == 2
+    module = [str(client / "bin/python"), "-m", program.replace("-", "_")]
     needed = f"'tsd-twin[{EXTRAS[program]}]'"
     begin = f"{program} needs the extra `{EXTRAS[program]}`: "
-    assert done.stderr == f"{begin}{client / 'bin/python'} -m pip install {needed}\n"
+    for command in ([str(client / "bin" / program)], module):
+        done = run_outside(command, client)
+        assert done.returncode == 2
+        assert done.stderr == f"{begin}{client / 'bin/python'} -m pip install {needed}\n"
 
 
 @pytest.mark.parametrize("program", WITHOUT_EXTRA)

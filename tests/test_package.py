@@ -29,7 +29,6 @@ NEEDED = (
     "tsd_replay.py",
     "tsd_foxglove.py",
     "tsd_ros.py",
-    "tsd_programs.py",
     "tsd_twin/py.typed",
     "tsd_twin/robots/tsd.toml",
     "tsd_twin/dashboard/static/main.js",

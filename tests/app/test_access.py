@@ -32,7 +32,8 @@ from tests.support.browser import (
 )
 from tests.support.mistaken_programs import start_each
 from tests.support.nginx import nginx
-from tsd_twin.security import Role, Users
+from tsd_twin.security import Role
+from tsd_twin.security.users import Users
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 

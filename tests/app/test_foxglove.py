@@ -44,7 +44,6 @@ from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, SILENT_S
 from tsd_twin.adapters.ros_messages import PUBLISHED, SERVICES
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.recording.mcap_file import RecordingFile
-from tsd_twin.security import CertificateRequest
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
@@ -459,7 +458,7 @@ def test_other_machines_need_a_token_and_tls(start: Any, tmp_path: Path) -> None
         assert refused.wait() == 1
         assert word in refused.sentence
     assert token.stat().st_mode & 0o077 == 0
-    provision_folder(tmp_path / "keys", CertificateRequest(("robot.example",)))
+    provision_folder(tmp_path / "keys", hosts=("robot.example",))
     pem, key = str(tmp_path / "keys/robot.pem"), str(tmp_path / "keys/robot.key")
     program = start(*beyond, "--token-file", str(token), "--tls-cert", pem, "--tls-key", key)
     port = int(url_of(program).rpartition(":")[2])

@@ -96,10 +96,3 @@ def test_within_the_time_a_packet_may_come_in_pieces() -> None:
     frame = protocol2.encode(PING)
     found = [p for i, byte in enumerate(frame) for p in decoder.feed(bytes([byte]), 0.019 * i)]
     assert found == [PING]
-
-
-def test_what_is_kept_can_be_forgotten() -> None:
-    decoder = Decoder(protocol2)
-    decoder.feed(protocol2.encode(PING)[:9], 0.0)
-    decoder.clear()
-    assert decoder.feed(protocol2.encode(PING), 0.0) == [PING]

@@ -32,7 +32,7 @@ def test_a_frame_with_a_wrong_bit_is_not_decoded(packet: Packet, data: st.DataOb
 
 @given(IDS, st.integers(0, 0x7F), DATA)
 def test_the_sdk_reads_our_answers(device: int, error: int, data: bytes) -> None:
-    packet, result = SDK.rxPacket(BytesPort(protocol1.status(device, error, data)))
+    packet, result = SDK.rxPacket(BytesPort(protocol1.encode(Packet(device, error, data))))
     assert result == 0
     assert (packet[2], packet[4], bytes(packet[5:-1])) == (device, error, data)
 

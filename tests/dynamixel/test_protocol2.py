@@ -59,7 +59,8 @@ def test_a_frame_with_a_wrong_bit_is_not_decoded(packet: Packet, data: st.DataOb
 @given(IDS, st.integers(0, 6), DATA.filter(lambda data: b"\xff\xff\xfd" not in data))
 def test_the_sdk_reads_our_answers(device: int, error: int, data: bytes) -> None:
     """Without stuffing: the SDK unstuffs the list that it is scanning."""
-    packet, result = SDK.rxPacket(BytesPort(protocol2.status(device, error, data)), False)
+    answer = Packet(device, Instruction.STATUS, bytes([error]) + data)
+    packet, result = SDK.rxPacket(BytesPort(protocol2.encode(answer)), False)
     assert result == 0
     assert (packet[4], packet[8], bytes(packet[9 : 9 + len(data)])) == (device, error, data)
 

@@ -10,8 +10,16 @@ import pytest
 from firmware.simulator.board import FIRMWARE
 from tests.support.firmware_host import CRUISE, CYCLE_S, Bench, read
 from tests.support.markdown_pages import section, tables
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup, Telemetry
-from tsd_twin.hardware.dynamixel.control_table import FW_VERSION, BoardMode, ResetCause, Trip
+from tsd_twin.hardware.dynamixel.control_table import (
+    FW_VERSION,
+    BoardCommand,
+    BoardIdentity,
+    BoardMode,
+    ResetCause,
+    Setup,
+    Telemetry,
+    Trip,
+)
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
 from tsd_twin.simulation import Servos, SingularitySimulation
 

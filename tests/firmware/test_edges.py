@@ -23,14 +23,15 @@ from tests.support.firmware_host import (
     read,
     write,
 )
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
     ADDRESS,
-    COMMAND,
-    SETUP,
+    BoardCommand,
+    BoardIdentity,
     BoardMode,
     Item,
     Refusal,
+    Setup,
+    Telemetry,
     Trip,
 )
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
@@ -45,7 +46,7 @@ def edges(item: Item) -> Iterator[tuple[int, bytes, int]]:
         return
     form = FORMATS[item.type]
     size = struct.calcsize(form)
-    for index in range(item.count):
+    for index in range(len(item.values)):
         for value in (*item.limits, item.limits[0] - 1, item.limits[1] + 1):
             error = 0 if item.limits[0] <= value <= item.limits[1] else 4
             try:
@@ -64,8 +65,8 @@ def test_each_value_is_taken_up_to_its_limits_and_refused_beyond(native_bench: B
     pilot = native_bench.pilot().get_ready()
     pilot.simulation.set_contactor(closed=False)  # With power there, the pulses must not change.
     pilot.simulation.run(0.5)
-    for block, size in ((Setup, SETUP.size), (BoardCommand, COMMAND.size)):
-        items = SETUP.items if block is Setup else COMMAND.items
+    for block in (Setup, BoardCommand):
+        size, items = block.LAYOUT.size, block.items()
         for address, value, error in (edge for item in items for edge in edges(item)):
             if address == ADDRESS["arm"] and value in (b"\1", b"\2"):
                 continue

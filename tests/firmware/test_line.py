@@ -7,12 +7,12 @@ import pytest
 
 from firmware.simulator import protocol2
 from tests.support.firmware_host import PING, Bench, at, packets, read, write
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand
 from tsd_twin.hardware.dynamixel.control_table import (
     BOARD_ID,
     FW_VERSION,
     MODEL,
     TABLE_SIZE,
+    BoardCommand,
     BoardMode,
 )
 

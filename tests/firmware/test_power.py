@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from tests.support.firmware_host import CRUISE, HOLD_S, Bench, FirmwareHost, number
-from tsd_twin.hardware.dynamixel.blocks import Setup
-from tsd_twin.hardware.dynamixel.control_table import BoardMode, Refusal, Trip
+from tsd_twin.hardware.dynamixel.control_table import BoardMode, Refusal, Setup, Trip
 
 DIVIDER, FULL_SCALE, SUPPLY_MV = 4, 1023, 5000
 BANDGAP = 1100 * 1024 // SUPPLY_MV

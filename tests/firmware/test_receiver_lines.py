@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.support.firmware_host import HOLD_S, Bench, FirmwareHost, number, run_until
-from tsd_twin.hardware.dynamixel.blocks import Setup
+from tsd_twin.hardware.dynamixel.control_table import Setup
 
 FRAME_CHANNELS, WIRES = 16, 6
 FAILSAFE = 0x08

@@ -6,8 +6,7 @@ import dynamixel_sdk as sdk
 
 from firmware.simulator.simulation import FirmwareSimulation
 from tests.support.firmware_host import HOLD_S, Bench
-from tsd_twin.hardware.dynamixel.blocks import Setup
-from tsd_twin.hardware.dynamixel.control_table import ADDRESS, BOARD_ID, FW_VERSION, MODEL
+from tsd_twin.hardware.dynamixel.control_table import ADDRESS, BOARD_ID, FW_VERSION, MODEL, Setup
 
 
 class SimulationPort:

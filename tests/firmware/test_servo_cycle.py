@@ -24,7 +24,7 @@ from tests.support.firmware_host import (
     run_until,
     write,
 )
-from tsd_twin.hardware.dynamixel.blocks import Setup
+from tsd_twin.hardware.dynamixel.control_table import Setup
 from tsd_twin.hardware.dynamixel.servo_models import span
 
 BYTE_S = 1e-5

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.hardware.controller_board import ANSWERS, STOP, ArmSwitch
-from tsd_twin.hardware.dynamixel.blocks import Telemetry
-from tsd_twin.hardware.dynamixel.control_table import BoardMode, Refusal, Trip
+from tsd_twin.hardware.dynamixel.control_table import BoardMode, Refusal, Telemetry, Trip
 from tsd_twin.messages.codes import Code, because
 
 UNPLUGGED = because(Code.BOARD_LOST)

@@ -16,8 +16,14 @@ import pytest
 from tests.support.faulty_devices import Peer, PretendBoard, plugged
 from tsd_twin import robots
 from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup
-from tsd_twin.hardware.dynamixel.control_table import BoardMode, ResetCause, Trip
+from tsd_twin.hardware.dynamixel.control_table import (
+    BoardCommand,
+    BoardIdentity,
+    BoardMode,
+    ResetCause,
+    Setup,
+    Trip,
+)
 from tsd_twin.hardware.dynamixel.packets import protocol2
 from tsd_twin.hardware.joints import EscCalibration, Receiver, ServoCalibration
 from tsd_twin.hardware.robot_io import HasBattery, HasServoTemperature, HasWatchdog, RobotIO

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S, PacketErrorMonitor
+from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S, LinkHealth
 from tsd_twin.messages.codes import Code
 
 pytestmark = pytest.mark.computes
@@ -17,20 +19,16 @@ CYCLES = st.lists(
 """Milliseconds that each cycle took, and whether something was broken in it."""
 
 
-def lived_through(
-    cycles: list[tuple[int, bool]],
-) -> list[tuple[int, list[int], PacketErrorMonitor]]:
+def lived_through(cycles: list[tuple[int, bool]]) -> list[tuple[int, list[int], LinkHealth]]:
     """Return, for each cycle, when it ended, which spoilt ones are in the window, and the noise."""
-    noise, now_ms, spoilt_ms, seen = PacketErrorMonitor("board"), 0, [], []
+    noise, now_ms, spoilt_ms, seen = LinkHealth("board"), 0, [], []
     for took_ms, spoilt in cycles:
         now_ms += took_ms
         if spoilt:
             spoilt_ms.append(now_ms)
-        noise.add_cycle(spoilt, now_ms / 1000.0)
-        copy = PacketErrorMonitor("")
-        copy.corrupt, copy.suspicion, copy.fault = noise.corrupt, noise.suspicion, noise.fault
+        noise.add_packets(spoilt, now_ms / 1000.0)
         window = [at for at in spoilt_ms if at > now_ms - 1000 * WINDOW_S]
-        seen.append((now_ms, window, copy))
+        seen.append((now_ms, window, copy(noise)))
     return seen
 
 
@@ -41,7 +39,7 @@ def test_it_is_a_fault_from_the_fifth_in_a_window_until_a_window_without_any(
     dirty = False
     for _, window, noise in lived_through(cycles):
         dirty = len(window) >= LIMIT or (dirty and bool(window))
-        assert bool(noise.fault) == dirty
+        assert bool(noise.packet_fault) == dirty
         assert noise.suspicion or len(window) < 2
         assert window or not noise.suspicion
 
@@ -52,21 +50,21 @@ def test_what_it_says_stays_the_same_while_it_lasts_and_counts_what_there_was(
 ) -> None:
     before = None
     for now_ms, window, noise in lived_through(cycles):
-        if noise.fault and not before:
-            assert noise.fault.code == Code.LINE_GARBAGE
-            assert noise.fault.params["count"] == len(window)
+        if noise.packet_fault and not before:
+            assert noise.packet_fault.code == Code.LINE_GARBAGE
+            assert noise.packet_fault.params["count"] == len(window)
             lately_s = pytest.approx((now_ms - window[0]) / 1000.0, abs=0.006)
-            assert noise.fault.params["s"] == lately_s
-        elif noise.fault:
-            assert noise.fault == before
-        before = noise.fault
+            assert noise.packet_fault.params["s"] == lately_s
+        elif noise.packet_fault:
+            assert noise.packet_fault == before
+        before = noise.packet_fault
     assert noise.corrupt == sum(spoilt for _, spoilt in cycles)
 
 
 @given(st.lists(st.integers(round(1000 * WINDOW_S / (LIMIT - 1)) + 1, 5000), max_size=200))
 def test_one_now_and_then_stops_nobody(pauses_ms: list[int]) -> None:
-    noise, now_s = PacketErrorMonitor("board"), 0.0
+    noise, now_s = LinkHealth("board"), 0.0
     for pause_ms in pauses_ms:
         now_s += pause_ms / 1000.0
-        noise.add_cycle(True, now_s)
-        assert not noise.fault
+        noise.add_packets(True, now_s)
+        assert not noise.packet_fault

@@ -16,7 +16,7 @@ import serial
 from serial.tools import list_ports_common
 
 from tsd_twin.hardware.serial_transport import (
-    PortError,
+    HardwareError,
     _open_error,
     chip_warning,
     close_port,
@@ -37,7 +37,7 @@ def terminal() -> Generator[tuple[int, str]]:
 
 
 def refusal(name: str) -> str:
-    with pytest.raises(PortError) as caught:
+    with pytest.raises(HardwareError) as caught:
         open_port(name, 115200, 0.01)
     return str(caught.value)
 

@@ -10,13 +10,14 @@ from pathlib import Path
 import pytest
 
 from tests.support.faulty_devices import PretendBoard, plugged
-from tsd_twin.hardware.dynamixel.blocks import Radio
+from tsd_twin.hardware.controller_board import find_board
+from tsd_twin.hardware.dynamixel.control_table import Radio
 from tsd_twin.hardware.joints import EscCalibration, Receiver, ServoCalibration
 from tsd_twin.hardware.receiver_setup import (
-    ReceiverWatcher,
     ask_line,
     learn_pulse_ends,
     learn_receiver,
+    watch_channels,
     write_section,
 )
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
@@ -172,11 +173,11 @@ def test_channels_are_read_from_a_board_whose_drive_is_off(tmp_path: Path) -> No
     board.table[Radio.ADDRESS : Radio.ADDRESS + Radio.LAYOUT.size] = channels.pack()
     with plugged(tmp_path, board) as peer:
         transport = SerialTransport(peer.port, 1_000_000)
-        watcher = ReceiverWatcher(transport, 1_000_000)
-        assert set(watcher.watch(0.1)) == {channels.channel}
+        find_board(transport, 1_000_000)
+        assert set(watch_channels(transport, 0.1)) == {channels.channel}
         board.telemetry = replace(board.telemetry, drive_on=1)
         with pytest.raises(HardwareError, match="open the contactor first"):
-            watcher.watch(0.1)
+            watch_channels(transport, 0.1)
         transport.close()
     assert not any(command.arm for command in board.commands)
 

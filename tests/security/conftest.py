@@ -12,5 +12,5 @@ from tests.support.provisioning import FIRST, provision_folder
 @pytest.fixture
 def keys(tmp_path: Path) -> Path:
     """Folder with the keys and certificates of a robot and two people."""
-    provision_folder(tmp_path / "keys", FIRST)
+    provision_folder(tmp_path / "keys", **FIRST)
     return tmp_path / "keys"

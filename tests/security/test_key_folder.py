@@ -21,7 +21,8 @@ from tests.support.provisioning import (
 )
 from tsd_twin.bus import client_config, from_file
 from tsd_twin.errors import BusError, TwinError
-from tsd_twin.security import CertificateRequest, KeyFolder, certificate_identity, certificates
+from tsd_twin.security import certificates
+from tsd_twin.security.certificates import KeyFolder, certificate_identity
 
 
 def test_keys_are_for_their_owner_alone(keys: Path) -> None:
@@ -35,7 +36,7 @@ def test_who_is_removed_is_out_of_the_rules_by_the_next_run(keys: Path) -> None:
     for file in keys.glob("guest.*"):
         file.unlink()
     (keys / "ca.key").unlink()  # It is not needed for that.
-    assert provision_folder(keys, CertificateRequest()) == ["robot.json5"]
+    assert provision_folder(keys) == ["robot.json5"]
     subjects = setting(keys, "robot", "access_control/subjects")
     assert [subject["id"] for subject in subjects] == ["alice"]
 
@@ -43,7 +44,7 @@ def test_who_is_removed_is_out_of_the_rules_by_the_next_run(keys: Path) -> None:
 def test_a_certificate_alone_is_renewed(keys: Path) -> None:
     before, later = content(keys), NOW + timedelta(days=300)
     (keys / "alice.pem").unlink()
-    assert provision_folder(keys, CertificateRequest(identities=(ALICE,)), later) == ["alice.pem"]
+    assert provision_folder(keys, later, identities=(ALICE,)) == ["alice.pem"]
     assert KeyFolder(keys).end_of("alice") - later > timedelta(days=364)
     assert content(keys)["alice.key"] == before["alice.key"]
 
@@ -52,7 +53,7 @@ def test_what_was_interrupted_is_finished_by_the_next_run(keys: Path) -> None:
     whole = set(content(keys))
     for name in ("alice.pem", "alice.json5", "robot.json5", "robot.pem"):
         (keys / name).unlink()
-    provision_folder(keys, FIRST)
+    provision_folder(keys, **FIRST)
     assert set(content(keys)) == whole
     assert commanders(keys) == {"alice"}
 
@@ -72,15 +73,15 @@ def test_a_file_that_is_not_what_it_should_be_is_named(
     (keys / name).write_text(text)
     before = content(keys)
     with pytest.raises(TwinError, match=says):
-        provision_folder(keys, CertificateRequest(identities=(BOB,)))
+        provision_folder(keys, identities=(BOB,))
     assert content(keys) == before
 
 
 def test_the_key_of_another_authority_signs_nothing(keys: Path, tmp_path: Path) -> None:
-    provision_folder(tmp_path / "other", FIRST)
+    provision_folder(tmp_path / "other", **FIRST)
     shutil.copy(tmp_path / "other" / "ca.key", keys / "ca.key")
     with pytest.raises(TwinError, match="is not the key of"):
-        provision_folder(keys, CertificateRequest(identities=(BOB,)))
+        provision_folder(keys, identities=(BOB,))
 
 
 def test_a_key_is_never_overwritten(keys: Path) -> None:

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.security import Logins, Role, User
-from tsd_twin.security.users import ABSOLUTE_S, IDLE_S
+from tsd_twin.security import Role
+from tsd_twin.security.users import ABSOLUTE_S, IDLE_S, Logins, User
 
 ALICE = User("alice", Role.OPERATOR, may_stop=True)
 

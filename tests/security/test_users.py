@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from tsd_twin.errors import TwinError
-from tsd_twin.security import Role, User, Users
+from tsd_twin.security import Role
+from tsd_twin.security.users import User, Users
 
 PHRASE = "correct horse battery"
 

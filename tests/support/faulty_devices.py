@@ -13,8 +13,14 @@ from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
 
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup, Telemetry
-from tsd_twin.hardware.dynamixel.control_table import TABLE_SIZE, BoardMode
+from tsd_twin.hardware.dynamixel.control_table import (
+    TABLE_SIZE,
+    BoardCommand,
+    BoardIdentity,
+    BoardMode,
+    Setup,
+    Telemetry,
+)
 from tsd_twin.hardware.dynamixel.packets import Decoder, Instruction, Packet, protocol2
 
 
@@ -114,15 +120,19 @@ class PretendBoard:
         return b"".join(out)
 
     def _answer(self, packet: Packet) -> bytes:
+        error, data = self._response(packet)
+        return protocol2.encode(Packet(packet.id, Instruction.STATUS, bytes([error]) + data))
+
+    def _response(self, packet: Packet) -> tuple[int, bytes]:
         if packet.code == Instruction.PING:
-            return protocol2.status(packet.id, 0, self.identity.pack()[:3])
+            return 0, self.identity.pack()[:3]
         address = int.from_bytes(packet.params[:2], "little")
         if packet.code == Instruction.READ:
             self._refresh()
             length = int.from_bytes(packet.params[2:4], "little")
-            return protocol2.status(packet.id, 0, bytes(self.table[address : address + length]))
+            return 0, bytes(self.table[address : address + length])
         self._write(address, packet.params[2:])
-        return protocol2.status(packet.id, self.error if address == Setup.ADDRESS else 0)
+        return self.error if address == Setup.ADDRESS else 0, b""
 
     def _write(self, address: int, data: bytes) -> None:
         self.table[address : address + len(data)] = data

@@ -10,13 +10,15 @@ from pathlib import Path
 
 from firmware.simulator import protocol2
 from firmware.simulator.simulation import FirmwareSimulation
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
     ADDRESS,
     BOARD_ID,
     ZERO_THROTTLE,
+    BoardCommand,
     BoardMode,
     ReceiverKind,
+    Setup,
+    Telemetry,
 )
 from tsd_twin.hardware.dynamixel.servo_models import MODELS
 

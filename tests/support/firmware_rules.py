@@ -24,8 +24,16 @@ from tests.support.firmware_host import (
     write,
 )
 from tests.support.source_rules import HEATED_S
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup
-from tsd_twin.hardware.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
+from tsd_twin.hardware.dynamixel.control_table import (
+    ADDRESS,
+    BoardCommand,
+    BoardIdentity,
+    BoardMode,
+    Refusal,
+    ResetCause,
+    Setup,
+    Trip,
+)
 from tsd_twin.hardware.dynamixel.servo_models import MODELS
 
 TILTED = (100, -60, 0, 40, -100, 20)

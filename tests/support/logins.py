@@ -8,7 +8,8 @@ from functools import cache
 from urllib.parse import urlencode
 
 from tests.support.page_client import PATIENCE_S
-from tsd_twin.security import Role, Users
+from tsd_twin.security import Role
+from tsd_twin.security.users import Users
 
 PHRASE = "correct horse battery"
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from tsd_twin import security
 from tsd_twin.bus import client_config, from_file, node_config
-from tsd_twin.security import CertificateRequest, KeyFolder, Role
+from tsd_twin.security import Role
+from tsd_twin.security.certificates import KeyFolder, provision
 
 NOW = datetime.now(UTC)
 ALICE, BOB, GUEST = (
@@ -17,18 +18,18 @@ ALICE, BOB, GUEST = (
     security.client("bob", Role.OPERATOR),
     security.client("guest", Role.VIEWER),
 )
-FIRST = CertificateRequest(("robot.local", "192.168.1.7"), (ALICE, GUEST))
+FIRST: dict[str, Any] = {"hosts": ("robot.local", "192.168.1.7"), "identities": (ALICE, GUEST)}
 
 
-def provision_folder(path: Path, order: CertificateRequest, now: datetime = NOW) -> list[str]:
+def provision_folder(path: Path, now: datetime = NOW, **order: Any) -> list[str]:
     """Return the names of the files that were made."""
     folder = KeyFolder(path)
-    security.provision(
-        order,
+    provision(
         folder,
         now,
         json.loads(node_config([]).json5),
         lambda endpoint: json.loads(client_config([endpoint]).json5),
+        **order,
     )
     return [file.name for file in folder.made]
 

@@ -33,7 +33,8 @@ from tsd_twin.messages.services import (
 from tsd_twin.messages.status import RobotStatus, decode_status
 from tsd_twin.messages.topics import Service
 from tsd_twin.node import RobotNode
-from tsd_twin.security import CertificateRequest, KeyFolder, Role
+from tsd_twin.security import Role
+from tsd_twin.security.certificates import KeyFolder, provision
 from tsd_twin.simulation import SimRobot
 
 PATIENCE_S = 20.0
@@ -222,12 +223,16 @@ def with_sections(config: Config, **sections: Any) -> Config:
 def make_keys(path: Path, **changes: Any) -> KeyFolder:
     """Make a folder as `tsd-certs` does, for a robot on this machine, on any port."""
     folder = KeyFolder(path)
-    order = CertificateRequest(("localhost", "127.0.0.1"), PEOPLE, listen="tls/127.0.0.1:0")
-    security.provision(
-        dataclasses.replace(order, **changes),
+    order = {
+        "hosts": ("localhost", "127.0.0.1"),
+        "identities": PEOPLE,
+        "listen": "tls/127.0.0.1:0",
+    }
+    provision(
         folder,
         datetime.now(UTC),
         json.loads(node_config([]).json5),
         lambda endpoint: json.loads(client_config([endpoint]).json5),
+        **(order | changes),
     )
     return folder

@@ -10,8 +10,14 @@ from enum import StrEnum
 
 from firmware.simulator.mx64 import Mx64
 from tests.support.firmware_host import CRUISE, HOLD_S, ZERO, Bench, FirmwareHost
-from tsd_twin.hardware.dynamixel.blocks import BoardIdentity, Setup, Telemetry
-from tsd_twin.hardware.dynamixel.control_table import BoardMode, Refusal, Trip
+from tsd_twin.hardware.dynamixel.control_table import (
+    BoardIdentity,
+    BoardMode,
+    Refusal,
+    Setup,
+    Telemetry,
+    Trip,
+)
 
 STOP = 2
 """In `arm`."""

@@ -20,8 +20,7 @@ from tsd_twin import robots
 from tsd_twin.hardware import arduino_mega, u2d2
 from tsd_twin.hardware import serial_transport as serial
 from tsd_twin.hardware.arduino_mega import ArduinoMegaIO, ControllerBoard
-from tsd_twin.hardware.dynamixel.blocks import Setup, Telemetry
-from tsd_twin.hardware.dynamixel.control_table import Refusal
+from tsd_twin.hardware.dynamixel.control_table import Refusal, Setup, Telemetry
 from tsd_twin.hardware.joints import JointCommand, Receiver, ServoCalibration
 from tsd_twin.hardware.u2d2 import U2D2IO
 from tsd_twin.lie import Array

@@ -32,7 +32,7 @@ from tsd_twin.messages.services import LeaseRequest
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import QoS, Service, Topic
 from tsd_twin.recording import ALLOWED
-from tsd_twin.security import KeyFolder
+from tsd_twin.security.certificates import KeyFolder
 
 pytestmark = pytest.mark.system
 

@@ -28,7 +28,8 @@ from tsd_twin.bus import Bus, Config, client_config, node_config
 from tsd_twin.errors import NoAnswerError
 from tsd_twin.messages import topics
 from tsd_twin.messages.topics import Service
-from tsd_twin.security import KeyFolder, Role, certificates
+from tsd_twin.security import Role, certificates
+from tsd_twin.security.certificates import KeyFolder
 
 pytestmark = pytest.mark.system
 

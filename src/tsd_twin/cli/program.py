@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import difflib
 import gc
 import logging
@@ -11,14 +12,14 @@ import re
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from types import FrameType
 from typing import NoReturn
 
 from tsd_twin import __version__, robots
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
 from tsd_twin.cli import flags
-from tsd_twin.errors import MissingExtraError, TwinError
+from tsd_twin.errors import MissingExtraError, TwinError, check_extra
 from tsd_twin.security import BusIdentity
 from tsd_twin.simulation import PLANTS
 
@@ -38,6 +39,21 @@ class _Parser(argparse.ArgumentParser):
 
 
 _UNKNOWN = re.compile(r"unrecognized arguments: (--?[\w-]+)")
+
+
+@contextlib.contextmanager
+def requires(prog: str, extra: str) -> Generator[None]:
+    """Import what a program needs of an extra inside this context.
+
+    If a package of the extra is not installed, the program ends with a one-sentence message and
+    exit code 2.
+    """
+    try:
+        check_extra(prog, extra)
+        yield
+    except MissingExtraError as error:
+        print(error, file=sys.stderr)  # noqa: T201
+        sys.exit(2)
 
 
 def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.ArgumentParser:
@@ -162,7 +178,8 @@ def certificate(args: argparse.Namespace) -> BusIdentity | None:
     file = from_file(args.zenoh_config).certificate if args.zenoh_config else None
     if file is None:
         return None
-    from tsd_twin.security import certificate_identity  # Late, because it needs the extra `tls`.
+    # Late, because it needs the extra `tls`.
+    from tsd_twin.security.certificates import certificate_identity
 
     return certificate_identity(file)
 

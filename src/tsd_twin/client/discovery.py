@@ -123,6 +123,7 @@ def _with_certificate(config: Config, certificate: Path) -> tuple[Config, str]:
 
 
 def _operator_in(certificate: Path) -> str:
-    from tsd_twin.security import certificate_identity  # Late, because it needs the extra `tls`.
+    # Late, because it needs the extra `tls`.
+    from tsd_twin.security.certificates import certificate_identity
 
     return certificate_identity(certificate).name

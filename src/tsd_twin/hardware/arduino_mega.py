@@ -12,24 +12,26 @@ import numpy as np
 
 from tsd_twin.hardware.board_faults import BoardFaults
 from tsd_twin.hardware.controller_board import (
-    READ_DELAY,
     REST_COMMAND,
     SETTLE_S,
     ArmSwitch,
     handshake,
+    read_request,
     restart_reason,
     wiring_faults,
+    write_request,
 )
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
-    BOARD_ID,
     ESCS,
     SERVOS,
     ZERO_THROTTLE,
+    BoardCommand,
     BoardMode,
     ReceiverKind,
+    Setup,
+    Telemetry,
 )
-from tsd_twin.hardware.dynamixel.packets import StatusPacket, protocol2
+from tsd_twin.hardware.dynamixel.packets import StatusPacket
 from tsd_twin.hardware.joints import (
     CENTRE,
     JointCommand,
@@ -47,11 +49,10 @@ from tsd_twin.hardware.serial_transport import (
     LinkHealth,
     SerialTransport,
     chip_warning,
-    connection_fault,
 )
 from tsd_twin.lie import Array
-from tsd_twin.messages.codes import Code, Reason, Type, because
-from tsd_twin.messages.sentences import WORDS, sentence
+from tsd_twin.messages.codes import Code, Reason, because
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.robots.description import Battery
 from tsd_twin.safety import Heartbeat
@@ -78,12 +79,9 @@ class BoardTelemetry:
 class ControllerBoard:
     """Controller board as the device of a `DeviceThread`.
 
-    Other threads write `command`, and read `report` and `disconnect_reason`. These are replaced as
-    a whole, so that no thread sees a partial update.
+    Other threads write `command` and read `report`. These are replaced as a whole, so that no
+    thread sees a partial update.
     """
-
-    name = WORDS[Type.DEVICE]["board"]
-    device = "board"
 
     def __init__(
         self,
@@ -104,8 +102,6 @@ class ControllerBoard:
         self.health = LinkHealth("board")
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.report: BoardTelemetry | None = None
-        self.disconnect_reason = ""
-        """Reason of a lost connection, or ""."""
         self.wiring_faults: dict[str, str] = {}
         """Wiring faults detected so far, by a short name; replaced as a whole."""
         self._was_connected = False
@@ -148,7 +144,6 @@ class ControllerBoard:
         self._warn("usb chip", chip_warning(transport.name, self.baud))
         self._was_connected = True
         self.report = BoardTelemetry(telemetry, time.monotonic(), self._switch.lost)
-        self.disconnect_reason = ""
 
     def cycle(self, transport: SerialTransport) -> bool:
         """Write the command and read telemetry in one exchange; return whether it succeeded.
@@ -161,7 +156,7 @@ class ControllerBoard:
         began_s = time.monotonic()
         before, broken = self.report, transport.broken
         command = self._board_command(self.command, began_s)
-        request = protocol2.write(BOARD_ID, BoardCommand.ADDRESS, command.pack()) + READ_DELAY
+        request = write_request(command) + read_request(Telemetry)
         answers = transport.request(request, 2, RESPONSE_TIMEOUT_S)
         now_s = time.monotonic()
         telemetry, corrupt = _telemetry(answers), transport.broken > broken
@@ -192,17 +187,15 @@ class ControllerBoard:
         self.report = BoardTelemetry(telemetry, now_s, self._switch.lost)
         return True
 
-    def disconnected(self, reason: str) -> None:
-        """Record a lost connection; the board stays disarmed after it reconnects."""
+    def disconnected(self) -> None:
+        """Discard the report; the board stays disarmed after it reconnects."""
         self._switch.mark_lost(because(Code.BOARD_LOST))
-        self.report, self.disconnect_reason = None, reason
-        self.health.reconnects += 1
+        self.report = None
 
     def rest(self, transport: SerialTransport) -> None:
         """Disarm the board, retrying if it does not respond."""
         for _ in range(_LEAVING):
-            request = protocol2.write(BOARD_ID, BoardCommand.ADDRESS, REST_COMMAND.pack())
-            if transport.request(request, 1, RESPONSE_TIMEOUT_S):
+            if transport.request(write_request(REST_COMMAND), 1, RESPONSE_TIMEOUT_S):
                 return
 
     def _find_wiring_faults(self, telemetry: Telemetry, *, opened: bool) -> None:
@@ -224,10 +217,9 @@ class ControllerBoard:
             self.battery_warning = ""
 
     def _add_cycle(self, corrupt: bool, now_s: float) -> None:
-        errors = self.health.packet_errors
-        errors.add_cycle(corrupt, now_s)
-        if errors.fault is not None:
-            self._switch.mark_lost(errors.fault)
+        self.health.add_packets(corrupt, now_s)
+        if (fault := self.health.packet_fault) is not None:
+            self._switch.mark_lost(fault)
 
     def _board_command(self, wanted: JointCommand, now_s: float) -> BoardCommand:
         if not wanted.in_force(now_s):
@@ -322,12 +314,8 @@ class ArduinoMegaIO:
 
     def read(self, now_s: float) -> Array | None:
         """Return newly measured joints (n,), NaN where unmeasured; None without a measurement."""
-        report = self._board.report
-        if (
-            report is None
-            or report.received_s <= self._read_s
-            or now_s - report.received_s > SILENT_S
-        ):
+        report = self._recent(now_s)
+        if report is None or report.received_s <= self._read_s:
             return None
         self._read_s = report.received_s
         return self._joints.measured(report.telemetry.position, report.telemetry.servo_alive)
@@ -348,22 +336,20 @@ class ArduinoMegaIO:
     def fault(self, now_s: float) -> Reason | None:
         """Return the fault of the board or its devices, or None."""
         report = self._board.report
-        fault = connection_fault(self._board, report and report.received_s, now_s)
+        fault = self._board.health.connection_fault(report and report.received_s, now_s)
         if fault is not None or report is None:
             return fault
         return self._faults.fault(report.telemetry, report.lost)
 
     def battery_v(self, now_s: float) -> float | None:
         """Return the latest battery voltage, or None if unknown."""
-        report = self._board.report
-        if report is None or now_s - report.received_s > SILENT_S:
-            return None
-        return report.telemetry.battery_mv / 1000.0
+        report = self._recent(now_s)
+        return None if report is None else report.telemetry.battery_mv / 1000.0
 
     def servo_c(self, now_s: float) -> float | None:
         """Return the latest temperature of the hottest servo, or None if unknown."""
-        report = self._board.report
-        if report is None or now_s - report.received_s > SILENT_S or not self._expected:
+        report = self._recent(now_s)
+        if report is None or not self._expected:
             return None
         return float(max(report.telemetry.temperature[: len(self._joints.names)]))
 
@@ -383,6 +369,10 @@ class ArduinoMegaIO:
     def close(self) -> None:
         """Disarm the board and close the line."""
         self._thread.close()
+
+    def _recent(self, now_s: float) -> BoardTelemetry | None:
+        report = self._board.report
+        return None if report is None or now_s - report.received_s > SILENT_S else report
 
     def _status(self, board: Telemetry) -> dict[str, Any]:
         status: dict[str, Any] = {

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 from tsd_twin.hardware.controller_board import obstacle_word, trip_word
-from tsd_twin.hardware.dynamixel.blocks import Telemetry
-from tsd_twin.hardware.dynamixel.control_table import SWITCH_US, BoardMode, RcChannel, Refusal, Trip
+from tsd_twin.hardware.dynamixel.control_table import (
+    SWITCH_US,
+    BoardMode,
+    RcChannel,
+    Refusal,
+    Telemetry,
+    Trip,
+)
 from tsd_twin.hardware.dynamixel.servo_models import wrong_setting
 from tsd_twin.hardware.joints import JointConverter, hot_servos
 from tsd_twin.messages.codes import Code, Reason, Type, because
@@ -34,7 +40,7 @@ class BoardFaults:
             return servos
         if lost:
             stuck = _stuck(board)
-            return self._joints.about_cause(stuck, lost) if stuck else lost
+            return self._joints.about(stuck, Code.GIMBALS_STUCK, lost) if stuck else lost
         if unread := self._expected & ~board.servo_checked:
             return self._joints.about(unread, Code.SERVO_UNREAD)
         return self._arming_obstacle(board)
@@ -82,7 +88,9 @@ class BoardFaults:
         stuck = _stuck(board)
         if not stuck:
             return text
-        return sentence(self._joints.about_cause(stuck, because(Code.TEXT, text=text)))
+        return sentence(
+            self._joints.about(stuck, Code.GIMBALS_STUCK, because(Code.TEXT, text=text))
+        )
 
     def _wrong_setting(self, board: Telemetry) -> Reason:
         servo = board.wrong_servo - 1

@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import time
 from enum import Enum, auto
+from typing import TypeVar
 
-from tsd_twin.hardware.dynamixel.blocks import BoardCommand, BoardIdentity, Setup, Telemetry
 from tsd_twin.hardware.dynamixel.control_table import (
     BOARD_ID,
     MODEL,
     TABLE_VERSION,
+    Block,
+    BoardCommand,
+    BoardIdentity,
     BoardMode,
     Refusal,
     ResetCause,
+    Setup,
+    Telemetry,
     Trip,
 )
-from tsd_twin.hardware.dynamixel.packets import ALERT, Fault, StatusPacket, protocol2
+from tsd_twin.hardware.dynamixel.packets import ACCESS_ERROR, ALERT, StatusPacket, protocol2
 from tsd_twin.hardware.dynamixel.servo_models import MODELS
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 from tsd_twin.messages.codes import Code, Reason, because
 
+BlockT = TypeVar("BlockT", bound=Block)
 REST_COMMAND = BoardCommand()
 """Disarmed, zero throttle, neutral gimbals."""
-READ_DELAY = protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
 SETTLE_S = 0.03
 """After this silence, no response to an earlier request can arrive."""
 _BOOT_S = 4.0
@@ -42,11 +47,9 @@ def handshake(transport: SerialTransport, setup: Setup, baud: int) -> Telemetry:
         HardwareError: If the board is missing, another device, or refuses.
     """
     find_board(transport, baud)
-    telemetry = Telemetry.unpack(request_data(transport, READ_DELAY, Telemetry.LAYOUT.size))
-    size = Setup.LAYOUT.size
-    has = request_data(transport, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
+    telemetry, has = read_block(transport, Telemetry), read_block(transport, Setup)
     # Without a written setup, a board does not arm, even if its defaults match.
-    if not telemetry.setup_known or has != setup.pack():
+    if not telemetry.setup_known or has.pack() != setup.pack():
         if telemetry.mode == BoardMode.RC:
             raise HardwareError(
                 f"the controller board at {transport.name} cannot be set up while the radio "
@@ -63,9 +66,7 @@ def find_board(transport: SerialTransport, baud: int) -> None:
         HardwareError: If the board is missing or another device.
     """
     _wait_for_answer(transport, baud)
-    size = BoardIdentity.LAYOUT.size
-    read = protocol2.read(BOARD_ID, BoardIdentity.ADDRESS, size)
-    identity = BoardIdentity.unpack(request_data(transport, read, size))
+    identity = read_block(transport, BoardIdentity)
     if identity.model in MODELS:
         raise HardwareError(
             f"the device at {transport.name} is a servo, {MODELS[identity.model].name}, with the "
@@ -78,7 +79,7 @@ def find_board(transport: SerialTransport, baud: int) -> None:
             f"{TABLE_VERSION}; flash the firmware that comes with it"
         )
     # A board that was not reset may still be armed and would refuse the setup.
-    request_data(transport, protocol2.write(BOARD_ID, BoardCommand.ADDRESS, REST_COMMAND.pack()))
+    _request_data(transport, write_request(REST_COMMAND))
 
 
 def _write_setup(transport: SerialTransport, setup: Setup) -> None:
@@ -87,16 +88,15 @@ def _write_setup(transport: SerialTransport, setup: Setup) -> None:
     Raises:
         HardwareError: If the board refuses or does not respond.
     """
-    request = protocol2.write(BOARD_ID, Setup.ADDRESS, setup.pack())
     end_s = time.monotonic() + _RUN_DOWN_S
     while True:
-        error = _request(transport, request).error & ~ALERT
+        error = _request(transport, write_request(setup)).error & ~ALERT
         if not error:
             return
-        if error != Fault.ACCESS or time.monotonic() > end_s:
+        if error != ACCESS_ERROR or time.monotonic() > end_s:
             raise HardwareError(
                 f"the controller board at {transport.name} refuses its set-up: error {error}"
-                + ("; open the contactor: " + _ZERO_MOVES if error == Fault.ACCESS else "")
+                + ("; open the contactor: " + _ZERO_MOVES if error == ACCESS_ERROR else "")
             )
         time.sleep(_AGAIN_S)
 
@@ -112,8 +112,26 @@ def _wait_for_answer(transport: SerialTransport, baud: int) -> None:
     transport.drain(SETTLE_S)
 
 
-def request_data(transport: SerialTransport, request: bytes, size: int = 0) -> bytes:
-    """Send a request and return the `size` bytes of the response."""
+def read_request(block: type[Block]) -> bytes:
+    """Return the packet that reads a block of the board."""
+    return protocol2.read(BOARD_ID, block.ADDRESS, block.LAYOUT.size)
+
+
+def write_request(block: Block) -> bytes:
+    """Return the packet that writes a block of the board."""
+    return protocol2.write(BOARD_ID, block.ADDRESS, block.pack())
+
+
+def read_block(transport: SerialTransport, block: type[BlockT]) -> BlockT:
+    """Read a block of the board.
+
+    Raises:
+        HardwareError: If the board refuses or does not respond.
+    """
+    return block.unpack(_request_data(transport, read_request(block), block.LAYOUT.size))
+
+
+def _request_data(transport: SerialTransport, request: bytes, size: int = 0) -> bytes:
     answer = _request(transport, request, size)
     if error := answer.error & ~ALERT:
         raise HardwareError(

@@ -310,13 +310,9 @@ class JointConverter:
         """Return the servos in a mask by number and joint, as parameter of a reason."""
         return ", ".join(f"{i + 1} ({name})" for i, name in enumerate(self.names) if mask >> i & 1)
 
-    def about(self, mask: int, code: Code, **params: Value) -> Reason:
+    def about(self, mask: int, code: Code, cause: Reason | None = None, **params: Value) -> Reason:
         """Return a reason that concerns the servos in a mask."""
-        return because(code, servos=self.named(mask), **params)
-
-    def about_cause(self, mask: int, cause: Reason) -> Reason:
-        """Return the reason for servos that do not follow, with its effect on the board."""
-        return because(Code.GIMBALS_STUCK, cause, servos=self.named(mask))
+        return because(code, cause, servos=self.named(mask), **params)
 
     def silent(self, mask: int) -> Reason:
         """Return the reason for servos that do not respond."""

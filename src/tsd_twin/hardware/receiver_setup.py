@@ -10,22 +10,21 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 
-from tsd_twin.hardware.controller_board import find_board, request_data
-from tsd_twin.hardware.dynamixel.blocks import Radio, Telemetry
+from tsd_twin.hardware.controller_board import find_board, read_block
 from tsd_twin.hardware.dynamixel.control_table import (
-    BOARD_ID,
     ESCS,
     RECEIVER_CHANNELS,
     STICKS,
     SWITCH_US,
+    Radio,
     RcChannel,
+    Telemetry,
 )
-from tsd_twin.hardware.dynamixel.packets import protocol2
 from tsd_twin.hardware.joints import (
     HIGH_US,
     LOW_US,
@@ -60,37 +59,21 @@ Pulses = tuple[int, ...]
 """Pulses of all channels, microseconds; 0 if missing."""
 
 
-class ReceiverWatcher:
-    """Reads all receiver channels from a board, which stays disarmed."""
+def watch_channels(transport: SerialTransport, seconds: float) -> list[Pulses]:
+    """Return the pulses that a disarmed board received: 16 SBUS channels, then six wires.
 
-    def __init__(self, transport: SerialTransport, baud: int) -> None:
-        """Find and disarm the board.
-
-        Raises:
-            HardwareError: If it is another device or does not respond.
-        """
-        self._transport = transport
-        find_board(transport, baud)
-
-    def watch(self, seconds: float) -> list[Pulses]:
-        """Return the pulses received during `seconds`: 16 SBUS channels, then six wires.
-
-        Raises:
-            HardwareError: If the drive has power, because an unknown channel could enable radio
-                control and another set the speed.
-        """
-        size = Telemetry.LAYOUT.size
-        request = protocol2.read(BOARD_ID, Telemetry.ADDRESS, size)
-        if Telemetry.unpack(request_data(self._transport, request, size)).drive_on:
-            raise HardwareError("the speed controllers have power: open the contactor first")
-        end_s = time.monotonic() + seconds
-        found: list[Pulses] = []
-        size = Radio.LAYOUT.size
-        request = protocol2.read(BOARD_ID, Radio.ADDRESS, size)
-        while time.monotonic() < end_s:
-            found.append(Radio.unpack(request_data(self._transport, request, size)).channel)
-            time.sleep(_PERIOD_S)
-        return found
+    Raises:
+        HardwareError: If the drive has power, because an unknown channel could enable radio
+            control and another set the speed.
+    """
+    if read_block(transport, Telemetry).drive_on:
+        raise HardwareError("the speed controllers have power: open the contactor first")
+    end_s = time.monotonic() + seconds
+    found: list[Pulses] = []
+    while time.monotonic() < end_s:
+        found.append(read_block(transport, Radio).channel)
+        time.sleep(_PERIOD_S)
+    return found
 
 
 def learn_receiver(
@@ -124,17 +107,18 @@ def learn_receiver(
         raise HardwareError(
             "without its transmitter the receiver goes on with 'run': set its fail-safe to kill"
         )
-    return Receiver(
-        kind=kind,
-        channels=_six([channel + 1 for channel in channels]),
-        low_us=_four([low for low, _ in ends]),
-        centre_us=_four([centre[channel] for channel in channels[:STICKS]]),
-        high_us=_four([high for _, high in ends]),
-        dead_us=dead_us,
-    )
+    learned = {
+        "kind": kind,
+        "channels": [channel + 1 for channel in channels],
+        "low_us": [low for low, _ in ends],
+        "centre_us": [centre[channel] for channel in channels[:STICKS]],
+        "high_us": [high for _, high in ends],
+        "dead_us": dead_us,
+    }
+    return msgspec.convert(learned, Receiver)
 
 
-def _kind(rest: Sequence[Pulses]) -> Literal["pulses", "sbus"]:
+def _kind(rest: Sequence[Pulses]) -> str:
     frames = any(any(pulses[:RECEIVER_CHANNELS]) for pulses in rest)
     wires = any(any(pulses[RECEIVER_CHANNELS:]) for pulses in rest)
     if frames == wires:
@@ -210,16 +194,6 @@ def _dead_band(now: Pulses, channels: Sequence[int], centre: Sequence[int]) -> i
     return max(least, 2 * off[worst])
 
 
-def _four(values: Sequence[int]) -> tuple[int, int, int, int]:
-    forward, left, turn, speed = values
-    return forward, left, turn, speed
-
-
-def _six(values: Sequence[int]) -> tuple[int, int, int, int, int, int]:
-    forward, left, turn, speed, kill, manual = values
-    return forward, left, turn, speed, kill, manual
-
-
 def learn_pulse_ends(ask: Ask) -> EscCalibration:
     """Ask for the pulse ranges of the speed controllers, from their manual or calibration.
 
@@ -283,7 +257,8 @@ def set_up_receiver(port: str, baud: int, file: Path, ask: Ask = ask_line) -> No
         ServoCalibration.read(str(file))
     transport = SerialTransport(port, baud)
     try:
-        receiver = learn_receiver(ReceiverWatcher(transport, baud).watch, ask)
+        find_board(transport, baud)  # It also disarms the board.
+        receiver = learn_receiver(partial(watch_channels, transport), ask)
     finally:
         transport.close()
     ends = learn_pulse_ends(ask)

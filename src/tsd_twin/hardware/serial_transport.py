@@ -21,16 +21,12 @@ from serial.tools import list_ports
 
 from tsd_twin.errors import TwinError
 from tsd_twin.hardware.dynamixel.packets import Decoder, Framing, StatusPacket, protocol2
-from tsd_twin.messages.codes import Code, Reason, because
-from tsd_twin.messages.sentences import sentence
+from tsd_twin.messages.codes import Code, Reason, Type, because
+from tsd_twin.messages.sentences import WORDS, sentence
 
 
 class HardwareError(TwinError):
-    """Raised if a device is missing, of another kind, or does not respond."""
-
-
-class PortError(HardwareError):
-    """Raised if a serial port cannot be opened or is gone."""
+    """Raised if a device is missing, of another kind, or does not respond, or a port is gone."""
 
 
 WINDOW_S = 0.5
@@ -41,74 +37,84 @@ The fault clears when the window has none. The limit is 5 of 50 cycles at 100 Hz
 one corrupt cycle in 1000 reaches it by chance once in years. It is low because one corrupt packet
 in 65,536 passes the checksum.
 """
+_REMEMBERED = 500
+SILENT_S = 0.1
+"""Maximum age of a report."""
 
 
-class PacketErrorMonitor:
-    """Detects sustained packet errors on a serial line, cycle by cycle.
+class LinkHealth:
+    """Connection to a device on a serial line: round trips, missed responses and packet errors.
 
-    Updated by the I/O thread only. Its results are replaced as a whole, and any thread may read
-    them.
+    Updated by the I/O thread only. Reasons are replaced as a whole, and any thread may read them.
     """
 
-    def __init__(self, line: str) -> None:
-        """`line` is the word for the line in reasons."""
+    def __init__(self, device: str) -> None:
+        """`device` is the word for the device in reasons."""
+        self.name = WORDS[Type.DEVICE][device]
         self.corrupt = 0
         """Total cycles with a corrupt packet."""
         self.suspicion: Reason | None = None
         """Two or more recent corrupt packets, a likely cause of missing responses, or None."""
-        self.fault: Reason | None = None
+        self.packet_fault: Reason | None = None
         """Fault while the error rate is above the limit, or None."""
-        self._line = line
+        self.disconnect_reason = ""
+        """Reason of a lost connection, or ""."""
+        self._device = device
         self._corrupt_s: list[float] = []
+        self._trips_ms: deque[float] = deque(maxlen=_REMEMBERED)
+        self._cycles = self._missed = self._reconnects = 0
 
-    def add_cycle(self, corrupt: bool, now_s: float) -> None:
-        """Record a cycle, and whether it contained a corrupt packet."""
+    def add_round_trip(self, trip_s: float) -> None:
+        """Record a cycle with a complete response after `trip_s`."""
+        self._cycles += 1
+        self._trips_ms.append(1000.0 * trip_s)
+
+    def add_timeout(self) -> None:
+        """Record a cycle without a complete response."""
+        self._cycles += 1
+        self._missed += 1
+
+    def add_packets(self, corrupt: bool, now_s: float) -> None:
+        """Record whether a cycle contained a corrupt packet."""
         self._corrupt_s = [at_s for at_s in self._corrupt_s if now_s - at_s < WINDOW_S]
         if corrupt:
             self.corrupt += 1
             self._corrupt_s.append(now_s)
         count = len(self._corrupt_s)
         if not count:
-            self.suspicion = self.fault = None
+            self.suspicion = self.packet_fault = None
             return
         lately_s = now_s - self._corrupt_s[0]
         if count > 1:
-            self.suspicion = because(Code.LINE_GARBAGE, line=self._line, count=count, s=lately_s)
-        if count >= LIMIT and self.fault is None:
-            self.fault = self.suspicion
+            self.suspicion = because(Code.LINE_GARBAGE, line=self._device, count=count, s=lately_s)
+        if count >= LIMIT and self.packet_fault is None:
+            self.packet_fault = self.suspicion
 
+    def add_disconnect(self, reason: str) -> None:
+        """Record a lost connection, or a failed attempt to connect again."""
+        self.disconnect_reason = reason
+        self._reconnects += 1
 
-_REMEMBERED = 500
+    def connection_fault(self, reported_s: float | None, now_s: float) -> Reason | None:
+        """Return the connection fault, or None while reports are recent and the line is clean.
 
-
-class LinkHealth:
-    """Statistics of a serial line: round trips, missed responses and packet errors."""
-
-    def __init__(self, line: str) -> None:
-        """`line` is the word for the line in reasons."""
-        self.packet_errors = PacketErrorMonitor(line)
-        self._trips_ms: deque[float] = deque(maxlen=_REMEMBERED)
-        self.cycles = 0
-        self.missed = 0
-        self.reconnects = 0
-
-    def add_round_trip(self, trip_s: float) -> None:
-        """Record a cycle with a complete response after `trip_s`."""
-        self.cycles += 1
-        self._trips_ms.append(1000.0 * trip_s)
-
-    def add_timeout(self) -> None:
-        """Record a cycle without a complete response."""
-        self.cycles += 1
-        self.missed += 1
+        `reported_s` is the time of the latest report, or None if not connected.
+        """
+        if reported_s is None:
+            text = self.disconnect_reason
+            return because(Code.DEVICE_DISCONNECTED, device=self._device, text=text)
+        if self.packet_fault is not None or now_s - reported_s <= SILENT_S:
+            return self.packet_fault
+        silent = because(Code.DEVICE_SILENT, device=self._device, ms=1000.0 * SILENT_S)
+        return self.suspicion or silent
 
     def status(self) -> dict[str, object]:
         """Return statistics for the status; round trips in milliseconds."""
         # Copy first, because another thread may append.
         trips = sorted(self._trips_ms.copy())
-        figures: dict[str, object] = {"cycles": self.cycles, "missed": self.missed}
-        figures["broken"] = self.packet_errors.corrupt
-        figures["reconnects"] = self.reconnects
+        figures: dict[str, object] = {"cycles": self._cycles, "missed": self._missed}
+        figures["broken"] = self.corrupt
+        figures["reconnects"] = self._reconnects
         if trips:
             figures["round_trip_ms"] = round(trips[len(trips) // 2], 2)
             figures["round_trip_p99_ms"] = round(trips[math.ceil(0.99 * len(trips)) - 1], 2)
@@ -127,43 +133,20 @@ GONE = (serial.SerialException, OSError, termios.error, TypeError)
 """
 
 
-class SerialPort(Protocol):
-    """Part of a pyserial port that `SerialTransport` uses."""
-
-    @property
-    def in_waiting(self) -> int:
-        """Number of bytes that can be read immediately."""
-        ...
-
-    def read(self, size: int) -> bytes:
-        """Return at most `size` received bytes; fewer after the timeout."""
-        ...
-
-    def write(self, data: bytes) -> int | None:
-        """Send."""
-        ...
-
-    def reset_input_buffer(self) -> None:
-        """Discard received bytes."""
-        ...
-
-    def close(self) -> None:
-        """Close."""
-        ...
-
-
-def open_port(name: str, baud: int, timeout_s: float) -> SerialPort:
+def open_port(name: str, baud: int, timeout_s: float) -> Any:
     """Open a device, or a pyserial URL such as `socket://host:port`, for exclusive use.
 
+    Returns a port of pyserial, which has no types.
+
     Raises:
-        PortError: If the port cannot be opened; the message suggests a remedy.
+        HardwareError: If the port cannot be opened; the message suggests a remedy.
     """
     try:
-        port: Any = serial.serial_for_url(
+        port = serial.serial_for_url(
             name, baud, timeout=timeout_s, write_timeout=_WRITE_TIMEOUT_S, exclusive=True
         )
     except (*GONE, ValueError) as error:
-        raise PortError(_open_error(name, error)) from error
+        raise HardwareError(_open_error(name, error)) from error
     _set_exclusive(port, termios.TIOCEXCL)
     try:
         port.set_low_latency_mode(True)
@@ -173,7 +156,7 @@ def open_port(name: str, baud: int, timeout_s: float) -> SerialPort:
     return port
 
 
-def close_port(port: SerialPort) -> None:
+def close_port(port: Any) -> None:
     """Unlock and close a port, even if it is gone."""
     # A device that another program holds open, like the simulator, would stay locked.
     _set_exclusive(port, termios.TIOCNXCL)
@@ -287,7 +270,7 @@ class SerialTransport:
         """Open the port.
 
         Raises:
-            PortError: If the port cannot be opened.
+            HardwareError: If the port cannot be opened.
         """
         self.name = name
         self._port = open_port(name, baud, _READ_S)
@@ -305,7 +288,7 @@ class SerialTransport:
         """Send a request and return the responses; fewer than expected after the timeout.
 
         Raises:
-            PortError: If the port is gone.
+            HardwareError: If the port is gone.
         """
         decoder = Decoder(framing)
         rest = _LONGEST_REST if self._late else 0
@@ -315,7 +298,7 @@ class SerialTransport:
             self._port.write(request)
             found = self._receive(decoder, answers, patience_s)
         except GONE as error:
-            raise PortError(f"{self.name} is gone") from error
+            raise HardwareError(f"{self.name} is gone") from error
         # A response in two parts is late, not corrupt: one of the programs was delayed.
         self.broken += decoder.sum_errors + (decoder.skipped > rest and not decoder.cut)
         self._late = len(found) < answers
@@ -326,7 +309,7 @@ class SerialTransport:
         passed.
 
         Raises:
-            PortError: If the port is gone.
+            HardwareError: If the port is gone.
         """
         try:
             began_s = now_s = received_s = time.monotonic()
@@ -335,7 +318,7 @@ class SerialTransport:
                 now_s = time.monotonic()
                 received_s = now_s if heard else received_s
         except GONE as error:
-            raise PortError(f"{self.name} is gone") from error
+            raise HardwareError(f"{self.name} is gone") from error
 
     def _receive(self, decoder: Decoder, answers: int, patience_s: float) -> list[StatusPacket]:
         found: list[StatusPacket] = []
@@ -363,20 +346,13 @@ _RETRY_S = 0.25
 _GIVE_UP_S = 2.0
 """Time without a response after which the port is reopened."""
 _LEAVE_S = 2.0
-SILENT_S = 0.1
-"""Maximum age of a report."""
 
 
 class Device(Protocol):
     """Device on a serial port; called only by its `DeviceThread`."""
 
-    name: str
-    device: str
-    """Word for the device in reasons."""
     baud: int
     health: LinkHealth
-    disconnect_reason: str
-    """Reason of a lost connection, or ""."""
 
     def connect(self, transport: SerialTransport) -> None:
         """Identify and configure the device.
@@ -390,29 +366,13 @@ class Device(Protocol):
         """Exchange data once; return whether all responses arrived."""
         ...
 
-    def disconnected(self, reason: str) -> None:
-        """Record a lost connection and its reason."""
+    def disconnected(self) -> None:
+        """Discard the report after a lost connection."""
         ...
 
     def rest(self, transport: SerialTransport) -> None:
         """Put the device into its rest state; called last."""
         ...
-
-
-def connection_fault(device: Device, reported_s: float | None, now_s: float) -> Reason | None:
-    """Return the connection fault of a device, or None while reports are recent and the line is
-    clean.
-
-    `reported_s` is the time of its latest report, or None if not connected.
-    """
-    if reported_s is None:
-        text = device.disconnect_reason
-        return because(Code.DEVICE_DISCONNECTED, device=device.device, text=text)
-    errors = device.health.packet_errors
-    if errors.fault is not None or now_s - reported_s <= SILENT_S:
-        return errors.fault
-    silent = because(Code.DEVICE_SILENT, device=device.device, ms=1000.0 * SILENT_S)
-    return errors.suspicion or silent
 
 
 class DeviceThread:
@@ -430,7 +390,7 @@ class DeviceThread:
         self._cycle_requested = threading.Event()
         self._first_attempt = threading.Event()
         self._connect_error: HardwareError | None = None
-        self._thread = threading.Thread(target=self._run, name=device.name, daemon=True)
+        self._thread = threading.Thread(target=self._run, name=device.health.name, daemon=True)
         self._thread.start()
         self._first_attempt.wait()
         if self._connect_error is not None:
@@ -462,12 +422,13 @@ class DeviceThread:
                 return
             except HardwareError as error:
                 _LOG.warning("%s", error)
-                self._device.disconnected(str(error))
+                self._disconnected(error)
             transport.close()
             transport = self._reconnect()
 
     def _run_cycles(self, transport: SerialTransport) -> None:
         received_s = time.monotonic()
+        health = self._device.health
         logged: Reason | None = None
         while not self._stopping.is_set():
             self._cycle_requested.wait(_IDLE_S)
@@ -475,10 +436,10 @@ class DeviceThread:
             if self._device.cycle(transport):
                 received_s = time.monotonic()
             elif time.monotonic() - received_s > _GIVE_UP_S:
-                raise HardwareError(f"{self._device.name} has been silent for {_GIVE_UP_S:g} s")
-            fault = connection_fault(self._device, received_s, time.monotonic())
+                raise HardwareError(f"{health.name} has been silent for {_GIVE_UP_S:g} s")
+            fault = health.connection_fault(received_s, time.monotonic())
             if (fault is None) != (logged is None):
-                back = f"{self._device.name} answers again, over a clean line"
+                back = f"{health.name} answers again, over a clean line"
                 _LOG.warning("%s", back if fault is None else sentence(fault))
             logged = fault
 
@@ -489,7 +450,12 @@ class DeviceThread:
         except HardwareError:
             transport.close()
             raise
+        self._device.health.disconnect_reason = ""
         return transport
+
+    def _disconnected(self, error: HardwareError) -> None:
+        self._device.health.add_disconnect(str(error))
+        self._device.disconnected()
 
     def _reconnect(self) -> SerialTransport | None:
         logged = ""
@@ -497,11 +463,11 @@ class DeviceThread:
             try:
                 transport = self._connect()
             except HardwareError as error:
-                self._device.disconnected(str(error))
+                self._disconnected(error)
                 if str(error) != logged:
                     _LOG.info("%s", error)
                 logged = str(error)
             else:
-                _LOG.warning("%s is back", self._device.name)
+                _LOG.warning("%s is back", self._device.health.name)
                 return transport
         return None

@@ -38,11 +38,10 @@ from tsd_twin.hardware.serial_transport import (
     HardwareError,
     LinkHealth,
     SerialTransport,
-    connection_fault,
 )
 from tsd_twin.lie import Array
-from tsd_twin.messages.codes import Code, Reason, Type
-from tsd_twin.messages.sentences import WORDS, sentence
+from tsd_twin.messages.codes import Code, Reason
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat
 
@@ -62,32 +61,25 @@ POSITION = 132
 PRESENT = 126
 _LAYOUT = Struct("<hiiiiHB")
 PRESENT_SIZE = _LAYOUT.size
-_VELOCITY_STEP_PER_S = 0.229 / 60.0 * 4096.0
 
 
 @dataclass(frozen=True, slots=True)
 class ServoMeasurement:
     """Measurements of a servo."""
 
+    received_s: float
     position: int
     """Position in steps."""
-    velocity_step_per_s: float
     current_units: int
     """Current in units of `ServoModel.current_ma`."""
     voltage_v: float
     temperature_c: int
 
     @staticmethod
-    def unpack(data: bytes) -> ServoMeasurement:
+    def unpack(data: bytes, received_s: float) -> ServoMeasurement:
         """Decode the `PRESENT_SIZE` bytes starting at `PRESENT`."""
-        current, velocity, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
-        return ServoMeasurement(
-            position,
-            velocity * _VELOCITY_STEP_PER_S,
-            current,
-            voltage / 10.0,
-            temperature,
-        )
+        current, _, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
+        return ServoMeasurement(received_s, position, current, voltage / 10.0, temperature)
 
 
 _WRITTEN = (RETURN_DELAY, BUS_WATCHDOG)
@@ -112,35 +104,30 @@ class ServoReport:
     """Latest measurements of the servos, by index from 0."""
 
     present: Mapping[int, ServoMeasurement]
-    received_s: Mapping[int, float]
-    faults: int
-    """Mask of servos with a hardware error."""
     newest_s: float
+    faults: int = 0
+    """Mask of servos with a hardware error."""
     limp: int = 0
     """Mask of servos with torque off."""
 
     def alive(self, now_s: float) -> int:
         """Return the mask of servos that responded within `ALIVE_S`."""
-        return sum(1 << i for i, at_s in self.received_s.items() if now_s - at_s <= ALIVE_S)
+        return sum(1 << i for i, it in self.present.items() if now_s - it.received_s <= ALIVE_S)
 
 
 class ServoBus:
     """Servo bus as the device of a `DeviceThread`.
 
-    Other threads write `command`, and read `report` and `disconnect_reason`. If this program dies,
-    the servos hold their position, and the board stops the robot by shutting off the wheels.
+    Other threads write `command` and read `report`. If this program dies, the servos hold their
+    position, and the board stops the robot by shutting off the wheels.
     """
 
-    name = WORDS[Type.DEVICE]["servo_bus"]
-    device = "servo_bus"
     baud = SERVO_BAUD
 
     def __init__(self, joints: JointConverter, calibration: ServoCalibration) -> None:
         self.health = LinkHealth("servo_bus")
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.report: ServoReport | None = None
-        self.disconnect_reason = ""
-        """Reason of a lost connection, or ""."""
         self._joints = joints
         self._ids = calibration.ids(joints.names)
         self._neutral = calibration.neutral(joints.names)
@@ -169,7 +156,6 @@ class ServoBus:
             self._check_settings(transport, device)
             self._set_up(transport, device)
         self._fed_s = 0.0
-        self.disconnect_reason = ""
 
     def cycle(self, transport: SerialTransport) -> bool:
         """Write goals and read measurements in one exchange; return whether any servo responded.
@@ -193,17 +179,16 @@ class ServoBus:
         self._cycles += 1
         if self._cycles % _TORQUE_CYCLES == 0:
             self._look_at_torque(transport, armed=command.heartbeat.armed)
-        self.health.packet_errors.add_cycle(transport.broken > broken, now_s)
+        self.health.add_packets(transport.broken > broken, now_s)
         if len(answers) < len(self._ids):
             self.health.add_timeout()
         else:
             self.health.add_round_trip(now_s - began_s)
         return bool(answers)
 
-    def disconnected(self, reason: str) -> None:
-        """Record that the connection to the adapter is lost."""
-        self.report, self.disconnect_reason = None, reason
-        self.health.reconnects += 1
+    def disconnected(self) -> None:
+        """Discard the report."""
+        self.report = None
 
     def rest(self, transport: SerialTransport) -> None:
         """Send the gimbals to neutral, where the servos hold them."""
@@ -223,25 +208,19 @@ class ServoBus:
         return 1e-3 * self._models[i].current_ma * present.current_units
 
     def _add_responses(self, answers: list[StatusPacket], now_s: float) -> None:
-        before = self.report or ServoReport({}, {}, 0, now_s, self.far)
-        whole = [a for a in answers if a.id in self._ids and len(a.data) == PRESENT_SIZE]
-        if whole:
-            faults = before.faults
-            for answer in whole:
+        before = self.report or ServoReport({}, now_s, limp=self.far)
+        present: dict[int, ServoMeasurement] = {}
+        faults = before.faults
+        for answer in answers:
+            if answer.id in self._ids and len(answer.data) == PRESENT_SIZE:
                 bit = self._bit(answer.id)
                 faults = faults | bit if answer.error & ALERT else faults & ~bit
-            present = {self._ids.index(a.id): ServoMeasurement.unpack(a.data) for a in whole}
-            received_s = dict.fromkeys(present, now_s)
-            self.report = ServoReport(
-                {**before.present, **present},
-                {**before.received_s, **received_s},
-                faults,
-                now_s,
-                before.limp,
-            )
-            for i, servo in present.items():
-                steps = self._steps(i, servo.position)
-                self._approach.see(i, steps, holds=not before.limp >> i & 1)
+                present[self._ids.index(answer.id)] = ServoMeasurement.unpack(answer.data, now_s)
+        if present:
+            self.report = ServoReport({**before.present, **present}, now_s, faults, before.limp)
+        for i, servo in present.items():
+            steps = self._steps(i, servo.position)
+            self._approach.see(i, steps, holds=not before.limp >> i & 1)
 
     def _look_at_torque(self, transport: SerialTransport, *, armed: bool) -> None:
         """Check which servos have torque; while disarmed, enable it if off."""
@@ -449,7 +428,7 @@ class U2D2IO:
 
     def _servo_fault(self, now_s: float) -> Reason | None:
         report = self._bus.report
-        fault = connection_fault(self._bus, report and report.newest_s, now_s)
+        fault = self._bus.health.connection_fault(report and report.newest_s, now_s)
         if fault is not None or report is None:
             return fault
         if dead := self._joints.servos & ~report.alive(now_s):

@@ -65,6 +65,17 @@ def read_key(file: Path) -> Key:
     return key
 
 
+def create_file(file: Path, content: bytes, mode: int = 0o600) -> None:
+    """Write a new file, by default readable by its owner only.
+
+    Raises:
+        OSError: If the file exists or cannot be written.
+    """
+    descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+    with os.fdopen(descriptor, "wb") as stream:
+        stream.write(content)
+
+
 def write_key(file: Path, key: Key) -> None:
     """Write a private key as PKCS #8 without a passphrase, readable by the owner only.
 
@@ -77,9 +88,7 @@ def write_key(file: Path, key: Key) -> None:
         serialization.NoEncryption(),
     )
     try:
-        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(content)
+        create_file(file, content)
     except OSError as error:
         raise TwinError(f"{file} cannot be written: {error.strerror}") from error
 
@@ -102,9 +111,7 @@ def replace_file(file: Path, content: bytes, mode: int = 0o644) -> None:
     draft = file.with_name(f"{file.name}.new")
     try:
         draft.unlink(missing_ok=True)  # A leftover draft may have public permissions.
-        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(content)
+        create_file(draft, content, mode)
         draft.replace(file)
     except OSError as error:
         raise TwinError(f"{file} cannot be written: {error.strerror}") from error
@@ -408,33 +415,16 @@ _CLIENT_HEAD = """\
 """
 
 
-@dataclass(frozen=True, slots=True)
-class CertificateRequest:
-    """Identities and settings requested for a key folder.
-
-    Raises:
-        TwinError: If `days` is out of range.
-    """
-
-    hosts: tuple[str, ...] = ()
-    """Names and addresses of the robot; clients connect to the first."""
-    identities: tuple[BusIdentity, ...] = ()
-    days: int = 365
-    """Validity of new certificates, days."""
-    listen: str | None = None
-    """Listening endpoint; None keeps the existing one, or uses `LISTEN`."""
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.days <= AUTHORITY_DAYS:
-            raise TwinError(f"certificates are good for 1 to {AUTHORITY_DAYS} days")
-
-
 def provision(
-    order: CertificateRequest,
     folder: KeyFolder,
     now: datetime,
     robot_base: Mapping[str, Any],
     client_base: Callable[[str], Mapping[str, Any]],
+    *,
+    hosts: Sequence[str] = (),
+    identities: Sequence[BusIdentity] = (),
+    days: int = 365,
+    listen: str | None = None,
 ) -> None:
     """Write missing files, and update the robot's access rules for all identities.
 
@@ -442,36 +432,39 @@ def provision(
     name; the previous one remains valid.
 
     Args:
-        order: Requested identities and settings.
         folder: Folder to update.
         now: Current time, UTC.
         robot_base: Zenoh settings of a node that does not listen.
         client_base: Returns the Zenoh settings of a client for an endpoint.
+        hosts: Names and addresses of the robot; clients connect to the first.
+        identities: New identities.
+        days: Validity of new certificates.
+        listen: Listening endpoint; None keeps the existing one, or uses `LISTEN`.
 
     Raises:
-        TwinError: If names conflict, a host is missing or malformed, the authority's key is
-            required but missing, or a file is invalid.
+        TwinError: If names conflict, a host is missing or malformed, `days` is out of range, the
+            authority's key is required but missing, or a file is invalid.
     """
-    identities = merged(folder.identities(), order.identities)
+    if not 1 <= days <= AUTHORITY_DAYS:
+        raise TwinError(f"certificates are good for 1 to {AUTHORITY_DAYS} days")
+    identities = merged(folder.identities(), identities)
     before = folder.hosts()
-    hosts = list(dict.fromkeys([*before, *map(checked_host, order.hosts)]))
+    hosts = list(dict.fromkeys([*before, *map(checked_host, hosts)]))
     if not hosts:
         raise TwinError(
             "by which names or addresses is the robot reached? Say --robot-host robot.local, as "
             "often as it has some"
         )
-    settings = _robot_settings(folder, order.listen, identities, robot_base)
+    settings = _robot_settings(folder, listen, identities, robot_base)
     where = endpoint(hosts[0], settings)
     folder.make()
     if hosts != before:
         authority, key = folder.authority(now), folder.key(ROBOT)
-        folder.write_certificate(ROBOT, authority.issue_robot(key, hosts, now, order.days))
+        folder.write_certificate(ROBOT, authority.issue_robot(key, hosts, now, days))
     for person in identities:
         if not folder.certificate_file(person.name).exists():
             authority, key = folder.authority(now), folder.key(person.name)
-            folder.write_certificate(
-                person.name, authority.issue_client(key, person, now, order.days)
-            )
+            folder.write_certificate(person.name, authority.issue_client(key, person, now, days))
     folder.write_settings(ROBOT, _ROBOT_HEAD, settings)
     for person in identities:
         if not folder.settings_file(person.name).exists():

@@ -73,24 +73,12 @@ class Users:
         self._entries = entries
 
     @classmethod
-    def load(cls, file: Path) -> Users:
+    def load(cls, file: Path, *, may_be_empty: bool = False) -> Users:
         """Read a user file.
 
         Raises:
             TwinError: If the file cannot be read, is invalid, lists no users, or is readable by
                 others.
-        """
-        users = cls.load_any(file)
-        if not users.names:
-            raise TwinError(f"{file} lists no user: see tsd-users --help")
-        return users
-
-    @classmethod
-    def load_any(cls, file: Path) -> Users:
-        """Read a user file, which may be empty.
-
-        Raises:
-            TwinError: If the file cannot be read, is invalid, or is readable by others.
         """
         refuse_public(file)
         try:
@@ -101,6 +89,8 @@ class Users:
             raise TwinError(f"{file} is no file of users: {error}") from error
         for name, entry in content.users.items():
             _check(file, name, entry)
+        if not (content.users or may_be_empty):
+            raise TwinError(f"{file} lists no user: see tsd-users --help")
         return cls(content.users)
 
     @property

@@ -32,7 +32,6 @@ from tests.support.raw_http import (
 )
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
-from tsd_twin.security import CertificateRequest
 from tsd_twin.security.web_access import server_tls_context
 
 PAGE = "0123456789abcdef"
@@ -127,7 +126,7 @@ def test_an_idle_connection_of_a_user_gives_way_to_another_of_hers(fresh: Site) 
 
 
 def test_who_begins_no_tls_gives_way_and_is_cut_off(tmp_path: Path) -> None:
-    provision_folder(tmp_path, CertificateRequest(("localhost",)))
+    provision_folder(tmp_path, hosts=("localhost",))
     tls = server_tls_context(tmp_path / "robot.pem", tmp_path / "robot.key")
     with site(auth=AuthMiddleware(AccessSettings(users=users(), tls=tls))) as served:
         limit(served, handshake_s=1.0)

@@ -17,7 +17,8 @@ from aiohttp.typedefs import Handler
 
 from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY, Principal, bus_identity_of
 from tsd_twin.errors import TwinError
-from tsd_twin.security import BusIdentity, Logins, Users
+from tsd_twin.security import BusIdentity
+from tsd_twin.security.users import Logins, Users
 from tsd_twin.security.web_access import is_loopback, origin_refusal
 
 _CONTENT_SOURCES = {

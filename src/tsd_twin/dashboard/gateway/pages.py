@@ -19,7 +19,7 @@ from aiohttp import web
 
 from tsd_twin.dashboard.gateway.auth import HEADERS, AuthMiddleware, client_address_of, principal_of
 from tsd_twin.errors import TwinError
-from tsd_twin.security import User
+from tsd_twin.security.users import User
 
 STATIC = Path(__file__).parents[1] / "static"
 """Scripts and styles of the dashboard."""

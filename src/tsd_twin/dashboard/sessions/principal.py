@@ -6,7 +6,8 @@ import re
 from dataclasses import dataclass
 
 from tsd_twin.errors import TwinError
-from tsd_twin.security import LONGEST, BusIdentity, Login, Role, User
+from tsd_twin.security import LONGEST, BusIdentity, Role
+from tsd_twin.security.users import Login, User
 
 DEFAULT_IDENTITY = BusIdentity("web", Role.OPERATOR)
 """Bus identity of a dashboard without a certificate."""

@@ -1,4 +1,4 @@
-"""Control table of the controller board, the single source for the C header, structs and docs.
+"""Control table of the controller board, the single source for the C header and the docs page.
 
 `python -m tsd_twin.hardware.dynamixel` generates these files. This module also defines the codes
 for modes, trips and refusals.
@@ -6,9 +6,11 @@ for modes, trips and refusals.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum, IntFlag
-from typing import Literal
+from itertools import islice
+from struct import Struct, calcsize
+from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_type_hints
 
 TABLE_VERSION = 5
 FW_VERSION = 5
@@ -34,346 +36,303 @@ FULL_THROTTLE = 4000
 Type = Literal["u8", "u16", "u32", "i16"]
 Access = Literal["r", "w", "setup"]
 """Read only; writable at any time; writable while disarmed, else error 7."""
-SIZES: dict[Type, int] = {"u8": 1, "u16": 2, "u32": 4, "i16": 2}
+Ints = tuple[int, ...]
+_LETTERS: dict[Type, str] = {"u8": "B", "u16": "H", "u32": "I", "i16": "h"}
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """Table entry: a number, or an array of `count` numbers."""
+    """Table entry, as annotation of a field of a `Block`; `Block.items` adds name and default."""
 
-    name: str
     type: Type
-    doc: str
-    default: int = 0
-    """Value after a reset."""
     limits: tuple[int, int] | None = None
     """Smallest and largest writable value; others are error 4, and the whole write is rejected."""
     unit: str = ""
-    count: int = 1
-    rise: int = 0
-    """Increment of the default from one array element to the next."""
+    name: str = ""
+    default: int | Ints = 0
+    """Value after a reset; a tuple for an array."""
 
     @property
-    def size(self) -> int:
-        """Size in bytes."""
-        return SIZES[self.type] * self.count
+    def values(self) -> Ints:
+        """Value of each number after a reset."""
+        return self.default if isinstance(self.default, tuple) else (self.default,)
+
+    @property
+    def layout(self) -> str:
+        """`struct` format."""
+        return f"{len(self.values)}{_LETTERS[self.type]}"
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Adjacent items that are read or written together."""
+    """Adjacent items that are read or written together; array lengths follow from the defaults."""
 
-    name: str
-    access: Access
-    doc: str
-    items: tuple[Item, ...]
+    NAME: ClassVar[str]
+    ACCESS: ClassVar[Access]
+    ADDRESS: ClassVar[int]
+    LAYOUT: ClassVar[Struct]
 
-    @property
-    def size(self) -> int:
-        """Size in bytes."""
-        return sum(item.size for item in self.items)
+    @classmethod
+    def items(cls) -> list[Item]:
+        """Return the items by address."""
+        hints = get_type_hints(cls, include_extras=True)
+        return [
+            replace(hints[field.name].__metadata__[0], name=field.name, default=field.default)
+            for field in fields(cls)
+        ]
 
+    def pack(self) -> bytes:
+        """Return the bytes of the block."""
+        numbers: list[int] = []
+        for field in fields(self):
+            value: int | Ints = getattr(self, field.name)
+            numbers.extend(value if isinstance(value, tuple) else (value,))
+        return self.LAYOUT.pack(*numbers)
 
-IDENTITY = Block(
-    "identity",
-    "r",
-    "Identity of the board and fixed parameters.",
-    (
-        Item("model", "u16", "Model number of the board.", MODEL),
-        Item("fw", "u8", "Firmware version, also in ping responses.", FW_VERSION),
-        Item("table_version", "u8", "Version of this table.", TABLE_VERSION),
-        Item("id", "u8", "Dynamixel id.", BOARD_ID),
-        Item("host_baud", "u32", "Baud rate of the line to the PC.", 1_000_000, unit="Bd"),
-        Item("servo_baud", "u32", "Baud rate of the servo bus.", 1_000_000, unit="Bd"),
-        Item("heartbeat_timeout_ms", "u16", "Trip timeout without a heartbeat.", 500, unit="ms"),
-        Item("watchdog_ms", "u16", "Watchdog timeout that resets a hung firmware.", 250, unit="ms"),
-        Item(
-            "esc_hold_ms",
-            "u16",
-            "Required duration of zero throttle before arming.",
-            2000,
-            unit="ms",
-        ),
-        Item("neutral_band", "u16", "Tolerance of the neutral position.", 11, unit="step"),
-        Item(
-            "servo_hot_c",
-            "u8",
-            "Servo temperature that prevents arming and trips.",
-            SERVO_HOT_C,
-            unit="deg C",
-        ),
-    ),
-)
-
-SETUP = Block(
-    "setup",
-    "setup",
-    "Robot parameters in EEPROM. Written as a whole, at least 2 s after the last throttle.",
-    (
-        Item(
-            "servo_id",
-            "u8",
-            "Unique servo ids: alpha and beta of module 1, then 2, then 3.",
-            1,
-            (1, 252),
-            count=SERVOS,
-            rise=1,
-        ),
-        Item("neutral", "u16", "Servo position at neutral.", 2048, (0, 4095), "step", SERVOS),
-        Item("reverse", "u8", "Bit i: servo i turns in the opposite direction.", 0, (0, 63)),
-        Item("goal_limit", "u16", "Goals are clamped to ± this value.", 341, (0, 1023), "step"),
-        Item(
-            "servos_expected",
-            "u8",
-            "Bit i: servo i must respond to arm and stay armed; 0 if the board drives no servos.",
-            63,
-            (0, 63),
-        ),
-        Item("battery_arm_mv", "u16", "Minimum battery voltage for arming.", 0, (0, 65535), "mV"),
-        Item(
-            "battery_stop_mv",
-            "u16",
-            "Trips if the battery is below this voltage for 1 s.",
-            0,
-            (0, 65535),
-            "mV",
-        ),
-        Item(
-            "bandgap_mv",
-            "u16",
-            "Bandgap voltage of the chip, the reference for its supply voltage.",
-            1100,
-            (1000, 1200),
-            "mV",
-        ),
-        Item(
-            "receiver_expected",
-            "u8",
-            "1: arming and staying armed requires a receiver, even if none was seen since "
-            "power-on.",
-            0,
-            (0, 1),
-        ),
-        Item(
-            "stick_low",
-            "u16",
-            "Pulses at the low ends of forward, left, turn, speed.",
-            1100,
-            RC_US,
-            "us",
-            STICKS,
-        ),
-        Item("stick_centre", "u16", "Pulses at rest; unused for speed.", 1500, RC_US, "us", STICKS),
-        Item("stick_high", "u16", "Pulses at the high ends.", 1900, RC_US, "us", STICKS),
-        Item("stick_dead", "u8", "Dead band at the centre and at both ends.", 20, (0, 100), "us"),
-        Item("receiver_kind", "u8", "Signal type of the receiver: `ReceiverKind`.", 0, (0, 1)),
-        Item(
-            "receiver_map",
-            "u32",
-            "Channels of forward, left, turn, speed, kill, manual: 4 bits each, lowest first.",
-            0x543210,
-            (0, 0xFFFFFF),
-        ),
-        Item(
-            "pulse_low",
-            "u16",
-            "Pulse at zero throttle per speed controller; writable only while they have no power.",
-            ZERO_THROTTLE,
-            (ZERO_THROTTLE, 2400),
-            "0.5 us",
-            ESCS,
-        ),
-        Item("pulse_high", "u16", "Pulse at full throttle.", 4000, (3000, 4400), "0.5 us", ESCS),
-        Item(
-            "throttle_limit",
-            "u16",
-            "Maximum throttle from any source.",
-            FULL_THROTTLE,
-            (ZERO_THROTTLE, FULL_THROTTLE),
-            "",
-            ESCS,
-        ),
-        Item(
-            "throttle_rise",
-            "u16",
-            "Maximum throttle increase per 10 ms; decreases are immediate.",
-            FULL_THROTTLE - ZERO_THROTTLE,
-            (1, FULL_THROTTLE - ZERO_THROTTLE),
-        ),
-    ),
-)
-
-COMMAND = Block(
-    "command",
-    "w",
-    "Joint commands: one WRITE of the whole block per cycle; a partial one is error 5.",
-    (
-        Item(
-            "heartbeat",
-            "u16",
-            "Heartbeat counter; must change to arm. While armed, an older counter is error 7.",
-            0,
-            (0, 65535),
-        ),
-        Item(
-            "arm",
-            "u8",
-            "Changing 0 to 1 arms unless refused; 0 disarms. After a trip, 0 must be written "
-            "first; repeating 1 never re-arms. 2 is STOP, also for the radio control: no source "
-            "gets control until a 0 is written in this session.",
-            0,
-            (0, 2),
-        ),
-        Item("torque", "u8", "0 switches servo torque off; only while disarmed.", 1, (0, 1)),
-        Item(
-            "throttle",
-            "u16",
-            "Throttle per speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; "
-            "applied while armed.",
-            ZERO_THROTTLE,
-            (ZERO_THROTTLE, FULL_THROTTLE),
-            "",
-            ESCS,
-        ),
-        Item(
-            "goal",
-            "i16",
-            "Gimbal goals from neutral: alpha and beta of module 1, then 2, then 3; used if armed.",
-            0,
-            (-1023, 1023),
-            "step",
-            SERVOS,
-        ),
-        Item(
-            "session",
-            "u16",
-            "Must equal `nonce`; else the block can only disarm or stop, and `arm` 1 is error 7.",
-            0,
-            (0, 65535),
-            count=2,
-        ),
-    ),
-)
-
-TELEMETRY = Block(
-    "telemetry",
-    "r",
-    "Measurements and states: one READ per cycle.",
-    (
-        Item("millis", "u32", "Time since the reset.", unit="ms"),
-        Item("mode", "u8", "Source of the joint commands: `BoardMode`."),
-        Item("trip", "u8", "Reason of the last trip, until the board is armed: `Trip`."),
-        Item("refusal", "u8", "Reason of the last refusal to arm: `Refusal`."),
-        Item("reset_cause", "u8", "Reason of the last reset: `ResetCause`."),
-        Item("beat", "u16", "Echo of the last written heartbeat."),
-        Item(
-            "nonce",
-            "u16",
-            "Session number; changes at each start, each disarming, and each 1 in `arm` that "
-            "does not arm.",
-            count=2,
-        ),
-        Item("setup_known", "u8", "1: a setup was ever written."),
-        Item("drive_on", "u8", "1: the speed controllers have power, behind the contactor."),
-        Item(
-            "esc_ready",
-            "u8",
-            "1: zero throttle was output for `esc_hold_ms` since the speed controllers got power "
-            "and since the last disarming.",
-        ),
-        Item("servo_found", "u8", "Bit i: servo i responded to a ping."),
-        Item("servo_alive", "u8", "Bit i: servo i responded within the last 50 ms."),
-        Item("servo_protocol", "u8", "Bit i: servo i uses Protocol 2.0, else 1.0."),
-        Item("servo_fault", "u8", "Bit i: servo i reports a hardware error."),
-        Item("servo_torque", "u8", "Bit i: servo i reported torque on within the last 150 ms."),
-        Item("servo_checked", "u8", "Bit i: the settings of servo i have the required values."),
-        Item(
-            "wrong_servo",
-            "u8",
-            "Number (from 1) of a servo with a wrong setting, see the next two items; else 0.",
-        ),
-        Item(
-            "wrong_register", "u8", "Address of the setting in the servo's table; 0: model number."
-        ),
-        Item("wrong_value", "u32", "Value of the setting."),
-        Item("throttle_out", "u16", "Current throttle output.", ZERO_THROTTLE, None, "", ESCS),
-        Item("position", "i16", "Gimbal positions from neutral.", 0, None, "step", SERVOS),
-        Item("velocity", "i16", "Gimbal velocities.", 0, None, "step/s", SERVOS),
-        Item("current", "i16", "Servo currents.", 0, None, "mA", SERVOS),
-        Item("voltage", "u8", "Servo voltages.", 0, None, "0.1 V", SERVOS),
-        Item("temperature", "u8", "Servo temperatures.", 0, None, "deg C", SERVOS),
-        Item(
-            "rc",
-            "u16",
-            "Receiver pulses: forward, left, turn, speed, kill, manual; 0 if missing.",
-            0,
-            None,
-            "us",
-            RC_CHANNELS,
-        ),
-        Item("battery_mv", "u16", "Battery voltage.", unit="mV"),
-        Item("drive_mv", "u16", "Speed-controller voltage, behind the contactor.", unit="mV"),
-        Item(
-            "supply_mv", "u16", "Board supply voltage, the reference for the other two.", unit="mV"
-        ),
-        Item("crc_errors", "u16", "Packets from the PC with a wrong CRC."),
-        Item("rx_errors", "u16", "Lost bytes and abandoned incomplete packets from the PC."),
-        Item("servo_errors", "u16", "Missing or invalid servo responses."),
-        Item("overruns", "u16", "Cycles longer than 10 ms."),
-        Item("trips", "u16", "Number of trips since power-on."),
-        Item("resets", "u16", "Number of resets since power-on."),
-        Item("stop_proven", "u8", "1: the stop circuit has been open since power-on."),
-        Item(
-            "servo_far",
-            "u8",
-            "Bit i: servo i has not been within 100 steps of `neutral` since power-on or a "
-            "change of `neutral`, so it gets no torque.",
-        ),
-        Item("servo_stuck", "u8", "Bit i: servo i did not follow its goal at the last trip."),
-        Item("servo_model", "u16", "Servo model numbers; 0 if not read.", count=SERVOS),
-        Item(
-            "servo_missed",
-            "u8",
-            "Missing or invalid responses per servo; wraps from 255 to 0.",
-            count=SERVOS,
-        ),
-    ),
-)
-
-RADIO = Block(
-    "radio",
-    "r",
-    "All receiver channels of both types, for setting up the receiver.",
-    (
-        Item(
-            "channel",
-            "u16",
-            "SBUS channels, then the pulses of the wires; 0 if missing.",
-            0,
-            None,
-            "us",
-            RECEIVER_CHANNELS + RC_CHANNELS,
-        ),
-    ),
-)
-
-BLOCKS = (IDENTITY, SETUP, COMMAND, TELEMETRY, RADIO)
+    @classmethod
+    def unpack(cls, data: bytes) -> Self:
+        """Parse a block."""
+        numbers = iter(cls.LAYOUT.unpack(data))
+        values: dict[str, Any] = {}
+        for field in fields(cls):
+            default = cast("int | Ints", field.default)
+            if isinstance(default, tuple):
+                values[field.name] = tuple(islice(numbers, len(default)))
+            else:
+                values[field.name] = next(numbers)
+        return cls(**values)
 
 
-def addresses() -> dict[str, int]:
-    """Return the address of each item and each block."""
+@dataclass(frozen=True, slots=True)
+class BoardIdentity(Block):
+    """Identity of the board and fixed parameters."""
+
+    NAME: ClassVar[str] = "identity"
+    ACCESS: ClassVar[Access] = "r"
+
+    model: Annotated[int, Item("u16")] = MODEL
+    """Model number of the board."""
+    fw: Annotated[int, Item("u8")] = FW_VERSION
+    """Firmware version, also in ping responses."""
+    table_version: Annotated[int, Item("u8")] = TABLE_VERSION
+    """Version of this table."""
+    id: Annotated[int, Item("u8")] = BOARD_ID
+    """Dynamixel id."""
+    host_baud: Annotated[int, Item("u32", unit="Bd")] = 1_000_000
+    """Baud rate of the line to the PC."""
+    servo_baud: Annotated[int, Item("u32", unit="Bd")] = 1_000_000
+    """Baud rate of the servo bus."""
+    heartbeat_timeout_ms: Annotated[int, Item("u16", unit="ms")] = 500
+    """Trip timeout without a heartbeat."""
+    watchdog_ms: Annotated[int, Item("u16", unit="ms")] = 250
+    """Watchdog timeout that resets a hung firmware."""
+    esc_hold_ms: Annotated[int, Item("u16", unit="ms")] = 2000
+    """Required duration of zero throttle before arming."""
+    neutral_band: Annotated[int, Item("u16", unit="step")] = 11
+    """Tolerance of the neutral position."""
+    servo_hot_c: Annotated[int, Item("u8", unit="deg C")] = SERVO_HOT_C
+    """Servo temperature that prevents arming and trips."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setup(Block):
+    """Robot parameters in EEPROM. Written as a whole, at least 2 s after the last throttle."""
+
+    NAME: ClassVar[str] = "setup"
+    ACCESS: ClassVar[Access] = "setup"
+
+    servo_id: Annotated[Ints, Item("u8", (1, 252))] = tuple(range(1, SERVOS + 1))
+    """Unique servo ids: alpha and beta of module 1, then 2, then 3."""
+    neutral: Annotated[Ints, Item("u16", (0, 4095), "step")] = (2048,) * SERVOS
+    """Servo position at neutral."""
+    reverse: Annotated[int, Item("u8", (0, 63))] = 0
+    """Bit i: servo i turns in the opposite direction."""
+    goal_limit: Annotated[int, Item("u16", (0, 1023), "step")] = 341
+    """Goals are clamped to ± this value."""
+    servos_expected: Annotated[int, Item("u8", (0, 63))] = 63
+    """Bit i: servo i must respond to arm and stay armed; 0 if the board drives no servos."""
+    battery_arm_mv: Annotated[int, Item("u16", (0, 65535), "mV")] = 0
+    """Minimum battery voltage for arming."""
+    battery_stop_mv: Annotated[int, Item("u16", (0, 65535), "mV")] = 0
+    """Trips if the battery is below this voltage for 1 s."""
+    bandgap_mv: Annotated[int, Item("u16", (1000, 1200), "mV")] = 1100
+    """Bandgap voltage of the chip, the reference for its supply voltage."""
+    receiver_expected: Annotated[int, Item("u8", (0, 1))] = 0
+    """1: arming and staying armed requires a receiver, even if none was seen since power-on."""
+    stick_low: Annotated[Ints, Item("u16", RC_US, "us")] = (1100,) * STICKS
+    """Pulses at the low ends of forward, left, turn, speed."""
+    stick_centre: Annotated[Ints, Item("u16", RC_US, "us")] = (1500,) * STICKS
+    """Pulses at rest; unused for speed."""
+    stick_high: Annotated[Ints, Item("u16", RC_US, "us")] = (1900,) * STICKS
+    """Pulses at the high ends."""
+    stick_dead: Annotated[int, Item("u8", (0, 100), "us")] = 20
+    """Dead band at the centre and at both ends."""
+    receiver_kind: Annotated[int, Item("u8", (0, 1))] = 0
+    """Signal type of the receiver: `ReceiverKind`."""
+    receiver_map: Annotated[int, Item("u32", (0, 0xFFFFFF))] = 0x543210
+    """Channels of forward, left, turn, speed, kill, manual: 4 bits each, lowest first."""
+    pulse_low: Annotated[Ints, Item("u16", (ZERO_THROTTLE, 2400), "0.5 us")] = (2000,) * ESCS
+    """Pulse at zero throttle per speed controller; writable only while they have no power."""
+    pulse_high: Annotated[Ints, Item("u16", (3000, 4400), "0.5 us")] = (4000,) * ESCS
+    """Pulse at full throttle."""
+    throttle_limit: Annotated[Ints, Item("u16", (ZERO_THROTTLE, FULL_THROTTLE))] = (4000,) * ESCS
+    """Maximum throttle from any source."""
+    throttle_rise: Annotated[int, Item("u16", (1, FULL_THROTTLE - ZERO_THROTTLE))] = 2000
+    """Maximum throttle increase per 10 ms; decreases are immediate."""
+
+
+@dataclass(frozen=True, slots=True)
+class BoardCommand(Block):
+    """Joint commands: one WRITE of the whole block per cycle; a partial one is error 5."""
+
+    NAME: ClassVar[str] = "command"
+    ACCESS: ClassVar[Access] = "w"
+
+    heartbeat: Annotated[int, Item("u16", (0, 65535))] = 0
+    """Heartbeat counter; must change to arm. While armed, an older counter is error 7."""
+    arm: Annotated[int, Item("u8", (0, 2))] = 0
+    """Changing 0 to 1 arms unless refused; 0 disarms. After a trip, 0 must be written first;
+    repeating 1 never re-arms. 2 is STOP, also for the radio control: no source gets control until
+    a 0 is written in this session.
+    """
+    torque: Annotated[int, Item("u8", (0, 1))] = 1
+    """0 switches servo torque off; only while disarmed."""
+    throttle: Annotated[Ints, Item("u16", (ZERO_THROTTLE, FULL_THROTTLE))] = (2000,) * ESCS
+    """Throttle per speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; applied
+    while armed.
+    """
+    goal: Annotated[Ints, Item("i16", (-1023, 1023), "step")] = (0,) * SERVOS
+    """Gimbal goals from neutral: alpha and beta of module 1, then 2, then 3; used if armed."""
+    session: Annotated[Ints, Item("u16", (0, 65535))] = (0,) * 2
+    """Must equal `nonce`; else the block can only disarm or stop, and `arm` 1 is error 7."""
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry(Block):
+    """Measurements and states: one READ per cycle."""
+
+    NAME: ClassVar[str] = "telemetry"
+    ACCESS: ClassVar[Access] = "r"
+
+    millis: Annotated[int, Item("u32", unit="ms")] = 0
+    """Time since the reset."""
+    mode: Annotated[int, Item("u8")] = 0
+    """Source of the joint commands: `BoardMode`."""
+    trip: Annotated[int, Item("u8")] = 0
+    """Reason of the last trip, until the board is armed: `Trip`."""
+    refusal: Annotated[int, Item("u8")] = 0
+    """Reason of the last refusal to arm: `Refusal`."""
+    reset_cause: Annotated[int, Item("u8")] = 0
+    """Reason of the last reset: `ResetCause`."""
+    beat: Annotated[int, Item("u16")] = 0
+    """Echo of the last written heartbeat."""
+    nonce: Annotated[Ints, Item("u16")] = (0,) * 2
+    """Session number; changes at each start, each disarming, and each 1 in `arm` that does not
+    arm.
+    """
+    setup_known: Annotated[int, Item("u8")] = 0
+    """1: a setup was ever written."""
+    drive_on: Annotated[int, Item("u8")] = 0
+    """1: the speed controllers have power, behind the contactor."""
+    esc_ready: Annotated[int, Item("u8")] = 0
+    """1: zero throttle was output for `esc_hold_ms` since the speed controllers got power and
+    since the last disarming.
+    """
+    servo_found: Annotated[int, Item("u8")] = 0
+    """Bit i: servo i responded to a ping."""
+    servo_alive: Annotated[int, Item("u8")] = 0
+    """Bit i: servo i responded within the last 50 ms."""
+    servo_protocol: Annotated[int, Item("u8")] = 0
+    """Bit i: servo i uses Protocol 2.0, else 1.0."""
+    servo_fault: Annotated[int, Item("u8")] = 0
+    """Bit i: servo i reports a hardware error."""
+    servo_torque: Annotated[int, Item("u8")] = 0
+    """Bit i: servo i reported torque on within the last 150 ms."""
+    servo_checked: Annotated[int, Item("u8")] = 0
+    """Bit i: the settings of servo i have the required values."""
+    wrong_servo: Annotated[int, Item("u8")] = 0
+    """Number (from 1) of a servo with a wrong setting, see the next two items; else 0."""
+    wrong_register: Annotated[int, Item("u8")] = 0
+    """Address of the setting in the servo's table; 0: model number."""
+    wrong_value: Annotated[int, Item("u32")] = 0
+    """Value of the setting."""
+    throttle_out: Annotated[Ints, Item("u16")] = (ZERO_THROTTLE,) * ESCS
+    """Current throttle output."""
+    position: Annotated[Ints, Item("i16", unit="step")] = (0,) * SERVOS
+    """Gimbal positions from neutral."""
+    velocity: Annotated[Ints, Item("i16", unit="step/s")] = (0,) * SERVOS
+    """Gimbal velocities."""
+    current: Annotated[Ints, Item("i16", unit="mA")] = (0,) * SERVOS
+    """Servo currents."""
+    voltage: Annotated[Ints, Item("u8", unit="0.1 V")] = (0,) * SERVOS
+    """Servo voltages."""
+    temperature: Annotated[Ints, Item("u8", unit="deg C")] = (0,) * SERVOS
+    """Servo temperatures."""
+    rc: Annotated[Ints, Item("u16", unit="us")] = (0,) * RC_CHANNELS
+    """Receiver pulses: forward, left, turn, speed, kill, manual; 0 if missing."""
+    battery_mv: Annotated[int, Item("u16", unit="mV")] = 0
+    """Battery voltage."""
+    drive_mv: Annotated[int, Item("u16", unit="mV")] = 0
+    """Speed-controller voltage, behind the contactor."""
+    supply_mv: Annotated[int, Item("u16", unit="mV")] = 0
+    """Board supply voltage, the reference for the other two."""
+    crc_errors: Annotated[int, Item("u16")] = 0
+    """Packets from the PC with a wrong CRC."""
+    rx_errors: Annotated[int, Item("u16")] = 0
+    """Lost bytes and abandoned incomplete packets from the PC."""
+    servo_errors: Annotated[int, Item("u16")] = 0
+    """Missing or invalid servo responses."""
+    overruns: Annotated[int, Item("u16")] = 0
+    """Cycles longer than 10 ms."""
+    trips: Annotated[int, Item("u16")] = 0
+    """Number of trips since power-on."""
+    resets: Annotated[int, Item("u16")] = 0
+    """Number of resets since power-on."""
+    stop_proven: Annotated[int, Item("u8")] = 0
+    """1: the stop circuit has been open since power-on."""
+    servo_far: Annotated[int, Item("u8")] = 0
+    """Bit i: servo i has not been within 100 steps of `neutral` since power-on or a change of
+    `neutral`, so it gets no torque.
+    """
+    servo_stuck: Annotated[int, Item("u8")] = 0
+    """Bit i: servo i did not follow its goal at the last trip."""
+    servo_model: Annotated[Ints, Item("u16")] = (0,) * SERVOS
+    """Servo model numbers; 0 if not read."""
+    servo_missed: Annotated[Ints, Item("u8")] = (0,) * SERVOS
+    """Missing or invalid responses per servo; wraps from 255 to 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Radio(Block):
+    """All receiver channels of both types, for setting up the receiver."""
+
+    NAME: ClassVar[str] = "radio"
+    ACCESS: ClassVar[Access] = "r"
+
+    channel: Annotated[Ints, Item("u16", unit="us")] = (0,) * (RECEIVER_CHANNELS + RC_CHANNELS)
+    """SBUS channels, then the pulses of the wires; 0 if missing."""
+
+
+BLOCKS: tuple[type[Block], ...] = (BoardIdentity, Setup, BoardCommand, Telemetry, Radio)
+
+
+def _place_blocks() -> dict[str, int]:
+    """Set address and layout of each block; return the address of each item and each block."""
     found: dict[str, int] = {}
     at = 0
     for block in BLOCKS:
-        found[block.name] = at
-        for item in block.items:
-            found[item.name] = at
-            at += item.size
+        block.ADDRESS = found[block.NAME] = at
+        layout = "<"
+        for item in block.items():
+            found[item.name] = block.ADDRESS + calcsize(layout)
+            layout += item.layout
+        block.LAYOUT = Struct(layout)
+        at += block.LAYOUT.size
     return found
 
 
-ADDRESS = addresses()
-TABLE_SIZE = sum(block.size for block in BLOCKS)
+ADDRESS = _place_blocks()
+TABLE_SIZE = sum(block.LAYOUT.size for block in BLOCKS)
 
 
 class BoardMode(IntEnum):

@@ -1,16 +1,15 @@
-"""Dynamixel packets: framing of Protocol 1.0 and 2.0, CRC-16, stream decoder, packed numbers."""
+"""Dynamixel packets: framing of Protocol 1.0 and 2.0, CRC-16, and stream decoder."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
-from itertools import islice
-from struct import Struct, pack, unpack_from
-from typing import Any, ClassVar, Self, cast
+from struct import pack, unpack_from
+from typing import ClassVar
 
 
 def crc16(data: bytes) -> int:
@@ -42,27 +41,15 @@ class Instruction(IntEnum):
     PING = 0x01
     READ = 0x02
     WRITE = 0x03
-    REBOOT = 0x08
     STATUS = 0x55
     """Status packet; Protocol 2.0 only."""
     SYNC_READ = 0x82
     """Protocol 2.0 only."""
     SYNC_WRITE = 0x83
-    BULK_READ = 0x92
 
 
-class Fault(IntEnum):
-    """Error codes of Protocol 2.0, in the low seven bits of `Status.error`."""
-
-    FAILED = 1
-    INSTRUCTION = 2
-    CRC = 3
-    RANGE = 4
-    LENGTH = 5
-    LIMIT = 6
-    ACCESS = 7
-
-
+ACCESS_ERROR = 7
+"""Error of Protocol 2.0: the register is not writable in this state."""
 ALERT = 0x80
 """Bit of `Status.error` in Protocol 2.0: the device has a hardware error but did not refuse."""
 
@@ -82,7 +69,7 @@ class StatusPacket:
 
     id: int
     error: int
-    """0 if no error; in Protocol 2.0 a `Fault` and `ALERT`, in Protocol 1.0 error bits."""
+    """0 if no error; in Protocol 2.0 an error code and `ALERT`, in Protocol 1.0 error bits."""
     data: bytes = b""
 
 
@@ -110,10 +97,6 @@ class Framing(ABC):
     @abstractmethod
     def as_status(self, packet: Packet) -> StatusPacket | None:
         """Parse a packet as a response, or return None."""
-
-    @abstractmethod
-    def status(self, device: int, error: int, data: bytes = b"") -> bytes:
-        """Return the frame of a response."""
 
     def ping(self, device: int) -> bytes:
         """Request a response to find a device; in Protocol 2.0 with model and firmware version."""
@@ -170,10 +153,6 @@ class Protocol1(Framing):
         """Return the packet as a status; Protocol 1.0 does not mark status packets."""
         return StatusPacket(packet.id, packet.code, packet.params)
 
-    def status(self, device: int, error: int, data: bytes = b"") -> bytes:
-        """Return the frame of a response, with the error in place of the instruction."""
-        return self.encode(Packet(device, error, data))
-
 
 def _inverted_sum(inner: bytes) -> int:
     return ~sum(inner) & 0xFF
@@ -224,10 +203,6 @@ class Protocol2(Framing):
             return None
         return StatusPacket(packet.id, packet.params[0], packet.params[1:])
 
-    def status(self, device: int, error: int, data: bytes = b"") -> bytes:
-        """Return the frame of a response."""
-        return self.encode(Packet(device, Instruction.STATUS, bytes([error]) + data))
-
     def sync_read(self, devices: Sequence[int], address: int, length: int) -> bytes:
         """Request the same part of several devices' tables; they respond in this order."""
         params = self._numbers(address, length) + bytes(devices)
@@ -275,10 +250,6 @@ class Decoder:
         self._append_packets(packets)
         return packets
 
-    def clear(self) -> None:
-        """Discard buffered bytes, for example after reopening the port."""
-        self._kept.clear()
-
     def _append_packets(self, packets: list[Packet]) -> None:
         while self._find_header():
             size = self.framing.size(bytes(self._kept[: len(self._header) + 8]))
@@ -312,32 +283,3 @@ class Decoder:
     def _skip(self, count: int) -> None:
         self.skipped += count
         del self._kept[:count]
-
-
-@dataclass(frozen=True, slots=True)
-class Packed:
-    """Struct of numbers and number arrays in byte order; array lengths follow from the defaults."""
-
-    ADDRESS: ClassVar[int]
-    LAYOUT: ClassVar[Struct]
-
-    def pack(self) -> bytes:
-        """Return the bytes of the block."""
-        numbers: list[int] = []
-        for field in fields(self):
-            value: int | tuple[int, ...] = getattr(self, field.name)
-            numbers.extend(value if isinstance(value, tuple) else (value,))
-        return self.LAYOUT.pack(*numbers)
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Self:
-        """Parse a block."""
-        numbers = iter(cls.LAYOUT.unpack(data))
-        values: dict[str, Any] = {}
-        for field in fields(cls):
-            default = cast("int | tuple[int, ...]", field.default)
-            if isinstance(default, tuple):
-                values[field.name] = tuple(islice(numbers, len(default)))
-            else:
-                values[field.name] = next(numbers)
-        return cls(**values)
