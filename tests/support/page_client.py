@@ -23,7 +23,7 @@ from tsd_twin.dashboard.discovery import RobotDiscovery
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.server import HttpServer
 from tsd_twin.dashboard.recorded.pages import RecordedPages
-from tsd_twin.dashboard.scene.picking import DashboardScene
+from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import Description
@@ -232,7 +232,7 @@ class Site:
         bus: Bus,
         viser_port: int,
         auth: AuthMiddleware | None,
-        page_scene: DashboardScene | None = None,
+        page_scene: PageScene | None = None,
         recordings: Path | None = None,
     ) -> None:
         self.released: list[str] = []
@@ -336,7 +336,7 @@ def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
 def site(
     viser_port: int = 1,
     auth: AuthMiddleware | None = None,
-    page_scene: DashboardScene | None = None,
+    page_scene: PageScene | None = None,
     recordings: Path | None = None,
 ) -> Generator[Site]:
     """A robot and a gateway; without a viser unless a port is given, and without a scene."""

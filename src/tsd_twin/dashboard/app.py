@@ -19,6 +19,7 @@ from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.dashboard.update_loop import BackgroundWorker, UpdateLoop
@@ -151,7 +152,7 @@ async def run(
         server.stop()
 
 
-class SceneExecutor:
+class SceneExecutor(PageScene):
     """Scene operations of pages, run one after the other on a thread off the event loop."""
 
     def __init__(

@@ -24,8 +24,7 @@ from PIL import Image
 
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.update_loop import STALE_S
+from tsd_twin.dashboard.scene.scene import STALE_S, Scene
 from tsd_twin.errors import MissingExtraError, TwinError
 from tsd_twin.recording.export import RecordingSlice
 from tsd_twin.recording.player import Player, RecordedRobot

@@ -128,6 +128,10 @@ def _axis_labels() -> Array:
     return np.concatenate([flat, np.full((*flat.shape[:-1], 1), 0.002)], axis=-1)
 
 
+STALE_S = 0.3
+"""An older state must not look live."""
+
+
 class Viewer(Protocol):
     """Observer that draws the client-specific parts of the scene."""
 

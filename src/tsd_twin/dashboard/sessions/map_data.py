@@ -6,12 +6,11 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
 
-from tsd_twin.client.monitor import RobotMonitor, Snapshot
-from tsd_twin.dashboard.scene.picking import DashboardScene
+from tsd_twin.dashboard.scene.picking import PageScene
+from tsd_twin.dashboard.scene.robot_visual import VisualSource
+from tsd_twin.dashboard.scene.scene import STALE_S, Scene
 from tsd_twin.dashboard.wire.to_page import FloorPoint, MapLines, MapRobot, MapState
-from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import SE2, Array
 
 TRAIL_SPACING_M = 0.05
@@ -19,8 +18,6 @@ TRAIL_JUMP_M = 0.5
 """A longer step means that the pose was set. `static/map_trail.js` uses the same two constants."""
 TRAIL_POINTS = 800
 """The last 40 m."""
-STALE_S = 0.3
-"""An older pose is shown as stale, as in the scene."""
 
 
 class MapTrail:
@@ -56,8 +53,8 @@ class MapData:
 
     def __init__(
         self,
-        links: Callable[[], Mapping[str, RobotMonitor]],
-        scene: DashboardScene,
+        links: Callable[[], Mapping[str, VisualSource]],
+        scene: PageScene | Scene,
         on_lines: Callable[[], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -115,12 +112,6 @@ class MapData:
             return None
         return link.snapshot.odom.xy_heading
 
-    # Scene of the pages.
-
-    def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Return floor points (m, 2) in `odom` at screen positions; see `floor_points`."""
-        return self._scene.pick_floor(page, shares)
-
     def show_route(self, robot_id: str, poses: Array | None) -> None:
         """Show a planned path, poses (n, 3) in `odom`, on all pages; None removes it."""
         if poses is None:
@@ -129,14 +120,6 @@ class MapData:
             self._routes[robot_id] = _points(poses)
         self._scene.show_route(robot_id, poses)
         self._on_lines()
-
-    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
-        """Apply the view settings of a page; `look` turns its camera to the robot."""
-        self._scene.apply_view(page, settings, look=look)
-
-    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the past pose of a page's robot next to the live one; None removes it."""
-        self._scene.show_past(page, past, ago_s)
 
 
 def _points(rows: Array) -> list[FloorPoint]:

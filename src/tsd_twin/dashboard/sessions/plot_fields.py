@@ -10,8 +10,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsd_twin.client.monitor import RobotMonitor, Snapshot
+from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
+from tsd_twin.dashboard.scene.robot_visual import VisualSource
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import ODOM, JointState, Odometry
@@ -31,7 +32,7 @@ class PlotFields:
     before the robot's limits.
     """
 
-    def __init__(self, link: RobotMonitor, *, has_alternative: bool) -> None:
+    def __init__(self, link: VisualSource, *, has_alternative: bool) -> None:
         """List the fields of a robot, which may have an alternative estimate."""
         self._link = link
         self._readers: dict[str, _Reader] = {}

@@ -9,6 +9,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Protocol
 
@@ -21,7 +22,6 @@ from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import LOOK_BACK_S
 from tsd_twin.dashboard.wire.to_page import RobotName, RobotState
 from tsd_twin.messages.events import Event
-from tsd_twin.shadow import ShadowReport
 
 SPACING_S = 0.1
 _SLACK_S = 1.0
@@ -74,6 +74,20 @@ class RobotClients(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownRobot:
+    """Robot with everything that is derived from its messages."""
+
+    link: RobotMonitor
+    telemetry: RobotTelemetry
+    shadow: ShadowMonitor
+    history: StateHistory
+
+    def past(self, ago_s: float) -> Snapshot | None:
+        """Return a past snapshot, or None if no page was open at that time."""
+        return self.history.at(self.link.snapshot.received_s - ago_s)
+
+
 class RobotDirectory:
     """All robots with their latest states and events; event loop only."""
 
@@ -83,11 +97,9 @@ class RobotDirectory:
         self._discovery = discovery
         self._executor = executor
         self._roster = roster or RobotRoster()
-        self._telemetry: dict[str, RobotTelemetry] = {}
-        self._shadows: dict[str, tuple[RobotMonitor, ShadowMonitor]] = {}
+        self._robots: dict[str, KnownRobot] = {}
         self._events: dict[str, deque[tuple[float, Event]]] = {}
         self._modes: dict[str, tuple[str, float]] = {}
-        self._histories: dict[str, tuple[RobotMonitor, StateHistory]] = {}
         self._measuring: set[asyncio.Task[None]] = set()
 
     def robot_names(self) -> list[RobotName]:
@@ -97,53 +109,45 @@ class RobotDirectory:
             RobotName(
                 id=robot_id,
                 title=links[robot_id].robot.title,
-                colour="#{:02x}{:02x}{:02x}".format(*roster.colour(robot_id)),
+                colour=roster.css_colour(robot_id),
             )
             for robot_id in roster.in_order(links)
         ]
 
-    def view(self, robot_id: str | None) -> RobotTelemetry | None:
-        """Return the telemetry of a robot; a new object after the robot has restarted."""
+    def robot(self, robot_id: str | None) -> KnownRobot | None:
+        """Return a robot; a new object after the robot has restarted."""
         link = self._discovery.links.get(robot_id) if robot_id is not None else None
         if link is None:
             return None
-        if link.id not in self._telemetry or self._telemetry[link.id].link is not link:
-            self._telemetry[link.id] = RobotTelemetry(link)
-        return self._telemetry[link.id]
+        known = self._robots.get(link.id)
+        if known is None or known.link is not link:
+            if known is not None:
+                known.shadow.end()
+            known = KnownRobot(link, RobotTelemetry(link), ShadowMonitor(link), StateHistory())
+            self._robots[link.id] = known
+        return known
 
     def state(self, robot_id: str | None) -> RobotState | None:
         """Return the state of a robot, or None before its first status."""
-        view = self.view(robot_id)
-        if view is None:
+        known = self.robot(robot_id)
+        if known is None:
             return None
-        snapshot = view.link.snapshot
+        snapshot = known.link.snapshot
         if snapshot.status is None:
             return None
         now_s = time.monotonic()
-        return view.state(
+        return known.telemetry.state(
             snapshot,
             snapshot.status,
             now_s,
-            mode_age_s=now_s - self._mode_since_s(view.link.id, snapshot.status.mode),
-            round_trips=view.link.round_trips,
+            mode_age_s=now_s - self._mode_since_s(known.link.id, snapshot.status.mode),
+            round_trips=known.link.round_trips,
         )
-
-    def shadow(self, robot_id: str | None) -> ShadowReport | None:
-        """Return the comparison of a robot with its shadow twin; calls keep the twin running."""
-        view = self.view(robot_id)
-        if view is None:
-            return None
-        known = self._shadows.get(view.link.id)
-        if known is None or known[0] is not view.link:
-            if known is not None:
-                known[1].end()  # The robot has restarted.
-            self._shadows[view.link.id] = known = (view.link, ShadowMonitor(view.link))
-        return known[1].report()
 
     def close(self) -> None:
         """End all shadow twins."""
-        for _, monitor in self._shadows.values():
-            monitor.close()
+        for known in self._robots.values():
+            known.shadow.close()
 
     def add_event(self, robot_id: str, event: Event) -> None:
         """Store an event, which may arrive before its robot is discovered."""
@@ -176,24 +180,11 @@ class RobotDirectory:
 
     def note_status(self, robot_id: str) -> None:
         """Record the latest state in the robot's history, and the time of its last mode change."""
-        link = self._discovery.links.get(robot_id)
-        if link is None or link.snapshot.status is None:
+        known = self.robot(robot_id)
+        if known is None or (status := known.link.snapshot.status) is None:
             return
-        self._mode_since_s(robot_id, link.snapshot.status.mode)
-        if robot_id not in self._histories or self._histories[robot_id][0] is not link:
-            known = self._discovery.links  # Drop the history of robots that have left or restarted.
-            self._histories = {
-                each: kept for each, kept in self._histories.items() if each in known
-            }
-            self._histories[robot_id] = link, StateHistory()
-        self._histories[robot_id][1].add(link.snapshot)
-
-    def past(self, robot_id: str, ago_s: float) -> Snapshot | None:
-        """Return a past snapshot of a robot, or None if no page was open at that time."""
-        link, history = self._histories.get(robot_id, (None, None))
-        if link is None or history is None or link is not self._discovery.links.get(robot_id):
-            return None
-        return history.at(link.snapshot.received_s - ago_s)
+        self._mode_since_s(robot_id, status.mode)
+        known.history.add(known.link.snapshot)
 
     def links_to_stop(self, robot_id: str | None) -> list[RobotMonitor]:
         """Return the robots to stop, for a page that has a robot selected.

@@ -11,7 +11,7 @@ from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.client import procedures
 from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.scene.picking import DashboardScene, EmptyPageScene
+from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.principal import Principal
@@ -40,7 +40,7 @@ class SessionManager:
         discovery: RobotClients,
         on_released: Callable[[str], None] = _ignore,
         on_chosen: Callable[[str, str], None] = _ignore,
-        page_scene: DashboardScene | None = None,
+        page_scene: PageScene | None = None,
         *,
         on_opened: Callable[[], None] = _ignore,
         roster: RobotRoster | None = None,
@@ -57,9 +57,8 @@ class SessionManager:
         """All robots visible to pages."""
         self._on_released, self._on_chosen = on_released, on_chosen
         self._on_opened = on_opened
-        self._map_data = MapData(
-            lambda: discovery.links, page_scene or EmptyPageScene(), self._on_map_lines
-        )
+        self._scene = page_scene or PageScene()
+        self._map_data = MapData(lambda: discovery.links, self._scene, self._on_map_lines)
         self._sessions: dict[str, Session] = {}
         self._sockets: dict[str, web.WebSocketResponse] = {}
         self._rejected = 0
@@ -229,6 +228,7 @@ class SessionManager:
             self._on_chosen,
             principal=principal,
             map_data=self._map_data,
+            scene=self._scene,
             name=name,
         )
         self._sessions[page], self._sockets[page] = session, socket

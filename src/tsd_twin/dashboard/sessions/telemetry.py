@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.client.monitor import RobotMonitor, RoundTrips, Snapshot
+from tsd_twin.client.monitor import RoundTrips, Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import commanded_joints, twist_axes_of
+from tsd_twin.dashboard.scene.robot_visual import VisualSource
 from tsd_twin.dashboard.sessions.actuator_telemetry import ActuatorTelemetry, rounded
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.sessions.plot_fields import PlotFields
@@ -25,8 +26,8 @@ SPEED_LEVELS_PERCENT = (20, 50, 80, 100)
 class RobotTelemetry:
     """Telemetry of a robot: `RobotInfo` and `RobotState` of its client."""
 
-    def __init__(self, link: RobotMonitor) -> None:
-        self.link = link
+    def __init__(self, link: VisualSource) -> None:
+        self._link = link
         self._kinematics = link.kinematics
         self._order = [joint.name for joint in link.kinematics.joints]
         self._is_angle = np.array([j.kind is JointKind.POSITION for j in link.kinematics.joints])
@@ -37,9 +38,9 @@ class RobotTelemetry:
 
     def info(self) -> RobotInfo:
         """Return the constant data."""
-        robot = self.link.robot
+        robot = self._link.robot
         return RobotInfo(
-            id=self.link.id,
+            id=self._link.id,
             title=robot.title,
             limits=SpeedLimits(robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s),
             levels=SPEED_LEVELS_PERCENT,
