@@ -12,10 +12,10 @@ from aiohttp import web
 
 from tsd_twin.dashboard.gateway.auth import (
     HEADERS,
+    PRINCIPAL,
     AccessSettings,
     AuthMiddleware,
     is_proxy,
-    principal_of,
 )
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quiet_log
 from tsd_twin.dashboard.gateway.pages import STATIC, IndexPage, LoginRoutes
@@ -151,7 +151,7 @@ class HttpServer:
 
     async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
         page = await self._admit(request, request.match_info["page"])
-        name, principal = request.match_info.get("name"), principal_of(request)
+        name, principal = request.match_info.get("name"), request[PRINCIPAL]
         holding = partial(self._auth.close_on_logout, principal)
         if name is None:
             return await self._proxy.serve(request, page, principal, holding)
@@ -166,7 +166,7 @@ class HttpServer:
             return await self._run_page(request, page, self.sessions.run_session)
         if self._recorded is None:
             raise web.HTTPNotFound(text="This dashboard shows no recordings.")
-        async with self._recorded.view(page, recording, principal_of(request)) as view:
+        async with self._recorded.view(page, recording, request[PRINCIPAL]) as view:
             return await self._run_page(request, page, partial(self._recorded.run_session, view))
 
     async def _run_page(
@@ -175,7 +175,7 @@ class HttpServer:
         page: str,
         run: Callable[..., Coroutine[Any, Any, None]],
     ) -> web.StreamResponse:
-        principal = principal_of(request)
+        principal = request[PRINCIPAL]
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT_S,
             compress=False,
@@ -195,7 +195,7 @@ class HttpServer:
         """Return the page id of a socket; refuse an invalid id, another login's page or a flood."""
         if not PAGE_ID.fullmatch(page):
             raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
-        owner, key = self.sessions.principal_of(page), principal_of(request).key
+        owner, key = self.sessions.principal_of(page), request[PRINCIPAL].key
         if owner is not None and owner.key != key:
             raise web.HTTPForbidden(text="This page belongs to another login.")
         await self._reader.admit(request, key or page)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from tsd_twin.dashboard.scene.overlays import (
     StopEnvelope,
     ThrustArrows,
     Trail,
+    add_lines,
 )
 from tsd_twin.dashboard.scene.picking import OnClick, add_click_target
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, LinkPoses, RobotShape, Surface
@@ -134,7 +136,7 @@ def _commands_in_flight(
     no synchronized clocks.
     """
     recent = [one for one in sent if one.sent_s > now_s - trip_s - _SENDER_TIMEOUT_S]
-    from_world = _WorldToBody(heading)
+    from_world = partial(_from_world, heading)
     return [
         PendingCommand(
             one.sent_s - now_s + trip_s, one.twist, from_world if one.frame == ODOM else None
@@ -143,15 +145,10 @@ def _commands_in_flight(
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class _WorldToBody:
-    """Rotation of twists from `odom` to `base_link`; poses start at `heading_rad`."""
-
-    heading_rad: float
-
-    def __call__(self, pose: SE2, twist: Array) -> Array:
-        turn = SE2(np.array([0.0, 0.0, self.heading_rad + float(pose.xy_heading[2])]))
-        return np.append(turn.inverse().rotate(twist[:2]), twist[2])
+def _from_world(heading_rad: float, pose: SE2, twist: Array) -> Array:
+    """Rotate a twist from `odom` to `base_link`; poses start at `heading_rad`."""
+    turn = SE2(np.array([0.0, 0.0, heading_rad + float(pose.xy_heading[2])]))
+    return np.append(turn.inverse().rotate(twist[:2]), twist[2])
 
 
 VISIBLE_DIFFERENCE_M = 0.005
@@ -268,14 +265,9 @@ def add_wireframe(
     scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb, *, visible: bool
 ) -> viser.LineSegmentsHandle:
     """Add the edges of a robot's bounding box; unlike a translucent body, lines hide little."""
-    return scene.add_line_segments(
-        name,
-        _box_edges(shape) if shape.ball_radius_m is None else _great_circles(shape.ball_radius_m),
-        colour,
-        thickness=2.0,
-        thickness_units="screen",
-        visible=visible,
-    )
+    radius_m = shape.ball_radius_m
+    lines = _box_edges(shape) if radius_m is None else _great_circles(radius_m)
+    return add_lines(scene, name, lines, colour, 2.0, visible=visible)
 
 
 def _box_edges(shape: RobotShape) -> Array:

@@ -21,6 +21,7 @@ from tsd_twin.dashboard.scene.appearance import (
     TRUE_POSES,
     RobotRoster,
 )
+from tsd_twin.dashboard.scene.overlays import add_lines
 from tsd_twin.dashboard.scene.picking import OnClick
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.dashboard.scene.robot_overlays import RobotOverlays
@@ -108,9 +109,7 @@ def add_ground(scene: viser.SceneApi, root: str, labels: str) -> None:
         origin_radius=0.004,
         position=(0, 0, 0.004),
     )
-    scene.add_line_segments(
-        labels, _axis_labels(), appearance.GRID_LABEL, thickness=1.5, thickness_units="screen"
-    )
+    add_lines(scene, labels, _axis_labels(), appearance.GRID_LABEL, 1.5)
 
 
 def _axis_labels() -> Array:
