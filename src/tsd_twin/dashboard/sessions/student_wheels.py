@@ -12,7 +12,6 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import (
     RPM,
     OmniDescription,
-    RobotDescription,
     SingularityDescription,
     SphereDescription,
 )
@@ -74,11 +73,6 @@ def sphere_wheels(robot: SphereDescription, twist: Array) -> list[StudentWheel]:
         )
         for i in range(drive.wheels)
     ]
-
-
-def no_wheels(_robot: RobotDescription, _twist: Array) -> list[StudentWheel]:
-    """Return an empty list, because the wheels of the robot are unknown."""
-    return []
 
 
 def pivot_velocities(at_m: Array, twist: Array) -> Array:
