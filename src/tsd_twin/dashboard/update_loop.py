@@ -27,12 +27,6 @@ class BackgroundWorker:
         self._lock = threading.Lock()
         self._waiting: dict[Hashable, Callable[[], None]] = {}
 
-    @property
-    def waiting(self) -> int:
-        """Number of tasks that wait under a key."""
-        with self._lock:
-            return len(self._waiting)
-
     def submit_latest(self, key: Hashable, work: Callable[[], None]) -> None:
         """Queue `work`; it replaces a waiting task with the same key."""
         with self._lock:

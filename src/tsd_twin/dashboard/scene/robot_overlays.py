@@ -136,16 +136,16 @@ def _commands_in_flight(
     no synchronized clocks.
     """
     recent = [one for one in sent if one.sent_s > now_s - trip_s - _SENDER_TIMEOUT_S]
-    from_world = partial(_from_world, heading)
+    to_body = partial(from_world, heading)
     return [
         PendingCommand(
-            one.sent_s - now_s + trip_s, one.twist, from_world if one.frame == ODOM else None
+            one.sent_s - now_s + trip_s, one.twist, to_body if one.frame == ODOM else None
         )
         for one in recent
     ]
 
 
-def _from_world(heading_rad: float, pose: SE2, twist: Array) -> Array:
+def from_world(heading_rad: float, pose: SE2, twist: Array) -> Array:
     """Rotate a twist from `odom` to `base_link`; poses start at `heading_rad`."""
     turn = SE2(np.array([0.0, 0.0, heading_rad + float(pose.xy_heading[2])]))
     return np.append(turn.inverse().rotate(twist[:2]), twist[2])

@@ -245,10 +245,7 @@ class SessionManager:
         finally:
             delivering.cancel()
             await asyncio.gather(delivering, return_exceptions=True)
-            await self._end(session, socket)
-
-    async def _end(self, session: Session, socket: web.WebSocketResponse) -> None:
-        await session.close()
-        self._rejected += session.rejected
-        if self._sockets.get(session.page) is socket:
-            del self._sessions[session.page], self._sockets[session.page]
+            await session.close()
+            self._rejected += session.rejected
+            if self._sockets.get(page) is socket:
+                del self._sessions[page], self._sockets[page]
