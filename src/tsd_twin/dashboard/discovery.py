@@ -24,7 +24,7 @@ from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import decode_json
 from tsd_twin.messages.topics import Service
 
-_CONNECTOR_LOG = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 MAX_PENDING_ROBOTS = 1024
 """Robots that have not answered yet; when more come, the one gives way that failed most often."""
@@ -104,7 +104,7 @@ class RobotConnector:
                 if answer is not None:
                     self._on_answer(*answer)
             except Exception:  # An error with one robot must not end the thread for others.
-                _CONNECTOR_LOG.exception("a robot cannot be met")
+                _LOG.exception("a robot cannot be met")
 
     def _next(self) -> tuple[list[tuple[str, int]], tuple[str, bytes] | None]:
         """Wait, and return the ids to query now, and a received response."""
@@ -134,8 +134,6 @@ class RobotConnector:
             turn.failures = min(turn.failures + 1, 16)
         return None
 
-
-_LOG = logging.getLogger(__name__)
 
 MOST_ROBOTS = 64
 """Robots that are shown; a bus without access rules lets made-up robots in."""

@@ -15,7 +15,7 @@ from tsd_twin.dashboard.discovery import RobotDiscovery
 from tsd_twin.dashboard.scene.scene import STALE_S, Scene
 from tsd_twin.messages.events import Event
 
-_WORKER_LOG = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 _Answer = TypeVar("_Answer")
 
 
@@ -49,10 +49,8 @@ class BackgroundWorker:
         try:
             work()
         except Exception:  # The next task belongs to another page.
-            _WORKER_LOG.exception("%s was not done", key)
+            _LOG.exception("%s was not done", key)
 
-
-_LOG = logging.getLogger(__name__)
 
 RATE_HZ = 60.0
 IDLE_PERIOD_S = 0.2

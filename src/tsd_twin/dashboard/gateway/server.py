@@ -21,7 +21,7 @@ from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quie
 from tsd_twin.dashboard.gateway.pages import STATIC, IndexPage, LoginRoutes
 from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
-from tsd_twin.dashboard.recorded.pages import RecordedPages
+from tsd_twin.dashboard.recorded.pages import RecordedPages, json_response
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.errors import TwinError
 
@@ -145,9 +145,7 @@ class HttpServer:
         body = msgspec.json.encode(
             {"ready": directory.has_live_robot(), "robots": directory.health(), "refused": refused}
         )
-        return web.Response(
-            body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
-        )
+        return json_response(body)
 
     async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
         page = await self._admit(request, request.match_info["page"])

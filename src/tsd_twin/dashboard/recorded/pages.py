@@ -74,7 +74,7 @@ class RecordedPages:
         """Answer `GET recordings` with a list as JSON."""
         async with self._listing:
             found = await asyncio.to_thread(self._catalogue.recordings)
-        body: list[dict[str, Any]] = [
+        listed: list[dict[str, Any]] = [
             {
                 "name": each.path.name,
                 "start_ms": each.start_ns // 1_000_000,
@@ -86,11 +86,7 @@ class RecordedPages:
             for each in found
             if each.robots
         ]
-        return web.Response(
-            body=msgspec.json.encode(body),
-            content_type="application/json",
-            headers={"Cache-Control": "no-store"},
-        )
+        return json_response(msgspec.json.encode(listed))
 
     async def serve_path(self, request: web.Request) -> web.StreamResponse:
         """Answer `GET recordings/<name>/path` with the paths of the robots as JSON."""
@@ -105,9 +101,7 @@ class RecordedPages:
                 body = self._paths[key]
         except (TwinError, OSError) as error:
             raise web.HTTPNotFound(text="It cannot be shown.") from error
-        return web.Response(
-            body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
-        )
+        return json_response(body)
 
     def _path(self, path: Path) -> bytes:
         """Return the paths of all robots of a recording as JSON.
@@ -203,3 +197,10 @@ class RecordedPages:
             with contextlib.suppress(Exception):  # Opening may have failed.
                 view = await opened.opening
                 await asyncio.to_thread(view.close)
+
+
+def json_response(body: bytes) -> web.Response:
+    """Return a response that no browser stores."""
+    return web.Response(
+        body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
+    )

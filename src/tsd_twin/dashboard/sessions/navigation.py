@@ -45,11 +45,11 @@ class TimedPlan:
     def is_valid(self, pose: SE2, limits_used: PlanLimits) -> bool:
         """Return whether it still starts at the robot's pose and uses the same limits."""
         off = pose.xy_heading - self.start.xy_heading
-        stands = (
+        return (
             bool(np.hypot(off[0], off[1]) < _START_TOLERANCE_M)
-            and abs(wrap(off[2])) < _START_TOLERANCE_RAD
+            and bool(abs(wrap(off[2])) < _START_TOLERANCE_RAD)
+            and limits_used == self.limits_used
         )
-        return bool(stands) and limits_used == self.limits_used
 
     def route_state(
         self,

@@ -330,17 +330,16 @@ class Session(PageSession):
         link = robot.link if robot else None
         match message.op:
             case "acquire":
-                lease_client.start_request("lease", lease_client.acquire(link, message))
+                work = lease_client.acquire(link, message)
             case "request":
-                lease_client.start_request("lease", lease_client.request(link, message))
+                work = lease_client.request(link, message)
             case "release":
-                lease_client.start_request("lease", lease_client.release())
+                work = lease_client.release()
             case "withdraw":
-                lease_client.start_request("lease", lease_client.withdraw())
+                work = lease_client.withdraw()
             case "grant" | "deny":
-                lease_client.start_request(
-                    "lease", lease_client.answer_request(message.op, message.requester)
-                )
+                work = lease_client.answer_request(message.op, message.requester)
+        lease_client.start_request("lease", work)
 
     def select_robot(self, robot_id: str) -> None:
         """Select another robot and release the lease of the previous one."""
