@@ -264,7 +264,8 @@ class LoginRoutes:
         headers = dict(self._headers)
         if wait_s > 0.0:
             whole_s = math.ceil(wait_s)
-            status, problem = 429, f"{problem}: wait {_duration(whole_s)} and try again."
+            wait = f"{whole_s} s" if whole_s < 100 else f"{math.ceil(whole_s / 60)} min"
+            status, problem = 429, f"{problem}: wait {wait} and try again."
             headers["Retry-After"] = str(whole_s)
         text = self._template
         for key, value in {
@@ -283,7 +284,3 @@ def _require_origin(request: web.Request) -> None:
     """Refuse a form without an `Origin` header; the middleware has refused foreign origins."""
     if "Origin" not in request.headers:
         raise web.HTTPForbidden(text="A form says where it comes from: send Origin.")
-
-
-def _duration(whole_s: int) -> str:
-    return f"{whole_s} s" if whole_s < 100 else f"{math.ceil(whole_s / 60)} min"

@@ -144,7 +144,8 @@ class SocketLimiter:
 
     def decide(self, data: str | bytes, now_s: float) -> LimitDecision:
         """Decide on a message from its length and first characters."""
-        kind = _kind_of(data) if isinstance(data, str) else ""
+        found = _KIND.match(data) if isinstance(data, str) else None
+        kind = "" if found is None else found[1]
         left = self._messages.take(1.0, now_s) / self._limits.messages.burst
         left = min(left, self._size.take(float(len(data)), now_s) / self._limits.size.burst)
         if left < -GRACE:
@@ -164,11 +165,6 @@ class SocketLimiter:
         return self._kinds[name]
 
 
-def _kind_of(text: str) -> str:
-    found = _KIND.match(text)
-    return "" if found is None else found[1]
-
-
 class FloodBlocklist:
     """Block list of logins and pages whose socket was closed for flooding.
 
@@ -184,10 +180,6 @@ class FloodBlocklist:
         """Block duration and end time by key."""
         self.count = 0
         """Number of sockets closed so far."""
-
-    def __len__(self) -> int:
-        """Return the number of entries."""
-        return len(self._out)
 
     def note(self, key: str, now_s: float) -> None:
         """Add a login or page whose socket flooded."""

@@ -69,7 +69,10 @@ class BatchedRobotMeshes:
         row = self._ids.index(robot_id)
         self._ids.pop(row)
         if row == 0:
-            self._clear()
+            for handle in self._handles.values():
+                handle.remove()
+            self._handles.clear()
+            self._shown.clear()
         self._bases, self._balls, self._angles = (
             np.delete(rows, row, axis=0) for rows in (self._bases, self._balls, self._angles)
         )
@@ -111,12 +114,6 @@ class BatchedRobotMeshes:
         new = self._shown.get((kind, what)) != data
         self._shown[kind, what] = data
         return new
-
-    def _clear(self) -> None:
-        for handle in self._handles.values():
-            handle.remove()
-        self._handles.clear()
-        self._shown.clear()
 
     def scales_without(self, robot_id: str | None, kind: Link) -> Array:
         """Return scales (instances of `kind`,) that hide a robot: 0 for the robot, else 1."""
