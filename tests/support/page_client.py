@@ -243,11 +243,12 @@ class Site:
         self._ended = threading.Event()
         self._deaf = threading.Event()
         self.sessions = SessionManager(
-            self.discovery,
+            self.discovery.links,
             self.released.append,
             lambda page, robot: self.chosen.append((page, robot)),
             page_scene,
         )
+        self.discovery.on_change = self.sessions.on_robots_changed
         auth = auth or AuthMiddleware(AccessSettings(allowed_hosts=["robot.example"]))
         recorded = RecordedPages(recordings, self.sessions.stop_all) if recordings else None
         self.gateway = HttpServer(self.sessions, viser_port, auth=auth, recorded=recorded)

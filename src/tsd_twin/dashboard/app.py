@@ -92,7 +92,7 @@ async def run(
         # The two know each other by callbacks only: neither waits for the other's thread.
         scene_executor = SceneExecutor(worker, scene, lambda: panels)
         sessions = SessionManager(
-            discovery,
+            discovery.links,
             on_released,
             on_chosen,
             scene_executor,
@@ -116,6 +116,7 @@ async def run(
             view_of=sessions.view_of,
         )
         scene.on_trails_cleared = sessions.on_trails_cleared
+        discovery.on_change = sessions.on_robots_changed
 
         def on_status(robot_id: str) -> None:
             loop.call_soon_threadsafe(sessions.on_status, robot_id)

@@ -159,7 +159,8 @@ class RobotDiscovery:
         self._links: dict[str, RobotMonitor] = {}
         self._fetched: queue.SimpleQueue[RobotMonitor] = queue.SimpleQueue()
         self._events: deque[tuple[str, Event]] = deque(maxlen=_EVENTS)
-        self._on_change: list[Callable[[], None]] = []
+        self.on_change: Callable[[], None] = lambda: None
+        """Called on the thread of `refresh` after robots have appeared."""
         self._named: set[str] = set()
         self._instances = Instances(bus)
         self._coming = RobotConnector(self._request_description, self._fetch_descriptions)
@@ -168,12 +169,8 @@ class RobotDiscovery:
 
     @property
     def links(self) -> MappingProxyType[str, RobotMonitor]:
-        """All robots seen so far, by id."""
+        """Live view of all robots seen so far, by id."""
         return MappingProxyType(self._links)
-
-    def on_change(self, call: Callable[[], None]) -> None:
-        """Register a callback for new robots, called on the thread of `refresh`."""
-        self._on_change.append(call)
 
     def refresh(self) -> list[str]:
         """Add robots that appeared since the last call, and return their ids."""
@@ -189,8 +186,7 @@ class RobotDiscovery:
             if before is not None:  # It was restarted, perhaps as another robot.
                 before.close()
         if came:
-            for call in self._on_change:
-                call()
+            self.on_change()
         return came
 
     def _request_description(self, robot_id: str, on_reply: TakeReply) -> None:

@@ -95,7 +95,7 @@ class RecordedSession(PageSession):
         self._marking = False
         self._told_s = 0.0
         self._map_data = MapData(
-            lambda: view.player.robots, view.scene, lambda: None, clock=lambda: view.player.t_s
+            view.player.robots, view.scene, lambda: None, clock=lambda: view.player.t_s
         )
 
     async def open(self) -> None:

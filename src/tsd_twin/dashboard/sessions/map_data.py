@@ -53,12 +53,12 @@ class MapData:
 
     def __init__(
         self,
-        links: Callable[[], Mapping[str, VisualSource]],
+        links: Mapping[str, VisualSource],
         scene: PageScene | Scene,
         on_lines: Callable[[], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`links` returns the clients of all robots; `on_lines` is called when a path has changed;
+        """`links` is a live view of all robots; `on_lines` is called when a path has changed;
         `clock` must be the clock of the states' receive times.
         """
         self._links, self._scene, self._on_lines = links, scene, on_lines
@@ -76,12 +76,6 @@ class MapData:
         """Extend the trail of a robot to a position in `odom`."""
         self._trails.setdefault(robot_id, MapTrail()).add(x_m, y_m)
 
-    def on_robots_changed(self) -> None:
-        """Remove the data of disconnected robots."""
-        for kept in (self._trails, self._routes):
-            for robot_id in kept.keys() - self._links().keys():
-                del kept[robot_id]
-
     def clear_trails(self) -> None:
         """Clear the trails of all robots."""
         for trail in self._trails.values():
@@ -91,7 +85,7 @@ class MapData:
         """Return the moving elements of the map; the page shows robot `shown`."""
         now_s = self._clock()
         robots: list[MapRobot] = []
-        for robot_id, link in self._links().items():
+        for robot_id, link in self._links.items():
             if (pose := self._pose(robot_id)) is None:
                 continue
             x, y, heading = (round(float(number), 4) for number in pose)
@@ -107,7 +101,7 @@ class MapData:
         return MapLines(routes=self._routes, trails=points if trails else None)
 
     def _pose(self, robot_id: str) -> Array | None:
-        link = self._links().get(robot_id)
+        link = self._links.get(robot_id)
         if link is None or link.snapshot.odom is None or link.kinematics.pose_type is not SE2:
             return None
         return link.snapshot.odom.xy_heading

@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Protocol
 
 from tsd_twin.client import procedures
 from tsd_twin.client.monitor import RobotMonitor, Snapshot
@@ -61,19 +60,6 @@ _IDLE_PINGS = 4
 """Ping interval while no page is open, in periods."""
 
 
-class RobotClients(Protocol):
-    """Robot clients by id, with a change notification."""
-
-    @property
-    def links(self) -> Mapping[str, RobotMonitor]:
-        """Clients of all robots, by id."""
-        ...
-
-    def on_change(self, call: Callable[[], None]) -> None:
-        """Register a callback for added or removed robots; it may run on any thread."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownRobot:
     """Robot with everything that is derived from its messages."""
@@ -92,9 +78,12 @@ class RobotDirectory:
     """All robots with their latest states and events; event loop only."""
 
     def __init__(
-        self, discovery: RobotClients, executor: RpcExecutor, roster: RobotRoster | None = None
+        self,
+        links: Mapping[str, RobotMonitor],
+        executor: RpcExecutor,
+        roster: RobotRoster | None = None,
     ) -> None:
-        self._discovery = discovery
+        self._links = links
         self._executor = executor
         self._roster = roster or RobotRoster()
         self._robots: dict[str, KnownRobot] = {}
@@ -104,7 +93,7 @@ class RobotDirectory:
 
     def robot_names(self) -> list[RobotName]:
         """Return the entries of the robot menu; a new page selects the first."""
-        links, roster = self._discovery.links, self._roster
+        links, roster = self._links, self._roster
         return [
             RobotName(
                 id=robot_id,
@@ -116,7 +105,7 @@ class RobotDirectory:
 
     def robot(self, robot_id: str | None) -> KnownRobot | None:
         """Return a robot; a new object after the robot has restarted."""
-        link = self._discovery.links.get(robot_id) if robot_id is not None else None
+        link = self._links.get(robot_id) if robot_id is not None else None
         if link is None:
             return None
         known = self._robots.get(link.id)
@@ -164,7 +153,7 @@ class RobotDirectory:
     def health(self) -> dict[str, dict[str, str | float | None]]:
         """Return the mode and state age of each robot; null before its first status."""
         health: dict[str, dict[str, str | float | None]] = {}
-        for robot_id, link in list(self._discovery.links.items()):
+        for robot_id, link in list(self._links.items()):
             status, age_s = link.snapshot.status, _state_age_s(link)
             health[robot_id] = {
                 "mode": status.mode if status else None,
@@ -174,9 +163,7 @@ class RobotDirectory:
 
     def has_live_robot(self) -> bool:
         """Return whether a robot has sent a state recently."""
-        return any(
-            _state_age_s(link) < LIVE_TIMEOUT_S for link in list(self._discovery.links.values())
-        )
+        return any(_state_age_s(link) < LIVE_TIMEOUT_S for link in list(self._links.values()))
 
     def note_status(self, robot_id: str) -> None:
         """Record the latest state in the robot's history, and the time of its last mode change."""
@@ -192,7 +179,7 @@ class RobotDirectory:
         These are all live robots if the page shows a recording or no robot. Replays cannot be
         stopped.
         """
-        links = list(self._discovery.links.values())
+        links = list(self._links.values())
         shown = [link for link in links if link.id == robot_id and not link.is_recording]
         return shown or [link for link in links if not link.is_recording]
 
@@ -207,7 +194,7 @@ class RobotDirectory:
                 continue
             self._measuring = {task for task in self._measuring if not task.done()}
             busy = {task.get_name() for task in self._measuring}
-            for link in list(self._discovery.links.values()):
+            for link in list(self._links.values()):
                 answers = not link.has_duplicate and _state_age_s(link) < LIVE_TIMEOUT_S
                 if answers and link.id not in busy:
                     self._measuring.add(asyncio.create_task(self._measure(link), name=link.id))
