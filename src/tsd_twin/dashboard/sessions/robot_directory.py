@@ -95,11 +95,7 @@ class RobotDirectory:
         """Return the entries of the robot menu; a new page selects the first."""
         links, roster = self._links, self._roster
         return [
-            RobotName(
-                id=robot_id,
-                title=links[robot_id].robot.title,
-                colour=roster.css_colour(robot_id),
-            )
+            RobotName(robot_id, links[robot_id].robot.title, roster.css_colour(robot_id))
             for robot_id in roster.in_order(links)
         ]
 

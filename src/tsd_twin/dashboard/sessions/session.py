@@ -56,7 +56,7 @@ from tsd_twin.dashboard.wire.to_page import (
     encode_message,
 )
 from tsd_twin.dashboard.wire.view import ViewSettings
-from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import why_of
 from tsd_twin.messages.errors import MessageError, rejection
 from tsd_twin.messages.events import Event
@@ -425,7 +425,16 @@ class Session(PageSession):
 
     def send_event(self, event: Event, *, past: bool = False, age_s: float = 0.0) -> None:
         """Send an event of the selected robot."""
-        self._send(RobotEvent.of(event, past=past, age_s=age_s))
+        self._send(
+            RobotEvent(
+                kind=event.kind,
+                text=event.text,
+                why=why_of(event) or Reason(event.kind),
+                robot_s=round(event.robot_s, 3),
+                past=past,
+                age_s=round(age_s, 3),
+            )
+        )
 
     def _send_robot(self) -> None:
         robot = self._directory.robot(self.robot_id)
