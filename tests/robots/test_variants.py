@@ -32,17 +32,15 @@ def changes(draw: st.DrawFn) -> tuple[str, dict[str, float]]:
     base = draw(st.sampled_from(robot_names()))
     knobs = knobs_of(base_robot(base))
     keys = draw(st.lists(st.sampled_from(sorted(knobs)), unique=True, max_size=6))
-    return base, {
-        key: draw(st.floats(knobs[key][0].least, knobs[key][0].most)) + 0.0 for key in keys
-    }
+    return base, {key: draw(st.floats(knobs[key].least, knobs[key].most)) + 0.0 for key in keys}
 
 
 @pytest.mark.parametrize("base", robot_names())
 def test_every_shipped_robot_is_within_the_ranges_of_its_knobs(base: str) -> None:
     knobs = knobs_of(base_robot(base))
     assert len(knobs) >= 4
-    assert variant(base, {key: value for key, (_, _, value) in knobs.items()}) == load_robot(base)
-    assert len({label for _, label, _ in knobs.values()}) == len(knobs)
+    assert variant(base, {key: knob.value for key, knob in knobs.items()}) == load_robot(base)
+    assert len({knob.label for knob in knobs.values()}) == len(knobs)
 
 
 @calm
@@ -73,8 +71,8 @@ def test_only_the_turned_knobs_change(chosen: tuple[str, dict[str, float]]) -> N
     except RobotFileError:
         return
     before = knobs_of(base_robot(base))
-    assert {key: value for key, (_, _, value) in after.items()} == {
-        key: turned.get(key, value) for key, (_, _, value) in before.items()
+    assert {key: knob.value for key, knob in after.items()} == {
+        key: turned.get(key, knob.value) for key, knob in before.items()
     }
 
 

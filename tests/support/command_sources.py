@@ -7,7 +7,7 @@ import contextlib
 import json
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any, ClassVar, cast
 
@@ -159,22 +159,12 @@ class _Socket:
         """It has no other end."""
 
 
-class _Links:
-    """The robot of a dashboard."""
-
-    def __init__(self, link: RobotMonitor) -> None:
-        self.links = {link.id: link}
-
-    def on_change(self, call: Callable[[], None]) -> None:
-        """None comes or goes."""
-
-
 class PageSource(CommandSource):
     """A page of the dashboard: its session, lease client and dead-man switch."""
 
     async def open(self) -> None:
         self._link = RobotMonitor(self.open_bus(), self.robot.id)
-        self._manager = SessionManager(_Links(self._link))
+        self._manager = SessionManager({self._link.id: self._link})
         self._manager.open()
         self._socket, self._inbox = _Socket(), asyncio.Queue[WSMessage]()
         self._tasks = [asyncio.create_task(self._poll()), asyncio.create_task(self._beat())]

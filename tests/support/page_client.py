@@ -23,7 +23,7 @@ from tsd_twin.dashboard.discovery import RobotDiscovery
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.server import HttpServer
 from tsd_twin.dashboard.recorded.pages import RecordedPages
-from tsd_twin.dashboard.scene.picking import DashboardScene
+from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import Description
@@ -232,7 +232,7 @@ class Site:
         bus: Bus,
         viser_port: int,
         auth: AuthMiddleware | None,
-        page_scene: DashboardScene | None = None,
+        page_scene: PageScene | None = None,
         recordings: Path | None = None,
     ) -> None:
         self.released: list[str] = []
@@ -243,11 +243,12 @@ class Site:
         self._ended = threading.Event()
         self._deaf = threading.Event()
         self.sessions = SessionManager(
-            self.discovery,
+            self.discovery.links,
             self.released.append,
             lambda page, robot: self.chosen.append((page, robot)),
             page_scene,
         )
+        self.discovery.on_change = self.sessions.on_robots_changed
         auth = auth or AuthMiddleware(AccessSettings(allowed_hosts=["robot.example"]))
         recorded = RecordedPages(recordings, self.sessions.stop_all) if recordings else None
         self.gateway = HttpServer(self.sessions, viser_port, auth=auth, recorded=recorded)
@@ -336,7 +337,7 @@ def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
 def site(
     viser_port: int = 1,
     auth: AuthMiddleware | None = None,
-    page_scene: DashboardScene | None = None,
+    page_scene: PageScene | None = None,
     recordings: Path | None = None,
 ) -> Generator[Site]:
     """A robot and a gateway; without a viser unless a port is given, and without a scene."""

@@ -19,6 +19,7 @@ from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.dashboard.update_loop import BackgroundWorker, UpdateLoop
@@ -91,7 +92,7 @@ async def run(
         # The two know each other by callbacks only: neither waits for the other's thread.
         scene_executor = SceneExecutor(worker, scene, lambda: panels)
         sessions = SessionManager(
-            discovery,
+            discovery.links,
             on_released,
             on_chosen,
             scene_executor,
@@ -115,6 +116,7 @@ async def run(
             view_of=sessions.view_of,
         )
         scene.on_trails_cleared = sessions.on_trails_cleared
+        discovery.on_change = sessions.on_robots_changed
 
         def on_status(robot_id: str) -> None:
             loop.call_soon_threadsafe(sessions.on_status, robot_id)
@@ -151,7 +153,7 @@ async def run(
         server.stop()
 
 
-class SceneExecutor:
+class SceneExecutor(PageScene):
     """Scene operations of pages, run one after the other on a thread off the event loop."""
 
     def __init__(

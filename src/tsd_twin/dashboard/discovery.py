@@ -24,7 +24,7 @@ from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import decode_json
 from tsd_twin.messages.topics import Service
 
-_CONNECTOR_LOG = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 MAX_PENDING_ROBOTS = 1024
 """Robots that have not answered yet; when more come, the one gives way that failed most often."""
@@ -104,7 +104,7 @@ class RobotConnector:
                 if answer is not None:
                     self._on_answer(*answer)
             except Exception:  # An error with one robot must not end the thread for others.
-                _CONNECTOR_LOG.exception("a robot cannot be met")
+                _LOG.exception("a robot cannot be met")
 
     def _next(self) -> tuple[list[tuple[str, int]], tuple[str, bytes] | None]:
         """Wait, and return the ids to query now, and a received response."""
@@ -135,8 +135,6 @@ class RobotConnector:
         return None
 
 
-_LOG = logging.getLogger(__name__)
-
 MOST_ROBOTS = 64
 """Robots that are shown; a bus without access rules lets made-up robots in."""
 _NAMED = 256
@@ -161,7 +159,8 @@ class RobotDiscovery:
         self._links: dict[str, RobotMonitor] = {}
         self._fetched: queue.SimpleQueue[RobotMonitor] = queue.SimpleQueue()
         self._events: deque[tuple[str, Event]] = deque(maxlen=_EVENTS)
-        self._on_change: list[Callable[[], None]] = []
+        self.on_change: Callable[[], None] = lambda: None
+        """Called on the thread of `refresh` after robots have appeared."""
         self._named: set[str] = set()
         self._instances = Instances(bus)
         self._coming = RobotConnector(self._request_description, self._fetch_descriptions)
@@ -170,12 +169,8 @@ class RobotDiscovery:
 
     @property
     def links(self) -> MappingProxyType[str, RobotMonitor]:
-        """All robots seen so far, by id."""
+        """Live view of all robots seen so far, by id."""
         return MappingProxyType(self._links)
-
-    def on_change(self, call: Callable[[], None]) -> None:
-        """Register a callback for new robots, called on the thread of `refresh`."""
-        self._on_change.append(call)
 
     def refresh(self) -> list[str]:
         """Add robots that appeared since the last call, and return their ids."""
@@ -191,8 +186,7 @@ class RobotDiscovery:
             if before is not None:  # It was restarted, perhaps as another robot.
                 before.close()
         if came:
-            for call in self._on_change:
-                call()
+            self.on_change()
         return came
 
     def _request_description(self, robot_id: str, on_reply: TakeReply) -> None:

@@ -8,13 +8,14 @@ import threading
 import time
 from collections.abc import Callable, Hashable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.discovery import RobotDiscovery
+from tsd_twin.dashboard.scene.scene import STALE_S, Scene
 from tsd_twin.messages.events import Event
 
-_WORKER_LOG = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 _Answer = TypeVar("_Answer")
 
 
@@ -25,12 +26,6 @@ class BackgroundWorker:
         self._pool = ThreadPoolExecutor(1, name)
         self._lock = threading.Lock()
         self._waiting: dict[Hashable, Callable[[], None]] = {}
-
-    @property
-    def waiting(self) -> int:
-        """Number of tasks that wait under a key."""
-        with self._lock:
-            return len(self._waiting)
 
     def submit_latest(self, key: Hashable, work: Callable[[], None]) -> None:
         """Queue `work`; it replaces a waiting task with the same key."""
@@ -54,34 +49,14 @@ class BackgroundWorker:
         try:
             work()
         except Exception:  # The next task belongs to another page.
-            _WORKER_LOG.exception("%s was not done", key)
+            _LOG.exception("%s was not done", key)
 
-
-_LOG = logging.getLogger(__name__)
 
 RATE_HZ = 60.0
-STALE_S = 0.3
-"""An older state must not look live."""
 IDLE_PERIOD_S = 0.2
 """Time between two polls of the statuses while no page is open."""
 IDLE_TIMEOUT_S = 10.0
 """The picture goes on for so long after the last page has closed: a page that reloads finds it."""
-
-
-class RobotDisplay(Protocol):
-    """Interface of a display of robots, such as the scene."""
-
-    def add(self, link: RobotMonitor) -> None:
-        """Add a robot."""
-        ...
-
-    def draw(self) -> None:
-        """Draw all changes."""
-        ...
-
-    def set_stale(self, robot_id: str, stale: bool) -> None:
-        """Show a robot as stale, or as live."""
-        ...
 
 
 class UpdateLoop:
@@ -92,7 +67,7 @@ class UpdateLoop:
     def __init__(
         self,
         discovery: RobotDiscovery,
-        display: RobotDisplay,
+        scene: Scene,
         on_status: Callable[[str], None],
         on_event: Callable[[str, Event], None],
         is_watched: Callable[[], bool] = lambda: True,
@@ -102,7 +77,7 @@ class UpdateLoop:
         `is_watched` says whether a page is open; call `wake` when one opens.
         """
         self._discovery = discovery
-        self._display = display
+        self._scene = scene
         self._on_status = on_status
         self._on_event = on_event
         self._is_watched = is_watched
@@ -133,7 +108,7 @@ class UpdateLoop:
 
     def _add(self, link: RobotMonitor) -> None:
         try:
-            self._display.add(link)
+            self._scene.add(link)
         except Exception:  # Descriptions come from the bus; the others are drawn all the same.
             _LOG.exception("robot %s cannot be drawn", link.id)
         self._stale.pop(link.id, None)  # A new robot in the scene looks live.
@@ -159,6 +134,6 @@ class UpdateLoop:
             stale = now_s - link.snapshot.received_s > STALE_S
             if stale is not self._stale.get(robot_id):
                 self._stale[robot_id] = stale
-                self._display.set_stale(robot_id, stale)
+                self._scene.set_stale(robot_id, stale)
         if self._active:
-            self._display.draw()
+            self._scene.draw()

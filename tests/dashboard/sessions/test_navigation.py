@@ -21,8 +21,7 @@ from tsd_twin import robots
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.picking import (
     MAX_DISTANCE_M,
-    CameraPose,
-    EmptyPageScene,
+    PageScene,
     floor_points,
 )
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
@@ -305,7 +304,10 @@ class Desk:
     def __init__(self) -> None:
         self.feed = RobotFeed(robot=robots.load_robot("tsd"))
         self.answers: list[ActionReply] = []
-        self.going = NavigationSession("page", RpcExecutor(), EmptyPageScene(), self.answers.append)
+        scene = PageScene()
+        self.going = NavigationSession(
+            "page", RpcExecutor(), scene.pick_floor, scene.show_route, self.answers.append
+        )
         self.say(0.0, 100.0)
 
     def step(self, number: int, now_s: float, feed: RobotFeed | None = None) -> ExecutionStep:
@@ -482,7 +484,7 @@ def test_the_place_that_is_seen_somewhere_is_found_there(
     x, y, z = frame.T @ (target - position)
     height = 2.0 * math.tan(0.5 * view_rad)
     share = np.array([[0.5 + x / z / (height * aspect), 0.5 + y / z / height]])
-    met = floor_points(CameraPose(position, quaternion(frame), view_rad, aspect), share)
+    met = floor_points(position, quaternion(frame), view_rad, aspect, share)
     np.testing.assert_allclose(met, [place], atol=1e-6)
 
 
@@ -506,17 +508,17 @@ def test_a_line_that_leaves_the_floor_ends_there_and_what_is_no_camera_shows_non
     level = np.array([math.sqrt(0.5), -math.sqrt(0.5), 0.0, 0.0])
     shares = np.array([[0.5, 0.9], [0.5, 0.6], [0.5, 0.4], [0.5, 0.9]])
     above = np.array([0.0, 0.0, 1.0])
-    assert len(floor_points(CameraPose(above, down, 0.8, 1.5), shares)) == 4
-    met = floor_points(CameraPose(above, level, 0.8, 1.5), shares)
+    assert len(floor_points(above, down, 0.8, 1.5, shares)) == 4
+    met = floor_points(above, level, 0.8, 1.5, shares)
     assert len(met) == 2
     assert (np.hypot(*met.T) < MAX_DISTANCE_M).all()
     for eye in (
-        CameraPose(np.array([0.0, broken, 1.0]), down, 0.8, 1.5),
-        CameraPose(above, np.full(4, broken), 0.8, 1.5),
-        CameraPose(above, down, broken, 1.5),
-        CameraPose(above, down, 0.8, broken),
+        (np.array([0.0, broken, 1.0]), down, 0.8, 1.5),
+        (above, np.full(4, broken), 0.8, 1.5),
+        (above, down, broken, 1.5),
+        (above, down, 0.8, broken),
     ):
-        assert len(floor_points(eye, shares)) == 0
+        assert len(floor_points(*eye, shares)) == 0
 
 
 LOOSE = because(Code.HARDWARE, text="the wheels are loose")

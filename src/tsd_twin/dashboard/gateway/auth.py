@@ -94,10 +94,10 @@ def resolve_client_address(
 
 def is_proxy(peer: str, proxy: str | None) -> bool:
     """Return whether a peer is the proxy, or might be, because it is on the dashboard's machine."""
-    return proxy is not None and (is_loopback(peer) or _is_same_address(peer, proxy))
-
-
-def _is_same_address(peer: str, proxy: str) -> bool:
+    if proxy is None:
+        return False
+    if is_loopback(peer):
+        return True
     try:
         return _parse_address(peer) == _parse_address(proxy)
     except ValueError:
@@ -123,8 +123,10 @@ def _parse_address(address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Addres
 
 LOGGED_OUT_CODE = 4401
 """Close code of a socket whose login has ended; codes from 4000 are for applications."""
-_PRINCIPAL = web.RequestKey("_PRINCIPAL", Principal)
-_CLIENT_ADDRESS = web.RequestKey("_CLIENT_ADDRESS", ClientAddress)
+PRINCIPAL = web.RequestKey("PRINCIPAL", Principal)
+"""Principal of a request, missing before a login."""
+CLIENT_ADDRESS = web.RequestKey("CLIENT_ADDRESS", ClientAddress)
+"""Client address of a request."""
 _LOGIN_PATH = "/login"
 _EXPIRY_CHECK_S = 1.0
 _CLOSE_TIMEOUT_S = 1.0
@@ -219,10 +221,10 @@ class AuthMiddleware:
         )
         if reason is not None:
             raise web.HTTPForbidden(text=reason)
-        request[_CLIENT_ADDRESS] = client
+        request[CLIENT_ADDRESS] = client
         principal = self.principal_of_request(request)
         if principal is not None:
-            request[_PRINCIPAL] = principal
+            request[PRINCIPAL] = principal
         elif request.path == "/" and request.method == "GET":
             raise web.HTTPFound(_LOGIN_PATH[1:])  # Relative: a proxy may add a prefix.
         elif request.path != _LOGIN_PATH:
@@ -269,21 +271,6 @@ class AuthMiddleware:
             for login_id in list(self._sockets):
                 if not self.logins.is_open(login_id):
                     await self.end_login(login_id)
-
-
-def principal_of(request: web.Request) -> Principal:
-    """Return the principal of an authenticated request."""
-    return request[_PRINCIPAL]
-
-
-def principal_or_none(request: web.Request) -> Principal | None:
-    """Return the principal of a request, or None if a login is required."""
-    return request.get(_PRINCIPAL)
-
-
-def client_address_of(request: web.Request) -> ClientAddress:
-    """Return the client address of an authenticated request."""
-    return request[_CLIENT_ADDRESS]
 
 
 async def _close_socket(socket: web.WebSocketResponse) -> None:

@@ -22,7 +22,7 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 
-from tsd_twin.dashboard.gateway.auth import principal_or_none, subscriber_network
+from tsd_twin.dashboard.gateway.auth import PRINCIPAL, subscriber_network
 
 _SWEEP_S = 0.5
 _BACKLOG = 1024
@@ -77,7 +77,8 @@ class _Connection(asyncio.Protocol):
         """Time when it was accepted or its last request was answered."""
         self.handshake: asyncio.Task[Any] | None = None
         self._transport: asyncio.Transport | None = None
-        self._exceeds: Callable[[int], bool] | None = None
+        self.exceeds: Callable[[int], bool] | None = None
+        """Drops the connection once it returns True for the number of received bytes."""
         self._wrapped = inner
         self._on_lost = on_lost
         self._stalled: tuple[int, float] | None = None
@@ -89,7 +90,7 @@ class _Connection(asyncio.Protocol):
         self._wrapped.connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
-        if self._exceeds is not None and self._exceeds(len(data)):
+        if self.exceeds is not None and self.exceeds(len(data)):
             self.drop()
         else:
             self._wrapped.data_received(data)
@@ -108,12 +109,6 @@ class _Connection(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._on_lost(self)
         self._wrapped.connection_lost(exc)
-
-    def limit_bytes(self, exceeds: Callable[[int], bool]) -> None:
-        """Drop the connection once `exceeds`, called with the number of received bytes, returns
-        True.
-        """
-        self._exceeds = exceeds
 
     # Timeouts.
 
@@ -217,7 +212,7 @@ class ConnectionLimiter:
     async def admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Count an authenticated request, or refuse it if its user has too many connections."""
         connection = _connection_of(request)
-        principal = principal_or_none(request)
+        principal = request.get(PRINCIPAL)
         if principal is not None:
             user = principal.user or ""
             if connection.user != user:
@@ -339,7 +334,7 @@ def limit_bytes(request: web.Request, exceeds: Callable[[int], bool]) -> None:
 
     Frames that never complete a message, such as endless fragments, do not reach a handler.
     """
-    _connection_of(request).limit_bytes(exceeds)
+    _connection_of(request).exceeds = exceeds
 
 
 def _connection_of(request: web.Request) -> _Connection:

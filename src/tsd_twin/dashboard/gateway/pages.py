@@ -17,9 +17,9 @@ from urllib.parse import parse_qsl
 import viser
 from aiohttp import web
 
-from tsd_twin.dashboard.gateway.auth import HEADERS, AuthMiddleware, client_address_of, principal_of
+from tsd_twin.dashboard.gateway.auth import CLIENT_ADDRESS, HEADERS, PRINCIPAL, AuthMiddleware
 from tsd_twin.errors import TwinError
-from tsd_twin.security.users import User
+from tsd_twin.security.users import User, Users
 
 STATIC = Path(__file__).parents[1] / "static"
 """Scripts and styles of the dashboard."""
@@ -195,7 +195,7 @@ class LoginRoutes:
         users = self._auth.rules.users
         if users is None:
             raise web.HTTPSeeOther(_HOME)
-        address = client_address_of(request).address
+        address = request[CLIENT_ADDRESS].address
         try:
             name, password = await name_and_password(request)
         except LoginFormError as error:
@@ -214,16 +214,13 @@ class LoginRoutes:
         wait_s = self._auth.logins.wait_s(address, name, time.monotonic())
         if wait_s > 0.0:
             return self._page(_TOO_MANY, name, wait_s=wait_s)
-        user = await self._check(name, password)
+        user = await self._check(users, name, password)
         if user is None:
             return self._page("Name or password is wrong.", name, status=401)
         self._auth.logins.right(address, name)
         return await self._start_session(request, user)
 
-    async def _check(self, name: str, password: str) -> User | None:
-        users = self._auth.rules.users
-        if users is None:
-            return None
+    async def _check(self, users: Users, name: str, password: str) -> User | None:
         self._pending_checks += 1
         try:
             loop = asyncio.get_running_loop()
@@ -235,7 +232,7 @@ class LoginRoutes:
         before = self._auth.principal_of_request(request)
         if before is not None and before.key is not None:
             await self._auth.end_login(before.key)
-        client = client_address_of(request)
+        client = request[CLIENT_ADDRESS]
         response = web.Response(status=303, headers={"Location": _HOME})
         response.set_cookie(
             self._auth.cookie,
@@ -249,11 +246,11 @@ class LoginRoutes:
 
     async def _log_out(self, request: web.Request) -> web.StreamResponse:
         _require_origin(request)
-        key = principal_of(request).key
+        key = request[PRINCIPAL].key
         if key is not None:
             await self._auth.end_login(key)
         response = web.Response(status=303, headers={"Location": "login"})
-        response.del_cookie(self._auth.cookie, path=client_address_of(request).path)
+        response.del_cookie(self._auth.cookie, path=request[CLIENT_ADDRESS].path)
         return response
 
     def _last(self, response: web.Response) -> web.Response:
@@ -267,7 +264,8 @@ class LoginRoutes:
         headers = dict(self._headers)
         if wait_s > 0.0:
             whole_s = math.ceil(wait_s)
-            status, problem = 429, f"{problem}: wait {_duration(whole_s)} and try again."
+            wait = f"{whole_s} s" if whole_s < 100 else f"{math.ceil(whole_s / 60)} min"
+            status, problem = 429, f"{problem}: wait {wait} and try again."
             headers["Retry-After"] = str(whole_s)
         text = self._template
         for key, value in {
@@ -286,7 +284,3 @@ def _require_origin(request: web.Request) -> None:
     """Refuse a form without an `Origin` header; the middleware has refused foreign origins."""
     if "Origin" not in request.headers:
         raise web.HTTPForbidden(text="A form says where it comes from: send Origin.")
-
-
-def _duration(whole_s: int) -> str:
-    return f"{whole_s} s" if whole_s < 100 else f"{math.ceil(whole_s / 60)} min"

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from typing import cast
+from collections.abc import Callable, Coroutine
+from functools import partial
+from typing import Any, cast
 
 import msgspec
 from aiohttp import web
 
 from tsd_twin.dashboard.gateway.auth import (
     HEADERS,
+    PRINCIPAL,
     AccessSettings,
     AuthMiddleware,
     is_proxy,
-    principal_of,
 )
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quiet_log
 from tsd_twin.dashboard.gateway.pages import STATIC, IndexPage, LoginRoutes
 from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
-from tsd_twin.dashboard.recorded.pages import RecordedPages
-from tsd_twin.dashboard.recorded.view import RecordedView
-from tsd_twin.dashboard.sessions.principal import Principal
+from tsd_twin.dashboard.recorded.pages import RecordedPages, json_response
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.errors import TwinError
 
@@ -93,7 +92,7 @@ class HttpServer:
         else:
             app.router.add_get("/recordings", self._recorded.serve_list)
             app.router.add_get("/recordings/{name}/path", self._recorded.serve_path)
-            app.router.add_get("/recorded/{name}/{page}", self._serve_recorded_viser)
+            app.router.add_get("/recorded/{name}/{page}", self._serve_viser)
         self._login_routes.add_to(app.router)
         app.router.add_static("/static", STATIC)
         runner = web.AppRunner(
@@ -146,53 +145,35 @@ class HttpServer:
         body = msgspec.json.encode(
             {"ready": directory.has_live_robot(), "robots": directory.health(), "refused": refused}
         )
-        return web.Response(
-            body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
-        )
+        return json_response(body)
 
     async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
-        page, principal = self._page_of(request, request.match_info["page"]), principal_of(request)
-        await self._reader.admit(request, principal.key or page)
-        return await self._proxy.serve(
-            request, page, principal, lambda socket: self._auth.close_on_logout(principal, socket)
-        )
-
-    async def _serve_recorded_viser(self, request: web.Request) -> web.StreamResponse:
+        page = await self._admit(request, request.match_info["page"])
+        name, principal = request.match_info.get("name"), request[PRINCIPAL]
+        holding = partial(self._auth.close_on_logout, principal)
+        if name is None:
+            return await self._proxy.serve(request, page, principal, holding)
         assert self._recorded is not None  # noqa: S101  Or there is no such route.
-        page, principal = self._page_of(request, request.match_info["page"]), principal_of(request)
-        await self._reader.admit(request, principal.key or page)
-        async with self._recorded.view(page, request.match_info["name"], principal) as view:
-            return await self._proxy.serve(
-                request,
-                page,
-                principal,
-                lambda socket: self._auth.close_on_logout(principal, socket),
-                port=view.viser_port,
-            )
+        async with self._recorded.view(page, name, principal) as view:
+            return await self._proxy.serve(request, page, principal, holding, port=view.viser_port)
 
     async def _serve_page_socket(self, request: web.Request) -> web.StreamResponse:
-        page, principal = (
-            self._page_of(request, request.query.get("page", "")),
-            principal_of(request),
-        )
-        key = principal.key or page
-        await self._reader.admit(request, key)
+        page = await self._admit(request, request.query.get("page", ""))
         recording = request.query.get("recording")
         if recording is None:
-            return await self._run_page(request, page, principal, key, None)
+            return await self._run_page(request, page, self.sessions.run_session)
         if self._recorded is None:
             raise web.HTTPNotFound(text="This dashboard shows no recordings.")
-        async with self._recorded.view(page, recording, principal) as view:
-            return await self._run_page(request, page, principal, key, view)
+        async with self._recorded.view(page, recording, request[PRINCIPAL]) as view:
+            return await self._run_page(request, page, partial(self._recorded.run_session, view))
 
     async def _run_page(
         self,
         request: web.Request,
         page: str,
-        principal: Principal,
-        key: str,
-        view: RecordedView | None,
+        run: Callable[..., Coroutine[Any, Any, None]],
     ) -> web.StreamResponse:
+        principal = request[PRINCIPAL]
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT_S,
             compress=False,
@@ -201,25 +182,21 @@ class HttpServer:
             autoping=False,
         )
         await socket.prepare(request)
-        messages = self._reader.messages(request, socket, TELEOP, key)
+        messages = self._reader.messages(request, socket, TELEOP, principal.key or page)
         holding = self._auth.close_on_logout(principal, socket)
         name = request.query.get("name", "")
-        if view is None or self._recorded is None:
-            await self.sessions.run_session(page, principal, socket, messages, holding, name=name)
-        else:
-            await self._recorded.run_session(
-                page, view, principal, socket, messages, holding, name=name
-            )
+        await run(page, principal, socket, messages, holding, name=name)
         await self._reader.close_cut_off(request, socket)
         return socket
 
-    def _page_of(self, request: web.Request, page: str) -> str:
-        """Return the page id of a socket; refuse an invalid id or another login's page."""
+    async def _admit(self, request: web.Request, page: str) -> str:
+        """Return the page id of a socket; refuse an invalid id, another login's page or a flood."""
         if not PAGE_ID.fullmatch(page):
             raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
-        owner = self.sessions.principal_of(page)
-        if owner is not None and owner.key != principal_of(request).key:
+        owner, key = self.sessions.principal_of(page), request[PRINCIPAL].key
+        if owner is not None and owner.key != key:
             raise web.HTTPForbidden(text="This page belongs to another login.")
+        await self._reader.admit(request, key or page)
         return page
 
 

@@ -144,7 +144,8 @@ class SocketLimiter:
 
     def decide(self, data: str | bytes, now_s: float) -> LimitDecision:
         """Decide on a message from its length and first characters."""
-        kind = _kind_of(data) if isinstance(data, str) else ""
+        found = _KIND.match(data) if isinstance(data, str) else None
+        kind = "" if found is None else found[1]
         left = self._messages.take(1.0, now_s) / self._limits.messages.burst
         left = min(left, self._size.take(float(len(data)), now_s) / self._limits.size.burst)
         if left < -GRACE:
@@ -164,11 +165,6 @@ class SocketLimiter:
         return self._kinds[name]
 
 
-def _kind_of(text: str) -> str:
-    found = _KIND.match(text)
-    return "" if found is None else found[1]
-
-
 class FloodBlocklist:
     """Block list of logins and pages whose socket was closed for flooding.
 
@@ -184,10 +180,6 @@ class FloodBlocklist:
         """Block duration and end time by key."""
         self.count = 0
         """Number of sockets closed so far."""
-
-    def __len__(self) -> int:
-        """Return the number of entries."""
-        return len(self._out)
 
     def note(self, key: str, now_s: float) -> None:
         """Add a login or page whose socket flooded."""
@@ -221,6 +213,8 @@ _GOODBYE_S = 0.2
 _REFUSED_AFTER_S = 1.0
 _REFUSING = 100
 """Maximum number of delayed refusals; further ones are sent immediately."""
+_HUNG_UP = web.RequestKey("_HUNG_UP", bool)
+"""Whether the request's socket was closed for flooding."""
 _ENDS = (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED, WSMsgType.ERROR)
 
 
@@ -253,7 +247,8 @@ class SocketReader:
                 text=f"Too many messages came from here: wait {wait_s:.0f} s.",
                 headers={"Retry-After": str(int(wait_s) + 1)},
             )
-        limit_receive_buffer(request)
+        # Parsing much data at once delays other sockets.
+        limit_buffer(request.get_extra_info("socket"), sockets.SO_RCVBUF, _RECEIVE_BYTES)
 
     async def messages(
         self, request: web.Request, socket: web.WebSocketResponse, limits: SocketLimits, key: str
@@ -288,7 +283,7 @@ class SocketReader:
             decision = limiter.decide(data, now_s)
             if decision is LimitDecision.CUT:
                 self._note(key)
-                stop_reading(request)
+                _stop_reading(request)
                 return
             if decision is LimitDecision.DROP:
                 self.dropped += 1
@@ -306,7 +301,7 @@ class SocketReader:
     async def close_cut_off(self, request: web.Request, socket: web.WebSocketResponse) -> None:
         """Close a flooding socket with code and reason, without reading further."""
         transport = request.transport
-        if not is_cut_off(request) or transport is None:
+        if not request.get(_HUNG_UP, False) or transport is None:
             return
         payload = POLICY_VIOLATION.to_bytes(2, "big") + TOO_MUCH.encode()
         try:
@@ -319,26 +314,13 @@ class SocketReader:
             transport.abort()
 
 
-_HUNG_UP = web.RequestKey("_HUNG_UP", bool)
-
-
-def stop_reading(request: web.Request) -> None:
-    """Stop reading from the connection of a request."""
+def _stop_reading(request: web.Request) -> None:
     request[_HUNG_UP] = True
-    transport = request.transport
-    if isinstance(transport, asyncio.ReadTransport):
-        transport.pause_reading()
+    if isinstance(request.transport, asyncio.ReadTransport):
+        request.transport.pause_reading()
 
 
-def is_cut_off(request: web.Request) -> bool:
-    """Return whether the request's socket was closed for flooding."""
-    return request.get(_HUNG_UP, False)
-
-
-def limit_receive_buffer(request: web.Request) -> None:
-    """Reduce the receive buffer of a socket, because parsing much data at once delays other
-    sockets.
-    """
-    connection = request.get_extra_info("socket")
+def limit_buffer(connection: sockets.socket | None, option: int, size: int) -> None:
+    """Set the size of a send or receive buffer in bytes."""
     if connection is not None:
-        connection.setsockopt(sockets.SOL_SOCKET, sockets.SO_RCVBUF, _RECEIVE_BYTES)
+        connection.setsockopt(sockets.SOL_SOCKET, option, size)

@@ -20,7 +20,7 @@ import msgspec
 from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMessage, WSMsgType, web
 from msgspec import Meta
 
-from tsd_twin.dashboard.gateway.socket_limits import VISER, SocketReader
+from tsd_twin.dashboard.gateway.socket_limits import VISER, SocketReader, limit_buffer
 from tsd_twin.dashboard.scene.viser_compat import (
     DARK_HEADER,
     KEY_HEADER,
@@ -240,8 +240,8 @@ class ViserProxy:
                 autoping=False,
             )
             await page.prepare(request)
-            _limit_buffer(request.get_extra_info("socket"), socket.SO_SNDBUF)
-            _limit_buffer(viser.get_extra_info("socket"), socket.SO_RCVBUF)
+            limit_buffer(request.get_extra_info("socket"), socket.SO_SNDBUF, _SOCKET_BUFFER_BYTES)
+            limit_buffer(viser.get_extra_info("socket"), socket.SO_RCVBUF, _SOCKET_BUFFER_BYTES)
             self._open.add(page)
             try:
                 with holding(page):
@@ -301,8 +301,3 @@ async def _relay_to_page(source: ClientWebSocketResponse, sink: web.WebSocketRes
         async for message in source:
             if message.type is WSMsgType.BINARY:
                 await sink.send_bytes(message.data)
-
-
-def _limit_buffer(connection: socket.socket | None, option: int) -> None:
-    if connection is not None:
-        connection.setsockopt(socket.SOL_SOCKET, option, _SOCKET_BUFFER_BYTES)

@@ -24,8 +24,7 @@ from PIL import Image
 
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.update_loop import STALE_S
+from tsd_twin.dashboard.scene.scene import STALE_S, Scene
 from tsd_twin.errors import MissingExtraError, TwinError
 from tsd_twin.recording.export import RecordingSlice
 from tsd_twin.recording.player import Player, RecordedRobot
@@ -152,28 +151,30 @@ class _Builder:
                 for robot in self._player.robots.values()
             ],
             "hz": TRACK_HZ,
-            "events": [*self._events(), *self._marks()],
+            "events": self._events(),
         }
 
     def _events(self) -> list[dict[str, Any]]:
-        return [
-            self._event(event.t_s, event.robot, event.kind, event.text, event.count)
-            for event in self._player.reader.events()
-            if event.robot in self._player.robots and self._start_s <= event.t_s <= self._end_s
+        player = self._player
+        found = [
+            (event.t_s, event.robot, event.kind, event.text, event.count)
+            for event in player.reader.events()
+            if event.robot in player.robots
+        ] + [
+            (1e-9 * (mark.log_ns - player.start_ns), mark.by, "mark", mark.note, 1)
+            for mark in player.reader.marks()
         ]
-
-    def _marks(self) -> list[dict[str, Any]]:
-        start_ns = self._player.start_ns
-        times_s = [(1e-9 * (mark.log_ns - start_ns), mark) for mark in self._player.reader.marks()]
         return [
-            self._event(t_s, mark.by, "mark", mark.note, 1)
-            for t_s, mark in times_s
+            {
+                "t_s": round(t_s - self._start_s, 3),
+                "robot": robot,
+                "kind": kind,
+                "text": text,
+                "count": count,
+            }
+            for t_s, robot, kind, text, count in found
             if self._start_s <= t_s <= self._end_s
         ]
-
-    def _event(self, t_s: float, robot: str, kind: str, text: str, count: int) -> dict[str, Any]:
-        t_s = round(t_s - self._start_s, 3)
-        return {"t_s": t_s, "robot": robot, "kind": kind, "text": text, "count": count}
 
 
 class _Track:

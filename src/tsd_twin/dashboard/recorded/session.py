@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import itertools
 from collections.abc import Awaitable, Callable, Coroutine
-from typing import Any, cast
+from functools import partial
+from typing import Any
 
 import msgspec
 
-from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.recorded.view import RecordedView
-from tsd_twin.dashboard.scene.picking import EmptyPageScene
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.session import VIEWER_REFUSAL, PageSession
@@ -40,19 +40,15 @@ from tsd_twin.dashboard.wire.to_page import (
     PastStates,
     RobotName,
     RobotState,
-    SessionInfo,
     Timeline,
     TimelineEvent,
-    ViewChanged,
     encode_message,
 )
-from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.errors import RecordingError
-from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.services import Reply
-from tsd_twin.recording.events import Annotation, RecordedEvent, add_mark
+from tsd_twin.recording.events import Annotation, add_mark
 from tsd_twin.recording.player import Player, RecordedRobot
 from tsd_twin.security import Role
 
@@ -66,21 +62,6 @@ _STATE_EVERY = 2
 """Frames per state."""
 _GROWN_S = 5.0
 """Growth after which the timeline of an unfinished recording is sent again."""
-
-
-class _ViewScene(EmptyPageScene):
-    """Scene of a recorded view, as the map data uses it."""
-
-    def __init__(self, view: RecordedView) -> None:
-        self._scene = view.scene
-
-    def envelope(self, robot_id: str) -> Array | None:
-        """Return the drawn stop envelope (n, 2) in the robot's frame; None at rest."""
-        return self._scene.envelope(robot_id)
-
-    def reach_m(self, robot_id: str) -> float:
-        """Return the radius of a robot around its base."""
-        return self._scene.reach_m(robot_id)
 
 
 class RecordedSession(PageSession):
@@ -100,9 +81,7 @@ class RecordedSession(PageSession):
         self._view = view
         self._stop_all = stop_all
         self._telemetry = {
-            # A recorded robot has every attribute of a live one that telemetry uses.
-            robot.id: RobotTelemetry(cast("RobotMonitor", robot))
-            for robot in view.player.robots.values()
+            each: RobotTelemetry(robot) for each, robot in view.player.robots.items()
         }
         self._numbers = itertools.count(1)
         self._frames = itertools.count()
@@ -116,39 +95,28 @@ class RecordedSession(PageSession):
         self._marking = False
         self._told_s = 0.0
         self._map_data = MapData(
-            lambda: cast("dict[str, RobotMonitor]", view.player.robots),
-            _ViewScene(view),
-            lambda: None,
-            clock=lambda: view.player.t_s,
+            view.player.robots, view.scene, lambda: None, clock=lambda: view.player.t_s
         )
 
     async def open(self) -> None:
         """Send the page the recording's data, and start showing it."""
-        roster = self._view.roster
-        self._send(
-            SessionInfo(
-                operator=self._operator,
-                role=Role.VIEWER,
-                user=self.principal.user,
-                may_stop=self.principal.may_stop,
-                robots=[
-                    RobotName(
-                        id=robot.id,
-                        title=robot.robot.title,
-                        colour="#{:02x}{:02x}{:02x}".format(*roster.colour(robot.id)),
-                    )
-                    for robot in self._view.player.robots.values()
-                ],
-                robot=self._view.robot_id,
-            )
-        )
-        self._send(self._telemetry[self._view.robot_id].info())
+        view = self._view
+        names = [
+            RobotName(each, robot.robot.title, view.roster.css_colour(each))
+            for each, robot in view.player.robots.items()
+        ]
+        self._send_welcome(Role.VIEWER, names, view.robot_id)
+        self._send(self._telemetry[view.robot_id].info())
         await self._send_timeline()
-        self._view.on_shown = self._on_shown
+        view.on_shown = self._on_shown
+        view.on_robot = lambda robot_id: self._call_soon(partial(self.select_robot, robot_id))
+        view.on_view = lambda settings: self._call_soon(partial(self.on_view, settings))
 
     def close(self) -> None:
         """End the session."""
-        self._view.on_shown = lambda _jumped: None
+        view = self._view
+        if view.on_shown == self._on_shown:  # Unless the page has connected again.
+            view.on_shown = view.on_robot = view.on_view = lambda _: None
         if self._settling is not None:
             self._settling.cancel()
         for task in self._tasks:
@@ -193,17 +161,18 @@ class RecordedSession(PageSession):
                 self._view.set_view(self.page, message.settings, look=message.look)
 
     def _move(self, message: Seek | Play | Pause | StepStatus) -> None:
+        view = self._view
         if isinstance(message, Seek | StepStatus):
             self._settle()
         match message:
             case Seek():
-                self._view.seek(message.t_s)
+                view.request(partial(view.seek, message.t_s))
             case Play():
-                self._view.play(message.speed)
+                view.request(partial(view.playback.play, message.speed))
             case Pause():
-                self._view.pause()
+                view.request(view.playback.pause)
             case StepStatus():
-                self._view.step(back=message.back)
+                view.request(partial(view.step, back=message.back))
 
     def select_robot(self, robot_id: str) -> None:
         """Select another robot of the recording."""
@@ -212,10 +181,6 @@ class RecordedSession(PageSession):
             self._view.select_robot(self.page, robot_id)
             self.send_queue.drop_states()
             self._send(self._telemetry[robot_id].info())
-
-    def on_view(self, settings: ViewSettings) -> None:
-        """Send view settings changed in the panel, which the page should store."""
-        self._send(ViewChanged(settings=settings))
 
     def _refuse(self, text: str | bytes) -> None:
         try:
@@ -273,7 +238,10 @@ class RecordedSession(PageSession):
                 name=player.path.name,
                 start_ms=player.start_ns // 1_000_000,
                 duration_s=player.duration_s,
-                events=[*map(_event, events)]
+                events=[
+                    TimelineEvent(each.t_s, each.robot, each.kind, each.text, each.count)
+                    for each in events
+                ]
                 + [
                     TimelineEvent(1e-9 * (mark.log_ns - player.start_ns), "", "mark", mark.note, 1)
                     for mark in marks
@@ -310,7 +278,7 @@ class RecordedSession(PageSession):
         if self._past_player is None or robot_id not in self._past_player.robots:
             self._past_player = Player(view.player.path, robot_id, view.player.reader)
         robot = self._past_player.robots[robot_id]
-        telemetry = RobotTelemetry(cast("RobotMonitor", robot))
+        telemetry = RobotTelemetry(robot)
         states: list[RobotState] = []
         end_s = view.player.t_s
         for i in range(round(PAST_S * PAST_HZ), 0, -1):
@@ -332,8 +300,12 @@ class RecordedSession(PageSession):
 
     def _on_shown(self, jumped: bool) -> None:
         """Schedule an update for the page; called on the view's thread."""
-        if (next(self._frames) % _STATE_EVERY == 0 or jumped) and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._show)
+        if next(self._frames) % _STATE_EVERY == 0 or jumped:
+            self._call_soon(self._show)
+
+    def _call_soon(self, call: Callable[[], None]) -> None:
+        with contextlib.suppress(RuntimeError):  # The loop may have closed.
+            self._loop.call_soon_threadsafe(call)
 
     def _show(self) -> None:
         view, robot_id = self._view, self._view.robot_id
@@ -355,7 +327,3 @@ class RecordedSession(PageSession):
             shown = self._map_data.state(robot_id) if self._shows_map else None
             state = msgspec.structs.replace(state, status_seq=number, map=shown)
             self.send_queue.put_state(number, encode_message(state))
-
-
-def _event(event: RecordedEvent) -> TimelineEvent:
-    return TimelineEvent(event.t_s, event.robot, event.kind, event.text, event.count)

@@ -17,15 +17,13 @@ from pathlib import Path
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
-from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.scene import STALE_S, Scene
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.player import PlaybackCursor, Player
 from tsd_twin.recording.remote import RemoteReader
 
 RATE_HZ = 30.0
-STALE_S = 0.3
-"""As of a live robot."""
 _REFRESH_S = 1.0
 _LOG = logging.getLogger(__name__)
 
@@ -33,17 +31,8 @@ _LOG = logging.getLogger(__name__)
 class RecordedView:
     """View of one recording; a thread of its own draws it."""
 
-    def __init__(
-        self,
-        path: Path,
-        reader: RemoteReader,
-        on_robot: Callable[[str, str], None],
-        on_view: Callable[[str, ViewSettings], None],
-    ) -> None:
+    def __init__(self, path: Path, reader: RemoteReader) -> None:
         """Start to show the start of a recording; takes a second. `reader` is closed with it.
-
-        `on_robot` is called with page and robot when one is chosen in the panel, `on_view` with
-        page and settings when the view is changed there, both on threads of viser.
 
         Raises:
             RecordingError: it is none.
@@ -55,6 +44,10 @@ class RecordedView:
         self.playback = PlaybackCursor(self.player.duration_s, time.monotonic())
         self.on_shown: Callable[[bool], None] = _ignore
         """Called on the thread of the view after each frame, with whether its time has jumped."""
+        self.on_robot: Callable[[str], None] = _ignore
+        """Called on a thread of viser with the robot selected in the panel."""
+        self.on_view: Callable[[ViewSettings], None] = _ignore
+        """Called on a thread of viser with the settings changed in the panel."""
         self._requests: queue.SimpleQueue[Callable[[float], None]] = queue.SimpleQueue()
         self._stop = threading.Event()
         self._refreshed_s = 0.0
@@ -66,10 +59,10 @@ class RecordedView:
                 self._server,
                 self.scene,
                 _ignore,
-                on_robot,
+                lambda _page, robot_id: self.on_robot(robot_id),
                 _ignore,
                 robot_of=lambda _page: self.robot_id,
-                on_view=on_view,
+                on_view=lambda _page, settings: self.on_view(settings),
             )
             for robot in self.player.robots.values():
                 self.scene.add(robot)
@@ -93,44 +86,31 @@ class RecordedView:
         self._server.stop()
         self.player.close()
 
-    # From any thread.
-
-    def play(self, speed: float) -> None:
-        """Play."""
-        self._requests.put(lambda now_s: self.playback.play(speed, now_s))
-
-    def pause(self) -> None:
-        """Stand still."""
-        self._requests.put(self.playback.pause)
-
-    def seek(self, t_s: float) -> None:
-        """Show a time."""
-        self._requests.put(lambda now_s: self._seek(t_s, now_s))
+    def request(self, work: Callable[[float], None]) -> None:
+        """Call `work` with the monotonic time on the thread of the view; from any thread."""
+        self._requests.put(work)
 
     def select_robot(self, page: str, robot_id: str) -> None:
-        """Show another robot of the recording in the panel of a page."""
+        """Show another robot of the recording in the panel of a page; from any thread."""
         self.robot_id = robot_id
-        self._requests.put(lambda _now_s: self.panels.select_robot(page, robot_id))
+        self.request(lambda _now_s: self.panels.select_robot(page, robot_id))
 
     def set_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
         """Apply the view settings of a page; `look` turns its camera to the robot."""
-        self._requests.put(lambda _now_s: self.panels.set_view(page, settings, look=look))
-
-    def step(self, *, back: bool) -> None:
-        """Show the next status of the selected robot, or the one before; pauses."""
-
-        def step(now_s: float) -> None:
-            self.playback.pause(now_s)
-            self.player.step(self.robot_id, back=back)
-            self._seek(self.player.t_s, now_s)
-
-        self._requests.put(step)
+        self.request(lambda _now_s: self.panels.set_view(page, settings, look=look))
 
     # On the thread of the view.
 
-    def _seek(self, t_s: float, now_s: float) -> None:
+    def seek(self, t_s: float, now_s: float) -> None:
+        """Show a time."""
         self.playback.seek(t_s, now_s)
         self._jumped = True
+
+    def step(self, now_s: float, *, back: bool) -> None:
+        """Show the next status of the selected robot, or the one before; pauses."""
+        self.playback.pause(now_s)
+        self.player.step(self.robot_id, back=back)
+        self.seek(self.player.t_s, now_s)
 
     def _run(self) -> None:
         problem = ""

@@ -145,3 +145,7 @@ class RobotRoster:
         with self._lock:
             number = self._numbers.setdefault(robot_id, len(self._numbers))
         return ROBOT_COLOURS[number % len(ROBOT_COLOURS)]
+
+    def css_colour(self, robot_id: str) -> str:
+        """Return the colour of a robot as `#rrggbb`."""
+        return "#{:02x}{:02x}{:02x}".format(*self.colour(robot_id))

@@ -18,7 +18,7 @@ from tsd_twin.dashboard.scene.appearance import (
     robot_node,
 )
 from tsd_twin.dashboard.scene.overlays import ARROW_HEAD_M, MIN_ARROW_SPEED_MPS, arrow_points
-from tsd_twin.dashboard.scene.picking import CameraPose, floor_points, sphere_point
+from tsd_twin.dashboard.scene.picking import floor_points, sphere_point
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose
 from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual, hide_links
@@ -269,8 +269,8 @@ class ClientView:
     def pick_floor(self, shares: Array) -> Array:
         """Return floor points (m, 2) in `odom` at screen positions, see `floor_points`."""
         camera = self._client.camera
-        camera_pose = CameraPose(camera.position, camera.wxyz, camera.fov, camera.aspect)
-        return self._world_pose.inverse().transform(floor_points(camera_pose, shares))
+        met = floor_points(camera.position, camera.wxyz, camera.fov, camera.aspect, shares)
+        return self._world_pose.inverse().transform(met)
 
     # Settings.
 

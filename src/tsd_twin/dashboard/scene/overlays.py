@@ -111,11 +111,13 @@ class PoseRegion:
         self.shown = self._outline_of(np.zeros((3, 3)))
         """(n, 2): outline relative to the estimated position, axes of `odom`."""
         self._turned_rad = 0.0
-        self._outline = _add_region_lines(scene, f"{name}/p", _closed(self.shown))
+        self._outline = add_lines(scene, f"{name}/p", _closed(self.shown), appearance.ESTIMATE, 1.5)
         self._wedge_m = reach_m + _WEDGE_BEYOND_M
         self.half_rad = 0.0
         """Displayed half-width of the wedge; 0 if hidden."""
-        self._wedge = _add_region_lines(scene, f"{name}/w", self._wedge_of(0.0), visible=False)
+        self._wedge = add_lines(
+            scene, f"{name}/w", self._wedge_of(0.0), appearance.ESTIMATE, 1.5, visible=False
+        )
 
     def update(self, covariance: Array, heading_rad: float, now_s: float) -> None:
         """Show a pose covariance (3, 3) around a robot with this heading."""
@@ -151,22 +153,24 @@ class PoseRegion:
         return _closed(np.concatenate([np.zeros((1, 2)), arc]))
 
 
-def _add_region_lines(
-    scene: viser.SceneApi, name: str, points: npt.NDArray[np.float32], *, visible: bool = True
+def add_lines(
+    scene: viser.SceneApi,
+    name: str,
+    points: Array | npt.NDArray[np.float32],
+    colour: appearance.Rgb,
+    pixels: float,
+    *,
+    visible: bool = True,
 ) -> viser.LineSegmentsHandle:
+    """Add line segments (n, 2, 3) that are `pixels` thick at any distance."""
     return scene.add_line_segments(
-        name,
-        points,
-        appearance.ESTIMATE,
-        thickness=1.5,
-        thickness_units="screen",
-        visible=visible,
+        name, points, colour, thickness=pixels, thickness_units="screen", visible=visible
     )
 
 
-def _closed(outline: Array) -> npt.NDArray[np.float32]:
-    """Return the sides (n, 2, 3) of a polygon (n, 2), slightly above the floor."""
-    corners = np.insert(outline, 2, _REGION_HEIGHT_M, axis=1).astype(np.float32)
+def _closed(outline: Array, height_m: float = _REGION_HEIGHT_M) -> npt.NDArray[np.float32]:
+    """Return the sides (n, 2, 3) of a polygon (n, 2) above the floor."""
+    corners = np.insert(outline, 2, height_m, axis=1).astype(np.float32)
     return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
 
@@ -217,13 +221,8 @@ class StopEnvelope:
             receive_shadow=False,
             visible=False,
         )
-        self._rim = scene.add_line_segments(
-            f"{name}/r",
-            self._edges(),
-            appearance.ENVELOPE,
-            thickness=2.0,
-            thickness_units="screen",
-            visible=False,
+        self._rim = add_lines(
+            scene, f"{name}/r", self._edges(), appearance.ENVELOPE, 2.0, visible=False
         )
 
     def update(self, path: Array | None) -> None:
@@ -244,8 +243,7 @@ class StopEnvelope:
         return np.insert(self._shown, 2, ENVELOPE_HEIGHT_M, axis=1).astype(np.float32)
 
     def _edges(self) -> npt.NDArray[np.float32]:
-        corners = self._raised()
-        return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+        return _closed(self._shown, ENVELOPE_HEIGHT_M)
 
 
 TRAIL_SPACING_M = 0.02
@@ -298,12 +296,8 @@ class Trail:
         if self._chunk in self._nodes:
             self._nodes[self._chunk].points = points
         else:
-            self._nodes[self._chunk] = self._scene.add_line_segments(
-                f"{self._name}/{self._chunk}",
-                points,
-                appearance.ESTIMATE,
-                thickness=2.5,
-                thickness_units="screen",
+            self._nodes[self._chunk] = add_lines(
+                self._scene, f"{self._name}/{self._chunk}", points, appearance.ESTIMATE, 2.5
             )
 
 
@@ -349,13 +343,8 @@ class RouteLine:
             self._node.remove()
             self._node = None
         if poses is not None:
-            self._node = self._scene.add_line_segments(
-                self._name,
-                route_segments(poses, self._reach_m).astype(np.float32),
-                appearance.ROUTE,
-                thickness=4.0,
-                thickness_units="screen",
-            )
+            points = route_segments(poses, self._reach_m).astype(np.float32)
+            self._node = add_lines(self._scene, self._name, points, appearance.ROUTE, 4.0)
 
 
 FAULT_RING_RADIUS_M = 0.075

@@ -82,7 +82,8 @@ class PanelManager:
         self._dark = dark
         self._panels: dict[int, Panel] = {}
         self._pages: dict[int, str | None] = {}
-        scene.add_viewer(self)
+        scene.on_robots_moved.append(self.on_robots_moved)
+        scene.on_robots_changed.append(self.on_robots_changed)
         scene.on_click = self._on_click
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)

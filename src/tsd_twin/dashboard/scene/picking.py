@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import viser
@@ -20,104 +19,65 @@ MAX_DISTANCE_M = 60.0
 """Limit close to the horizon, where a pixel covers metres."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CameraPose:
-    """Camera pose of a client."""
+def floor_points(
+    position: Array, wxyz: Array, view_rad: float, aspect: float, shares: Array
+) -> Array:
+    """Return the floor points (m, 2) of the scene at screen positions of a camera.
 
-    position: Array
-    """(3,): position in the scene."""
-    wxyz: Array
-    """(4,): orientation; z ahead, x right, y down (OpenCV convention)."""
-    view_rad: float
-    """Vertical field of view."""
-    aspect: float
-    """Width divided by height."""
+    The result ends before the first position without floor or beyond `MAX_DISTANCE_M`.
 
-
-def floor_points(camera_pose: CameraPose, shares: Array) -> Array:
-    """Return floor points (m, 2) of the scene at screen positions `shares` (n, 2).
-
-    Positions are fractions of width and height from the upper left corner. The result ends before
-    the first position without floor or beyond `MAX_DISTANCE_M`.
+    Args:
+        position: (3,): position of the camera in the scene.
+        wxyz: (4,): its orientation; z ahead, x right, y down (OpenCV convention).
+        view_rad: Vertical field of view.
+        aspect: Width divided by height.
+        shares: (n, 2): fractions of width and height from the upper left corner.
     """
-    numbers = [*camera_pose.position, *camera_pose.wxyz, camera_pose.view_rad, camera_pose.aspect]
-    if not np.isfinite(numbers).all():
+    if not np.isfinite([*position, *wxyz, view_rad, aspect]).all():
         return np.empty((0, 2))  # Clients may send invalid cameras.
-    half = math.tan(0.5 * camera_pose.view_rad)
+    half = math.tan(0.5 * view_rad)
     ahead = np.stack(
         [
-            (2.0 * shares[:, 0] - 1.0) * half * camera_pose.aspect,
+            (2.0 * shares[:, 0] - 1.0) * half * aspect,
             (2.0 * shares[:, 1] - 1.0) * half,
             np.ones(len(shares)),
         ],
         axis=-1,
     )
-    rays = SO3(camera_pose.wxyz).rotate(ahead)
+    rays = SO3(wxyz).rotate(ahead)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        times = -camera_pose.position[2] / rays[:, 2]
-        met = camera_pose.position[:2] + times[:, None] * rays[:, :2]
-        away = np.hypot(*(met - camera_pose.position[:2]).T)
+        times = -position[2] / rays[:, 2]
+        met = position[:2] + times[:, None] * rays[:, :2]
+        away = np.hypot(*(met - position[:2]).T)
     good = (times > 0.0) & (away < MAX_DISTANCE_M)
     count = len(good) if good.all() else int(np.argmin(good))
     return met[:count]
 
 
-class PageScene(Protocol):
-    """Scene interface of a page's session; calls do not block."""
-
-    def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Return floor points (m, 2) in `odom` at a page's screen positions, see `floor_points`."""
-        ...
-
-    def show_route(self, robot_id: str, poses: Array | None) -> None:
-        """Show a robot's planned path, poses (n, 3) in `odom`, on all pages; None removes it."""
-        ...
-
-
-class DashboardScene(PageScene, Protocol):
-    """Scene interface of all sessions; calls do not block."""
-
-    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
-        """Apply the view settings of a page; `look` points its camera at the robot."""
-        ...
-
-    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the past state of a page's robot next to the live one; None hides it."""
-        ...
-
-    def envelope(self, robot_id: str) -> Array | None:
-        """Return the displayed stop envelope (n, 2) in the robot's frame, or None at rest."""
-        ...
-
-    def reach_m(self, robot_id: str) -> float:
-        """Return the radius of a robot around its base; 0 if it is not in the scene."""
-        ...
-
-
-class EmptyPageScene:
-    """Page scene for servers without a scene."""
+class PageScene:
+    """Scene of all pages for their sessions; this one is empty, and calls do not block."""
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:  # noqa: ARG002  The shape.
-        """Return an empty array."""
+        """Return floor points (m, 2) in `odom` at a page's screen positions, see `floor_points`."""
         nothing: Future[Array] = Future()
         nothing.set_result(np.empty((0, 2)))
         return nothing
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
-        """Show nothing."""
+        """Show a robot's planned path, poses (n, 3) in `odom`, on all pages; None removes it."""
 
     def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
-        """Change nothing."""
+        """Apply the view settings of a page; `look` points its camera at the robot."""
 
     def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
-        """Draw nothing."""
+        """Draw the past state of a page's robot next to the live one; None hides it."""
 
     def envelope(self, robot_id: str) -> Array | None:  # noqa: ARG002  The shape.
-        """Return None."""
+        """Return the displayed stop envelope (n, 2) in the robot's frame, or None at rest."""
         return None
 
     def reach_m(self, robot_id: str) -> float:  # noqa: ARG002  The shape.
-        """Return 0."""
+        """Return the radius of a robot around its base; 0 if it is not in the scene."""
         return 0.0
 
 

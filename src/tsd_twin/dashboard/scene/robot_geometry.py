@@ -215,19 +215,25 @@ class JointReader:
         self._order: Sequence[str] | None = None
         self._rows: list[int] | None = None
 
-    def vector(self, state: JointState, otherwise: Array | None = None) -> Array | None:
-        """Return the joint vector (n,) in a message, or None if a joint is missing.
-
-        Values missing in the message, such as speeds in setpoints of angles, are taken from
-        `otherwise` (n,), or zero.
+    def read(self, state: JointState) -> Array | None:
+        """Return the joint vector (n,) in a message, NaN where a value is missing, or None if a
+        joint is missing.
         """
         if (names := tuple(state.names)) != self._order:
             self._order, self._rows = names, self._find(names)
         if self._rows is None:
             return None
         angles, speeds = state.position_rad[self._rows], state.velocity_rad_per_s[self._rows]
-        vector = np.where(self._is_angle, angles, speeds)
-        if (known := np.isfinite(vector)).all():
+        return np.where(self._is_angle, angles, speeds)
+
+    def vector(self, state: JointState, otherwise: Array | None = None) -> Array | None:
+        """Return the joint vector (n,) in a message, or None if a joint is missing.
+
+        Values missing in the message, such as speeds in setpoints of angles, are taken from
+        `otherwise` (n,), or zero.
+        """
+        vector = self.read(state)
+        if vector is None or (known := np.isfinite(vector)).all():
             return vector
         return np.where(known, vector, 0.0 if otherwise is None else otherwise)
 

@@ -31,6 +31,7 @@ from tsd_twin.dashboard.scene.overlays import (
     StopEnvelope,
     ThrustArrows,
     Trail,
+    add_lines,
 )
 from tsd_twin.dashboard.scene.picking import OnClick, add_click_target
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, LinkPoses, RobotShape, Surface
@@ -256,14 +257,9 @@ def add_wireframe(
     scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb, *, visible: bool
 ) -> viser.LineSegmentsHandle:
     """Add the edges of a robot's bounding box; unlike a translucent body, lines hide little."""
-    return scene.add_line_segments(
-        name,
-        _box_edges(shape) if shape.ball_radius_m is None else _great_circles(shape.ball_radius_m),
-        colour,
-        thickness=2.0,
-        thickness_units="screen",
-        visible=visible,
-    )
+    radius_m = shape.ball_radius_m
+    lines = _box_edges(shape) if radius_m is None else _great_circles(radius_m)
+    return add_lines(scene, name, lines, colour, 2.0, visible=visible)
 
 
 def _box_edges(shape: RobotShape) -> Array:

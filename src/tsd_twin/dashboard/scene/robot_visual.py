@@ -6,15 +6,13 @@ The tilt of the gimbals can be exaggerated for individual clients.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 import viser
 
-from tsd_twin.client.connection import SentCommand
-from tsd_twin.client.monitor import RoundTrips, Snapshot
+from tsd_twin.client.monitor import RobotMonitor, Snapshot
 from tsd_twin.client.motions import kinematics_in_force
 from tsd_twin.dashboard.scene.appearance import overlay_node, robot_node
 from tsd_twin.dashboard.scene.overlays import RateLimiter
@@ -31,7 +29,7 @@ from tsd_twin.dashboard.wire.view import Layer, TiltFactor
 from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link
-from tsd_twin.robots import RobotDescription
+from tsd_twin.recording.player import RecordedRobot
 
 
 class BatchedRobotMeshes:
@@ -53,11 +51,6 @@ class BatchedRobotMeshes:
         self._angles = np.zeros((0, len(shape.joints)))
         self._moved = False
 
-    @property
-    def ids(self) -> tuple[str, ...]:
-        """Robot ids in the order of their instances."""
-        return tuple(self._ids)
-
     def node(self, kind: Link) -> str:
         """Return the name of the node with all links of a kind."""
         return f"{robot_node(self._ids[0])}/m{kind}"
@@ -76,7 +69,10 @@ class BatchedRobotMeshes:
         row = self._ids.index(robot_id)
         self._ids.pop(row)
         if row == 0:
-            self._clear()
+            for handle in self._handles.values():
+                handle.remove()
+            self._handles.clear()
+            self._shown.clear()
         self._bases, self._balls, self._angles = (
             np.delete(rows, row, axis=0) for rows in (self._bases, self._balls, self._angles)
         )
@@ -119,12 +115,6 @@ class BatchedRobotMeshes:
         self._shown[kind, what] = data
         return new
 
-    def _clear(self) -> None:
-        for handle in self._handles.values():
-            handle.remove()
-        self._handles.clear()
-        self._shown.clear()
-
     def scales_without(self, robot_id: str | None, kind: Link) -> Array:
         """Return scales (instances of `kind`,) that hide a robot: 0 for the robot, else 1."""
         shown = np.array([0.0 if other == robot_id else 1.0 for other in self._ids])
@@ -142,38 +132,8 @@ _MAX_STATE_GAP_S = 0.1
 """After a longer gap between states, the wheels are not turned."""
 
 
-class VisualSource(Protocol):
-    """Source of a robot's description and latest state, such as a `RobotClient`."""
-
-    @property
-    def id(self) -> str:
-        """Robot id."""
-        ...
-
-    @property
-    def robot(self) -> RobotDescription:
-        """Robot description."""
-        ...
-
-    @property
-    def kinematics(self) -> Kinematics[Any]:
-        """Robot kinematics."""
-        ...
-
-    @property
-    def snapshot(self) -> Snapshot:
-        """Latest messages; the object is replaced only if they change."""
-        ...
-
-    @property
-    def sent_commands(self) -> Sequence[SentCommand]:
-        """Recent commands of this dashboard."""
-        ...
-
-    @property
-    def round_trips(self) -> RoundTrips:
-        """Round-trip times of the robot's services."""
-        ...
+VisualSource: TypeAlias = RobotMonitor | RecordedRobot
+"""Source of a robot's description and latest state."""
 
 
 class RobotVisual:

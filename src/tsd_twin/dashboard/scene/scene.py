@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Protocol
 
 import msgspec
 import numpy as np
@@ -21,6 +20,7 @@ from tsd_twin.dashboard.scene.appearance import (
     TRUE_POSES,
     RobotRoster,
 )
+from tsd_twin.dashboard.scene.overlays import add_lines
 from tsd_twin.dashboard.scene.picking import OnClick
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.dashboard.scene.robot_overlays import RobotOverlays
@@ -108,9 +108,7 @@ def add_ground(scene: viser.SceneApi, root: str, labels: str) -> None:
         origin_radius=0.004,
         position=(0, 0, 0.004),
     )
-    scene.add_line_segments(
-        labels, _axis_labels(), appearance.GRID_LABEL, thickness=1.5, thickness_units="screen"
-    )
+    add_lines(scene, labels, _axis_labels(), appearance.GRID_LABEL, 1.5)
 
 
 def _axis_labels() -> Array:
@@ -128,16 +126,8 @@ def _axis_labels() -> Array:
     return np.concatenate([flat, np.full((*flat.shape[:-1], 1), 0.002)], axis=-1)
 
 
-class Viewer(Protocol):
-    """Observer that draws the client-specific parts of the scene."""
-
-    def on_robots_moved(self) -> None:
-        """Follow robots that have moved."""
-        ...
-
-    def on_robots_changed(self) -> None:
-        """Update after robots were added or removed."""
-        ...
+STALE_S = 0.3
+"""An older state must not look live."""
 
 
 class Scene:
@@ -155,7 +145,10 @@ class Scene:
         self._visuals: dict[str, RobotVisual] = {}
         self._meshes: dict[bytes, BatchedRobotMeshes] = {}
         self._world = server.scene.add_frame(ROOT, show_axes=False)
-        self._viewers: list[Viewer] = []
+        self.on_robots_moved: list[Callable[[], None]] = []
+        """Called under the lock after robots were moved."""
+        self.on_robots_changed: list[Callable[[], None]] = []
+        """Called under the lock after robots were added or removed."""
         self.on_click: OnClick | None = None
         """Called on viser's thread if the sphere of a robot is clicked."""
         self.on_trails_cleared: Callable[[], None] = lambda: None
@@ -221,8 +214,8 @@ class Scene:
                 for meshes in self._meshes.values():
                     meshes.send()
             self.server.flush()
-            for viewer in self._viewers:
-                viewer.on_robots_moved()
+            for call in self.on_robots_moved:
+                call()
 
     def set_stale(self, robot_id: str, stale: bool) -> None:
         """Show a robot as stale."""
@@ -257,10 +250,6 @@ class Scene:
         body = self._visuals.get(robot_id)
         return 0.0 if body is None else body.meshes.shape.reach_m
 
-    def add_viewer(self, viewer: Viewer) -> None:
-        """Add a viewer, which is notified under the lock if robots are added, removed or moved."""
-        self._viewers.append(viewer)
-
     def _clicked(
         self, client: viser.ClientHandle, robot_id: str, origin: Array, direction: Array
     ) -> None:
@@ -274,5 +263,5 @@ class Scene:
     def _update_views(self) -> None:
         for body in self._visuals.values():
             body.overlays.set_named(len(self._visuals) > 1)
-        for viewer in self._viewers:
-            viewer.on_robots_changed()
+        for call in self.on_robots_changed:
+            call()

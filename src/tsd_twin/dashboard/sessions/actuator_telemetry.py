@@ -237,8 +237,8 @@ class SphereTelemetry:
         w, x, y, z = (round(float(part), 5) for part in odom.wxyz)
         return SphereState(
             wxyz=(w, x, y, z),
-            ideal=_triple(ideal),
-            dual=None if dual is None else _triple(dual.twist),
+            ideal=rounded(ideal),
+            dual=None if dual is None else rounded(dual.twist),
             angle_deg=None if dual is None else _angle_deg(ideal, dual.twist),
             magnitude_percent=None if dual is None else _magnitude_percent(ideal, dual.twist),
             rows=self._rows(joints, dual),
@@ -287,11 +287,6 @@ def _magnitude_percent(ideal: Array, dual: Array) -> float | None:
     if length < _MIN_RATE_RAD_PER_S:
         return None
     return round(100.0 * (1.0 - float(np.linalg.norm(ideal)) / length), 2)
-
-
-def _triple(values: Array) -> Triple:
-    a, b, c = (round(float(value), 5) for value in values)
-    return a, b, c
 
 
 def rounded(values: Array) -> Triple:

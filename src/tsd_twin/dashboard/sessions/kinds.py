@@ -16,7 +16,6 @@ from tsd_twin.dashboard.sessions.actuator_telemetry import (
 )
 from tsd_twin.dashboard.sessions.student_wheels import (
     gimbal_wheels,
-    no_wheels,
     roller_wheels,
     sphere_wheels,
 )
@@ -93,7 +92,7 @@ class RobotView:
     """Class or factory of the actuator telemetry, called with the description."""
     knobs: tuple[TunableParameter, ...] = ()
     """Description numbers offered in the Student tab."""
-    student_wheels: Callable[[Any, Array], list[StudentWheel]] = no_wheels
+    student_wheels: Callable[[Any, Array], list[StudentWheel]] = lambda _robot, _twist: []
     """Wheels at a twist (3,), for the Student tab."""
 
 

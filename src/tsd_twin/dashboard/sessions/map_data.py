@@ -6,12 +6,11 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future
 
-from tsd_twin.client.monitor import RobotMonitor, Snapshot
-from tsd_twin.dashboard.scene.picking import DashboardScene
+from tsd_twin.dashboard.scene.picking import PageScene
+from tsd_twin.dashboard.scene.robot_visual import VisualSource
+from tsd_twin.dashboard.scene.scene import STALE_S, Scene
 from tsd_twin.dashboard.wire.to_page import FloorPoint, MapLines, MapRobot, MapState
-from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import SE2, Array
 
 TRAIL_SPACING_M = 0.05
@@ -19,8 +18,6 @@ TRAIL_JUMP_M = 0.5
 """A longer step means that the pose was set. `static/map_trail.js` uses the same two constants."""
 TRAIL_POINTS = 800
 """The last 40 m."""
-STALE_S = 0.3
-"""An older pose is shown as stale, as in the scene."""
 
 
 class MapTrail:
@@ -56,12 +53,12 @@ class MapData:
 
     def __init__(
         self,
-        links: Callable[[], Mapping[str, RobotMonitor]],
-        scene: DashboardScene,
+        links: Mapping[str, VisualSource],
+        scene: PageScene | Scene,
         on_lines: Callable[[], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`links` returns the clients of all robots; `on_lines` is called when a path has changed;
+        """`links` is a live view of all robots; `on_lines` is called when a path has changed;
         `clock` must be the clock of the states' receive times.
         """
         self._links, self._scene, self._on_lines = links, scene, on_lines
@@ -79,12 +76,6 @@ class MapData:
         """Extend the trail of a robot to a position in `odom`."""
         self._trails.setdefault(robot_id, MapTrail()).add(x_m, y_m)
 
-    def on_robots_changed(self) -> None:
-        """Remove the data of disconnected robots."""
-        for kept in (self._trails, self._routes):
-            for robot_id in kept.keys() - self._links().keys():
-                del kept[robot_id]
-
     def clear_trails(self) -> None:
         """Clear the trails of all robots."""
         for trail in self._trails.values():
@@ -94,7 +85,7 @@ class MapData:
         """Return the moving elements of the map; the page shows robot `shown`."""
         now_s = self._clock()
         robots: list[MapRobot] = []
-        for robot_id, link in self._links().items():
+        for robot_id, link in self._links.items():
             if (pose := self._pose(robot_id)) is None:
                 continue
             x, y, heading = (round(float(number), 4) for number in pose)
@@ -110,16 +101,10 @@ class MapData:
         return MapLines(routes=self._routes, trails=points if trails else None)
 
     def _pose(self, robot_id: str) -> Array | None:
-        link = self._links().get(robot_id)
+        link = self._links.get(robot_id)
         if link is None or link.snapshot.odom is None or link.kinematics.pose_type is not SE2:
             return None
         return link.snapshot.odom.xy_heading
-
-    # Scene of the pages.
-
-    def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Return floor points (m, 2) in `odom` at screen positions; see `floor_points`."""
-        return self._scene.pick_floor(page, shares)
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
         """Show a planned path, poses (n, 3) in `odom`, on all pages; None removes it."""
@@ -129,14 +114,6 @@ class MapData:
             self._routes[robot_id] = _points(poses)
         self._scene.show_route(robot_id, poses)
         self._on_lines()
-
-    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
-        """Apply the view settings of a page; `look` turns its camera to the robot."""
-        self._scene.apply_view(page, settings, look=look)
-
-    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the past pose of a page's robot next to the live one; None removes it."""
-        self._scene.show_past(page, past, ago_s)
 
 
 def _points(rows: Array) -> list[FloorPoint]:

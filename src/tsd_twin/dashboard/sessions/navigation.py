@@ -6,6 +6,7 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable, Coroutine
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -14,7 +15,6 @@ import numpy as np
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.client.motions import PlanLimits, plan
 from tsd_twin.dashboard.scene.overlays import ROUTE_POINTS
-from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.wire.from_page import PlanRequest
 from tsd_twin.dashboard.wire.to_page import ActionReply, RouteState
@@ -45,11 +45,11 @@ class TimedPlan:
     def is_valid(self, pose: SE2, limits_used: PlanLimits) -> bool:
         """Return whether it still starts at the robot's pose and uses the same limits."""
         off = pose.xy_heading - self.start.xy_heading
-        stands = (
+        return (
             bool(np.hypot(off[0], off[1]) < _START_TOLERANCE_M)
-            and abs(wrap(off[2])) < _START_TOLERANCE_RAD
+            and bool(abs(wrap(off[2])) < _START_TOLERANCE_RAD)
+            and limits_used == self.limits_used
         )
-        return bool(stands) and limits_used == self.limits_used
 
     def route_state(
         self,
@@ -108,10 +108,12 @@ class NavigationSession:
         self,
         page: str,
         executor: RpcExecutor,
-        page_scene: PageScene,
+        pick_floor: Callable[[str, Array], Future[Array]],
+        show_route: Callable[[str, Array | None], None],
         send_reply: Callable[[ActionReply], None],
     ) -> None:
-        self._page, self._executor, self._page_scene = page, executor, page_scene
+        self._page, self._executor = page, executor
+        self._pick_floor, self._show_route = pick_floor, show_route
         self._send_reply = send_reply
         self._link: RobotMonitor | None = None
         self._navigation_goal: NavigationGoal | None = None
@@ -283,7 +285,7 @@ class NavigationSession:
     async def _set_goal(self, request: PlanRequest) -> None:
         points = np.array(request.points, dtype=float)
         if request.on == "picture":
-            points = await asyncio.wrap_future(self._page_scene.pick_floor(self._page, points))
+            points = await asyncio.wrap_future(self._pick_floor(self._page, points))
         self._navigation_goal = navigation_goal(request, points)
         self._send_reply(ActionReply(to="plan", ok=True))
 
@@ -295,11 +297,11 @@ class NavigationSession:
         self._timed_plan = TimedPlan(self._plan_count, start, limits, trajectory)
         self._is_drawn = True
         at_m = np.linspace(0.0, trajectory.length_m, ROUTE_POINTS)
-        self._page_scene.show_route(link.id, trajectory.route.at(at_m).pose)
+        self._show_route(link.id, trajectory.route.at(at_m).pose)
 
     def _finish(self, shown: RouteState | None) -> None:
         if self._link is not None and self._is_drawn:
-            self._page_scene.show_route(self._link.id, None)
+            self._show_route(self._link.id, None)
         self._is_drawn = self._started = False
         self._link = self._navigation_goal = self._timed_plan = self._follower = self._step = None
         self._last_route = shown

@@ -8,12 +8,11 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import TypeAlias
 
-import numpy as np
-
-from tsd_twin.client.monitor import RobotMonitor, Snapshot
+from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
+from tsd_twin.dashboard.scene.robot_visual import VisualSource
 from tsd_twin.kinematics import JointKind
-from tsd_twin.lie import SE2, Array
+from tsd_twin.lie import SE2
 from tsd_twin.messages.cdr import ODOM, JointState, Odometry
 
 REQUEST_TIMEOUT_S = 0.25
@@ -31,7 +30,7 @@ class PlotFields:
     before the robot's limits.
     """
 
-    def __init__(self, link: RobotMonitor, *, has_alternative: bool) -> None:
+    def __init__(self, link: VisualSource, *, has_alternative: bool) -> None:
         """List the fields of a robot, which may have an alternative estimate."""
         self._link = link
         self._readers: dict[str, _Reader] = {}
@@ -82,7 +81,8 @@ class PlotFields:
             return 0.0
         twist, odom = commands[-1].twist, self._link.snapshot.odom
         if commands[-1].frame == ODOM and odom is not None:
-            twist = _turned(twist, -float(odom.xy_heading[2]))
+            turn = SE2(np.array([0.0, 0.0, float(odom.xy_heading[2])]))
+            twist = np.append(turn.inverse().rotate(twist[:2]), twist[2])
         return float(twist[i])
 
 
@@ -101,8 +101,3 @@ def _odometry_value(stream: str, part: str, i: int, snapshot: Snapshot) -> float
 def _sigma(i: int, snapshot: Snapshot) -> float | None:
     odom = snapshot.odom
     return None if odom is None else math.sqrt(max(0.0, float(odom.pose_covariance[i, i])))
-
-
-def _turned(twist: Array, angle_rad: float) -> Array:
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([c * twist[0] - s * twist[1], s * twist[0] + c * twist[1], twist[2]])

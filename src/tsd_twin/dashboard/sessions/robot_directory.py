@@ -9,8 +9,8 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from operator import attrgetter
-from typing import Protocol
 
 from tsd_twin.client import procedures
 from tsd_twin.client.monitor import RobotMonitor, Snapshot
@@ -21,7 +21,6 @@ from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import LOOK_BACK_S
 from tsd_twin.dashboard.wire.to_page import RobotName, RobotState
 from tsd_twin.messages.events import Event
-from tsd_twin.shadow import ShadowReport
 
 SPACING_S = 0.1
 _SLACK_S = 1.0
@@ -61,89 +60,79 @@ _IDLE_PINGS = 4
 """Ping interval while no page is open, in periods."""
 
 
-class RobotClients(Protocol):
-    """Robot clients by id, with a change notification."""
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownRobot:
+    """Robot with everything that is derived from its messages."""
 
-    @property
-    def links(self) -> Mapping[str, RobotMonitor]:
-        """Clients of all robots, by id."""
-        ...
+    link: RobotMonitor
+    telemetry: RobotTelemetry
+    shadow: ShadowMonitor
+    history: StateHistory
 
-    def on_change(self, call: Callable[[], None]) -> None:
-        """Register a callback for added or removed robots; it may run on any thread."""
-        ...
+    def past(self, ago_s: float) -> Snapshot | None:
+        """Return a past snapshot, or None if no page was open at that time."""
+        return self.history.at(self.link.snapshot.received_s - ago_s)
 
 
 class RobotDirectory:
     """All robots with their latest states and events; event loop only."""
 
     def __init__(
-        self, discovery: RobotClients, executor: RpcExecutor, roster: RobotRoster | None = None
+        self,
+        links: Mapping[str, RobotMonitor],
+        executor: RpcExecutor,
+        roster: RobotRoster | None = None,
     ) -> None:
-        self._discovery = discovery
+        self._links = links
         self._executor = executor
         self._roster = roster or RobotRoster()
-        self._telemetry: dict[str, RobotTelemetry] = {}
-        self._shadows: dict[str, tuple[RobotMonitor, ShadowMonitor]] = {}
+        self._robots: dict[str, KnownRobot] = {}
         self._events: dict[str, deque[tuple[float, Event]]] = {}
         self._modes: dict[str, tuple[str, float]] = {}
-        self._histories: dict[str, tuple[RobotMonitor, StateHistory]] = {}
         self._measuring: set[asyncio.Task[None]] = set()
 
     def robot_names(self) -> list[RobotName]:
         """Return the entries of the robot menu; a new page selects the first."""
-        links, roster = self._discovery.links, self._roster
+        links, roster = self._links, self._roster
         return [
-            RobotName(
-                id=robot_id,
-                title=links[robot_id].robot.title,
-                colour="#{:02x}{:02x}{:02x}".format(*roster.colour(robot_id)),
-            )
+            RobotName(robot_id, links[robot_id].robot.title, roster.css_colour(robot_id))
             for robot_id in roster.in_order(links)
         ]
 
-    def view(self, robot_id: str | None) -> RobotTelemetry | None:
-        """Return the telemetry of a robot; a new object after the robot has restarted."""
-        link = self._discovery.links.get(robot_id) if robot_id is not None else None
+    def robot(self, robot_id: str | None) -> KnownRobot | None:
+        """Return a robot; a new object after the robot has restarted."""
+        link = self._links.get(robot_id) if robot_id is not None else None
         if link is None:
             return None
-        if link.id not in self._telemetry or self._telemetry[link.id].link is not link:
-            self._telemetry[link.id] = RobotTelemetry(link)
-        return self._telemetry[link.id]
+        known = self._robots.get(link.id)
+        if known is None or known.link is not link:
+            if known is not None:
+                known.shadow.end()
+            known = KnownRobot(link, RobotTelemetry(link), ShadowMonitor(link), StateHistory())
+            self._robots[link.id] = known
+        return known
 
     def state(self, robot_id: str | None) -> RobotState | None:
         """Return the state of a robot, or None before its first status."""
-        view = self.view(robot_id)
-        if view is None:
+        known = self.robot(robot_id)
+        if known is None:
             return None
-        snapshot = view.link.snapshot
+        snapshot = known.link.snapshot
         if snapshot.status is None:
             return None
         now_s = time.monotonic()
-        return view.state(
+        return known.telemetry.state(
             snapshot,
             snapshot.status,
             now_s,
-            mode_age_s=now_s - self._mode_since_s(view.link.id, snapshot.status.mode),
-            round_trips=view.link.round_trips,
+            mode_age_s=now_s - self._mode_since_s(known.link.id, snapshot.status.mode),
+            round_trips=known.link.round_trips,
         )
-
-    def shadow(self, robot_id: str | None) -> ShadowReport | None:
-        """Return the comparison of a robot with its shadow twin; calls keep the twin running."""
-        view = self.view(robot_id)
-        if view is None:
-            return None
-        known = self._shadows.get(view.link.id)
-        if known is None or known[0] is not view.link:
-            if known is not None:
-                known[1].end()  # The robot has restarted.
-            self._shadows[view.link.id] = known = (view.link, ShadowMonitor(view.link))
-        return known[1].report()
 
     def close(self) -> None:
         """End all shadow twins."""
-        for _, monitor in self._shadows.values():
-            monitor.close()
+        for known in self._robots.values():
+            known.shadow.close()
 
     def add_event(self, robot_id: str, event: Event) -> None:
         """Store an event, which may arrive before its robot is discovered."""
@@ -160,7 +149,7 @@ class RobotDirectory:
     def health(self) -> dict[str, dict[str, str | float | None]]:
         """Return the mode and state age of each robot; null before its first status."""
         health: dict[str, dict[str, str | float | None]] = {}
-        for robot_id, link in list(self._discovery.links.items()):
+        for robot_id, link in list(self._links.items()):
             status, age_s = link.snapshot.status, _state_age_s(link)
             health[robot_id] = {
                 "mode": status.mode if status else None,
@@ -170,30 +159,15 @@ class RobotDirectory:
 
     def has_live_robot(self) -> bool:
         """Return whether a robot has sent a state recently."""
-        return any(
-            _state_age_s(link) < LIVE_TIMEOUT_S for link in list(self._discovery.links.values())
-        )
+        return any(_state_age_s(link) < LIVE_TIMEOUT_S for link in list(self._links.values()))
 
     def note_status(self, robot_id: str) -> None:
         """Record the latest state in the robot's history, and the time of its last mode change."""
-        link = self._discovery.links.get(robot_id)
-        if link is None or link.snapshot.status is None:
+        known = self.robot(robot_id)
+        if known is None or (status := known.link.snapshot.status) is None:
             return
-        self._mode_since_s(robot_id, link.snapshot.status.mode)
-        if robot_id not in self._histories or self._histories[robot_id][0] is not link:
-            known = self._discovery.links  # Drop the history of robots that have left or restarted.
-            self._histories = {
-                each: kept for each, kept in self._histories.items() if each in known
-            }
-            self._histories[robot_id] = link, StateHistory()
-        self._histories[robot_id][1].add(link.snapshot)
-
-    def past(self, robot_id: str, ago_s: float) -> Snapshot | None:
-        """Return a past snapshot of a robot, or None if no page was open at that time."""
-        link, history = self._histories.get(robot_id, (None, None))
-        if link is None or history is None or link is not self._discovery.links.get(robot_id):
-            return None
-        return history.at(link.snapshot.received_s - ago_s)
+        self._mode_since_s(robot_id, status.mode)
+        known.history.add(known.link.snapshot)
 
     def links_to_stop(self, robot_id: str | None) -> list[RobotMonitor]:
         """Return the robots to stop, for a page that has a robot selected.
@@ -201,7 +175,7 @@ class RobotDirectory:
         These are all live robots if the page shows a recording or no robot. Replays cannot be
         stopped.
         """
-        links = list(self._discovery.links.values())
+        links = list(self._links.values())
         shown = [link for link in links if link.id == robot_id and not link.is_recording]
         return shown or [link for link in links if not link.is_recording]
 
@@ -216,7 +190,7 @@ class RobotDirectory:
                 continue
             self._measuring = {task for task in self._measuring if not task.done()}
             busy = {task.get_name() for task in self._measuring}
-            for link in list(self._discovery.links.values()):
+            for link in list(self._links.values()):
                 answers = not link.has_duplicate and _state_age_s(link) < LIVE_TIMEOUT_S
                 if answers and link.id not in busy:
                     self._measuring.add(asyncio.create_task(self._measure(link), name=link.id))

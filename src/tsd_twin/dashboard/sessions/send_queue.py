@@ -4,20 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from typing import Protocol
+
+from aiohttp import web
 
 MAX_QUEUED = 64
 """Maximum number of replies and events queued for a slow page; the oldest are dropped first."""
 MAX_UNACKNOWLEDGED = 12
 """Maximum number of unacknowledged states; further states wait for an acknowledgement."""
-
-
-class Socket(Protocol):
-    """Sending side of a WebSocket."""
-
-    async def send_str(self, data: str) -> None:
-        """Send a text frame; waits while the socket is full."""
-        ...
 
 
 class SendQueue:
@@ -61,7 +54,7 @@ class SendQueue:
         self._state = None
         self._unacknowledged.clear()
 
-    async def run(self, socket: Socket) -> None:
+    async def run(self, socket: web.WebSocketResponse) -> None:
         """Send queued messages until the socket is closed."""
         while True:
             await self._wake.wait()

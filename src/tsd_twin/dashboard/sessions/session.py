@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
 
 from tsd_twin.client import procedures
 from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.sessions.lease import LeaseClient, RpcExecutor
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
@@ -20,10 +21,9 @@ from tsd_twin.dashboard.sessions.principal import Principal, operator_name
 from tsd_twin.dashboard.sessions.robot_directory import RobotDirectory
 from tsd_twin.dashboard.sessions.send_queue import SendQueue
 from tsd_twin.dashboard.sessions.student import StudentSession
-from tsd_twin.dashboard.sessions.teleop import TeleopController
+from tsd_twin.dashboard.sessions.teleop import TeleopController, TeleopMessage
 from tsd_twin.dashboard.wire.from_page import (
     ArmRequest,
-    ClearPlan,
     DisarmRequest,
     DriveCommand,
     FollowPlan,
@@ -32,12 +32,10 @@ from tsd_twin.dashboard.wire.from_page import (
     PageHeartbeat,
     PageMessage,
     PanelSlidersReleased,
-    PlanRequest,
     ReleaseControls,
     ResetRequest,
     SelectPlotFields,
     SelectRobot,
-    SetSpeedLevel,
     SetView,
     SetWheelSpeed,
     ShowMap,
@@ -51,13 +49,14 @@ from tsd_twin.dashboard.wire.to_page import (
     HeartbeatReply,
     PastState,
     RobotEvent,
+    RobotName,
     RobotState,
     SessionInfo,
     ViewChanged,
     encode_message,
 )
 from tsd_twin.dashboard.wire.view import ViewSettings
-from tsd_twin.messages.codes import Code, because
+from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import why_of
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
@@ -72,6 +71,10 @@ _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Servi
     DisarmRequest: Service.DISARM,
     ResetRequest: Service.RESET,
 }
+DisplayMessage: TypeAlias = (
+    SelectRobot | SelectPlotFields | SetView | ShowMap | LookBack | ShowShadow | StudentRequest
+)
+"""Messages that change only what the page is sent."""
 VIEWER_REFUSAL = because(Code.VIEWER)
 _MAX_CONCURRENT_STOPS = 2
 """A second stop starts after the first, so a third would add nothing."""
@@ -89,6 +92,8 @@ class PageSession:
         """
         self.page = page
         self.principal = principal
+        self.view: ViewSettings | None = None
+        """View settings, if the page or its panel has sent any."""
         self.send_queue = SendQueue()
         self.rejected = 0
         """Number of invalid messages."""
@@ -117,6 +122,23 @@ class PageSession:
         reply = await stop()
         self._send(ActionReply(to="stop", ok=reply.ok, why=why_of(reply)))
 
+    def on_view(self, settings: ViewSettings) -> None:
+        """Send view settings changed in the panel, which the page should store."""
+        self.view = settings
+        self._send(ViewChanged(settings=settings))
+
+    def _send_welcome(self, role: Role, robots: Sequence[RobotName], robot: str | None) -> None:
+        self._send(
+            SessionInfo(
+                operator=self._operator,
+                role=role,
+                user=self.principal.user,
+                may_stop=self.principal.may_stop,
+                robots=robots,
+                robot=robot,
+            )
+        )
+
     def _send(self, message: Any) -> None:
         self.send_queue.put(encode_message(message))
 
@@ -134,13 +156,12 @@ class Session(PageSession):
         *,
         principal: Principal,
         map_data: MapData,
+        scene: PageScene,
         name: str = "",
     ) -> None:
         super().__init__(page, principal, name)
         self.robot_id: str | None = None
         """Selected robot."""
-        self.view: ViewSettings | None = None
-        """View settings, if the page or its panel has sent any."""
         self._role = principal.identity.role
         self._directory = directory
         self._executor = executor
@@ -150,13 +171,13 @@ class Session(PageSession):
         )
         self._teleop = TeleopController(
             self._lease_client,
-            NavigationSession(page, executor, map_data, self._send),
+            NavigationSession(page, executor, scene.pick_floor, map_data.show_route, self._send),
             self._send,
             lambda: on_released(page),
         )
         self._student = StudentSession(executor, self._send)
         self._motion: DriveCommand | FollowPlan | None = None
-        self._map_data = map_data
+        self._map_data, self._scene = map_data, scene
         self._ago_s: float | None = None
         self._past: Snapshot | None = None
         self._shows_shadow = False
@@ -164,25 +185,16 @@ class Session(PageSession):
     def on_robots_changed(self) -> None:
         """Send session info with the list of robots; select a robot if none is selected."""
         control = self._lease_client.lease
-        if control is not None and (view := self._directory.view(control.link.id)) is not None:
-            if view.link is not control.link:
+        if control is not None and (robot := self._directory.robot(control.link.id)) is not None:
+            if robot.link is not control.link:
                 self._teleop.navigation.clear()
             # The robot has restarted; send nothing to its previous client.
-            control.link = view.link
+            control.link = robot.link
         names = self._directory.robot_names()
         if self.robot_id is None and names:
             self.robot_id = names[0].id
             self._on_chosen(self.page, self.robot_id)
-        self._send(
-            SessionInfo(
-                operator=self._operator,
-                role=self._role,
-                user=self.principal.user,
-                may_stop=self.principal.may_stop,
-                robots=names,
-                robot=self.robot_id,
-            )
-        )
+        self._send_welcome(self._role, names, self.robot_id)
         self._send_robot()
 
     async def close(self) -> None:
@@ -235,50 +247,27 @@ class Session(PageSession):
             self.reject(error)
 
     def _dispatch(self, message: PageMessage) -> None:
+        if isinstance(message, TeleopMessage):
+            self._teleop.handle(message)
+            return
         match message:
             case StopCommand():
                 self._stop()
-            case (
-                DriveCommand()
-                | FollowPlan()
-                | ReleaseControls()
-                | PlanRequest()
-                | SetSpeedLevel()
-                | ClearPlan()
-            ):
-                self._teleop.handle(message)
             case PageHeartbeat():
                 self._on_heartbeat(message)
             case PanelSlidersReleased():
                 if self._role is not Role.VIEWER:  # Viewers have no sliders.
                     self._on_released(self.page)
-            case (
-                SelectRobot()
-                | SelectPlotFields()
-                | SetView()
-                | ShowMap()
-                | LookBack()
-                | ShowShadow()
-                | StudentRequest()
-            ):
-                self._show(message)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, why=VIEWER_REFUSAL))
             case LeaseAction():
                 self._on_lease_action(message)
             case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
                 self._request_as_holder(message)
+            case _:
+                self._show(message)
 
-    def _show(
-        self,
-        message: SelectRobot
-        | SelectPlotFields
-        | SetView
-        | ShowMap
-        | LookBack
-        | ShowShadow
-        | StudentRequest,
-    ) -> None:
+    def _show(self, message: DisplayMessage) -> None:
         match message:
             case SelectRobot():
                 self.select_robot(message.id)
@@ -286,7 +275,7 @@ class Session(PageSession):
                 self._plot_fields = message.names
             case SetView():
                 self.view = message.settings
-                self._map_data.apply_view(self.page, message.settings, look=message.look)
+                self._scene.apply_view(self.page, message.settings, look=message.look)
             case ShowMap():
                 self._shows_map, was_shown = message.on, self._shows_map
                 if not was_shown:
@@ -337,21 +326,20 @@ class Session(PageSession):
 
     def _on_lease_action(self, message: LeaseAction) -> None:
         lease_client = self._lease_client
-        view = self._directory.view(self.robot_id)
-        link = view.link if view else None
+        robot = self._directory.robot(self.robot_id)
+        link = robot.link if robot else None
         match message.op:
             case "acquire":
-                lease_client.start_request("lease", lease_client.acquire(link, message))
+                work = lease_client.acquire(link, message)
             case "request":
-                lease_client.start_request("lease", lease_client.request(link, message))
+                work = lease_client.request(link, message)
             case "release":
-                lease_client.start_request("lease", lease_client.release())
+                work = lease_client.release()
             case "withdraw":
-                lease_client.start_request("lease", lease_client.withdraw())
+                work = lease_client.withdraw()
             case "grant" | "deny":
-                lease_client.start_request(
-                    "lease", lease_client.answer_request(message.op, message.requester)
-                )
+                work = lease_client.answer_request(message.op, message.requester)
+        lease_client.start_request("lease", work)
 
     def select_robot(self, robot_id: str) -> None:
         """Select another robot and release the lease of the previous one."""
@@ -366,7 +354,7 @@ class Session(PageSession):
             self._on_chosen(self.page, self.robot_id)
 
     async def _select_robot(self, robot_id: str) -> Reply:
-        if self._directory.view(robot_id) is None:
+        if self._directory.robot(robot_id) is None:
             self._restore_panel()
             return Reply.refused(because(Code.UNKNOWN_ROBOT, robot=robot_id))
         self._teleop.release(because(Code.OTHER_ROBOT_SHOWN))
@@ -398,6 +386,7 @@ class Session(PageSession):
     def show(self, state: RobotState) -> None:
         """Send a state of the selected robot."""
         held = self._lease_client.lease is not None
+        robot = self._directory.robot(self.robot_id)
         state = msgspec.structs.replace(
             state,
             has_control=held and state.status.lease.holder == self._operator,
@@ -405,53 +394,55 @@ class Session(PageSession):
             plot=self._plot_values(),
             map=self._map_data.state(self.robot_id or "") if self._shows_map else None,
             past=self._show_past(),
-            shadow=self._directory.shadow(self.robot_id) if self._shows_shadow else None,
+            shadow=robot.shadow.report() if self._shows_shadow and robot else None,
         )
         self.send_queue.put_state(state.status_seq, encode_message(state))
 
     def _show_past(self) -> PastState | None:
         """Draw the past state of the robot, if requested, and return it."""
-        ago_s, view = self._ago_s, self._directory.view(self.robot_id)
-        past = None
-        if ago_s is not None and view is not None:
-            past = self._directory.past(view.link.id, ago_s)
+        ago_s, robot = self._ago_s, self._directory.robot(self.robot_id)
+        past = None if ago_s is None or robot is None else robot.past(ago_s)
         if past is not self._past:
             self._past = past
-            self._map_data.show_past(self.page, past, ago_s or 0.0)
-        if ago_s is None or past is None or past.status is None or view is None:
+            self._scene.show_past(self.page, past, ago_s or 0.0)
+        if ago_s is None or past is None or past.status is None or robot is None:
             return None
-        told = view.state(
-            past, past.status, past.received_s, mode_age_s=0.0, round_trips=view.link.round_trips
+        told = robot.telemetry.state(
+            past, past.status, past.received_s, mode_age_s=0.0, round_trips=robot.link.round_trips
         )
         return PastState(ago_s, told.status.mode, told.pose, told.twist)
 
     def _plot_values(self) -> dict[str, float | None]:
-        view = self._directory.view(self.robot_id) if self._plot_fields else None
-        if view is None:
+        robot = self._directory.robot(self.robot_id) if self._plot_fields else None
+        if robot is None:
             return {}
-        return view.plot_fields.values(self._plot_fields, view.link.snapshot)
+        return robot.telemetry.plot_fields.values(self._plot_fields, robot.link.snapshot)
 
     def send_map_lines(self, *, trails: bool) -> None:
         """Send paths and, if requested, trails, if the page shows its map."""
         if self._shows_map:
             self._send(self._map_data.lines(trails=trails))
 
-    def on_view(self, settings: ViewSettings) -> None:
-        """Send view settings changed in the panel, which the page should store."""
-        self.view = settings
-        self._send(ViewChanged(settings=settings))
-
     def send_event(self, event: Event, *, past: bool = False, age_s: float = 0.0) -> None:
         """Send an event of the selected robot."""
-        self._send(RobotEvent.of(event, past=past, age_s=age_s))
+        self._send(
+            RobotEvent(
+                kind=event.kind,
+                text=event.text,
+                why=why_of(event) or Reason(event.kind),
+                robot_s=round(event.robot_s, 3),
+                past=past,
+                age_s=round(age_s, 3),
+            )
+        )
 
     def _send_robot(self) -> None:
-        view = self._directory.view(self.robot_id)
-        if view is None:
+        robot = self._directory.robot(self.robot_id)
+        if robot is None:
             return
         self.send_queue.drop_states()
-        self._send(view.info())
-        for age_s, event in self._directory.events(view.link.id):
+        self._send(robot.telemetry.info())
+        for age_s, event in self._directory.events(robot.link.id):
             self.send_event(event, past=True, age_s=age_s)
-        if (state := self._directory.state(view.link.id)) is not None:
+        if (state := self._directory.state(robot.link.id)) is not None:
             self.show(state)

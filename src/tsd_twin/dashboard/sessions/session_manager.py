@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from typing import Literal
 
 from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.client import procedures
+from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.scene.picking import DashboardScene, EmptyPageScene
+from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.principal import Principal
-from tsd_twin.dashboard.sessions.robot_directory import RobotClients, RobotDirectory
+from tsd_twin.dashboard.sessions.robot_directory import RobotDirectory
 from tsd_twin.dashboard.sessions.session import Session
 from tsd_twin.dashboard.wire.to_page import PanelSliders, SphereClick, encode_message
 from tsd_twin.dashboard.wire.view import ViewSettings
@@ -31,21 +32,21 @@ def _ignore(*_args: str) -> None:
 class SessionManager:
     """Sessions of all connected pages, on one event loop.
 
-    `on_status` and `on_event` belong to that loop; `on_panel`, `on_sphere_click`,
-    `on_view`, `on_trails_cleared` and `select_robot` may be called from any thread.
+    `on_status` and `on_event` belong to that loop; `on_panel`, `on_sphere_click`, `on_view`,
+    `on_robots_changed`, `on_trails_cleared` and `select_robot` may be called from any thread.
     """
 
     def __init__(
         self,
-        discovery: RobotClients,
+        links: Mapping[str, RobotMonitor],
         on_released: Callable[[str], None] = _ignore,
         on_chosen: Callable[[str, str], None] = _ignore,
-        page_scene: DashboardScene | None = None,
+        page_scene: PageScene | None = None,
         *,
         on_opened: Callable[[], None] = _ignore,
         roster: RobotRoster | None = None,
     ) -> None:
-        """Initialise the manager without sessions.
+        """Initialise the manager without sessions; `links` is a live view of all robots.
 
         Callbacks run on the event loop: `on_released(page)` centres the sliders of the page's
         panel, `on_chosen(page, robot_id)` selects a robot in it, and `on_opened` reports a new
@@ -53,18 +54,16 @@ class SessionManager:
         colours of robots.
         """
         self._executor = RpcExecutor()
-        self.directory = RobotDirectory(discovery, self._executor, roster)
+        self.directory = RobotDirectory(links, self._executor, roster)
         """All robots visible to pages."""
         self._on_released, self._on_chosen = on_released, on_chosen
         self._on_opened = on_opened
-        self._map_data = MapData(
-            lambda: discovery.links, page_scene or EmptyPageScene(), self._on_map_lines
-        )
+        self._scene = page_scene or PageScene()
+        self._map_data = MapData(links, self._scene, self._on_map_lines)
         self._sessions: dict[str, Session] = {}
         self._sockets: dict[str, web.WebSocketResponse] = {}
         self._rejected = 0
         self._loop: asyncio.AbstractEventLoop | None = None
-        discovery.on_change(lambda: self._call_soon(self._on_robots_changed))
 
     def open(self) -> None:
         """Start on the running event loop and accept calls from other threads."""
@@ -152,6 +151,15 @@ class SessionManager:
         """Send a page the view settings changed in its panel; thread-safe."""
         self._with_session(page, lambda session: session.on_view(settings))
 
+    def on_robots_changed(self) -> None:
+        """Send all pages the list of robots; thread-safe."""
+
+        def call() -> None:
+            for session in self._sessions.values():
+                session.on_robots_changed()
+
+        self._call_soon(call)
+
     def on_trails_cleared(self) -> None:
         """Clear the trails on all maps; thread-safe."""
         self._call_soon(self._clear_trails)
@@ -177,11 +185,6 @@ class SessionManager:
     def _clear_trails(self) -> None:
         self._map_data.clear_trails()
         self._on_map_lines(trails=True)
-
-    def _on_robots_changed(self) -> None:
-        self._map_data.on_robots_changed()
-        for session in self._sessions.values():
-            session.on_robots_changed()
 
     def _call_soon(self, call: Callable[[], None]) -> None:
         if self._loop is not None:
@@ -229,6 +232,7 @@ class SessionManager:
             self._on_chosen,
             principal=principal,
             map_data=self._map_data,
+            scene=self._scene,
             name=name,
         )
         self._sessions[page], self._sockets[page] = session, socket
@@ -245,10 +249,7 @@ class SessionManager:
         finally:
             delivering.cancel()
             await asyncio.gather(delivering, return_exceptions=True)
-            await self._end(session, socket)
-
-    async def _end(self, session: Session, socket: web.WebSocketResponse) -> None:
-        await session.close()
-        self._rejected += session.rejected
-        if self._sockets.get(session.page) is socket:
-            del self._sessions[session.page], self._sockets[session.page]
+            await session.close()
+            self._rejected += session.rejected
+            if self._sockets.get(page) is socket:
+                del self._sessions[page], self._sockets[page]

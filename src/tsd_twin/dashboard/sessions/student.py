@@ -10,13 +10,14 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.student_wheels import short, triple
-from tsd_twin.dashboard.sessions.variants import knobs_of, variant, variant_toml
+from tsd_twin.dashboard.sessions.variants import base_robot, knobs_of, variant, variant_toml
 from tsd_twin.dashboard.wire.from_page import StudentRequest
 from tsd_twin.dashboard.wire.to_page import (
     ShippedRobot,
@@ -125,17 +126,8 @@ def _bases() -> list[ShippedRobot]:
 
 def _knobs(base: str, changed: dict[str, float]) -> list[StudentKnob]:
     return [
-        StudentKnob(
-            key=key,
-            label=label,
-            unit=knob.unit,
-            value=changed.get(key, value),
-            usual=value,
-            least=knob.least,
-            most=knob.most,
-            step=knob.step,
-        )
-        for key, (knob, label, value) in knobs_of(variant(base, {})).items()
+        msgspec.structs.replace(knob, value=changed.get(key, knob.value))
+        for key, knob in knobs_of(base_robot(base)).items()
     ]
 
 

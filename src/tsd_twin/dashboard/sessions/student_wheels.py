@@ -12,7 +12,6 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import (
     RPM,
     OmniDescription,
-    RobotDescription,
     SingularityDescription,
     SphereDescription,
 )
@@ -46,39 +45,32 @@ def gimbal_wheels(robot: SingularityDescription, twist: Array) -> list[StudentWh
 def roller_wheels(robot: OmniDescription, twist: Array) -> list[StudentWheel]:
     """Return the wheels of a platform on rollers at a twist (3,)."""
     drive = robot.kinematics()
-    spins = drive.inverse(twist)
     pushes = pivot_velocities(drive.positions_m, twist)
-    return [
-        StudentWheel(
-            at=pair(drive.positions_m[i]),
-            push=pair(pushes[i]),
-            direction_deg=degrees(drive.directions_rad[i]),
-            rpm=short(float(spins[i]) / RPM),
-        )
-        for i in range(drive.wheels)
-    ]
+    return _rolling_wheels(drive.inverse(twist), drive.positions_m, pushes, drive.directions_rad)
 
 
 def sphere_wheels(robot: SphereDescription, twist: Array) -> list[StudentWheel]:
     """Return the wheels below a sphere that turns at a twist (3,), seen from above."""
     drive = robot.kinematics()
-    spins = drive.inverse(twist)
     contacts = drive.sphere_radius_m * drive.contacts
-    pushes = np.cross(twist, contacts)
+    directions_rad = np.arctan2(drive.actuations[:, 1], drive.actuations[:, 0])
+    return _rolling_wheels(
+        drive.inverse(twist), contacts, np.cross(twist, contacts), directions_rad
+    )
+
+
+def _rolling_wheels(
+    spins: Array, at_m: Array, pushes: Array, directions_rad: Array
+) -> list[StudentWheel]:
     return [
         StudentWheel(
-            at=pair(contacts[i]),
+            at=pair(at_m[i]),
             push=pair(pushes[i]),
-            direction_deg=degrees(np.arctan2(drive.actuations[i, 1], drive.actuations[i, 0])),
+            direction_deg=degrees(directions_rad[i]),
             rpm=short(float(spins[i]) / RPM),
         )
-        for i in range(drive.wheels)
+        for i in range(len(spins))
     ]
-
-
-def no_wheels(_robot: RobotDescription, _twist: Array) -> list[StudentWheel]:
-    """Return an empty list, because the wheels of the robot are unknown."""
-    return []
 
 
 def pivot_velocities(at_m: Array, twist: Array) -> Array:

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.client.monitor import RobotMonitor, RoundTrips, Snapshot
-from tsd_twin.dashboard.scene.robot_geometry import commanded_joints, twist_axes_of
+from tsd_twin.client.monitor import RoundTrips, Snapshot
+from tsd_twin.dashboard.scene.robot_geometry import JointReader, commanded_joints, twist_axes_of
+from tsd_twin.dashboard.scene.robot_visual import VisualSource
 from tsd_twin.dashboard.sessions.actuator_telemetry import ActuatorTelemetry, rounded
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.sessions.plot_fields import PlotFields
 from tsd_twin.dashboard.wire.from_page import Triple
 from tsd_twin.dashboard.wire.to_page import RobotInfo, RobotState, SpeedLimits, TwistAxisInfo
-from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import JointState, Odometry
 from tsd_twin.messages.status import RobotStatus
@@ -25,11 +25,10 @@ SPEED_LEVELS_PERCENT = (20, 50, 80, 100)
 class RobotTelemetry:
     """Telemetry of a robot: `RobotInfo` and `RobotState` of its client."""
 
-    def __init__(self, link: RobotMonitor) -> None:
-        self.link = link
+    def __init__(self, link: VisualSource) -> None:
+        self._link = link
         self._kinematics = link.kinematics
-        self._order = [joint.name for joint in link.kinematics.joints]
-        self._is_angle = np.array([j.kind is JointKind.POSITION for j in link.kinematics.joints])
+        self._reader = JointReader(link.kinematics.joints)
         self._actuators: ActuatorTelemetry = view_of(link.robot).telemetry(link.robot)
         has_alternative = self._actuators.info().get("alternative_estimate") is not None
         self.plot_fields = PlotFields(link, has_alternative=has_alternative)
@@ -37,9 +36,9 @@ class RobotTelemetry:
 
     def info(self) -> RobotInfo:
         """Return the constant data."""
-        robot = self.link.robot
+        robot = self._link.robot
         return RobotInfo(
-            id=self.link.id,
+            id=self._link.id,
             title=robot.title,
             limits=SpeedLimits(robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s),
             levels=SPEED_LEVELS_PERCENT,
@@ -100,15 +99,8 @@ class RobotTelemetry:
         return None if said is None or said.wxyz is not None else rounded(said.xy_heading)
 
     def _joint_vector(self, state: JointState | None) -> Array | None:
-        """Return a joint vector (n,), or None if a joint of this robot is missing."""
-        if state is None:
-            return None
-        place = {name: i for i, name in enumerate(state.names)}
-        if not all(name in place for name in self._order):
-            return None
-        rows = [place[name] for name in self._order]
-        joints = np.where(self._is_angle, state.position_rad[rows], state.velocity_rad_per_s[rows])
-        return joints if np.isfinite(joints).all() else None
+        joints = None if state is None else self._reader.read(state)
+        return joints if joints is not None and np.isfinite(joints).all() else None
 
 
 def _milliseconds(seconds: float | None) -> float | None:

@@ -207,7 +207,9 @@ class TeleopController:
 
     def _send(self, lease: Lease, twist: Sequence[float], frame: str, seen: int) -> int:
         """Send a command immediately, with `seen` as the number of the latest state seen."""
-        self._cancel_zeros()
+        if self._zeros is not None:
+            self._zeros.cancel()
+            self._zeros = None
         with lease.link.lock:
             command = lease.protocol.command(twist, frame, lease.link.now_s(), seen)
             lease.link.send(command)
@@ -228,11 +230,6 @@ class TeleopController:
         if left > 0:
             again = partial(self._send_zero, lease, left - 1, number if first is None else first)
             self._zeros = asyncio.get_running_loop().call_later(ZERO_PERIOD_S, again)
-
-    def _cancel_zeros(self) -> None:
-        if self._zeros is not None:
-            self._zeros.cancel()
-            self._zeros = None
 
     def _handle_plan_message(self, message: PlanRequest | SetSpeedLevel | ClearPlan) -> None:
         lease = self._lease_client.lease

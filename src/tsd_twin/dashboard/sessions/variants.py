@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from copy import deepcopy
 from functools import cache
 from typing import Any
 
@@ -11,6 +10,7 @@ import msgspec
 import tomlkit
 
 from tsd_twin.dashboard.sessions.kinds import TunableParameter, view_of
+from tsd_twin.dashboard.wire.to_page import StudentKnob
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import RobotDescription, load_robot, read_description, robot_names
 from tsd_twin.robots.loader import description_of_tables
@@ -33,14 +33,17 @@ def base_robot(name: str) -> RobotDescription:
     return _base(name)
 
 
-def knobs_of(robot: RobotDescription) -> dict[str, tuple[TunableParameter, str, float]]:
-    """Return a robot's tunable parameters by key, each with label and value."""
+def knobs_of(robot: RobotDescription) -> dict[str, StudentKnob]:
+    """Return a robot's tunable parameters by key."""
     tables = msgspec.to_builtins(robot)
-    return {
-        key: (knob, label, float(value_at(tables, key)))
-        for knob in view_of(robot).knobs
-        for key, label in _places(knob, tables)
-    }
+    knobs: dict[str, StudentKnob] = {}
+    for knob in view_of(robot).knobs:
+        for key, label in _places(knob, tables):
+            value = float(value_at(tables, key))
+            knobs[key] = StudentKnob(
+                key, label, knob.unit, value, value, knob.least, knob.most, knob.step
+            )
+    return knobs
 
 
 def variant(base: str, changes: Mapping[str, float]) -> RobotDescription:
@@ -50,8 +53,9 @@ def variant(base: str, changes: Mapping[str, float]) -> RobotDescription:
         RobotFileError: If there is no such robot or parameter, or the robot would be impossible.
     """
     robot = base_robot(base)
-    tables = deepcopy(msgspec.to_builtins(robot))
-    for key, value in _check_changes(robot, changes).items():
+    _check_changes(robot, changes)
+    tables = msgspec.to_builtins(robot)
+    for key, value in changes.items():
         set_value(tables, key, value)
     return description_of_tables(tables, base)
 
@@ -69,26 +73,25 @@ def variant_toml(base: str, changes: Mapping[str, float]) -> str:
     document["title"] = f"{robot.title}, changed"
     for key, value in changes.items():
         set_value(document, key, float(value))
-    notes = [f"{key} is {value:g}, was {before[key][2]:g}" for key, value in changes.items()]
+    notes = [f"{key} is {value:g}, was {before[key].value:g}" for key, value in changes.items()]
     document["assumptions"] = [*robot.assumptions, *(f"changed: {note}" for note in notes)]
     if "assumptions" in document and len(document["assumptions"]) > 1:
         document["assumptions"].multiline(multiline=True)
     return tomlkit.dumps(document)
 
 
-def _check_changes(robot: RobotDescription, changes: Mapping[str, float]) -> Mapping[str, float]:
-    """Return `changes` after checking that all are known parameters within their ranges."""
+def _check_changes(robot: RobotDescription, changes: Mapping[str, float]) -> None:
+    """Refuse unknown parameters, and values outside their ranges."""
     knobs = knobs_of(robot)
     for key, value in changes.items():
         if key not in knobs:
             raise RobotFileError(robot.name, f"{key} is no knob", f"knobs are {', '.join(knobs)}")
-        knob, _, _ = knobs[key]
+        knob = knobs[key]
         # False for NaN.
         if not knob.least <= value <= knob.most:
             raise RobotFileError(
                 robot.name, f"{key} is {value:g}", f"from {knob.least:g} to {knob.most:g}"
             )
-    return changes
 
 
 def _places(knob: TunableParameter, tables: Any) -> Iterator[tuple[str, str]]:

@@ -11,8 +11,6 @@ from tsd_twin.client.connection import Source
 from tsd_twin.dashboard.wire.from_page import Message, Triple
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.messages.codes import Reason
-from tsd_twin.messages.commands import why_of
-from tsd_twin.messages.events import Event
 from tsd_twin.messages.status import RobotStatus
 from tsd_twin.security import Role
 from tsd_twin.shadow import ShadowReport
@@ -317,18 +315,6 @@ class RobotEvent(Message, frozen=True, tag="event"):
     """Whether it happened before the page selected the robot."""
     age_s: float = 0.0
     """Time since the dashboard received it; pages convert all times to their own clock."""
-
-    @classmethod
-    def of(cls, event: Event, *, past: bool = False, age_s: float = 0.0) -> RobotEvent:
-        """Return the displayed part of an event."""
-        return cls(
-            kind=event.kind,
-            text=event.text,
-            why=why_of(event) or Reason(event.kind),
-            robot_s=round(event.robot_s, 3),
-            past=past,
-            age_s=round(age_s, 3),
-        )
 
 
 class StudentKnob(msgspec.Struct, frozen=True):
