@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import TypeAlias
 
+import numpy as np
+
 from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import VisualSource
