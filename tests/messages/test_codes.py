@@ -26,7 +26,7 @@ from tsd_twin.messages.codes import (
     problem_of,
 )
 from tsd_twin.messages.modes import Mode
-from tsd_twin.messages.sentences import WORDS, full_sentence, sentence
+from tsd_twin.messages.sentences import TEMPLATES, WORDS, full_sentence, sentence
 from tsd_twin.messages.services import LeaseRequest
 from tsd_twin.messages.topics import Service
 
@@ -34,19 +34,20 @@ RELEASED = Path(__file__).with_name("codes.json")
 _SLOT = re.compile(r"\{(\w+)(?::[+,]?(?:\.(\d))?)?\}")
 
 
-def test_every_code_has_parameters() -> None:
+def test_every_code_has_parameters_and_a_sentence() -> None:
     assert list(PARAMETERS) == list(Code)
+    assert list(TEMPLATES) == list(Code)
 
 
 @pytest.mark.parametrize("code", list(Code))
 def test_template_uses_only_parameters_of_its_code(code: Code) -> None:
     types = {name.removesuffix("?"): kind for name, kind in PARAMETERS[code].items()}
-    for name, decimals in _SLOT.findall(code.template):
+    for name, decimals in _SLOT.findall(TEMPLATES[code]):
         assert name in types
         if decimals:
             assert int(decimals) >= DECIMALS[types[name]], "the sender has rounded to these"
     needed = {name for name in PARAMETERS[code] if not name.endswith("?")}
-    unconditional = re.sub(r"\[[^]]*]", "", code.template)
+    unconditional = re.sub(r"\[[^]]*]", "", TEMPLATES[code])
     assert {name for name, _ in _SLOT.findall(unconditional)} <= needed
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from tsd_twin.messages.codes import PARAMETERS, Code, Type
-from tsd_twin.messages.sentences import WORDS
+from tsd_twin.messages.sentences import TEMPLATES, WORDS
 
 
 def cells(code: Code) -> tuple[str, str, str]:
     """Code, parameters and sentence of a code, as the page shows them."""
     parameters = ", ".join(_parameter(*each) for each in PARAMETERS[code].items())
-    return f"`{code}`", parameters, f"`{code.template.replace('|', ' or ')}`"
+    return f"`{code}`", parameters, f"`{TEMPLATES[code].replace('|', ' or ')}`"
 
 
 def _parameter(name: str, kind: Type) -> str:

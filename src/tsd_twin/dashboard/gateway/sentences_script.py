@@ -1,7 +1,7 @@
 """Sentences of all codes as a script for the page.
 
 `python -m tsd_twin.dashboard.gateway.sentences_script` writes it again after a change of
-`messages/codes.py` or `messages/sentences.py`.
+`messages/sentences.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tsd_twin.messages.codes import PARAMETERS
-from tsd_twin.messages.sentences import WORDS
+from tsd_twin.messages.sentences import TEMPLATES, WORDS
 
 SCRIPT = Path(__file__).parents[1] / "static" / "sentences.js"
 
@@ -24,10 +24,10 @@ def script() -> str:
         for code, parameters in PARAMETERS.items()
     }
     words = {str(kind): dict(texts) for kind, texts in WORDS.items()}
-    templates = {str(code): code.template for code in PARAMETERS}
+    templates = {str(code): template for code, template in TEMPLATES.items()}
     return "\n".join(
         (
-            "// Generated from tsd_twin/messages/codes.py by",
+            "// Generated from tsd_twin/messages/sentences.py by",
             "// python -m tsd_twin.dashboard.gateway.sentences_script",
             "",
             _constant("TEMPLATES", "Record<string, string>", templates),

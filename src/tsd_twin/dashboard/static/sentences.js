@@ -1,4 +1,4 @@
-// Generated from tsd_twin/messages/codes.py by
+// Generated from tsd_twin/messages/sentences.py by
 // python -m tsd_twin.dashboard.gateway.sentences_script
 
 /** @type {Record<string, string>} */
@@ -253,7 +253,7 @@ export const TYPES = {
   receiver_silent: { channels: "name" },
   manual_on: {},
   no_odometry: { topic: "name" },
-  odometry_old: { s: "s", topic: "name" },
+  odometry_old: { topic: "name", s: "s" },
   cmd_vel_unsent: { text: "text" },
   ros_name_published: { topic: "name", node: "name" },
   ros_name_read: { topic: "name", node: "name" },
@@ -271,7 +271,7 @@ export const TYPES = {
   request_expired: { holder: "operator", asker: "operator" },
   reservation_expired: { operator: "operator" },
   limited: { percent: "%" },
-  slowed: { cause: "cause", percent: "%" },
+  slowed: { percent: "%", cause: "cause" },
   battery_low: { volts: "V" },
   battery_charged: { volts: "V" },
   servo_hot: { limit_c: "°C" },
