@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from multiprocessing.connection import Connection
+from typing import cast
 
 import msgspec
 import numpy as np
@@ -20,6 +21,7 @@ from bench.bus import program
 from bench.table import Row, percentile
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import CAMERA, decoded
+from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.scene import Scene
 
@@ -77,7 +79,7 @@ def latencies(frames: int) -> tuple[float, list[float]]:
         floor = timed(server.get_port(), "/bare", move_bare, frames)
         feed, scene = RobotFeed(), Scene(server)
         feed.say(pose=np.zeros(3), joints=feed.kinematics.inverse(np.zeros(3)))
-        scene.add(feed)
+        scene.add(cast("RobotMonitor", feed))
 
         def move_robot(x: float) -> None:
             joints = feed.kinematics.inverse(np.array([0.5, 0.2 * np.sin(x), 0.4]))

@@ -301,7 +301,8 @@ def row_effect(drive: SphereKinematics) -> RowEffect:
     table_s, *table = TABLE_1.T
     start, end = float(table_s[0]), float(table_s[-1])
     t: Array = np.linspace(start, end, round((end - start) / STEP_S) + 1)
-    speeds = np.stack([np.interp(t, table_s, column) for column in table], axis=-1)
+    columns: list[Array] = [np.interp(t, table_s, column) for column in table]
+    speeds: Array = np.stack(columns, axis=-1)
     # The trapezoidal rule is exact for a speed that is linear in time.
     steps: Array = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(t)[:, None]
     angles: Array = np.concatenate([np.zeros((1, speeds.shape[1])), np.cumsum(steps, axis=0)])

@@ -86,7 +86,7 @@ class TrackingController:
         """
         self.trajectory = trajectory
         self._lag_s = lag_s
-        self._twist_at = feed_forward or (lambda t_s: trajectory.at(t_s).twist)
+        self._twist_at = feed_forward or self._reference_twist
         self._pid = Pid(position, position, heading)
 
     def feed_forward(self, t_s: float) -> Array:
@@ -116,6 +116,9 @@ class TrackingController:
     def reset(self) -> None:
         """Reset the integral of the errors."""
         self._pid.reset()
+
+    def _reference_twist(self, t_s: float) -> Array:
+        return self.trajectory.at(t_s).twist
 
 
 def tracking_errors(reference: Reference, pose: SE2) -> Array:

@@ -71,7 +71,7 @@ class RecordedRobot:
             if (each := found.get(name)) is not None
         }
         self._found = found
-        values = {**self._decoded, "source": "recording"}
+        values: dict[str, Any] = {**self._decoded, "source": "recording"}
         times_s = {name: 1e-9 * (each.log_ns - start_ns) for name, each in found.items()}
         if "odom" in times_s:
             values["odom_received_s"] = times_s["odom"]
