@@ -69,7 +69,7 @@ SOURCES = (
             for name in ("core", "motions", "procedures", "sync", "virtual", "virtual_robot")
         ),
     ),
-    Source("Foxglove", sources.FoxglovePanel, ("tsd_twin.adapters.foxglove.sources",)),
+    Source("Foxglove", sources.FoxglovePanel, ("tsd_twin.adapters.foxglove.live",)),
     Source("ROS", sources.RosPublisher, ("tsd_twin.adapters.ros.operator",)),
     Source("replay", sources.ReplayedDrive, ("tsd_twin.recording.player",)),
     Source("radio", sources.RadioControl, ("BoardMode.RC",)),
