@@ -79,7 +79,7 @@ def latencies(frames: int) -> tuple[float, list[float]]:
         floor = timed(server.get_port(), "/bare", move_bare, frames)
         feed, scene = RobotFeed(), Scene(server)
         feed.say(pose=np.zeros(3), joints=feed.kinematics.inverse(np.zeros(3)))
-        scene.add(cast("RobotMonitor", feed))
+        scene.add(cast(RobotMonitor, feed))
 
         def move_robot(x: float) -> None:
             joints = feed.kinematics.inverse(np.array([0.5, 0.2 * np.sin(x), 0.4]))

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from aiohttp import WSMessage, WSMsgType
 
+from tests.support.empty_scene import EmptyScene
 from tests.support.memory_bus import MemoryBus
 from tests.support.virtual_robot import VirtualRobot
 from tsd_twin.adapters.fleet import Fleet
@@ -164,7 +165,7 @@ class PageSource(CommandSource):
 
     async def open(self) -> None:
         self._link = RobotMonitor(self.open_bus(), self.robot.id)
-        self._manager = SessionManager({self._link.id: self._link})
+        self._manager = SessionManager({self._link.id: self._link}, EmptyScene())
         self._manager.open()
         self._socket, self._inbox = _Socket(), asyncio.Queue[WSMessage]()
         self._tasks = [asyncio.create_task(self._poll()), asyncio.create_task(self._beat())]

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from tests.support.empty_scene import EmptyScene
 from tests.support.tls_connection import TlsConnection
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
@@ -23,7 +24,7 @@ from tsd_twin.dashboard.discovery import RobotDiscovery
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.server import HttpServer
 from tsd_twin.dashboard.recorded.pages import RecordedPages
-from tsd_twin.dashboard.scene.picking import PageScene
+from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import Description
@@ -232,22 +233,17 @@ class Site:
         bus: Bus,
         viser_port: int,
         auth: AuthMiddleware | None,
-        page_scene: PageScene | None = None,
+        page_scene: SceneExecutor | None = None,
         recordings: Path | None = None,
     ) -> None:
-        self.released: list[str] = []
-        self.chosen: list[tuple[str, str]] = []
+        nothing = EmptyScene()
+        self.released, self.chosen = nothing.released, nothing.chosen
         self.bus = bus
         self.discovery = RobotDiscovery(bus)
         self._loop = asyncio.new_event_loop()
         self._ended = threading.Event()
         self._deaf = threading.Event()
-        self.sessions = SessionManager(
-            self.discovery.links,
-            self.released.append,
-            lambda page, robot: self.chosen.append((page, robot)),
-            page_scene,
-        )
+        self.sessions = SessionManager(self.discovery.links, page_scene or nothing)
         self.discovery.on_change = self.sessions.on_robots_changed
         auth = auth or AuthMiddleware(AccessSettings(allowed_hosts=["robot.example"]))
         recorded = RecordedPages(recordings, self.sessions.stop_all) if recordings else None
@@ -337,7 +333,7 @@ def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
 def site(
     viser_port: int = 1,
     auth: AuthMiddleware | None = None,
-    page_scene: PageScene | None = None,
+    page_scene: SceneExecutor | None = None,
     recordings: Path | None = None,
 ) -> Generator[Site]:
     """A robot and a gateway; without a viser unless a port is given, and without a scene."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -98,10 +99,10 @@ def checked_twist(twist: Sequence[float] | Array, frame: str) -> Array:
     return numbers
 
 
-def _number(name: str, value: object) -> float:
+def _number(name: str, value: Any) -> float:
     try:
         if isinstance(value, str | bytes):
             raise TypeError
-        return float(value)  # pyright: ignore[reportArgumentType]
+        return float(value)
     except (TypeError, ValueError, OverflowError):
         raise ClientError(f"{name} must be a number, not {value!r}", "no_number") from None

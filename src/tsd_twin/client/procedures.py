@@ -418,7 +418,8 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     while (mode := protocol.mode) is not Mode.READY:
         protocol.check_lease()
         if latched := protocol.latch_reason():
-            raise RobotStopped(f"{latched}; reset it first", f"robot_{mode}", protocol.status_why)
+            why = protocol.latest_status.stop
+            raise RobotStopped(f"{latched}; reset it first", f"robot_{mode}", why)
         if mode is Mode.DISARMED and not asked:
             lease = HolderRequest(protocol.lease_hex)
             now_s = yield from request(protocol, Service.ARM, lease, "arm")
@@ -428,10 +429,9 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
             now_s = yield from _next_status(protocol, now_s)
             continue
         if mode is Mode.DISARMED or now_s >= end_s:
-            reason = protocol.status.stop_reason if protocol.status is not None else ""
-            raise RequestRefused(
-                protocol.robot_id, "arm", reason or "it does not get ready", protocol.status_why
-            )
+            status = protocol.latest_status
+            reason = status.stop_reason or "it does not get ready"
+            raise RequestRefused(protocol.robot_id, "arm", reason, status.stop)
         now_s = yield from _next_status(protocol, now_s)
 
 

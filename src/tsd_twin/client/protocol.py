@@ -152,15 +152,20 @@ class ControlProtocol(HeldLease):
     # Motions.
 
     @property
-    def mode(self) -> Mode:
-        """Mode in the latest status.
+    def latest_status(self) -> RobotStatus:
+        """Latest status.
 
         Raises:
             RobotSilent: If no status has arrived.
         """
         if self.status is None:
             raise RobotSilent(f"{self.robot_id} has sent no status", "no_status")
-        return Mode(self.status.mode)
+        return self.status
+
+    @property
+    def mode(self) -> Mode:
+        """Mode in the latest status; raises as `latest_status` does."""
+        return Mode(self.latest_status.mode)
 
     @property
     def in_motion(self) -> bool:
@@ -194,11 +199,8 @@ class ControlProtocol(HeldLease):
         return self._begin()
 
     def _begin(self) -> int:
-        assert self.status is not None  # noqa: S101  Callers have checked.
-        self._stops_at_start, self._stale_before = (
-            self.status.stops,
-            self.status.command.dropped.stale,
-        )
+        status = self.latest_status
+        self._stops_at_start, self._stale_before = status.stops, status.command.dropped.stale
         self._setpoint = self._rest_seq = None
         self._motion += 1
         return self._motion
@@ -235,10 +237,10 @@ class ControlProtocol(HeldLease):
         self._check_silence(now_s)
         if motion is not None and motion != self._motion:
             raise ClientError(f"rest has ended this motion of {self.robot_id}", "motion_ended")
-        status = self.status
-        if status is None or self._stops_at_start is None:
+        if self._stops_at_start is None:
             raise ClientError(f"{self.robot_id} is in no motion", "no_motion")
-        if self.mode not in (Mode.READY, Mode.DRIVING) or status.stops > self._stops_at_start:
+        has_stopped = self.latest_status.stops > self._stops_at_start
+        if has_stopped or self.mode not in (Mode.READY, Mode.DRIVING):
             raise self._stopped("stopped by itself", "stopped_by_itself")
 
     @property
@@ -431,11 +433,6 @@ class ControlProtocol(HeldLease):
         """Return the reason why the robot is latched, or ""."""
         return self._describe_mode("") if self.mode in LATCHED else ""
 
-    @property
-    def status_why(self) -> Reason | None:
-        """Reason in the latest status why the robot stopped or was disarmed."""
-        return self.status.stop if self.status is not None else None
-
     def _check_silence(self, now_s: float) -> None:
         if now_s - self._status_s > STATUS_TIMEOUT_S:
             raise RobotSilent(
@@ -443,15 +440,12 @@ class ControlProtocol(HeldLease):
             )
 
     def _stopped(self, what: str, code: str) -> RobotStopped:
-        assert self.status is not None  # noqa: S101  Callers have looked.
-        mode = self.status.mode
-        code = code if mode in _ARMED_AND_READY else f"robot_{mode}"
-        return RobotStopped(self._describe_mode(what), code, self.status.stop)
+        status = self.latest_status
+        code = code if status.mode in _ARMED_AND_READY else f"robot_{status.mode}"
+        return RobotStopped(self._describe_mode(what), code, status.stop)
 
     def _describe_mode(self, what: str) -> str:
-        assert self.status is not None  # noqa: S101  Callers have checked.
-        if self.status.mode in _ARMED_AND_READY:
-            text = f"{self.robot_id} {what}"
-        else:
-            text = f"{self.robot_id} is {self.status.mode}"
-        return f"{text}: {self.status.stop_reason}" if self.status.stop_reason else text
+        status = self.latest_status
+        is_ready = status.mode in _ARMED_AND_READY
+        text = f"{self.robot_id} {what if is_ready else f'is {status.mode}'}"
+        return f"{text}: {status.stop_reason}" if status.stop_reason else text

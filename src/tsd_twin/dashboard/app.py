@@ -7,11 +7,9 @@ import ctypes
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future
 from pathlib import Path
 
 from tsd_twin.bus import Bus
-from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.discovery import RobotDiscovery
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.server import HttpServer
@@ -19,12 +17,10 @@ from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
-from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.scene_executor import BackgroundWorker, SceneExecutor
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
-from tsd_twin.dashboard.update_loop import BackgroundWorker, UpdateLoop
-from tsd_twin.dashboard.wire.view import ViewSettings
-from tsd_twin.lie import Array
+from tsd_twin.dashboard.update_loop import UpdateLoop
 from tsd_twin.messages.events import Event
 
 _M_MMAP_THRESHOLD = -3
@@ -79,23 +75,14 @@ async def run(
     # Panels wait for a frame to be drawn; the event loop that forwards commands must not.
     worker = BackgroundWorker("panels")
 
-    def on_released(page: str) -> None:
-        worker.submit_latest(("reset", page), lambda: panels.reset_sliders(page))
-
-    def on_chosen(page: str, robot_id: str) -> None:
-        worker.submit_latest(("choose", page), lambda: panels.select_robot(page, robot_id))
-
     server = viser_compat.start_server(TITLE)
     try:
         roster = RobotRoster(first)
         scene = Scene(server, roster)
         # The two know each other by callbacks only: neither waits for the other's thread.
-        scene_executor = SceneExecutor(worker, scene, lambda: panels)
         sessions = SessionManager(
             discovery.links,
-            on_released,
-            on_chosen,
-            scene_executor,
+            SceneExecutor(worker, scene, lambda: panels),
             on_opened=lambda: ticker.wake(),
             roster=roster,
         )
@@ -151,42 +138,3 @@ async def run(
     finally:
         worker.close()
         server.stop()
-
-
-class SceneExecutor(PageScene):
-    """Scene operations of pages, run one after the other on a thread off the event loop."""
-
-    def __init__(
-        self, worker: BackgroundWorker, scene: Scene, panels: Callable[[], PanelManager]
-    ) -> None:
-        self._worker, self._scene, self._panels = worker, scene, panels
-
-    def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Floor points (m, 2) in `odom` at screen positions `shares` of a page."""
-        return self._worker.submit(lambda: self._panels().pick_floor(page, shares))
-
-    def show_route(self, robot_id: str, poses: Array | None) -> None:
-        """Show the planned path of a robot on all pages; None removes it."""
-        self._worker.submit_latest(
-            ("route", robot_id), lambda: self._scene.show_route(robot_id, poses)
-        )
-
-    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
-        """Apply the view settings of a page; `look` turns its camera to the robot."""
-        self._worker.submit_latest(
-            ("view", page), lambda: self._panels().set_view(page, settings, look=look)
-        )
-
-    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
-        self._worker.submit_latest(
-            ("past", page), lambda: self._panels().show_past(page, past, ago_s)
-        )
-
-    def envelope(self, robot_id: str) -> Array | None:
-        """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""
-        return self._scene.envelope(robot_id)
-
-    def reach_m(self, robot_id: str) -> float:
-        """Radius of a robot around its base; 0 while it is not in the scene."""
-        return self._scene.reach_m(robot_id)

@@ -1,4 +1,4 @@
-"""Update loop of the scene, and the worker thread beside it."""
+"""Update loop of the scene."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Hashable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from typing import TypeVar
+from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
 
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.discovery import RobotDiscovery
@@ -16,41 +15,6 @@ from tsd_twin.dashboard.scene.scene import STALE_S, Scene
 from tsd_twin.messages.events import Event
 
 _LOG = logging.getLogger(__name__)
-_Answer = TypeVar("_Answer")
-
-
-class BackgroundWorker:
-    """Worker thread with a queue of tasks; thread-safe."""
-
-    def __init__(self, name: str) -> None:
-        self._pool = ThreadPoolExecutor(1, name)
-        self._lock = threading.Lock()
-        self._waiting: dict[Hashable, Callable[[], None]] = {}
-
-    def submit_latest(self, key: Hashable, work: Callable[[], None]) -> None:
-        """Queue `work`; it replaces a waiting task with the same key."""
-        with self._lock:
-            waits = key in self._waiting
-            self._waiting[key] = work
-            if not waits:
-                self._pool.submit(self._do, key)
-
-    def submit(self, work: Callable[[], _Answer]) -> Future[_Answer]:
-        """Queue `work`, and return its future result."""
-        return self._pool.submit(work)
-
-    def close(self) -> None:
-        """Finish queued tasks, and accept no more."""
-        self._pool.shutdown()
-
-    def _do(self, key: Hashable) -> None:
-        with self._lock:
-            work = self._waiting.pop(key)
-        try:
-            work()
-        except Exception:  # The next task belongs to another page.
-            _LOG.exception("%s was not done", key)
-
 
 RATE_HZ = 60.0
 IDLE_PERIOD_S = 0.2

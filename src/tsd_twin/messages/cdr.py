@@ -149,14 +149,12 @@ def encode_odometry(message: Odometry) -> bytes:
     """Encode a `nav_msgs/msg/Odometry` as CDR."""
     x, y, heading = (float(v) for v in message.xy_heading)
     if message.wxyz is None:
-        rows = PLANAR
-        quaternion = (math.cos(heading / 2.0), 0.0, 0.0, math.sin(heading / 2.0))
+        rows, w, xyz = PLANAR, math.cos(heading / 2.0), [0.0, 0.0, math.sin(heading / 2.0)]
     else:
-        rows, quaternion = TURNING, message.wxyz
+        rows, (w, *xyz) = TURNING, message.wxyz.tolist()
     spatial = [0.0] * 6
     for row, value in zip(rows, message.twist, strict=True):
         spatial[row] = float(value)
-    w, *xyz = quaternion
     cdr = CdrWriter()
     cdr.header(message.stamp_ns, ODOM)
     cdr.text(BASE)

@@ -17,8 +17,8 @@ from tests.support.recorders import CommandRecorder, is_put_to_rest, settle, zer
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.socket_limits import GRACE, POLICY_VIOLATION, TELEOP, TOO_MUCH
+from tsd_twin.dashboard.scene.scene_executor import BackgroundWorker
 from tsd_twin.dashboard.sessions.teleop import ZERO_REPEATS
-from tsd_twin.dashboard.update_loop import BackgroundWorker
 
 TOO_MANY = round((1.0 + GRACE) * TELEOP.messages.burst) + 100
 FLOOD = '{"t":"panel_released"}'

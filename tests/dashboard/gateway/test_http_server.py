@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import viser
 
+from tests.support.empty_scene import EmptyScene
 from tests.support.page_client import PATIENCE_S, Site, site
 from tsd_twin.dashboard.gateway.pages import with_scripts
 from tsd_twin.dashboard.gateway.server import HttpServer
@@ -184,7 +185,9 @@ def test_a_socket_needs_a_page_id(served: Site, page: str) -> None:
 
 def test_it_does_not_listen_where_others_could_reach_it(served: Site) -> None:
     async def start() -> None:
-        await HttpServer(SessionManager(served.discovery.links), 1).start("0.0.0.0", 0)
+        await HttpServer(SessionManager(served.discovery.links, EmptyScene()), 1).start(
+            "0.0.0.0", 0
+        )
 
     with pytest.raises(TwinError, match="has no login"):
         asyncio.run(start())
@@ -192,7 +195,8 @@ def test_it_does_not_listen_where_others_could_reach_it(served: Site) -> None:
 
 def test_a_port_in_use_is_one_clear_sentence(served: Site) -> None:
     async def start(port: int) -> None:
-        await HttpServer(SessionManager(served.discovery.links), 1).start(port=port)
+        sessions = SessionManager(served.discovery.links, EmptyScene())
+        await HttpServer(sessions, 1).start(port=port)
 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -13,11 +13,10 @@ import viser
 from tests.support.page_client import Page, Site, site
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import ViserClient, viser_client
-from tsd_twin.dashboard.app import SceneExecutor
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.scene_executor import BackgroundWorker, SceneExecutor
 from tsd_twin.dashboard.sessions.map_data import TRAIL_POINTS, TRAIL_SPACING_M, MapTrail
-from tsd_twin.dashboard.update_loop import BackgroundWorker
 
 ROUTE_NODE = "/w/p/tsd"
 

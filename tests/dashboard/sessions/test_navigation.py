@@ -14,16 +14,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.support.empty_scene import EmptyScene
 from tests.support.page_client import Page, Site, site
 from tests.support.recorders import CommandRecorder, is_put_to_rest, settle
 from tests.support.robot_feed import RobotFeed
 from tsd_twin import robots
 from tsd_twin.client.monitor import RobotMonitor
-from tsd_twin.dashboard.scene.picking import (
-    MAX_DISTANCE_M,
-    PageScene,
-    floor_points,
-)
+from tsd_twin.dashboard.scene.picking import MAX_DISTANCE_M, floor_points
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
 from tsd_twin.dashboard.wire.from_page import MAX_POINTS, PlanRequest
@@ -304,7 +301,7 @@ class Desk:
     def __init__(self) -> None:
         self.feed = RobotFeed(robot=robots.load_robot("tsd"))
         self.answers: list[ActionReply] = []
-        scene = PageScene()
+        scene = EmptyScene()
         self.going = NavigationSession(
             "page", RpcExecutor(), scene.pick_floor, scene.show_route, self.answers.append
         )

@@ -116,9 +116,7 @@ class RecordedSession(PageSession):
         """End the session."""
         view = self._view
         if view.on_shown == self._on_shown:  # Unless the page has connected again.
-            view.on_shown = lambda _: None
-            view.on_robot = lambda _: None
-            view.on_view = lambda _: None
+            view.disconnect()
         if self._settling is not None:
             self._settling.cancel()
         for task in self._tasks:

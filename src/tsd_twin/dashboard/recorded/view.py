@@ -86,6 +86,10 @@ class RecordedView:
         self._server.stop()
         self.player.close()
 
+    def disconnect(self) -> None:
+        """Report nothing from now on."""
+        self.on_shown = self.on_robot = self.on_view = _ignore
+
     def request(self, work: Callable[[float], None]) -> None:
         """Call `work` with the monotonic time on the thread of the view; from any thread."""
         self._requests.put(work)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from concurrent.futures import Future
 from typing import Any, TypeAlias
 
 import numpy as np
 import viser
 
-from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape
-from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import SO3, Array
 
 MAX_DISTANCE_M = 60.0
@@ -52,33 +49,6 @@ def floor_points(
     good = (times > 0.0) & (away < MAX_DISTANCE_M)
     count = len(good) if good.all() else int(np.argmin(good))
     return met[:count]
-
-
-class PageScene:
-    """Scene of all pages for their sessions; this one is empty, and calls do not block."""
-
-    def pick_floor(self, page: str, shares: Array) -> Future[Array]:  # noqa: ARG002  The shape.
-        """Return floor points (m, 2) in `odom` at a page's screen positions, see `floor_points`."""
-        nothing: Future[Array] = Future()
-        nothing.set_result(np.empty((0, 2)))
-        return nothing
-
-    def show_route(self, robot_id: str, poses: Array | None) -> None:
-        """Show a robot's planned path, poses (n, 3) in `odom`, on all pages; None removes it."""
-
-    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
-        """Apply the view settings of a page; `look` points its camera at the robot."""
-
-    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the past state of a page's robot next to the live one; None hides it."""
-
-    def envelope(self, robot_id: str) -> Array | None:  # noqa: ARG002  The shape.
-        """Return the displayed stop envelope (n, 2) in the robot's frame, or None at rest."""
-        return None
-
-    def reach_m(self, robot_id: str) -> float:  # noqa: ARG002  The shape.
-        """Return the radius of a robot around its base; 0 if it is not in the scene."""
-        return 0.0
 
 
 OnClick: TypeAlias = Callable[[viser.ClientHandle, str, Array, Array], None]

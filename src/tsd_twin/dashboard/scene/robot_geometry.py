@@ -32,17 +32,10 @@ from tsd_twin.models.solids import Part
 from tsd_twin.robots import RobotDescription
 from tsd_twin.robots.description import Limits
 
-_UNITS = np.eye(4)
+_W, _I, _J, _K = np.eye(4)
+_HAMILTON = np.array([[_W, _I, _J, _K], [_I, -_W, _K, -_J], [_J, -_K, -_W, _I], [_K, _J, -_I, -_W]])
+"""T (4, 4, 4) such that the product of a and b is the sum of a_i b_j T_ij."""
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
-
-
-def _hamilton() -> Array:
-    """Return T (4, 4, 4) such that the product of a and b is the sum of a_i b_j T_ij."""
-    w, x, y, z = _UNITS
-    return np.array([[w, x, y, z], [x, -w, z, -y], [y, -z, -w, x], [z, y, -x, -w]])
-
-
-_HAMILTON = _hamilton()
 _PRODUCT = _HAMILTON.reshape(16, 4)
 
 
@@ -185,14 +178,12 @@ class _LinkMount:
 
     def turn(self, ball: SO3, angles: Array) -> Array:
         """Return the orientations (..., k, 4) relative to the parent."""
-        if self._columns is not None and not self._slides:
-            half = 0.5 * angles[..., self._columns, None]
-            return np.cos(half) * self._at_zero + np.sin(half) * self._at_half_turn
-        return (
-            quaternion_product(self._at_zero, ball.wxyz[..., None, :])
-            if self._ball
-            else self._at_zero
-        )
+        if self._ball:
+            return quaternion_product(self._at_zero, ball.wxyz[..., None, :])
+        if self._columns is None or self._slides:
+            return self._at_zero
+        half = 0.5 * angles[..., self._columns, None]
+        return np.cos(half) * self._at_zero + np.sin(half) * self._at_half_turn
 
     def place(self, above: LinkPoses, angles: Array) -> Array:
         """Return the positions (..., k, 3)."""

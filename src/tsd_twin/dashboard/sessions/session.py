@@ -13,7 +13,7 @@ import msgspec
 
 from tsd_twin.client import procedures
 from tsd_twin.client.monitor import Snapshot
-from tsd_twin.dashboard.scene.picking import PageScene
+from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient, RpcExecutor
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
@@ -151,12 +151,10 @@ class Session(PageSession):
         page: str,
         directory: RobotDirectory,
         executor: RpcExecutor,
-        on_released: Callable[[str], None],
-        on_chosen: Callable[[str, str], None],
         *,
         principal: Principal,
         map_data: MapData,
-        scene: PageScene,
+        scene: SceneExecutor,
         name: str = "",
     ) -> None:
         super().__init__(page, principal, name)
@@ -165,7 +163,6 @@ class Session(PageSession):
         self._role = principal.identity.role
         self._directory = directory
         self._executor = executor
-        self._on_released, self._on_chosen = on_released, on_chosen
         self._lease_client = LeaseClient(
             self._operator, executor, self._send, lambda why: self._teleop.release(why)
         )
@@ -173,7 +170,7 @@ class Session(PageSession):
             self._lease_client,
             NavigationSession(page, executor, scene.pick_floor, map_data.show_route, self._send),
             self._send,
-            lambda: on_released(page),
+            lambda: scene.reset_sliders(page),
         )
         self._student = StudentSession(executor, self._send)
         self._motion: DriveCommand | FollowPlan | None = None
@@ -193,7 +190,7 @@ class Session(PageSession):
         names = self._directory.robot_names()
         if self.robot_id is None and names:
             self.robot_id = names[0].id
-            self._on_chosen(self.page, self.robot_id)
+            self._scene.select_robot(self.page, self.robot_id)
         self._send_welcome(self._role, names, self.robot_id)
         self._send_robot()
 
@@ -203,7 +200,7 @@ class Session(PageSession):
         self._teleop.close()
         self._student.close()
         await self._lease_client.close()
-        self._on_released(self.page)
+        self._scene.reset_sliders(self.page)
 
     # Messages from the page.
 
@@ -257,7 +254,7 @@ class Session(PageSession):
                 self._on_heartbeat(message)
             case PanelSlidersReleased():
                 if self._role is not Role.VIEWER:  # Viewers have no sliders.
-                    self._on_released(self.page)
+                    self._scene.reset_sliders(self.page)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, why=VIEWER_REFUSAL))
             case LeaseAction():
@@ -351,7 +348,7 @@ class Session(PageSession):
     def _restore_panel(self) -> None:
         """Restore the panel's robot selection."""
         if self.robot_id is not None:
-            self._on_chosen(self.page, self.robot_id)
+            self._scene.select_robot(self.page, self.robot_id)
 
     async def _select_robot(self, robot_id: str) -> Reply:
         if self._directory.robot(robot_id) is None:
@@ -364,7 +361,7 @@ class Session(PageSession):
         self._show_past()
         self.robot_id, self._plot_fields = robot_id, ()
         self._send_robot()
-        self._on_chosen(self.page, robot_id)
+        self._scene.select_robot(self.page, robot_id)
         return Reply(True)
 
     # Messages from the robot.

@@ -12,7 +12,7 @@ from aiohttp import WSMessage, WSMsgType, web
 from tsd_twin.client import procedures
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.scene.picking import PageScene
+from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.principal import Principal
@@ -25,10 +25,6 @@ from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import Reply
 
 
-def _ignore(*_args: str) -> None:
-    pass
-
-
 class SessionManager:
     """Sessions of all connected pages, on one event loop.
 
@@ -39,27 +35,22 @@ class SessionManager:
     def __init__(
         self,
         links: Mapping[str, RobotMonitor],
-        on_released: Callable[[str], None] = _ignore,
-        on_chosen: Callable[[str, str], None] = _ignore,
-        page_scene: PageScene | None = None,
+        scene: SceneExecutor,
         *,
-        on_opened: Callable[[], None] = _ignore,
+        on_opened: Callable[[], None] = lambda: None,
         roster: RobotRoster | None = None,
     ) -> None:
         """Initialise the manager without sessions; `links` is a live view of all robots.
 
-        Callbacks run on the event loop: `on_released(page)` centres the sliders of the page's
-        panel, `on_chosen(page, robot_id)` selects a robot in it, and `on_opened` reports a new
-        page. `page_scene` is the scene for picking and drawing; `roster` defines the order and
-        colours of robots.
+        `on_opened` reports a new page on the event loop; `roster` defines the order and colours of
+        robots.
         """
         self._executor = RpcExecutor()
         self.directory = RobotDirectory(links, self._executor, roster)
         """All robots visible to pages."""
-        self._on_released, self._on_chosen = on_released, on_chosen
         self._on_opened = on_opened
-        self._scene = page_scene or PageScene()
-        self._map_data = MapData(links, self._scene, self._on_map_lines)
+        self._scene = scene
+        self._map_data = MapData(links, scene, self._on_map_lines)
         self._sessions: dict[str, Session] = {}
         self._sockets: dict[str, web.WebSocketResponse] = {}
         self._rejected = 0
@@ -228,8 +219,6 @@ class SessionManager:
             page,
             self.directory,
             self._executor,
-            self._on_released,
-            self._on_chosen,
             principal=principal,
             map_data=self._map_data,
             scene=self._scene,
