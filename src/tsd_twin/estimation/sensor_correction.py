@@ -10,7 +10,8 @@ import numpy as np
 
 from tsd_twin.estimation.consistency import is_plausible
 from tsd_twin.estimation.pose_uncertainty import PoseErrors, TwistErrors
-from tsd_twin.lie import SE2, Array
+from tsd_twin.kinematics import JointKind
+from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.sensors import MountedSensor
 from tsd_twin.sensors.base import Bias, SensorModel
 
@@ -38,6 +39,8 @@ class _Entry(NamedTuple):
     model: SensorModel
     channels: tuple[int, int]
     """First and last index of its readings among those of a step, as of a slice."""
+    is_angle: Array
+    """(c,): whether a channel is an angle in rad, which is known up to whole turns."""
     biases: tuple[int, int]
     """First and last index of its biases among those of the estimate."""
     sigmas: Array
@@ -58,13 +61,15 @@ class SensorCorrection:
         self._biases: list[Bias] = []
         channel, bias = other_channels, own_biases
         for sensor, table in sensors:
-            channels = (channel, channel + len(sensor.channels(table)))
+            joints = sensor.channels(table)
+            channels = (channel, channel + len(joints))
             channel, biases, model = channels[1], sensor.biases(table), sensor.model(table)
             if model is None:
                 continue
             sigmas = np.array([each.sigma for each in biases])
             columns = (bias, bias + len(biases))
-            self._entries.append(_Entry(model, channels, columns, sigmas))
+            is_angle = np.array([j.kind is JointKind.POSITION and not j.unit for j in joints])
+            self._entries.append(_Entry(model, channels, is_angle, columns, sigmas))
             self._biases += biases
             bias = columns[1]
         self.bias_count = bias
@@ -121,4 +126,5 @@ class SensorCorrection:
         by = np.zeros((len(reading), self.bias_count))
         by[:, slice(*entry.biases)] = expected.bias_jacobian * entry.sigmas
         offset = reading - expected.value
+        offset = np.where(entry.is_angle, wrap(offset), offset)
         return LinearReading(offset, expected.pose_jacobian, by, expected.covariance)
