@@ -17,8 +17,9 @@ test: check browser avr ## Check, then run all tests
 	$(BIN)/node $(NODE_TEST) 'tests/js/*.test.js'
 	@scripts/run_tests $(ARGS)
 
-test-long: .venv/.dev browser avr ## Run the tests that take longest, which make test leaves out
+test-long: .venv/.dev browser avr ## Run the tests that take longest, then the quick ones with nonsense for sentences
 	@scripts/run_tests --long $(ARGS)
+	$(BIN)/pytest -q -p no:cacheprovider --nonsense -m "not timed and not slow and not long"
 test-ros: .venv/ros/.made ## Test tsd-ros with nodes of rclpy, in an environment of its own
 	.venv/ros/bin/python -m pytest tests/rclpy $(ARGS)
 # The page's scripts name no type: a browser knows that they are modules, Node.js finds out.

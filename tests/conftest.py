@@ -12,7 +12,8 @@ from hypothesis import settings
 from tests.support.marks import WRITTEN, all_marks, may_choose, possible_marks
 from tests.support.robot_node import RunningNode, running
 from tests.support.slow_tests import is_long, listed, name_of, shared
-from tsd_twin.messages import codes, sentences
+from tests.support.text_tests import NonsenseRun
+from tsd_twin.messages import codes
 
 settings.register_profile("unhurried", deadline=None)  # A busy machine is no failure.
 settings.load_profile("unhurried")
@@ -30,7 +31,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """With `--nonsense`, only tests of texts may fail: no program reads sentences."""
     if config.getoption("nonsense"):
-        sentences.replacement = lambda reason: f"Qx{len(reason.code)}zk"
+        config.pluginmanager.register(NonsenseRun())
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -214,5 +214,6 @@ def test_rest_ends_a_motion_that_is_not_finished() -> None:
 def test_rest_names_a_stop_that_only_a_reset_ends() -> None:
     with SimulatedRobot("kiwi") as robot, robot.control("script") as base:
         robot.stop("cat on the track")
-        with pytest.raises(RobotStopped, match="cat on the track"):
+        with pytest.raises(RobotStopped) as stopped:
             base.rest()
+        assert stopped.value.params["text"] == "cat on the track"

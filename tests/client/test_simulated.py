@@ -17,6 +17,7 @@ from tsd_twin import (
     SimulatedRobot,
 )
 from tsd_twin.errors import PathError
+from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.events import Event
 
 
@@ -122,8 +123,9 @@ def test_a_set_point_that_fails_is_told_by_the_next_motion() -> None:
         robot.sleep(1.0)
         base.reset()
         base.arm()
-        with pytest.raises(RobotStopped, match="cat on the track"):
+        with pytest.raises(RobotStopped) as stopped:
             base.drive(vx_mps=0.3, duration_s=0.5)
+        assert stopped.value.params["text"] == "cat on the track"
         base.drive(vx_mps=0.3, duration_s=0.5)
 
 
@@ -163,28 +165,33 @@ def test_the_state_says_what_the_robot_would_refuse() -> None:
     with SimulatedRobot("tsd") as robot:
         free = robot.state.status.refusals
         assert free is not None
-        assert free.arm == free.no_lease == "take control first"
+        assert free.arm == free.no_lease
+        assert free.why["arm"].code == Code.TAKE_CONTROL_FIRST
         with robot.control("alice") as base:
             held = robot.state.status.refusals
             assert held is not None
             assert (held.drive, held.disarm) == (None, None)
-            assert held.no_lease == "alice has control"
-            assert held.reset is not None
-            with pytest.raises(RequestRefused, match=held.reset):
+            assert held.why["no_lease"] == because(Code.HELD_BY, holder="alice")
+            with pytest.raises(RequestRefused) as refused:
                 base.reset()
+            assert refused.value.why == held.why["reset"]
 
 
-def test_refusals_have_the_sentence_of_the_robot() -> None:
+def test_refusals_have_the_reason_of_the_robot() -> None:
     with SimulatedRobot("tsd") as robot, robot.control("alice") as base:
-        with pytest.raises(ControlDenied, match="alice drives") as denied:
+        with pytest.raises(ControlDenied) as denied:
             robot.control("bob").acquire()
+        assert denied.value.why == because(Code.DRIVEN_BY, holder="alice")
         assert denied.value.holder == "alice"
-        with pytest.raises(RequestRefused, match="not stopped"):
+        with pytest.raises(RequestRefused) as refused:
             base.reset()
-        with pytest.raises(RequestRefused, match="rpm"):
+        assert refused.value.code == Code.NOT_LATCHED
+        with pytest.raises(RequestRefused) as refused:
             base.set_wheel_speed(50.0)
-        with pytest.raises(RequestRefused, match="hand over control: "):
+        assert refused.value.code == Code.WHEEL_SPEED_REFUSED
+        with pytest.raises(RequestRefused, match="hand over control: ") as refused:
             base.hand_over("bob")
+        assert refused.value.code == Code.NO_REQUEST
         with pytest.raises(PathError):
             base.go_to(x_m=1000.0, y_m=0.0)
         with pytest.raises(ClientError, match="duration"):

@@ -196,7 +196,8 @@ def test_being_found_again_stops_nothing_and_starts_nothing(rig: ControllerHarne
         send(rig, sample([4.0, 1.0, 2.0], rig.now_s))
     events = [event for event in rig.controller.take_events() if event.kind == "pose"]
     assert len(events) == 1
-    assert "4.12 m" in events[0].text
+    assert events[0].why is not None
+    assert events[0].why.params["metres"] == pytest.approx(4.12, abs=0.01)
     np.testing.assert_allclose(rig.pose, [4.0, 1.0, 2.0], atol=1e-3)
     assert not rig.twist.any()
     pose_sensor = rig.status().pose_sensor

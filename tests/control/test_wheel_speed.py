@@ -171,7 +171,8 @@ def test_what_is_no_number_is_refused(rig: ControllerHarness, value: str) -> Non
     payload = f'{{"lease": "{pilot.lease}", "cruise_speed_rpm": {value}}}'.encode()
     reply = rig.controller.serve(Service.SPEED, payload, rig.now_s)
     assert not reply.ok
-    assert "shape" in reply.reason
+    assert reply.why is not None
+    assert reply.why.code == Code.BAD_SHAPE
 
 
 def test_only_the_holder_chooses_and_a_late_request_of_another_lease_does_nothing(
@@ -180,7 +181,7 @@ def test_only_the_holder_chooses_and_a_late_request_of_another_lease_does_nothin
     alice = rig.get_ready()
     bob = rig.acquire("bob", take_over=True)
     late = rig.ask(Service.SPEED, lease=alice.lease, cruise_speed_rpm=5000.0)
-    assert (late.ok, late.reason) == (False, "bob has control")
+    assert (late.ok, late.why) == (False, because(Code.HELD_BY, holder="bob"))
     choose(rig, bob, 3000.0)
     choose(rig, bob, 3000.0)  # Twice is once.
     rig.drive(bob, (0, 0, 0), 2.0)
@@ -239,7 +240,7 @@ def test_wheels_that_are_shut_off_stand_and_forget_what_was_chosen(
     assert not rig.setpoint[rig.wheels].any()
     if end is Service.STOP:
         refused = rig.ask(Service.SPEED, lease=pilot.lease, cruise_speed_rpm=4000.0)
-        assert (refused.ok, refused.reason) == (False, "the robot is stopped: reset first")
+        assert (refused.ok, refused.why) == (False, because(Code.RESET_FIRST, mode="stopped"))
         rig.ask(Service.RESET, lease=pilot.lease)
     rig.ask(Service.ARM, lease=pilot.lease)
     rig.drive(pilot, (0, 0, 0), 3.0)
@@ -271,7 +272,7 @@ def test_a_robot_whose_wheels_stand_when_it_does_has_no_speed_to_choose() -> Non
     pilot = rig.acquire()
     reply = rig.ask(Service.SPEED, lease=pilot.lease, cruise_speed_rpm=3000.0)
     assert not reply.ok
-    assert "no speed to choose" in reply.reason
+    assert reply.why == because(Code.NO_WHEEL_SPEED)
     assert rig.status().wheel_speed is None
 
 

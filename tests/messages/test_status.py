@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import (
     ArmingStatus,
     BiasStatus,
@@ -116,7 +117,7 @@ def test_a_status_says_why_each_request_is_refused() -> None:
     assert plain["refusals"] == {
         "lease": None,
         "no_lease": "",
-        "arm": "the robot is ready already",
+        "arm": sentence(why),
         "disarm": None,
         "reset": None,
         "drive": None,
@@ -149,7 +150,7 @@ def test_the_refusals_of_a_robot_that_sends_none_are_unknown() -> None:
     del plain["refusals"]
     status = decode_status(json.dumps(plain).encode())
     assert status.refusals is None
-    assert status.no_drive_reason == "the robot is disarmed"
+    assert status.why_no_drive == because(Code.MODE_ONLY, mode="disarmed")
 
 
 @pytest.mark.parametrize("payload", [b"", b"[]", b"{}", b'{"mode": 1}', b'{"mode": "\xff"}'])

@@ -16,6 +16,7 @@ from tsd_twin.client.virtual import PERIOD_S
 from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.messages.codes import Code
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.routes import LONGEST_M, NavigationGoal
 from tsd_twin.motion.tracking import (
@@ -326,18 +327,20 @@ def test_whenever_it_is_called_a_twist_is_finite_and_within_the_limits(
 
 
 @pytest.mark.parametrize(
-    ("navigation_goal", "word"),
+    ("navigation_goal", "code"),
     [
-        (NavigationGoal(np.array([[0.001, 0.0]])), "already"),
-        (NavigationGoal(np.array([[0.001, 0.0]]), 0.001), "already"),
-        (NavigationGoal(np.array([[LONGEST_M + 1.0, 0.0]])), "at most"),
-        (NavigationGoal(np.array([[1.0, np.nan]])), "at most"),
-        (NavigationGoal(np.array([[1.0, 0.0], [1.0, 1e300]])), "at most"),
+        (NavigationGoal(np.array([[0.001, 0.0]])), Code.ALREADY_THERE),
+        (NavigationGoal(np.array([[0.001, 0.0]]), 0.001), Code.ALREADY_THERE),
+        (NavigationGoal(np.array([[LONGEST_M + 1.0, 0.0]])), Code.PATH_TOO_LONG),
+        (NavigationGoal(np.array([[1.0, np.nan]])), Code.PATH_TOO_LONG),
+        (NavigationGoal(np.array([[1.0, 0.0], [1.0, 1e300]])), Code.PATH_TOO_LONG),
     ],
 )
-def test_errands_that_lead_nowhere_are_refused(navigation_goal: NavigationGoal, word: str) -> None:
-    with pytest.raises(PathError, match=word):
+def test_errands_that_lead_nowhere_are_refused(navigation_goal: NavigationGoal, code: Code) -> None:
+    with pytest.raises(PathError) as refused:
         navigation_goal.route(SE2.identity())
+    assert refused.value.why is not None
+    assert refused.value.why.code == code
 
 
 @settings(max_examples=20, deadline=None)
