@@ -443,7 +443,7 @@ class ReplayedDrive(CommandSource):
         return str(reason)
 
     def _serve_soon(self) -> None:
-        self.robot.clock.machines.append(lambda _now_s: self._replay._serve())
+        self.robot.clock.machines.append(lambda _now_s: self._replay.serve())
 
     def push(self, vx_mps: float, age_s: float = 0.0) -> None:
         """It has no inputs: what was recorded is all it has."""

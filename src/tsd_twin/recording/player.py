@@ -274,11 +274,15 @@ class Replay:
         }
         return mcap_file.entries(self._recording.path, wanted)
 
+    def serve(self) -> None:
+        """Answer all requests that have arrived: a recording refuses them."""
+        for service, server in self._servers.items():
+            for request in server.take_requests():
+                request.reply(self._replies[service])
+
     def _serve_until(self, due_s: float, stop: threading.Event) -> None:
         while True:
-            for service, server in self._servers.items():
-                for request in server.take_requests():
-                    request.reply(self._replies[service])
+            self.serve()
             left_s = due_s - time.monotonic()
             if left_s <= 0.0 or stop.wait(min(left_s, _LOOK_S)):
                 return
