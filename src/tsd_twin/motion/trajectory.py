@@ -85,9 +85,8 @@ class PathConstraints:
         every = np.arange(len(self.lengths_m))
         one = np.ones(len(every))
         golden = (math.sqrt(5.0) - 1.0) / 2.0
-        bends: Array = np.abs(self._points.bend).max(axis=(1, 2)) + np.abs(
-            self._points.curvature
-        ).max(1)
+        points = self._points
+        bends: Array = np.abs(points.bend).max(axis=(1, 2)) + np.abs(points.curvature).max(1)
         bound = 1e-6 + 1e3 * bends  # Beyond it, `a` dominates the usage.
         low, high = np.maximum(self.slowing, -bound), bound
         for _ in range(60):
