@@ -208,3 +208,16 @@ def test_setting_the_pose_discards_earlier_readings() -> None:
     drive = Drive(robot(TABLE), 6).run(2.0)
     drive.estimator.set_pose(SE2(np.array([0.3, 0.2, 0.1])))
     np.testing.assert_allclose(drive.estimator.pose.xy_heading, [0.3, 0.2, 0.1])
+
+
+@pytest.mark.parametrize("name", ["omni4", "tsd"])
+def test_a_sensor_that_sees_nothing_changes_no_estimate(name: str) -> None:
+    """Also where dead wheels and a gyro, whose readings come first, have an odometry."""
+    blind = TABLE.replace("wall_m = 2.0", "wall_m = 90.0")
+    gyro = [] if name == "omni4" else ["[gyro]"]
+    alone, beside = (
+        Drive(robot(*gyro, *tables, name=name), seed=3).run(8.0) for tables in ([], [blind])
+    )
+    assert np.isnan(beside.readings).all()
+    poses = [each.estimator.pose.xy_heading for each in (alone, beside)]
+    np.testing.assert_array_equal(*poses)

@@ -163,8 +163,12 @@ class DeadWheelOdometry(PlanarOdometry):
         self._rates: Array | None = None
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
-        """Update with both angles and the rate, (3,), measured `dt_s` after the last ones."""
+        """Update with joints (n,) and sensors, measured `dt_s` after the last ones.
+
+        The first three of `sensors` are both angles and the turn rate.
+        """
         before, self._rates = self._rates, None
+        sensors = sensors[:3]
         if len(sensors) == 3 and np.isfinite(sensors).all():
             if self._angles is not None:
                 turned = (sensors[:2] - self._angles) / dt_s
