@@ -157,8 +157,9 @@ def test_a_stick_that_is_held_while_the_robot_cannot_move_does_not_start_it_late
     mode: str,
 ) -> None:
     operator = CmdVelOperator(ME)
-    actions = operator.on_twist(PUSH, 0.0, status(mode, reason="because of this"), 0.0)
-    assert "because of this" in texts(actions)
+    held = status(mode, reason="because of this")
+    actions = operator.on_twist(PUSH, 0.0, held, 0.0)
+    assert held.no_drive_reason in texts(actions)
     for i in range(1, 60):
         actions = operator.on_twist(PUSH, PERIOD_S * i, FREE, PERIOD_S * i)
         assert LeaseAction.ACQUIRE not in actions
@@ -410,7 +411,8 @@ def test_resume_is_refused_while_the_robot_moves_or_cannot_be_driven() -> None:
     assert streaming(operator, 0.1, 0.5, MINE)
     assert "at rest" in operator.resume(0.6, MINE)
     assert "at rest" in operator.resume(0.6, AT_REST), "it has driven just now"
-    assert "disarmed" in operator.resume(5.0, status("disarmed", ME))
+    disarmed = status("disarmed", ME)
+    assert disarmed.no_drive_reason in operator.resume(5.0, disarmed)
     assert "alice" in operator.resume(5.0, status("ready", "alice"))
     operator.lost("taken", 5.0)
     assert "arm" in operator.resume(6.0, AT_REST)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -248,8 +249,8 @@ def test_what_cannot_be_shown_is_refused(driven: Path, tmp_path: Path) -> None:
 
 
 def test_events_are_found_and_repeated_ones_are_counted(driven: Path) -> None:
-    index = RecordingIndex(driven)
-    events = read_events(index)
+    with contextlib.closing(RecordingIndex(driven)) as index:
+        events = read_events(index)
     assert [event.t_s for event in events] == sorted(event.t_s for event in events)
     by_kind = {kind: [each for each in events if each.kind is kind] for kind in EventKind}
     assert by_kind[EventKind.HAND_OVER][0].text == "alice has control."
@@ -258,7 +259,6 @@ def test_events_are_found_and_repeated_ones_are_counted(driven: Path) -> None:
     assert drops.count == 8
     stops = by_kind[EventKind.STOP]
     assert [event.text for event in stops] == ["From driving to stopped: a cat."]
-    index.close()
 
 
 @pytest.mark.parametrize(
