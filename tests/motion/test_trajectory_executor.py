@@ -44,7 +44,7 @@ headings = st.none() | st.floats(-3.1, 3.1)
 
 @st.composite
 def drawings(draw: st.DrawFn) -> Array:
-    """A line as a hand draws it: it wanders, and shakes by some millimetres."""
+    """Line drawn by hand: it wanders and shakes by a few millimetres."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     direction = draw(st.floats(-3.0, 3.0)) + np.cumsum(rng.normal(0.0, 0.12, 60))
     steps = draw(st.floats(0.01, 0.05)) * np.stack([np.cos(direction), np.sin(direction)], -1)
@@ -168,10 +168,10 @@ def test_what_is_left_of_an_errand_leads_on_to_its_end(points: Array, periods: i
         return
     whole_m = follower.trajectory.length_m
     left = navigation_goal.remaining(follower.trajectory.route.path, step.done_m)
-    if left.is_done(ride.seen):  # It was let go within the tolerance of the end.
+    if left.is_done(ride.seen):  # Released within the tolerance of the goal.
         assert np.hypot(*(ride.seen.xy_heading[:2] - points[-1])) < TIMEOUT_TOLERANCE_M
         return
-    # It does not begin anew, and what it rolled on while it braked is little.
+    # The rest does not start over, and the robot rolled little while braking.
     assert left.route(ride.seen).length_m < whole_m - step.done_m + 0.2
     _, step = ride.follow(left)
     assert step.phase is ExecutionPhase.ARRIVED, step.reason

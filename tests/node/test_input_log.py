@@ -1,4 +1,4 @@
-"""The input log of a node: from its start, from where a recorder comes, and off without one."""
+"""Input log of a node: from its start or from a recorder's arrival, and off without a recorder."""
 
 from __future__ import annotations
 

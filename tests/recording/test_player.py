@@ -1,4 +1,4 @@
-"""Any time of a recording shows what playing up to it shows; events and marks are found."""
+"""Seeking shows the same as playing up to that time; events and marks are found."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def played(path: Path) -> Iterator[tuple[int, dict[tuple[str, str], Entry]]]:
-    """Yield the newest message that can be decoded of each stream, after each message."""
+    """Yield the newest decodable message of each stream, after each message."""
     newest: dict[tuple[str, str], Entry] = {}
     for entry in mcap_file.entries(path):
         robot = entry.topic.split("/")[1]
@@ -87,7 +87,7 @@ def played(path: Path) -> Iterator[tuple[int, dict[tuple[str, str], Entry]]]:
 
 
 def shown(player: Player) -> dict[tuple[str, str], bytes]:
-    """Return what is shown as text, to compare."""
+    """Return the shown messages as text, for comparison."""
     return {
         (robot.id, name): repr(getattr(robot.snapshot, name)).encode()
         for robot in player.robots.values()

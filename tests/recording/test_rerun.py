@@ -154,7 +154,7 @@ def test_one_bit_of_one_measurement_is_found_in_its_period(name: str) -> None:
     assert "estimate" in result.difference.what
     assert (result.largest_difference > 0.0) == (name == "kiwi")
     assert result.largest_difference < 1e-9
-    # Another processor may round differently: within a tolerance that is no difference.
+    # Another processor may round differently; a tolerance accepts that.
     assert Rerun(stretch, run.text, 1e-9).run().difference is None
 
 
@@ -278,7 +278,7 @@ class Bad:
     [
         pickle.dumps((LeaseIds(bytes), {"robot": Bad()})),
         pickle.dumps(__import__("os").system),
-        pickle.dumps(robots.load_robot),  # A function of ours: it reads files.
+        pickle.dumps(robots.load_robot),  # A project function that reads files.
         pickle.dumps(Path("x")),
         b"cos\nsystem\n(S'true'\ntR.",
         b"ctsd_twin.robots.loader\nPath\n(S'/'\ntR.",

@@ -117,7 +117,7 @@ def test_what_no_file_may_have_no_variant_has(turned: dict[str, float], problem:
 
 @pytest.mark.parametrize("base", ["", "none", "../tsd", "/etc/passwd", "tsd.toml", "tsd\n"])
 def test_only_shipped_robots_are_bases(base: str) -> None:
-    """The name comes from a page: it must not lead to a file."""
+    """Pages send the name, so it must not lead to a file."""
     with pytest.raises(RobotFileError, match="no such robot"):
         variant(base, {})
 

@@ -47,7 +47,7 @@ def robot(*tables: str, name: str = "tsd") -> RobotDescription:
 
 
 class Drive:
-    """Simulated robots of one seed, and the estimate of a controller that sees their sensors."""
+    """Simulated robot with a seed, and the estimate of a controller that reads its sensors."""
 
     def __init__(self, described: RobotDescription, seed: int) -> None:
         self.simulated = simulate(described, seed=seed, noise=1.0)

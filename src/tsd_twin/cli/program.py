@@ -52,7 +52,7 @@ def requires(prog: str, extra: str) -> Generator[None]:
         check_extra(prog, extra)
         yield
     except MissingExtraError as error:
-        print(error, file=sys.stderr)  # noqa: T201
+        print(error, file=sys.stderr)  # noqa: T201  Message of the program to its user.
         sys.exit(2)
 
 

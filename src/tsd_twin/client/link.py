@@ -86,6 +86,7 @@ class Link(ABC):
 
     def run(self, procedure: Procedure[T]) -> T:
         """Run a procedure in this thread; errors of a step are raised inside it."""
+        # Not through `run_stepwise`, where Ctrl-C between two steps could skip the final zero.
         resume: Callable[[], Step] = partial(next, procedure)
         try:
             while True:
