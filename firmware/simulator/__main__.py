@@ -13,6 +13,7 @@ import argparse
 import os
 import signal
 import sys
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -50,20 +51,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         FirmwareSimulation(flags.protocol, receiver=not flags.no_receiver, wiring=wiring),
         flags.link,
     )
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    ended = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        # A handler that raises would be lost in a callback of the firmware.
+        signal.signal(number, lambda *_: ended.set())
     print(f"ready: {robot.path}", flush=True)  # noqa: T201
     try:
-        _run(robot, FaultCommands(robot))
-    except KeyboardInterrupt:
-        return 0
+        _run(robot, FaultCommands(robot), ended)
     finally:
         robot.close()
+    return 0
 
 
-def _run(robot: RealTimeSimulation, faults: FaultCommands) -> None:
+def _run(robot: RealTimeSimulation, faults: FaultCommands, ended: threading.Event) -> None:
     source: int | None = sys.stdin.fileno()
     pending = b""
-    while True:
+    while not ended.is_set():
         if not robot.step(source) or source is None:
             continue
         data = os.read(source, 4096)
