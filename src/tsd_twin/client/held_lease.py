@@ -24,14 +24,16 @@ _ROUND_TRIPS = 8
 class HeldLease:
     """Lease on one robot."""
 
-    def __init__(self, robot_id: str, operator: str, max_age_s: float) -> None:
-        """Prepare a lease on one robot.
+    def __init__(self, robot_id: str, operator: str, max_age_s: float, name: str = "") -> None:
+        """Prepare a lease on one robot; `name` is the display name of the operator.
 
         Raises:
             BusError: If the operator name is not valid in a bus key.
         """
         self.robot_id = robot_id
         self.operator = topics.checked(operator)
+        self.name = name
+        """Display name, sent with requests."""
         self.max_age_s = max_age_s
         """Maximum age of accepted commands under this lease."""
         self._lease = b""
@@ -93,7 +95,9 @@ class HeldLease:
             return None
         self._renewed_s = now_s
         lease = self._lease.hex()
-        return msgspec.json.encode(LeaseRequest(op="renew", operator=self.operator, lease=lease))
+        return msgspec.json.encode(
+            LeaseRequest(op="renew", operator=self.operator, lease=lease, name=self.name)
+        )
 
     def receive_renewal(self, request: bytes, answer: bytes | None, trip_s: float) -> None:
         """Process a renewal reply; if it is missing, the status timeout applies instead."""

@@ -140,13 +140,13 @@ def set_wheel_speed(protocol: ControlProtocol, rpm: float) -> Procedure[None]:
     yield from request(protocol, Service.SPEED, message, "change the wheel speed")
 
 
-def stop(robot_id: str, operator: str, reason: str) -> Procedure[None]:
+def stop(robot_id: str, operator: str, reason: str, name: str = "") -> Procedure[None]:
     """Stop and latch the robot, retrying until acknowledged.
 
     Raises:
         RobotSilent: If no acknowledgement arrives.
     """
-    payload = stop_payload(operator, reason)
+    payload = stop_payload(operator, reason, name)
     for _ in range(STOP_TRIES):
         yield SendStop(payload)
         answer = (yield Call(Service.STOP, payload, STOP_ANSWER_S)).answer
@@ -156,9 +156,9 @@ def stop(robot_id: str, operator: str, reason: str) -> Procedure[None]:
     raise RobotSilent(f"{robot_id} did not acknowledge the stop", "stop_unconfirmed")
 
 
-def stop_payload(operator: str, reason: str = "") -> bytes:
-    """Return the payload of a stop request."""
-    return msgspec.json.encode(StopRequest(operator, reason))
+def stop_payload(operator: str, reason: str = "", name: str = "") -> bytes:
+    """Return the payload of a stop request; `name` is the display name of the operator."""
+    return msgspec.json.encode(StopRequest(operator, reason, name))
 
 
 def _ask(
@@ -205,6 +205,7 @@ def request_lease(
         take_over=take_over,
         max_age_s=max_age_s,
         reason=reason,
+        name=protocol.name,
     )
     outcome = yield Call(Service.LEASE, msgspec.json.encode(wish))
     reply = _reply(protocol, outcome.answer, LeaseReply)
@@ -264,7 +265,7 @@ def ask_holder(protocol: ControlProtocol) -> Procedure[LeaseReply]:
     Raises:
         RobotSilent: If no response arrives.
     """
-    message = LeaseRequest(op="request", operator=protocol.operator)
+    message = LeaseRequest(op="request", operator=protocol.operator, name=protocol.name)
     outcome = yield Call(Service.LEASE, msgspec.json.encode(message))
     return _reply(protocol, outcome.answer, LeaseReply)
 

@@ -86,13 +86,15 @@ class ControlProtocol(HeldLease):
     Not thread-safe; callers must hold a lock.
     """
 
-    def __init__(self, robot_id: str, robot: RobotDescription, operator: str) -> None:
-        """Prepare for one robot.
+    def __init__(
+        self, robot_id: str, robot: RobotDescription, operator: str, name: str = ""
+    ) -> None:
+        """Prepare for one robot; `name` is the display name of the operator.
 
         Raises:
             BusError: If the operator name is not valid in a bus key.
         """
-        super().__init__(robot_id, operator, robot.limits.max_command_age_s)
+        super().__init__(robot_id, operator, robot.limits.max_command_age_s, name)
         self.robot = robot
         self.kinematics: Kinematics[Any] = robot.kinematics()
         self._axes = list(self.kinematics.twist_axes)

@@ -371,4 +371,5 @@ class RobotController:
             learned=self._estimator.learned(),
             loop=loop,
             hardware=hardware,
+            operators=dict(supervisor.operators.by_id),
         )

@@ -38,6 +38,8 @@ class LeaseRequest(msgspec.Struct, frozen=True, kw_only=True):
     """Reason for a take-over, published as an event."""
     max_age_s: Annotated[float, Meta(gt=0.0)] | None = None
     """Requested maximum command age for slow links; lowers the speed limit."""
+    name: ShortText = ""
+    """Display name of the operator, in any script."""
 
 
 class HolderRequest(msgspec.Struct, frozen=True):
@@ -75,6 +77,8 @@ class StopRequest(msgspec.Struct, frozen=True):
 
     operator: ShortText = ""
     reason: ShortText = ""
+    name: ShortText = ""
+    """Display name of the operator, in any script."""
 
 
 class LeaseReply(msgspec.Struct, frozen=True):

@@ -200,6 +200,8 @@ class RobotStatus(msgspec.Struct, frozen=True):
     """Estimated biases by name, or null before a measurement reveals any."""
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}
+    operators: Mapping[str, str] = {}
+    """Display names by operator id, of up to eight operators; others have no name."""
 
     @property
     def is_recording(self) -> bool:

@@ -12,6 +12,7 @@ from tsd_twin.messages.commands import Command, Sample
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import ARMED, LATCHED, Mode
+from tsd_twin.messages.names import OperatorNames
 from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.services import LeaseReply, LeaseRequest, Reply, StopRequest
 from tsd_twin.messages.status import ArmingStatus
@@ -92,6 +93,8 @@ class SafetySupervisor:
         self.command_seq = 0
         self.stops = 0
         """Number of controlled stops initiated by the robot."""
+        self.operators = OperatorNames()
+        """Display names of the operators heard last."""
         self._leases = LeaseManager(robot, new_lease_id)
         self._lease_events = LeaseEvents(self._leases)
         self._driving_lease: bytes = b""
@@ -126,6 +129,8 @@ class SafetySupervisor:
         after = self._leases.current(now_s)
         if after is not None:
             self._operator_seen_s = now_s
+        if reply.done:  # A refused request may use the id of another operator.
+            self.operators.learn(request.operator, request.name)
         if after is not before and self.mode is Mode.DRIVING:
             # Not in the next step, because a command of the new holder may arrive first.
             self._transition(Mode.STOPPING, _LOST, now_s)
@@ -160,6 +165,7 @@ class SafetySupervisor:
 
     def stop(self, request: StopRequest, now_s: float) -> Reply:
         """Latch a stop; open to all clients at any time, without a lease."""
+        self.operators.learn(request.operator, request.name, replace=False)
         if self.mode is not Mode.STOPPED:
             before = self.why if self.mode is Mode.FAULT else None
             self._transition(Mode.STOPPED, _stop_reason(request, before), now_s)
