@@ -246,7 +246,7 @@ class Site:
         self.sessions = SessionManager(self.discovery.links, page_scene or nothing)
         self.discovery.on_change = self.sessions.on_robots_changed
         auth = auth or AuthMiddleware(AccessSettings(allowed_hosts=["robot.example"]))
-        recorded = RecordedPages(recordings, self.sessions.stop_all) if recordings else None
+        recorded = RecordedPages(recordings, self.sessions.live) if recordings else None
         self.gateway = HttpServer(self.sessions, viser_port, auth=auth, recorded=recorded)
         self._threads = [
             threading.Thread(target=self._loop.run_forever),

@@ -90,7 +90,7 @@ async def run(
             sessions,
             server.get_port(),
             auth=AuthMiddleware(rules),
-            recorded=RecordedPages(recordings, sessions.stop_all) if recordings else None,
+            recorded=RecordedPages(recordings, sessions.live) if recordings else None,
         )
         panels = PanelManager(
             server,

@@ -291,16 +291,16 @@ DESK = BusIdentity("desk", Role.OPERATOR)
     [
         (DEFAULT_IDENTITY, "anna", "anna"),
         (DEFAULT_IDENTITY, "", "web"),
-        (DEFAULT_IDENTITY, "x" * 23, "x" * 23),
-        (DEFAULT_IDENTITY, "x" * 24, "web"),
-        (DEFAULT_IDENTITY, "Anna", "web"),
-        (DEFAULT_IDENTITY, "anna\n", "web"),
-        (DEFAULT_IDENTITY, "a/b", "web"),
+        (DEFAULT_IDENTITY, "x" * 24, "x" * 20),
+        (DEFAULT_IDENTITY, "Änna B.\n", "anna-b"),
+        (DEFAULT_IDENTITY, "a/b", "a-b"),
+        (DEFAULT_IDENTITY, "Ольга", "web"),
         (DESK, "anna", "desk-anna"),
+        (DESK, "Ольга", "desk"),
         (DESK, "x" * 19, "desk"),
     ],
 )
-def test_a_typed_name_is_used_as_far_as_the_bus_permits_it(
+def test_an_operator_id_spells_a_typed_name_as_far_as_the_bus_permits_it(
     owner: BusIdentity, typed: str, name: str
 ) -> None:
     assert operator_name(Principal(owner, may_stop=True), typed) == name

@@ -116,6 +116,8 @@ TELEOP = SocketLimits(
             "plot_fields": Quota(5.0, 30.0),
             "view": Quota(5.0, 30.0),
             "map": Quota(5.0, 30.0),
+            "fleet": Quota(5.0, 30.0),
+            "name": Quota(1.0, 10.0),
             "look_back": Quota(30.0, 60.0),
             "seek": Quota(30.0, 60.0),
             "step": Quota(30.0, 60.0),

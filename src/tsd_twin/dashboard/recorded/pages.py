@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import re
-from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,9 +18,9 @@ from tsd_twin.dashboard.recorded.session import RecordedSession
 from tsd_twin.dashboard.recorded.view import RecordedView
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.sessions.principal import Principal
+from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.wire.to_page import RecordedPath
 from tsd_twin.errors import TwinError
-from tsd_twin.messages.services import Reply
 from tsd_twin.recording.folder import Catalogue
 from tsd_twin.recording.remote import ReaderProcesses, RemoteFolderReader, RemoteReader
 
@@ -46,9 +46,9 @@ class _OpenView:
 class RecordedPages:
     """All pages that show recordings in a folder; event loop only."""
 
-    def __init__(self, folder: Path, stop_all: Callable[[str], Awaitable[Reply]]) -> None:
+    def __init__(self, folder: Path, live: LiveRobots) -> None:
         self._folder = folder
-        self._stop_all = stop_all
+        self._live = live
         self._processes = ReaderProcesses()
         self._reader = RemoteFolderReader(self._processes)
         self._catalogue = Catalogue(folder, self._reader)
@@ -169,7 +169,7 @@ class RecordedPages:
         name: str = "",
     ) -> None:
         """Run the session of a page while its socket is open, within `holding`."""
-        session = RecordedSession(page, view, self._stop_all, principal=principal, name=name)
+        session = RecordedSession(page, view, self._live, principal=principal, name=name)
         self._sockets.add(socket)
         delivering = asyncio.create_task(session.send_queue.run(socket))
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any
 
@@ -14,7 +14,8 @@ import msgspec
 from tsd_twin.dashboard.recorded.view import RecordedView
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.principal import Principal
-from tsd_twin.dashboard.sessions.session import VIEWER_REFUSAL, PageSession
+from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession
+from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import (
     AddMark,
@@ -26,6 +27,7 @@ from tsd_twin.dashboard.wire.from_page import (
     SelectPlotFields,
     SelectRobot,
     SetView,
+    ShowFleet,
     ShowMap,
     ShowShadow,
     StepStatus,
@@ -47,7 +49,6 @@ from tsd_twin.dashboard.wire.to_page import (
 from tsd_twin.errors import RecordingError
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.errors import MessageError
-from tsd_twin.messages.services import Reply
 from tsd_twin.recording.events import Annotation, add_mark
 from tsd_twin.recording.player import Player, RecordedRobot
 from tsd_twin.security import Role
@@ -71,15 +72,14 @@ class RecordedSession(PageSession):
         self,
         page: str,
         view: RecordedView,
-        stop_all: Callable[[str], Awaitable[Reply]],
+        live: LiveRobots,
         *,
         principal: Principal,
         name: str = "",
     ) -> None:
-        """`stop_all` stops all live robots on behalf of an operator."""
-        super().__init__(page, principal, name)
+        """`live` are the robots of the bus, which the page can stop and list."""
+        super().__init__(page, principal, name, live)
         self._view = view
-        self._stop_all = stop_all
         self._telemetry = {
             each: RobotTelemetry(robot) for each, robot in view.player.robots.items()
         }
@@ -114,6 +114,7 @@ class RecordedSession(PageSession):
 
     def close(self) -> None:
         """End the session."""
+        self._show_fleet(on=False)
         view = self._view
         if view.on_shown == self._on_shown:  # Unless the page has connected again.
             view.disconnect()
@@ -136,7 +137,9 @@ class RecordedSession(PageSession):
                 self.send_queue.acknowledge(message.status_seq)
                 self._send(HeartbeatReply(sent_ms=message.sent_ms))
             case StopCommand():
-                self._stop()
+                self._stop(message, None)
+            case ShowFleet():
+                self._show_fleet(on=message.on)
             case AddMark():
                 self._mark(message.note)
             case StudentRequest():
@@ -190,12 +193,6 @@ class RecordedSession(PageSession):
             return
         tag = str(message.__struct_config__.tag)
         self._send(ActionReply(to=tag, ok=False, why=REFUSAL))
-
-    def _stop(self) -> None:
-        if self.principal.may_stop:
-            self._acknowledge_stop(lambda: self._stop_all(self._operator))
-        else:
-            self._refuse_stop()
 
     def _mark(self, note: str) -> None:
         refusal = because(Code.MARK_UNDER_WAY) if self._marking else None

@@ -31,7 +31,8 @@ _Answer = TypeVar("_Answer")
 _Result = TypeVar("_Result")
 
 _RPC_THREADS = 8
-_STOP_THREADS = 32
+_STOP_THREADS = 64
+"""One for each robot that a dashboard shows, so that silent ones delay no other."""
 
 
 def reason_of(error: TwinError) -> Reason:
@@ -84,33 +85,36 @@ class RpcExecutor:
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._planning_pool, lambda: compute(*args, **kwargs))
 
-    async def stop(self, link: RobotMonitor, operator: str) -> Reply:
+    async def stop(self, link: RobotMonitor, operator: str, name: str = "") -> Reply:
         """Repeat a published stop until the robot acknowledges it.
 
         A stop requested during another stop starts after it, and later requests share that second
         one. Each press is therefore followed by a stop, and each robot uses at most one thread.
         """
         if (under_way := self._stops.get(link.id)) is None or under_way.done():
-            self._stops[link.id] = asyncio.create_task(self._stop(link, operator))
+            self._stops[link.id] = asyncio.create_task(self._stop(link, operator, name))
             return await asyncio.shield(self._stops[link.id])
         if link.id not in self._next_stops:
-            self._next_stops[link.id] = asyncio.create_task(self._after(under_way, link, operator))
+            following = self._after(under_way, link, operator, name)
+            self._next_stops[link.id] = asyncio.create_task(following)
         return await asyncio.shield(self._next_stops[link.id])
 
-    async def stop_all(self, links: Sequence[RobotMonitor], operator: str) -> Reply:
+    async def stop_all(self, links: Sequence[RobotMonitor], operator: str, name: str = "") -> Reply:
         """Repeat published stops until every robot acknowledges."""
-        replies = await asyncio.gather(*(self.stop(link, operator) for link in links))
+        replies = await asyncio.gather(*(self.stop(link, operator, name) for link in links))
         refused = [reply for reply in replies if not reply.ok]
         return refused[0] if refused else Reply(True) if links else _NO_ROBOT_THERE
 
-    async def _after(self, before: asyncio.Task[Reply], link: RobotMonitor, operator: str) -> Reply:
+    async def _after(
+        self, before: asyncio.Task[Reply], link: RobotMonitor, operator: str, name: str
+    ) -> Reply:
         await before
         self._stops[link.id] = self._next_stops.pop(link.id)
-        return await self._stop(link, operator)
+        return await self._stop(link, operator, name)
 
-    async def _stop(self, link: RobotMonitor, operator: str) -> Reply:
+    async def _stop(self, link: RobotMonitor, operator: str, name: str) -> Reply:
         try:
-            await _run(link, procedures.stop(link.id, operator, ""), self._stop_pool)
+            await _run(link, procedures.stop(link.id, operator, "", name), self._stop_pool)
         except TwinError as error:
             return Reply.refused(reason_of(error))
         return Reply(True)
@@ -172,6 +176,7 @@ class LeaseClient:
     ) -> None:
         self.lease: Lease | None = None
         """Lease held by the page."""
+        self._name = ""
         self._pending: _PendingRequest | None = None
         self._operator = operator
         self._executor = executor
@@ -180,6 +185,12 @@ class LeaseClient:
         self._heartbeat_s = time.monotonic()
         self._request: asyncio.Task[None] | None = None
         self._renewing: asyncio.Task[None] | None = None
+
+    def set_name(self, name: str) -> None:
+        """Set the display name of the operator; a held lease sends it with its next renewal."""
+        self._name = name
+        if self.lease is not None:
+            self.lease.protocol.name = name
 
     def on_heartbeat(self) -> None:
         """Record a heartbeat of the page."""
@@ -275,7 +286,8 @@ class LeaseClient:
         """Release the current lease and return the protocol for a new one."""
         self._release_controls(because(Code.CONTROL_ASKED_FOR))
         await self.release_lease()
-        protocol, snapshot = ControlProtocol(link.id, link.robot, self._operator), link.snapshot
+        protocol = ControlProtocol(link.id, link.robot, self._operator, self._name)
+        snapshot = link.snapshot
         if snapshot.status is not None:
             protocol.receive_status(snapshot.status, snapshot.status_seq, snapshot.received_s)
         return protocol

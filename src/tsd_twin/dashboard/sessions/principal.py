@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 from tsd_twin.errors import TwinError
+from tsd_twin.messages.names import display_name, id_of_name
 from tsd_twin.security import LONGEST, BusIdentity, Role
 from tsd_twin.security.users import Login, User
 
@@ -51,17 +51,19 @@ def bus_identity_of(user: User, owner: BusIdentity) -> BusIdentity:
     return BusIdentity(name, user.role if owner.role is Role.OPERATOR else Role.VIEWER)
 
 
-_TYPED_NAME = re.compile(r"[a-z0-9_][a-z0-9_-]*")
-
-
 def operator_name(principal: Principal, typed: str) -> str:
-    """Return the operator name: from the login, or as typed on a page without a login.
+    """Return the name within the operator id: from the login, or as typed without a login.
 
-    A typed name is not authenticated. If the bus does not permit it, it is ignored, so that a page
-    can always connect. With a certificate, the typed name is appended to the dashboard's own name.
+    A typed name is not authenticated. If ids cannot spell it, they have the dashboard's own name.
+    With a certificate, the typed name is appended to that name.
     """
-    own = principal.identity
-    if principal.login is not None or not _TYPED_NAME.fullmatch(typed):
+    own, spelled = principal.identity, id_of_name(typed)
+    if principal.login is not None or not spelled:
         return own.name
-    name = typed if own == DEFAULT_IDENTITY else f"{own.name}-{typed}"
+    name = spelled if own == DEFAULT_IDENTITY else f"{own.name}-{spelled}"
     return name if len(name) <= LONGEST else own.name
+
+
+def shown_name(principal: Principal, typed: str) -> str:
+    """Return the display name of an operator: that of the login, or as typed, or ""."""
+    return display_name(principal.user or typed)

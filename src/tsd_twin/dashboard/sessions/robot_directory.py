@@ -91,6 +91,11 @@ class RobotDirectory:
         self._modes: dict[str, tuple[str, float]] = {}
         self._measuring: set[asyncio.Task[None]] = set()
 
+    @property
+    def links(self) -> Mapping[str, RobotMonitor]:
+        """Live view of all robots, by id."""
+        return self._links
+
     def robot_names(self) -> list[RobotName]:
         """Return the entries of the robot menu; a new page selects the first."""
         links, roster = self._links, self._roster
@@ -145,6 +150,13 @@ class RobotDirectory:
         """Return the latest events of a robot with their ages in seconds, oldest first."""
         now_s = time.monotonic()
         return [(now_s - came_s, event) for came_s, event in self._events.get(robot_id, ())]
+
+    def latest_event(self, robot_id: str) -> tuple[float, Event] | None:
+        """Return the latest event of a robot with its age in seconds, if any."""
+        if not (events := self._events.get(robot_id)):
+            return None
+        came_s, event = events[-1]
+        return time.monotonic() - came_s, event
 
     def health(self) -> dict[str, dict[str, str | float | None]]:
         """Return the mode and state age of each robot; null before its first status."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from collections.abc import Callable
 
 from aiohttp import web
 
@@ -23,6 +24,7 @@ class SendQueue:
     def __init__(self) -> None:
         self._messages: deque[str] = deque(maxlen=MAX_QUEUED)
         self._panel: str | None = None
+        self._fleet: str | None = None
         self._state: tuple[int, str] | None = None
         self._unacknowledged: deque[int] = deque()
         self._wake = asyncio.Event()
@@ -35,6 +37,11 @@ class SendQueue:
     def put_panel(self, text: str) -> None:
         """Queue the slider positions, replacing any that are waiting."""
         self._panel = text
+        self._wake.set()
+
+    def put_fleet(self, changes: str, whole: Callable[[], str]) -> None:
+        """Queue changes of the fleet, or the whole fleet if earlier changes are still waiting."""
+        self._fleet = changes if self._fleet is None else whole()
         self._wake.set()
 
     def put_state(self, number: int, text: str) -> None:
@@ -68,7 +75,12 @@ class SendQueue:
         if self._panel is not None:
             text, self._panel = self._panel, None
             return text
-        if self._state is not None and len(self._unacknowledged) < MAX_UNACKNOWLEDGED:
+        if len(self._unacknowledged) >= MAX_UNACKNOWLEDGED:
+            return None
+        if self._fleet is not None:
+            text, self._fleet = self._fleet, None
+            return text
+        if self._state is not None:
             (number, text), self._state = self._state, None
             self._unacknowledged.append(number)
             return text

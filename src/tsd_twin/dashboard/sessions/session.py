@@ -6,20 +6,20 @@ Outgoing states, events and replies have no effect on the robot.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import msgspec
 
-from tsd_twin.client import procedures
-from tsd_twin.client.monitor import Snapshot
+from tsd_twin.client.monitor import RobotMonitor, Snapshot
 from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
-from tsd_twin.dashboard.sessions.lease import LeaseClient, RpcExecutor
+from tsd_twin.dashboard.sessions.lease import LeaseClient
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
-from tsd_twin.dashboard.sessions.principal import Principal, operator_name
-from tsd_twin.dashboard.sessions.robot_directory import RobotDirectory
+from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession
+from tsd_twin.dashboard.sessions.principal import Principal, shown_name
 from tsd_twin.dashboard.sessions.send_queue import SendQueue
+from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.student import StudentSession
 from tsd_twin.dashboard.sessions.teleop import TeleopController, TeleopMessage
 from tsd_twin.dashboard.wire.from_page import (
@@ -36,8 +36,10 @@ from tsd_twin.dashboard.wire.from_page import (
     ResetRequest,
     SelectPlotFields,
     SelectRobot,
+    SetName,
     SetView,
     SetWheelSpeed,
+    ShowFleet,
     ShowMap,
     ShowShadow,
     StopCommand,
@@ -72,100 +74,38 @@ _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Servi
     ResetRequest: Service.RESET,
 }
 DisplayMessage: TypeAlias = (
-    SelectRobot | SelectPlotFields | SetView | ShowMap | LookBack | ShowShadow | StudentRequest
+    SelectRobot
+    | SelectPlotFields
+    | SetView
+    | ShowMap
+    | ShowFleet
+    | LookBack
+    | ShowShadow
+    | StudentRequest
 )
 """Messages that change only what the page is sent."""
-VIEWER_REFUSAL = because(Code.VIEWER)
-_MAX_CONCURRENT_STOPS = 2
-"""A second stop starts after the first, so a third would add nothing."""
-
-
-class PageSession:
-    """Base class of page sessions with the page's id and login, outgoing messages and running
-    stops.
-    """
-
-    def __init__(self, page: str, principal: Principal, name: str) -> None:
-        """`principal` owns the page; each page has its own operator id.
-
-        `name` is the name typed by the operator, used only without logins.
-        """
-        self.page = page
-        self.principal = principal
-        self.view: ViewSettings | None = None
-        """View settings, if the page or its panel has sent any."""
-        self.send_queue = SendQueue()
-        self.rejected = 0
-        """Number of invalid messages."""
-        self._operator = f"{operator_name(principal, name)}-{page[:8]}"
-        self._plot_fields: Sequence[str] = ()
-        self._shows_map = False
-        self._stopping: set[asyncio.Task[None]] = set()
-
-    def reject(self, error: MessageError) -> None:
-        """Count an invalid message and reply to it."""
-        self.rejected += 1
-        if self.rejected == 1:
-            self._send(ActionReply(to="message", ok=False, why=error.why))
-
-    def _refuse_stop(self) -> None:
-        self._send(ActionReply(to="stop", ok=False, why=VIEWER_REFUSAL))
-
-    def _acknowledge_stop(self, stop: Callable[[], Awaitable[Reply]]) -> None:
-        """Send the robot's reply to the page, unless two of its stops are already running."""
-        if len(self._stopping) < _MAX_CONCURRENT_STOPS:
-            task = asyncio.create_task(self._stop_and_answer(stop))
-            self._stopping.add(task)
-            task.add_done_callback(self._stopping.discard)
-
-    async def _stop_and_answer(self, stop: Callable[[], Awaitable[Reply]]) -> None:
-        reply = await stop()
-        self._send(ActionReply(to="stop", ok=reply.ok, why=why_of(reply)))
-
-    def on_view(self, settings: ViewSettings) -> None:
-        """Send view settings changed in the panel, which the page should store."""
-        self.view = settings
-        self._send(ViewChanged(settings=settings))
-
-    def _send_welcome(self, role: Role, robots: Sequence[RobotName], robot: str | None) -> None:
-        self._send(
-            SessionInfo(
-                operator=self._operator,
-                role=role,
-                user=self.principal.user,
-                may_stop=self.principal.may_stop,
-                robots=robots,
-                robot=robot,
-            )
-        )
-
-    def _send(self, message: Any) -> None:
-        self.send_queue.put(encode_message(message))
-
-
 class Session(PageSession):
     """Session for a live page on the event loop; calls to a robot run as tasks of the session."""
 
     def __init__(
         self,
         page: str,
-        directory: RobotDirectory,
-        executor: RpcExecutor,
+        live: LiveRobots,
         *,
         principal: Principal,
         map_data: MapData,
         scene: SceneExecutor,
         name: str = "",
     ) -> None:
-        super().__init__(page, principal, name)
+        super().__init__(page, principal, name, live)
         self.robot_id: str | None = None
         """Selected robot."""
         self._role = principal.identity.role
-        self._directory = directory
-        self._executor = executor
+        self._directory, executor = live.directory, live.executor
         self._lease_client = LeaseClient(
             self._operator, executor, self._send, lambda why: self._teleop.release(why)
         )
+        self._lease_client.set_name(self._stops.name)
         self._teleop = TeleopController(
             self._lease_client,
             NavigationSession(page, executor, scene.pick_floor, map_data.show_route, self._send),
@@ -197,6 +137,7 @@ class Session(PageSession):
     async def close(self) -> None:
         """Stop the motion and release the lease, after the socket has closed."""
         self._motion = None
+        self._show_fleet(on=False)
         self._teleop.close()
         self._student.close()
         await self._lease_client.close()
@@ -249,7 +190,9 @@ class Session(PageSession):
             return
         match message:
             case StopCommand():
-                self._stop()
+                self._stop_robots(message)
+            case SetName():
+                self._rename(message)
             case PageHeartbeat():
                 self._on_heartbeat(message)
             case PanelSlidersReleased():
@@ -277,6 +220,8 @@ class Session(PageSession):
                 self._shows_map, was_shown = message.on, self._shows_map
                 if not was_shown:
                     self.send_map_lines(trails=True)
+            case ShowFleet():
+                self._show_fleet(on=message.on)
             case LookBack():
                 self._ago_s = message.history_offset_s
                 self._show_past()
@@ -305,21 +250,19 @@ class Session(PageSession):
         if not message.focus:
             self._teleop.release(because(Code.PAGE_NOT_IN_FRONT))
 
-    def _stop(self) -> None:
-        """Publish a stop for the selected robot, release the controls, then await acknowledgement.
+    def _stop_robots(self, message: StopCommand) -> None:
+        """Publish a stop, then release the controls unless they move another robot."""
+        links = self._stop(message, self.robot_id)
+        lease, names_view = self._lease_client.lease, message.robot is None and not message.all
+        if lease is None or names_view or lease.link.id in {link.id for link in links}:
+            self._motion = None
+            self._teleop.release(because(Code.STOP_PRESSED))
+            self._teleop.navigation.clear()
 
-        If a replay is selected, this stops every live robot.
-        """
-        self._motion = None
-        if not self.principal.may_stop:
-            self._refuse_stop()
-            return
-        links = self._directory.links_to_stop(self.robot_id)
-        for link in links:
-            link.send_stop(procedures.stop_payload(self._operator))
-        self._teleop.release(because(Code.STOP_PRESSED))
-        self._teleop.navigation.clear()
-        self._acknowledge_stop(lambda: self._executor.stop_all(links, self._operator))
+    def _rename(self, message: SetName) -> None:
+        self._stops.name = shown_name(self.principal, message.name)
+        self._lease_client.set_name(self._stops.name)
+        self._send_welcome(self._role, self._directory.robot_names(), self.robot_id)
 
     def _on_lease_action(self, message: LeaseAction) -> None:
         lease_client = self._lease_client

@@ -9,20 +9,20 @@ from typing import Literal
 
 from aiohttp import WSMessage, WSMsgType, web
 
-from tsd_twin.client import procedures
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
+from tsd_twin.dashboard.sessions.fleet_feed import FleetFeed
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.robot_directory import RobotDirectory
 from tsd_twin.dashboard.sessions.session import Session
+from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.wire.to_page import PanelSliders, SphereClick, encode_message
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
-from tsd_twin.messages.services import Reply
 
 
 class SessionManager:
@@ -48,6 +48,10 @@ class SessionManager:
         self._executor = RpcExecutor()
         self.directory = RobotDirectory(links, self._executor, roster)
         """All robots visible to pages."""
+        self.live = LiveRobots(
+            self.directory, self._executor, FleetFeed(self.directory, scene.reach_m)
+        )
+        """What pages stop and list, also those with a recording."""
         self._on_opened = on_opened
         self._scene = scene
         self._map_data = MapData(links, scene, self._on_map_lines)
@@ -83,13 +87,6 @@ class SessionManager:
     def rejected(self) -> int:
         """Number of invalid messages from pages."""
         return self._rejected + sum(session.rejected for session in self._sessions.values())
-
-    async def stop_all(self, operator: str) -> Reply:
-        """Publish stops to all live robots, then repeat them until each acknowledges."""
-        links = self.directory.links_to_stop(None)
-        for link in links:
-            link.send_stop(procedures.stop_payload(operator))
-        return await self._executor.stop_all(links, operator)
 
     # State and events to the pages.
 
@@ -217,8 +214,7 @@ class SessionManager:
             await before.close(code=1001, message=b"the page has come back")
         session = Session(
             page,
-            self.directory,
-            self._executor,
+            self.live,
             principal=principal,
             map_data=self._map_data,
             scene=self._scene,

@@ -18,6 +18,7 @@ Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
 Triple: TypeAlias = tuple[float, float, float]
 Coordinate: TypeAlias = Annotated[float, Meta(ge=-1e4, le=1e4)]
 """Metres, radians or picture fractions, bounded to avoid overflow."""
+RobotId: TypeAlias = Annotated[str, Meta(max_length=32)]
 Level: TypeAlias = Annotated[int, Meta(ge=1, le=100)]
 """Percentage of the active limits."""
 MAX_POINTS = 256
@@ -119,13 +120,31 @@ class SetWheelSpeed(Message, frozen=True, tag="wheel_speed"):
 
 
 class StopCommand(Message, frozen=True, tag="stop"):
-    """Software stop, latched."""
+    """Software stop, latched: of the robot in view, of one robot by its id, or of all robots.
+
+    A replay is never addressed. With one in view, a stop without fields stops all live robots.
+    """
+
+    robot: RobotId | None = None
+    all: bool = False
 
 
 class SelectRobot(Message, frozen=True, tag="robot"):
     """Request to select another robot."""
 
-    id: Annotated[str, Meta(max_length=32)]
+    id: RobotId
+
+
+class ShowFleet(Message, frozen=True, tag="fleet"):
+    """Request for the states of all robots while `on`."""
+
+    on: bool
+
+
+class SetName(Message, frozen=True, tag="name"):
+    """Display name of the operator, in any script; ignored with a login."""
+
+    name: ShortText
 
 
 class SelectPlotFields(Message, frozen=True, tag="plot_fields"):
@@ -200,6 +219,8 @@ PageMessage: TypeAlias = (
     | SelectPlotFields
     | SetView
     | ShowMap
+    | ShowFleet
+    | SetName
     | LookBack
     | ShowShadow
     | StudentRequest
@@ -263,6 +284,7 @@ RecordedPageMessage: TypeAlias = (
     | SelectPlotFields
     | SetView
     | ShowMap
+    | ShowFleet
     | ShowShadow
     | StudentRequest
 )

@@ -1,5 +1,5 @@
 // Types of the messages between page and dashboard server, for the type check of the page's scripts.
-// Names and fields are those of from_page.py, to_page.py and tsd_twin/messages/status.py.
+// Names and fields are those of from_page.py, to_page.py, fleet.py and tsd_twin/messages/status.py.
 
 type Triple = [number, number, number];
 /** Metres on the floor. */
@@ -107,6 +107,7 @@ interface Status {
   learned: Record<string, BiasStatus> | null;
   loop: LoopStatus;
   hardware: Hardware;
+  operators: Record<string, string>;
 }
 
 // From the server.
@@ -279,11 +280,58 @@ interface RobotName {
 interface SessionInfo {
   t: "welcome";
   operator: string;
+  name: string;
   role: string;
   user: string | null;
   may_stop: boolean;
   robots: RobotName[];
   robot: string | null;
+}
+
+interface StopResult {
+  t: "stop_result";
+  robot: string;
+  outcome: "sent" | "acknowledged" | "not_reached";
+  why: Reason | null;
+}
+
+interface FleetBattery {
+  volts: number;
+  low: boolean;
+}
+
+interface FleetEvent {
+  kind: string;
+  why: Reason;
+  age_s: number;
+}
+
+interface FleetRobot {
+  id: string;
+  title: string;
+  colour: string;
+  panel: "gimbals" | "wheels" | "sphere" | "twist" | "joints";
+  wheel_count: number;
+  space: "floor" | "sphere";
+  reach_m: number;
+  source: "robot" | "recording" | "several";
+  silent: boolean;
+  age_s: number | null;
+  mode: string | null;
+  latched: boolean;
+  why: Reason | null;
+  driver: string | null;
+  requested_by: string | null;
+  operators: Record<string, string>;
+  battery: FleetBattery | null;
+  event: FleetEvent | null;
+}
+
+interface Fleet {
+  t: "fleet";
+  whole: boolean;
+  robots: FleetRobot[];
+  poses: Record<string, Triple>;
 }
 
 interface PanelSliders {
@@ -416,6 +464,8 @@ type ServerMessage =
   | RobotInfo
   | RobotState
   | SessionInfo
+  | StopResult
+  | Fleet
   | PanelSliders
   | SphereClick
   | ControlsReleased
@@ -484,10 +534,12 @@ type PageMessage =
   | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }
   | { t: "view"; settings: ViewSettings; look: boolean }
-  | { t: "map" | "shadow"; on: boolean }
+  | { t: "map" | "shadow" | "fleet"; on: boolean }
+  | { t: "name"; name: string }
+  | { t: "stop"; robot?: string | null; all?: boolean }
   | { t: "look_back"; history_offset_s: number | null }
   | { t: "plot_fields"; names: string[] }
-  | { t: "clear_plan" | "release" | "panel_released" | "arm" | "disarm" | "reset" | "stop" };
+  | { t: "clear_plan" | "release" | "panel_released" | "arm" | "disarm" | "reset" };
 
 /** As `scene/view_settings.py` has them. */
 interface ViewSettings {

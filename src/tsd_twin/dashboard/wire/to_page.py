@@ -263,6 +263,9 @@ class SessionInfo(Message, frozen=True, tag="welcome"):
     """Operator id and role of the page, and the list of robots."""
 
     operator: str
+    """Id on the bus, as in `status.lease.holder`."""
+    name: str
+    """Display name of the operator, or ""."""
     role: Role
     user: str | None
     """Logged-in user, or None if no login is required."""
@@ -302,6 +305,16 @@ class ActionReply(Message, frozen=True, tag="reply"):
     ok: bool
     why: Reason | None = None
     """Why it was refused."""
+
+
+class StopResult(Message, frozen=True, tag="stop_result"):
+    """Progress of a stop that names a robot or all: `sent` at once, then one of the others."""
+
+    robot: str
+    outcome: Literal["sent", "acknowledged", "not_reached"]
+    """`acknowledged` means that the status of the robot shows it latched."""
+    why: Reason | None = None
+    """Why it was not reached."""
 
 
 class RobotEvent(Message, frozen=True, tag="event"):
