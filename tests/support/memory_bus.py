@@ -203,6 +203,9 @@ class MemoryBus:
             self._network.clock.wait(_STEP_S)
         return []
 
+    def query_all(self, key: str, payload: bytes, timeout_s: float = 1.0) -> list[bytes]:
+        return self._ask(key, payload, timeout_s, b"")
+
     def declare_token(self, key: str) -> _Token:
         token = _Token(self._network, key)
         self._tokens.append(token)

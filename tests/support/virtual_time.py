@@ -83,7 +83,10 @@ class _Selector(selectors.DefaultSelector):
 
 
 class _Loop(asyncio.SelectorEventLoop):
-    """Event loop in virtual time, which does at once what others give to a thread."""
+    """Event loop in virtual time, which does at once what others give to a thread.
+
+    Other tasks have their turn before the result is used, as they have while a thread works.
+    """
 
     def __init__(self, clock: VirtualClock) -> None:
         super().__init__(_Selector(clock))
@@ -93,7 +96,12 @@ class _Loop(asyncio.SelectorEventLoop):
     ) -> asyncio.Future[T]:
         future: asyncio.Future[T] = self.create_future()
         try:
-            future.set_result(func(*args))
+            self.call_soon(_settle, future, func(*args))
         except Exception as error:
             future.set_exception(error)
         return future
+
+
+def _settle(future: asyncio.Future[T], result: T) -> None:
+    if not future.done():  # It may have been cancelled.
+        future.set_result(result)

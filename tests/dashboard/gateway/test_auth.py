@@ -306,6 +306,12 @@ def test_an_operator_id_spells_a_typed_name_as_far_as_the_bus_permits_it(
     assert operator_name(Principal(owner, may_stop=True), typed) == name
 
 
+def test_a_name_in_another_script_is_shown_and_not_in_the_id() -> None:
+    with site() as made, made.page(f"{PAGE}&name=%D0%9E%D0%BB%D1%8C%D0%B3%D0%B0") as page:
+        welcome = page.until(lambda: page.last("welcome"))
+        assert (welcome["name"], welcome["operator"]) == ("Ольга", f"web-{PAGE[:8]}")
+
+
 def test_a_name_is_typed_where_there_are_no_logins_only(served: Site) -> None:
     with site() as made, made.page(f"{PAGE}&name=anna", user="anna") as page:
         assert page.until(lambda: page.last("welcome"))["operator"] == f"anna-{PAGE[:8]}"

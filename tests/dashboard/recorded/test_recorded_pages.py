@@ -127,6 +127,19 @@ def vars_of(struct: Any) -> list[int]:
     return [getattr(struct, name) for name in struct.__struct_fields__]
 
 
+def test_a_page_with_a_recording_lists_the_live_robots_and_stops_one_of_them(
+    page: Page, served: Site
+) -> None:
+    page.send(t="fleet", on=True)
+    listed = page.until(lambda: page.last("fleet")["robots"])
+    assert [(each["id"], each["source"]) for each in listed] == [("tsd", "robot")]
+    page.send(t="stop", robot="tsd")
+    page.until(lambda: page.last("stop_result")["outcome"] == "acknowledged")
+    assert served.link.snapshot.status is not None
+    assert served.link.snapshot.status.mode == "stopped"
+    page.until(lambda: page.last("fleet")["robots"] and page.last("fleet")["robots"][0]["latched"])
+
+
 def test_stop_acts_on_the_live_robots_while_a_recording_plays(page: Page, served: Site) -> None:
     with served.page("00000000000000bb") as live:
         live.make_ready()

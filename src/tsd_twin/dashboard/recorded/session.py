@@ -13,8 +13,8 @@ import msgspec
 
 from tsd_twin.dashboard.recorded.view import RecordedView
 from tsd_twin.dashboard.sessions.map_data import MapData
-from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession
+from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import (

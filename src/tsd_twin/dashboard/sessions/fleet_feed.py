@@ -33,19 +33,19 @@ class FleetFeed:
     changes that it has missed.
     """
 
-    def __init__(
-        self,
-        directory: RobotDirectory,
-        reach_m: Callable[[str], float],
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        """`reach_m` returns the radius of a robot; `clock` is the one of receive times."""
-        self._directory, self._reach_m, self._clock = directory, reach_m, clock
+    def __init__(self, directory: RobotDirectory, reach_m: Callable[[str], float]) -> None:
+        """`reach_m` returns the radius of a robot around its base."""
+        self._directory, self._reach_m = directory, reach_m
         self._queues: dict[SendQueue, None] = {}
         self._infos: dict[str, tuple[KnownRobot, RobotInfo]] = {}
         self._robots: dict[str, FleetRobot] = {}
         self._poses: dict[str, Triple] = {}
         self._timer: asyncio.TimerHandle | None = None
+
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether a page shows the fleet; thread-safe."""
+        return bool(self._queues)
 
     def subscribe(self, queue: SendQueue) -> None:
         """Send a page the whole fleet, then its changes."""
@@ -95,7 +95,7 @@ class FleetFeed:
     def _row(self, known: KnownRobot, colour: str) -> FleetRobot:
         link, info = known.link, self._info(known)
         snapshot, status = link.snapshot, link.snapshot.status
-        age_s = self._clock() - snapshot.received_s
+        age_s = time.monotonic() - snapshot.received_s
         lease = status.lease if status else LeaseStatus()
         return FleetRobot(
             id=link.id,

@@ -6,19 +6,18 @@ Outgoing states, events and replies have no effect on the robot.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Mapping
+from typing import TypeAlias
 
 import msgspec
 
-from tsd_twin.client.monitor import RobotMonitor, Snapshot
+from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
 from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession
 from tsd_twin.dashboard.sessions.principal import Principal, shown_name
-from tsd_twin.dashboard.sessions.send_queue import SendQueue
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.student import StudentSession
 from tsd_twin.dashboard.sessions.teleop import TeleopController, TeleopMessage
@@ -51,13 +50,9 @@ from tsd_twin.dashboard.wire.to_page import (
     HeartbeatReply,
     PastState,
     RobotEvent,
-    RobotName,
     RobotState,
-    SessionInfo,
-    ViewChanged,
     encode_message,
 )
-from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import why_of
 from tsd_twin.messages.errors import MessageError
@@ -84,6 +79,8 @@ DisplayMessage: TypeAlias = (
     | StudentRequest
 )
 """Messages that change only what the page is sent."""
+
+
 class Session(PageSession):
     """Session for a live page on the event loop; calls to a robot run as tasks of the session."""
 

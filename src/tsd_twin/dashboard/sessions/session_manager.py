@@ -80,8 +80,8 @@ class SessionManager:
 
     @property
     def any_open(self) -> bool:
-        """Whether a page is open; thread-safe."""
-        return bool(self._sessions)
+        """Whether a page shows live robots; thread-safe."""
+        return bool(self._sessions) or self.live.feed.has_subscribers
 
     @property
     def rejected(self) -> int:

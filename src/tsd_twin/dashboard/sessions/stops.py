@@ -137,11 +137,13 @@ class PageStops:
         links, now_s = self._live.directory.links, time.monotonic()
         end_s, retry_s = now_s + STOP_LIMIT_S, -math.inf
         stopping: asyncio.Task[Reply] | None = None
-        while (now_s := time.monotonic()) < end_s:
+        while True:
             link = links[robot_id]  # Another object after a restart of the robot.
             replied = stopping is not None and stopping.done() and stopping.result().ok
             if witness.confirms(link.snapshot, replied=replied):
                 return None
+            if (now_s := time.monotonic()) >= end_s:
+                break
             if (stopping is None or stopping.done()) and not replied and now_s >= retry_s:
                 retry_s = now_s + _RETRY_S
                 stop = self._live.executor.stop(link, self._operator, self.name)
