@@ -14,8 +14,9 @@ from tsd_twin.client.monitor import RobotMonitor, Snapshot
 from tsd_twin.dashboard.sessions.fleet_feed import FleetFeed
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.robot_directory import LIVE_TIMEOUT_S, RobotDirectory
+from tsd_twin.dashboard.wire.fleet import StopResult
 from tsd_twin.dashboard.wire.from_page import StopCommand
-from tsd_twin.dashboard.wire.to_page import ActionReply, StopResult
+from tsd_twin.dashboard.wire.to_page import ActionReply
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import why_of
 from tsd_twin.messages.modes import LATCHED

@@ -1,4 +1,4 @@
-"""Message with the states of all robots, for the fleet view; specified in `docs/teleop.md`."""
+"""Messages of the fleet view: states of all robots, and stops; specified in `docs/teleop.md`."""
 
 from __future__ import annotations
 
@@ -73,3 +73,13 @@ class Fleet(Message, frozen=True, tag="fleet"):
     robots: Sequence[FleetRobot]
     poses: Mapping[str, Triple]
     """Estimates in `odom` by robot id: x and y in metres, heading in radians."""
+
+
+class StopResult(Message, frozen=True, tag="stop_result"):
+    """Progress of a stop that names a robot or all: `sent` at once, then one of the others."""
+
+    robot: str
+    outcome: Literal["sent", "acknowledged", "not_reached"]
+    """`acknowledged` means that the status of the robot shows it latched."""
+    why: Reason | None = None
+    """Why it was not reached."""

@@ -307,16 +307,6 @@ class ActionReply(Message, frozen=True, tag="reply"):
     """Why it was refused."""
 
 
-class StopResult(Message, frozen=True, tag="stop_result"):
-    """Progress of a stop that names a robot or all: `sent` at once, then one of the others."""
-
-    robot: str
-    outcome: Literal["sent", "acknowledged", "not_reached"]
-    """`acknowledged` means that the status of the robot shows it latched."""
-    why: Reason | None = None
-    """Why it was not reached."""
-
-
 class RobotEvent(Message, frozen=True, tag="event"):
     """Event of the robot."""
 
