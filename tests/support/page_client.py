@@ -265,7 +265,7 @@ class Site:
         return next(iter(self.discovery.links.values()))
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
-        """Return what a coroutine of the gateway's loop returns."""
+        """Run a coroutine on the gateway's loop and return its result."""
         return asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE_S)
 
     def choose(self, page: str, *robot_ids: str) -> None:

@@ -60,13 +60,13 @@ class FleetRobotNode:
             self._node._tick(now_s, next(self._ticks), self._rate)
 
     def kill(self) -> None:
-        """End the node as the system kills a process: nothing is said, and nothing answers."""
+        """End the node without a farewell, as SIGKILL does."""
         self.runs = False
         self._serve(None)
         self._bus.close()
 
     def lose(self) -> None:
-        """Cut its link; it goes on, and requests to it are never answered."""
+        """Cut its link: the node keeps running but no longer answers requests."""
         self._serve(Queue(64, lambda _: None))
 
     def find(self) -> None:
@@ -240,7 +240,7 @@ class FleetPage:
         return {each: row | {"pose": poses.get(each)} for each, row in robots.items()}
 
     def outcomes(self) -> dict[str, list[str]]:
-        """Outcomes of stops by robot, in the order in which they came."""
+        """Outcomes of stops by robot, in order of arrival."""
         found: dict[str, list[str]] = {}
         for each in self.all("stop_result"):
             found.setdefault(each["robot"], []).append(each["outcome"])

@@ -19,7 +19,7 @@ _LONGEST_WAIT_S = 0.01
 _LONGEST_TEST_S = 60.0
 _LAST_TURNS = 50
 _TURN_S = 1e-7
-"""Duration of one turn of the event loop, so that each timer takes time."""
+"""Time added per iteration of the event loop, so that every timer advances the clock."""
 
 
 class VirtualClock:

@@ -1,4 +1,4 @@
-"""Display names of operators: text in any script, shown beside the id that the bus uses."""
+"""Display names of operators, in any script; the bus identifies operators by id."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _continues(character: str) -> bool:
 
 
 class OperatorNames:
-    """Display names by operator id, of the operators heard last; a name proves nothing."""
+    """Display names of the most recent operators by id; a name grants no rights."""
 
     def __init__(self) -> None:
         self._names: dict[str, str] = {}

@@ -227,7 +227,7 @@ def test_what_a_viewer_says_to_viser_has_no_effect(server: viser.ViserServer, se
         viewer.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": 0.5, "max": 9}})
         clients = server.get_clients()
         looking = CAMERA | {"position": [4.0, 4.0, 4.0]}
-        viewer.send(looking)  # What was sent before it has been read once this has.
+        viewer.send(looking)  # Once it arrives, all earlier messages have been read.
         end_s = time.monotonic() + PATIENCE_S
         while not any(c.camera.position[0] == 4.0 for c in clients.values()):
             assert time.monotonic() < end_s, "the camera of a viewer is heard"

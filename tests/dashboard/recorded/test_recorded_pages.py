@@ -147,7 +147,7 @@ def test_stop_acts_on_the_live_robots_while_a_recording_plays(page: Page, served
         live.drive(0.2)
         assert page.answer("stop", t="stop")["ok"]
         live.until(lambda: live.mode == "stopped")
-        live.until(lambda: live.answer("reset", t="reset")["ok"])  # Refused for half a second.
+        live.until(lambda: live.answer("reset", t="reset")["ok"])  # Half a second must pass first.
         live.until(lambda: live.mode == "disarmed")
     page.send(t="pause")
 

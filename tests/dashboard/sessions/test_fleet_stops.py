@@ -19,7 +19,7 @@ from tsd_twin.messages.status import RobotStatus
 
 IDS = ["kiwi", "left", "right"]
 FATES = ("alive", "stopped", "lost", "killed")
-"""Before the stop: running, stopped by somebody, without a link, and without its node."""
+"""States before the stop: running, already stopped, link lost, node killed."""
 
 
 def bring_to(fleet: VirtualFleet, robot_id: str, fate: str) -> None:
