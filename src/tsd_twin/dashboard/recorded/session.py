@@ -75,11 +75,13 @@ class RecordedSession(PageSession):
         *,
         principal: Principal,
         name: str = "",
+        on_marked: Callable[[], None] = lambda: None,
     ) -> None:
-        """`stop_all` stops all live robots on behalf of an operator."""
+        """`stop_all` stops all live robots on behalf of an operator; `on_marked` reports a mark."""
         super().__init__(page, principal, name)
         self._view = view
         self._stop_all = stop_all
+        self._on_marked = on_marked
         self._telemetry = {
             each: RobotTelemetry(robot) for each, robot in view.player.robots.items()
         }
@@ -218,6 +220,7 @@ class RecordedSession(PageSession):
         finally:
             self._marking = False
         self._send(ActionReply(to="mark", ok=True))
+        self._on_marked()
         await self._send_timeline()
 
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:

@@ -426,6 +426,7 @@ type ServerMessage =
   | ViewChanged
   | HeartbeatReply
   | Timeline
+  | RecordingsChanged
   | Cursor
   | PastStates;
 
@@ -533,6 +534,11 @@ interface Timeline {
   start_ms: number;
   duration_s: number;
   events: TimelineEvent[];
+}
+
+interface RecordingsChanged {
+  t: "recordings_changed";
+  revision: number;
 }
 
 interface Cursor {
