@@ -47,11 +47,11 @@ def read_details(reader: RecordingReader, points: int) -> RecordingDetails:
     latest: dict[str, str] = {}
     with readable(index.path):
         for robot in robots_in(index.topics)[:MOST_ROBOTS]:
-            _add_holder(drivers, index, robot, 0)
+            _add_holders(drivers, index, robot, index.start_ns)
         for entry, event in decoded_events(index):
             robot = robot_of(entry.topic)
             if event.kind == "lease":
-                _add_holder(drivers, index, robot, entry.log_ns)
+                _add_holders(drivers, index, robot, entry.log_ns)
             if event.kind != "mode":
                 continue
             before, mode = modes_of(index, robot, event, entry.log_ns)
@@ -62,20 +62,27 @@ def read_details(reader: RecordingReader, points: int) -> RecordingDetails:
                 faults += 1
                 if len(texts) < _MOST_FAULT_TEXTS:
                     texts[event.text[:_TEXT_LENGTH]] = None
+        for robot in robots_in(index.topics)[:MOST_ROBOTS]:
+            _add_holders(drivers, index, robot, index.end_ns + 1)
     return RecordingDetails(tuple(drivers), stops, faults, tuple(texts), _tracks(reader, points))
 
 
-def _add_holder(drivers: dict[str, None], index: RecordingIndex, robot: str, at_ns: int) -> None:
-    """Add the lease holder in the first status from a time."""
-    entry = index.first_after(topics.STATUS.key(robot), at_ns - 1)
-    if entry is None or len(drivers) >= _MOST_DRIVERS:
-        return
-    try:
-        holder = decode_status(entry.data).lease.holder
-    except MessageError:
-        return
-    if holder:
-        drivers[holder[:_NAME_LENGTH]] = None
+def _add_holders(drivers: dict[str, None], index: RecordingIndex, robot: str, at_ns: int) -> None:
+    """Add the lease holders in the last status before a time and in the first one from it.
+
+    Both count, because events are lost while the link of the recorder is interrupted.
+    """
+    key = topics.STATUS.key(robot)
+    before = next(index.newest_first(key, at_ns - 1), None)
+    for entry in (before, index.first_after(key, at_ns - 1)):
+        if entry is None or len(drivers) >= _MOST_DRIVERS:
+            continue
+        try:
+            holder = decode_status(entry.data).lease.holder
+        except MessageError:
+            continue
+        if holder:
+            drivers[holder[:_NAME_LENGTH]] = None
 
 
 def _tracks(reader: RecordingReader, points: int) -> dict[str, list[tuple[float, float]]]:

@@ -5,6 +5,7 @@ Refusals are JSON: `code`, for texts of the page, and `text`, one sentence in En
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Awaitable, Callable
 
@@ -189,6 +190,8 @@ def _export_query(request: web.Request) -> _ExportQuery:
     except msgspec.ValidationError as error:
         text = f"this is not an export: {error}"
         raise _refusal(web.HTTPBadRequest, "invalid_query", text) from error
+    if not all(math.isfinite(each) for each in (query.start_s, query.end_s or 0.0)):
+        raise _refusal(web.HTTPBadRequest, "invalid_query", "times are finite numbers")
     if query.kind not in KINDS:
         text = f"choose as={', '.join(KINDS)}"
         raise _refusal(web.HTTPBadRequest, "invalid_query", text)
