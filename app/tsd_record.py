@@ -174,9 +174,10 @@ def list_recordings(args: argparse.Namespace) -> None:
         start = datetime.fromtimestamp(1e-9 * each.start_ns, UTC)
         marks = f", {each.marks} mark{'s' * (each.marks > 1)}" if each.marks else ""
         state = "" if each.is_whole else ", without an index yet"
+        title = f" '{each.title}'" if each.title else ""
         print(
             f"{start:%Y-%m-%d %H:%M:%SZ} {each.duration_s:8.1f} s {each.size / 1e6:7.1f} MB "
-            f"{path.name}: {', '.join(each.robots) or 'no robot'}{marks}{state}"
+            f"{path.name}{title}: {', '.join(each.robots) or 'no robot'}{marks}{state}"
         )
     catalogue.close()
 

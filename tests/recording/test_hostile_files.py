@@ -58,7 +58,7 @@ def refusals(*reads: Callable[[], object]) -> Iterator[str]:
 def shown(path: Path, processes: ReaderProcesses) -> list[str]:
     """Do what a dashboard does with a file; return its errors."""
     folder = RemoteFolderReader(processes)
-    found = list(refusals(lambda: folder.listing(path), lambda: folder.track(path, 20)))
+    found = list(refusals(lambda: folder.listing(path), lambda: folder.details(path, 20)))
     folder.close()
     try:
         player = Player(path, reader=RemoteReader(path, processes))

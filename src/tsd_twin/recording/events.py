@@ -9,6 +9,7 @@ recording is repaired.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from operator import attrgetter
@@ -23,7 +24,7 @@ from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.status import decode_status
-from tsd_twin.recording.channels import RAW, robot_of
+from tsd_twin.recording.channels import RAW, Entry, robot_of
 from tsd_twin.recording.index import RecordingIndex
 
 
@@ -57,7 +58,8 @@ _KINDS = {
     "lease": EventKind.HAND_OVER,
     "consistency": EventKind.CONSISTENCY,
 }
-_STOPS = frozenset({Mode.STOPPING, Mode.STOPPED})
+STOPS = frozenset({Mode.STOPPING, Mode.STOPPED})
+"""Modes of a stopped robot."""
 _MERGED_S = 2.0
 """Events with the same code within this time are merged."""
 
@@ -68,14 +70,9 @@ def read_events(index: RecordingIndex) -> list[RecordedEvent]:
     Raises:
         RecordingError: If the file is damaged.
     """
-    kinds = {topic for topic in index.topics if "/event/" in topic and not topic.endswith(RAW)}
     found: list[RecordedEvent] = []
     latest: dict[tuple[str, str, str], tuple[int, float]] = {}
-    for entry in sorted(index.ordered(kinds), key=attrgetter("log_ns")):
-        try:
-            event = msgspec.json.decode(entry.data, type=Event)
-        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-            continue
+    for entry, event in decoded_events(index):
         t_s, robot = 1e-9 * (entry.log_ns - index.start_ns), robot_of(entry.topic)
         key = (robot, event.kind, _same(event))
         at, last_s = latest.get(key, (-1, -1.0))
@@ -90,6 +87,31 @@ def read_events(index: RecordingIndex) -> list[RecordedEvent]:
     return found
 
 
+def decoded_events(index: RecordingIndex) -> Iterator[tuple[Entry, Event]]:
+    """Yield all valid events of a recording with their messages, in order of time.
+
+    Raises:
+        RecordingError: If the file is damaged.
+    """
+    kinds = {topic for topic in index.topics if "/event/" in topic and not topic.endswith(RAW)}
+    for entry in sorted(index.ordered(kinds), key=attrgetter("log_ns")):
+        try:
+            yield entry, msgspec.json.decode(entry.data, type=Event)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            continue
+
+
+def modes_of(index: RecordingIndex, robot: str, event: Event, log_ns: int) -> tuple[str, str]:
+    """Return the modes before and after a mode change; the first may be empty.
+
+    Raises:
+        RecordingError: If the file is damaged.
+    """
+    if event.why is None:
+        return "", _mode_after(index, robot, log_ns)
+    return str(event.why.params.get("before", "")), str(event.why.params.get("after", ""))
+
+
 def kind_of(event: Event) -> EventKind:
     """Return the category of an event."""
     if event.why is not None and event.why.code == Code.MODE_CHANGED:
@@ -100,7 +122,7 @@ def kind_of(event: Event) -> EventKind:
 def _of_mode(mode: str) -> EventKind:
     if mode == Mode.FAULT:
         return EventKind.FAULT
-    return EventKind.STOP if mode in _STOPS else EventKind.OTHER
+    return EventKind.STOP if mode in STOPS else EventKind.OTHER
 
 
 def _mode_after(index: RecordingIndex, robot: str, at_ns: int) -> str:
@@ -170,8 +192,11 @@ def add_mark(recording: Path, mark: Annotation) -> None:
     """Add a mark to a recording.
 
     Raises:
-        RecordingError: If the note is too long or the mark cannot be written.
+        RecordingError: If the note is too long, the recording does not exist, or the mark cannot be
+            written.
     """
+    if not recording.is_file():
+        raise RecordingError(f"{recording} does not exist")
     if len(mark.note) > NOTE_LENGTH:
         raise RecordingError(f"a note has at most {NOTE_LENGTH} characters")
     # Start a new line, because a crash may have left a partial one.

@@ -15,11 +15,12 @@ from pathlib import Path
 
 from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.recording.channels import Entry
-from tsd_twin.recording.events import marks_file
 from tsd_twin.recording.mcap_file import McapWriter, RecordingFile, entries
 from tsd_twin.recording.reader import FolderReader, RecordingSummary
 from tsd_twin.recording.records import is_whole
 from tsd_twin.recording.remote import RemoteFolderReader
+from tsd_twin.recording.titles import is_recording_name, sidecars
+from tsd_twin.recording.trash import Trash
 
 _PATTERN = "tsd-*.mcap"
 """Only matching files are repaired or removed, because a folder may contain other files."""
@@ -97,19 +98,31 @@ class RecordingFolder:
         return completed
 
     def remove_oldest(self) -> list[Path]:
-        """Remove the oldest files until the folder is within its limit; return those files."""
-        files = sorted(self.path.glob(_PATTERN), key=lambda path: path.stat().st_mtime_ns)
-        total = sum(path.stat().st_size for path in files)
+        """Remove the oldest files until the folder is within its limit; return those files.
+
+        Old deletions leave the trash first. Recent ones remain and do not count, so that deleting a
+        recording never costs another one.
+        """
+        # A dashboard may delete or restore files at any time.
+        files = sorted(
+            (stamp, path) for path in self.path.glob(_PATTERN) if (stamp := _stamp(path))
+        )
+        total = sum(size for (_, size), _ in files)
         removed: list[Path] = []
         unused = set(self._unused())
-        for path in files:
+        for (_, size), path in files:
             if total <= self.keep_bytes:
                 break
             if path in unused:
-                total -= path.stat().st_size
+                total -= size
                 path.unlink(missing_ok=True)
-                marks_file(path).unlink(missing_ok=True)
+                for each in sidecars(path):
+                    each.unlink(missing_ok=True)
                 removed.append(path)
+        try:
+            Trash(self.path).purge(time.time_ns(), max(0, self.keep_bytes - total))
+        except RecordingError as error:
+            _LOG.warning("the trash cannot be emptied: %s", error)
         return removed
 
     def _unused(self) -> Iterator[Path]:
@@ -167,13 +180,13 @@ class Catalogue:
     def __init__(self, folder: Path, reader: FolderReader | RemoteFolderReader) -> None:
         self.folder = folder
         self._reader = reader
-        self._known: dict[Path, tuple[tuple[int, ...], RecordingSummary | None]] = {}
+        self._known: dict[Path, tuple[tuple[object, ...], RecordingSummary | None]] = {}
 
     def recordings(self) -> dict[Path, RecordingSummary]:
         """Return the summaries of all readable recordings, latest first."""
         known, self._known = self._known, {}
-        for path in self.folder.glob("*.mcap"):
-            stamp = *_stamp(path), *_stamp(marks_file(path))
+        for path in filter(_is_named_well, self.folder.glob("*.mcap")):
+            stamp = tuple(_stamp(each) for each in (path, *sidecars(path)))
             if path not in known or known[path][0] != stamp:
                 known[path] = stamp, self._summary(path)
             self._known[path] = known[path]
@@ -194,9 +207,14 @@ class Catalogue:
             return None
 
 
-def _stamp(path: Path) -> tuple[int, ...]:
+def _is_named_well(path: Path) -> bool:
+    return is_recording_name(path.name)
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    """Return modification time, ns, and size of a file, or None if it does not exist."""
     try:
         about = path.stat()
     except OSError:
-        return ()
+        return None
     return about.st_mtime_ns, about.st_size

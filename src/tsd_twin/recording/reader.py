@@ -29,6 +29,7 @@ from tsd_twin.recording.channels import Entry, robots_in
 from tsd_twin.recording.events import Annotation, EventKind, RecordedEvent, read_events, read_marks
 from tsd_twin.recording.index import RecordingIndex
 from tsd_twin.recording.records import RecordFile, readable
+from tsd_twin.recording.titles import read_title
 from tsd_twin.robots import RobotDescription
 
 MOST_ROBOTS = 16
@@ -40,6 +41,7 @@ _STATE_BYTES = 16_384
 """Maximum size of a state, ten times that of a typical one."""
 _TEXT_LENGTH = 200
 _MOST_EVENTS = 2000
+_MOST_NOTES = 50
 _GROWING = 16
 """Maximum number of growing files with a cached index."""
 
@@ -95,6 +97,10 @@ class RecordingSummary(msgspec.Struct, frozen=True):
     """Whether the file is complete, not truncated or still being written."""
     marks: int
     """Number of marks."""
+    notes: tuple[str, ...] = ()
+    """Texts of the first marks."""
+    title: str = ""
+    """Title that people gave it, empty if none."""
 
     @property
     def duration_s(self) -> float:
@@ -273,8 +279,18 @@ class FolderReader:
             else:
                 index = self._index(path)
                 start_ns, end_ns, found = index.start_ns, index.end_ns, set(index.topics)
-            shown, marks = tuple(robots_in(found)[:MOST_ROBOTS]), len(read_marks(path))
-            return RecordingSummary(start_ns, end_ns, shown, file.size, file.is_whole, marks)
+            shown, marks = tuple(robots_in(found)[:MOST_ROBOTS]), read_marks(path)
+            notes = tuple(mark.note[:_TEXT_LENGTH] for mark in marks[:_MOST_NOTES])
+            return RecordingSummary(
+                start_ns,
+                end_ns,
+                shown,
+                file.size,
+                file.is_whole,
+                len(marks),
+                notes,
+                read_title(path),
+            )
 
     def _index(self, path: Path) -> RecordingIndex:
         """Return the index of a growing file, reading only new data."""

@@ -17,6 +17,7 @@ from typing import Any, NoReturn
 import msgspec
 
 from tsd_twin.errors import RecordingError
+from tsd_twin.recording.details import read_details
 from tsd_twin.recording.reader import FolderReader, RecordingReader
 from tsd_twin.recording.remote import MOST_ANSWER_BYTES, receive, send
 
@@ -39,10 +40,10 @@ class _Reader:
     def answer(self, name: str, *arguments: Any) -> Any:
         if name == "listing":
             return self._folder.listing(Path(arguments[0]))
-        if name == "track":
-            path, count = arguments
+        if name == "details":
+            path, points = arguments
             with contextlib.closing(RecordingReader(Path(path))) as recording:
-                return recording.track(count)
+                return read_details(recording, points)
         if name == "open":
             self._open = RecordingReader(Path(arguments[0]))
             return None

@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from tsd_twin.errors import RecordingError
+from tsd_twin.recording.details import RecordingDetails
 from tsd_twin.recording.events import Annotation, RecordedEvent
 from tsd_twin.recording.reader import Contents, RecordingSummary, RobotStates
 
@@ -103,9 +104,9 @@ class RemoteFolderReader:
         """See `FolderReader.listing`."""
         return self._ask(path, "listing", RecordingSummary)
 
-    def track(self, path: Path, count: int) -> dict[str, list[tuple[float, float]]]:
-        """See `RecordingReader.track`."""
-        return self._ask(path, "track", dict[str, list[tuple[float, float]]], count)
+    def details(self, path: Path, points: int) -> RecordingDetails:
+        """See `read_details`."""
+        return self._ask(path, "details", RecordingDetails, points)
 
     def _ask(self, path: Path, name: str, kind: type[T], *arguments: Any) -> T:
         if self._connection is None or self._connection.has_ended:

@@ -28,7 +28,10 @@ EVERYTHING += [
     "/nothing",
     "/static/",
     "/recordings",
+    "/recordings/trash",
     "/recordings/a.mcap/path",
+    "/recordings/a.mcap/download",
+    "/recordings/a.mcap/export?as=csv",
     f"/recorded/a.mcap/{PAGE}",
 ]
 VISER = Subprotocol(f"viser-v{viser.__version__}")

@@ -273,6 +273,12 @@ class AuthMiddleware:
                     await self.end_login(login_id)
 
 
+def require_origin(request: web.Request) -> None:
+    """Refuse a change without an `Origin` header; the middleware has refused foreign origins."""
+    if "Origin" not in request.headers:
+        raise web.HTTPForbidden(text="A change says where it comes from: send Origin.")
+
+
 async def _close_socket(socket: web.WebSocketResponse) -> None:
     with contextlib.suppress(TimeoutError, ConnectionError):
         async with asyncio.timeout(_CLOSE_TIMEOUT_S):

@@ -17,7 +17,13 @@ from urllib.parse import parse_qsl
 import viser
 from aiohttp import web
 
-from tsd_twin.dashboard.gateway.auth import CLIENT_ADDRESS, HEADERS, PRINCIPAL, AuthMiddleware
+from tsd_twin.dashboard.gateway.auth import (
+    CLIENT_ADDRESS,
+    HEADERS,
+    PRINCIPAL,
+    AuthMiddleware,
+    require_origin,
+)
 from tsd_twin.errors import TwinError
 from tsd_twin.security.users import User, Users
 
@@ -191,7 +197,7 @@ class LoginRoutes:
         return self._page()
 
     async def _log_in(self, request: web.Request) -> web.StreamResponse:
-        _require_origin(request)
+        require_origin(request)
         users = self._auth.rules.users
         if users is None:
             raise web.HTTPSeeOther(_HOME)
@@ -245,7 +251,7 @@ class LoginRoutes:
         return response
 
     async def _log_out(self, request: web.Request) -> web.StreamResponse:
-        _require_origin(request)
+        require_origin(request)
         key = request[PRINCIPAL].key
         if key is not None:
             await self._auth.end_login(key)
@@ -278,9 +284,3 @@ class LoginRoutes:
         }.items():
             text = text.replace(f"{{{{{key}}}}}", value)
         return web.Response(text=text, status=status, content_type="text/html", headers=headers)
-
-
-def _require_origin(request: web.Request) -> None:
-    """Refuse a form without an `Origin` header; the middleware has refused foreign origins."""
-    if "Origin" not in request.headers:
-        raise web.HTTPForbidden(text="A form says where it comes from: send Origin.")

@@ -19,10 +19,12 @@ from tsd_twin.dashboard.gateway.auth import (
 )
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quiet_log
 from tsd_twin.dashboard.gateway.pages import STATIC, IndexPage, LoginRoutes
+from tsd_twin.dashboard.gateway.recordings import RecordingRoutes, json_response
 from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
-from tsd_twin.dashboard.recorded.pages import RecordedPages, json_response
+from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
+from tsd_twin.dashboard.wire.to_page import RecordingsChanged
 from tsd_twin.errors import TwinError
 
 _MAX_BODY_BYTES = 2048
@@ -64,6 +66,7 @@ class HttpServer:
             lambda peer: is_proxy(peer, self._auth.rules.proxy)
         )
         self._recorded = recorded
+        self._recordings = None if recorded is None else RecordingRoutes(recorded.library)
         self._runner: web.AppRunner | None = None
         self._background_tasks: list[asyncio.Task[None]] = []
         self.port = 0
@@ -87,11 +90,10 @@ class HttpServer:
         app.router.add_get("/healthz", self._serve_health)
         app.router.add_get("/teleop", self._serve_page_socket)
         app.router.add_get("/viser/{page}", self._serve_viser)
-        if self._recorded is None:
+        if self._recordings is None:
             app.router.add_get("/recordings", _serve_no_recordings)
         else:
-            app.router.add_get("/recordings", self._recorded.serve_list)
-            app.router.add_get("/recordings/{name}/path", self._recorded.serve_path)
+            self._recordings.add_to(app.router)
             app.router.add_get("/recorded/{name}/{page}", self._serve_viser)
         self._login_routes.add_to(app.router)
         app.router.add_static("/static", STATIC)
@@ -114,7 +116,10 @@ class HttpServer:
         self._runner = runner
         sessions = self.sessions
         measuring = sessions.directory.measure_round_trips(lambda: sessions.any_open)
-        watching = (measuring, self._auth.expire_logins())
+        watching = [measuring, self._auth.expire_logins()]
+        if self._recorded is not None:
+            self._recorded.library.on_changed = self._announce_recordings
+            watching.append(self._recorded.library.watch())
         self._background_tasks = [asyncio.create_task(work) for work in watching]
 
     async def stop(self) -> None:
@@ -125,7 +130,8 @@ class HttpServer:
             task.cancel()
         await self.sessions.close_sockets()
         await self._proxy.close()
-        if self._recorded is not None:
+        if self._recorded is not None and self._recordings is not None:
+            self._recordings.close()
             await self._recorded.close()
         await self._connection_limiter.close()
         await self._runner.cleanup()
@@ -146,6 +152,12 @@ class HttpServer:
             {"ready": directory.has_live_robot(), "robots": directory.health(), "refused": refused}
         )
         return json_response(body)
+
+    def _announce_recordings(self) -> None:
+        assert self._recorded is not None  # noqa: S101  Its library calls this.
+        message = RecordingsChanged(revision=self._recorded.library.revision)
+        self.sessions.send_to_all(message)
+        self._recorded.send_to_all(message)
 
     async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
         page = await self._admit(request, request.match_info["page"])

@@ -76,10 +76,12 @@ class RecordedSession(PageSession):
         *,
         principal: Principal,
         name: str = "",
+        on_marked: Callable[[], None] = lambda: None,
     ) -> None:
-        """`live` are the robots of the bus, which the page can stop and list."""
+        """`live` are the robots of the bus, for stops and the list; `on_marked` reports a mark."""
         super().__init__(page, principal, name, live)
         self._view = view
+        self._on_marked = on_marked
         self._telemetry = {
             each: RobotTelemetry(robot) for each, robot in view.player.robots.items()
         }
@@ -215,6 +217,7 @@ class RecordedSession(PageSession):
         finally:
             self._marking = False
         self._send(ActionReply(to="mark", ok=True))
+        self._on_marked()
         await self._send_timeline()
 
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:

@@ -19,6 +19,7 @@ from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.robot_directory import RobotDirectory
 from tsd_twin.dashboard.sessions.session import Session
 from tsd_twin.dashboard.sessions.stops import LiveRobots
+from tsd_twin.dashboard.wire.from_page import Message
 from tsd_twin.dashboard.wire.to_page import PanelSliders, SphereClick, encode_message
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.messages.errors import MessageError
@@ -108,6 +109,11 @@ class SessionManager:
         self.directory.add_event(robot_id, event)
         for session in self._sessions_showing(robot_id):
             session.send_event(event)
+
+    def send_to_all(self, message: Message) -> None:
+        """Send a message to all pages."""
+        for session in self._sessions.values():
+            session.send_queue.put(encode_message(message))
 
     def on_panel(
         self,

@@ -476,6 +476,7 @@ type ServerMessage =
   | ViewChanged
   | HeartbeatReply
   | Timeline
+  | RecordingsChanged
   | Cursor
   | PastStates;
 
@@ -585,6 +586,11 @@ interface Timeline {
   start_ms: number;
   duration_s: number;
   events: TimelineEvent[];
+}
+
+interface RecordingsChanged {
+  t: "recordings_changed";
+  revision: number;
 }
 
 interface Cursor {

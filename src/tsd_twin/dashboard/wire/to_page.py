@@ -413,6 +413,12 @@ class HeartbeatReply(Message, frozen=True, tag="heartbeat"):
     sent_ms: float
 
 
+class RecordingsChanged(Message, frozen=True, tag="recordings_changed"):
+    """Recordings, titles, marks or the trash have changed; fetch the list again if it is shown."""
+
+    revision: int
+
+
 # Messages to a page that shows a recording.
 
 
