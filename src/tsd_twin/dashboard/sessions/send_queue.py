@@ -22,7 +22,7 @@ class SendQueue:
 
     def __init__(self) -> None:
         self._messages: deque[str] = deque(maxlen=MAX_QUEUED)
-        self._panel: str | None = None
+        self._latest: dict[str, str] = {}
         self._state: tuple[int, str] | None = None
         self._unacknowledged: deque[int] = deque()
         self._wake = asyncio.Event()
@@ -32,9 +32,9 @@ class SendQueue:
         self._messages.append(text)
         self._wake.set()
 
-    def put_panel(self, text: str) -> None:
-        """Queue the slider positions, replacing any that are waiting."""
-        self._panel = text
+    def put_latest(self, kind: str, text: str) -> None:
+        """Queue a message, replacing any of its kind that is waiting."""
+        self._latest[kind] = text
         self._wake.set()
 
     def put_state(self, number: int, text: str) -> None:
@@ -65,9 +65,8 @@ class SendQueue:
     def _next(self) -> str | None:
         if self._messages:
             return self._messages.popleft()
-        if self._panel is not None:
-            text, self._panel = self._panel, None
-            return text
+        if self._latest:
+            return self._latest.pop(next(iter(self._latest)))
         if self._state is not None and len(self._unacknowledged) < MAX_UNACKNOWLEDGED:
             (number, text), self._state = self._state, None
             self._unacknowledged.append(number)
