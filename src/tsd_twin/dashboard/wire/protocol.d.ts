@@ -157,6 +157,37 @@ interface RobotInfo {
   plot_fields: string[];
 }
 
+/** Limit that scales a twist down. */
+type LimitName = "speed" | "turn_rate" | "tilt" | "wheel_speed";
+
+/** Angles in degrees, push in m/s. */
+interface GimbalPose {
+  alpha: number;
+  beta: number;
+  tilt: number;
+  direction: number | null;
+  axle: [number, number];
+  push: [number, number];
+  rpm: number;
+}
+
+interface WheelPose {
+  rpm: number;
+  push: [number, number];
+}
+
+interface JointPreview {
+  t: "preview";
+  robot: string;
+  requested: Triple;
+  twist: Triple;
+  utilization: number;
+  limit: LimitName | null;
+  modules: GimbalPose[];
+  wheels: WheelPose[];
+  joints: JointValue[];
+}
+
 interface GimbalState {
   alpha: number;
   beta: number;
@@ -168,12 +199,17 @@ interface GimbalState {
   axle: [number, number];
   set_axle: [number, number];
   spinning: boolean;
+  direction: number | null;
+  push: [number, number];
+  setpoint: GimbalPose;
 }
 
 interface WheelState {
   rpm: number;
   rpm_setpoint: number;
   residual_mps: number;
+  push: [number, number];
+  push_setpoint: [number, number];
 }
 
 interface JointValue {
@@ -224,6 +260,8 @@ interface RobotState {
   modules: GimbalState[];
   wheels: WheelState[];
   joints: JointValue[];
+  utilization: number | null;
+  limit: LimitName | null;
   sphere: SphereState | null;
   estimate_difference: EstimateDifference | null;
   route: RouteState | null;
@@ -378,6 +416,45 @@ interface StudentWheel {
   gimbal: Triple | null;
   axle: [number, number] | null;
   effective_radius_mm: number | null;
+  residual_mps: number;
+}
+
+/** Part of a formula: a MathML element; absent fields are empty. */
+interface MathToken {
+  kind: "mi" | "mo" | "mn" | "mfrac" | "msqrt";
+  text?: string;
+  sub?: string;
+  sup?: string;
+  rows?: MathToken[][];
+}
+
+interface Equation {
+  name: string;
+  formula: MathToken[];
+  values: (number | null)[];
+  units: string[];
+  over: "actuators" | "twist" | "point" | "one";
+  paper: string;
+  equation: string;
+  corrected: boolean;
+}
+
+interface PaperCurve {
+  label: string;
+  x: number[];
+  y: number[];
+  points: boolean;
+}
+
+interface PaperFigure {
+  name: string;
+  paper: string;
+  figure: string;
+  x: string;
+  x_unit: string;
+  y: string;
+  y_unit: string;
+  curves: PaperCurve[];
 }
 
 interface StudentFigures {
@@ -389,6 +466,12 @@ interface StudentFigures {
   utilization: number;
   wheels: StudentWheel[];
   radius_m: number;
+  solved: "joints" | "twist";
+  residual_mps: number;
+  redundancy: number;
+  centre: [number, number] | null;
+  axis: Triple | null;
+  equations: Equation[];
 }
 
 interface ShippedRobot {
@@ -405,6 +488,7 @@ interface StudentReply {
   figures: StudentFigures | null;
   problem: string;
   toml: string | null;
+  papers: PaperFigure[];
 }
 
 interface HeartbeatReply {
@@ -418,6 +502,7 @@ type ServerMessage =
   | SessionInfo
   | PanelSliders
   | SphereClick
+  | JointPreview
   | ControlsReleased
   | ActionReply
   | RobotEvent
@@ -471,7 +556,10 @@ interface StudentRequest {
   base: string;
   knobs: Record<string, number>;
   twist: Triple;
+  joints?: number[][] | null;
   toml: boolean;
+  papers?: boolean;
+  show?: boolean;
 }
 
 type PageMessage =
@@ -480,6 +568,7 @@ type PageMessage =
   | (PlanRequest & { t: "plan"; level: number })
   | (LeaseAction & { t: "lease" })
   | { t: "speed_level"; level: number }
+  | { t: "preview"; twist: Triple | null }
   | { t: "heartbeat"; status_seq: number; sent_ms: number; focus: boolean }
   | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }
