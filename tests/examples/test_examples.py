@@ -197,8 +197,10 @@ def test_own_dashboard(endpoint: str, tmp_path: Path) -> None:
             until(robot, lambda: robot.state.mode == "ready")  # The browser is closed.
             robot.sleep(0.5)
             assert abs(robot.state.odom.twist.vx_mps) < 0.01
+            script.terminate()
+            until(robot, lambda: robot.state.lease.holder is None)
     finally:
-        script.send_signal(signal.SIGINT)
+        script.kill()
         script.communicate(timeout=PATIENCE_S)
 
 
