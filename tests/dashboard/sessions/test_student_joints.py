@@ -13,6 +13,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.support.empty_scene import EmptyScene
+from tests.support.link_sockets import eventually
+from tests.support.page_client import site
+from tsd_twin.dashboard.scene.student_robot import StudentPose
 from tsd_twin.dashboard.sessions.student import answer
 from tsd_twin.dashboard.sessions.student_equations import math_tokens
 from tsd_twin.dashboard.wire.from_page import StudentRequest
@@ -280,3 +284,41 @@ def test_the_figures_of_the_papers_have_their_numbers() -> None:
     wheels = answer(StudentRequest(number=1, base="omni4", knobs={}, papers=True)).papers[0]
     assert [len(one.x) for one in wheels.curves] == [len(wheels.curves[0].y)] * 4
     assert not answer(StudentRequest(number=1, base="tsd", knobs={})).papers
+
+
+class DrawnScene(EmptyScene):
+    """A scene that notes the robots of the Student tab."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.poses: list[StudentPose | None] = []
+
+    def show_student(self, _page: str, pose: StudentPose | None) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        self.poses.append(pose)
+
+
+def test_a_page_shows_the_variant_once_its_parameters_rest_until_it_leaves() -> None:
+    scene: Any = DrawnScene()
+    request: dict[str, Any] = {"t": "student", "base": "kiwi", "knobs": {}, "show": True}
+    with site(page_scene=scene) as served, served.page() as page:
+        page.until(lambda: page.state)
+        for number in range(1, 6):  # A hand at a knob: only its last value is drawn.
+            knobs = {"drive.wheel_radius_m": 0.03 + 0.002 * number}
+            page.send(**request | {"number": number, "knobs": knobs})
+            page.until(lambda number=number: page.last("student")["number"] == number)
+        eventually(lambda: len(scene.poses) == 1)
+        assert scene.poses[0].robot.drive.wheel_radius_m == pytest.approx(0.04)
+        # Joints of the same robot are drawn at once.
+        page.send(**request | {"number": 6, "knobs": knobs, "joints": [[10.0], [20.0], [30.0]]})
+        eventually(lambda: len(scene.poses) == 2)
+        np.testing.assert_allclose(scene.poses[1].joints, np.array([10.0, 20.0, 30.0]) * RPM)
+        assert page.last("student")["figures"]["centre"] == list(scene.poses[1].centre)
+        page.send(**request | {"number": 7, "knobs": {"drive.wheel_radius_m": -1.0}})
+        page.until(lambda: page.last("student")["number"] == 7)
+        assert page.last("student")["problem"]
+        assert len(scene.poses) == 2  # The last possible robot remains.
+        page.send(**request | {"number": 8, "show": False})
+        eventually(lambda: scene.poses[-1] is None)
+        page.send(**request | {"number": 9})
+        eventually(lambda: scene.poses[-1] is not None)
+    eventually(lambda: scene.poses[-1] is None)
