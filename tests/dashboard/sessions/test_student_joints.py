@@ -17,6 +17,7 @@ from tests.support.empty_scene import EmptyScene
 from tests.support.link_sockets import eventually
 from tests.support.page_client import site
 from tsd_twin.dashboard.scene.student_robot import StudentPose
+from tsd_twin.dashboard.sessions import student
 from tsd_twin.dashboard.sessions.student import answer
 from tsd_twin.dashboard.sessions.student_equations import math_tokens
 from tsd_twin.dashboard.wire.from_page import StudentRequest
@@ -297,28 +298,46 @@ class DrawnScene(EmptyScene):
         self.poses.append(pose)
 
 
-def test_a_page_shows_the_variant_once_its_parameters_rest_until_it_leaves() -> None:
+def test_a_page_shows_its_variant_until_it_leaves() -> None:
+    scene: Any = DrawnScene()
+    knobs = {"drive.wheel_radius_m": 0.04}
+    request: dict[str, Any] = {"t": "student", "base": "kiwi", "knobs": knobs, "show": True}
+    with site(page_scene=scene) as served, served.page() as page:
+        page.until(lambda: page.state)
+        page.send(**request | {"number": 1})
+        eventually(lambda: len(scene.poses) == 1)
+        assert scene.poses[0].robot.drive.wheel_radius_m == pytest.approx(0.04)
+        page.send(**request | {"number": 2, "joints": [[10.0], [20.0], [30.0]]})
+        eventually(lambda: len(scene.poses) == 2)
+        np.testing.assert_allclose(scene.poses[1].joints, np.array([10.0, 20.0, 30.0]) * RPM)
+        page.until(lambda: page.last("student")["number"] == 2)
+        assert page.last("student")["figures"]["centre"] == list(scene.poses[1].centre)
+        page.send(**request | {"number": 3, "knobs": {"drive.wheel_radius_m": -1.0}})
+        page.until(lambda: page.last("student")["number"] == 3)
+        assert page.last("student")["problem"]
+        assert len(scene.poses) == 2  # The last possible robot remains.
+        page.send(**request | {"number": 4, "show": False})
+        eventually(lambda: scene.poses[-1] is None)
+        page.send(**request | {"number": 5})
+        eventually(lambda: scene.poses[-1] is not None)
+    eventually(lambda: scene.poses[-1] is None)
+
+
+def test_meshes_wait_until_the_parameters_rest_but_joints_do_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A hand at a knob changes the robot with each request; none of them rests here."""
     scene: Any = DrawnScene()
     request: dict[str, Any] = {"t": "student", "base": "kiwi", "knobs": {}, "show": True}
     with site(page_scene=scene) as served, served.page() as page:
         page.until(lambda: page.state)
-        for number in range(1, 6):  # A hand at a knob: only its last value is drawn.
+        page.send(**request | {"number": 1})
+        eventually(lambda: len(scene.poses) == 1)
+        monkeypatch.setattr(student, "REBUILD_AFTER_S", 3600.0)
+        for number in range(2, 6):
             knobs = {"drive.wheel_radius_m": 0.03 + 0.002 * number}
             page.send(**request | {"number": number, "knobs": knobs})
             page.until(lambda number=number: page.last("student")["number"] == number)
-        eventually(lambda: len(scene.poses) == 1)
-        assert scene.poses[0].robot.drive.wheel_radius_m == pytest.approx(0.04)
-        # Joints of the same robot are drawn at once.
-        page.send(**request | {"number": 6, "knobs": knobs, "joints": [[10.0], [20.0], [30.0]]})
+        page.send(**request | {"number": 6, "twist": [0.1, 0.2, 0.3]})
         eventually(lambda: len(scene.poses) == 2)
-        np.testing.assert_allclose(scene.poses[1].joints, np.array([10.0, 20.0, 30.0]) * RPM)
-        assert page.last("student")["figures"]["centre"] == list(scene.poses[1].centre)
-        page.send(**request | {"number": 7, "knobs": {"drive.wheel_radius_m": -1.0}})
-        page.until(lambda: page.last("student")["number"] == 7)
-        assert page.last("student")["problem"]
-        assert len(scene.poses) == 2  # The last possible robot remains.
-        page.send(**request | {"number": 8, "show": False})
-        eventually(lambda: scene.poses[-1] is None)
-        page.send(**request | {"number": 9})
-        eventually(lambda: scene.poses[-1] is not None)
-    eventually(lambda: scene.poses[-1] is None)
+        assert scene.poses[1].robot == scene.poses[0].robot

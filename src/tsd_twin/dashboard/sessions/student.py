@@ -51,7 +51,7 @@ _LARGEST = 1e6
 """Limit of twist components in m/s or rad/s, which avoids overflow."""
 
 
-_REBUILD_AFTER_S = 0.25
+REBUILD_AFTER_S = 0.25
 """Meshes of a changed robot are rebuilt once its parameters have rested for this time."""
 
 
@@ -108,7 +108,7 @@ class StudentSession:
             if not rests:
                 self._cancel_timer()
                 loop = asyncio.get_running_loop()
-                self._timer = loop.call_later(_REBUILD_AFTER_S, self._draw_waiting)
+                self._timer = loop.call_later(REBUILD_AFTER_S, self._draw_waiting)
             return
         self._cancel_timer()
         self._waiting = None
