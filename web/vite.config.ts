@@ -17,7 +17,14 @@ export default defineConfig({
     // Fixed names, without hashes, so that a rebuilt bundle shows as a small difference.
     rolldownOptions: {
       input: { page: "src/main.tsx", frame: "frame/frame.ts" },
-      output: { entryFileNames: "[name].js", chunkFileNames: "[name].js", assetFileNames: "[name][extname]" },
+      output: {
+        entryFileNames: "[name].js",
+        chunkFileNames: "[name].js",
+        assetFileNames: "[name][extname]",
+        // A classic script, which runs before viser's module: its names must not be global.
+        postBanner: (chunk) => (chunk.name === "frame" ? "(() => {" : ""),
+        postFooter: (chunk) => (chunk.name === "frame" ? "})();" : ""),
+      },
     },
   },
   test: { environment: "happy-dom", include: ["tests/**/*.test.{ts,tsx}"] },
