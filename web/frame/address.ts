@@ -14,7 +14,7 @@ export function setParameters(address: URL): void {
   // viser's client does not escape the address.
   const colours = given.get("look") === "light" ? "light" : "dark";
   const inSoftware = drawsInSoftware();
-  socket.searchParams.set("look", `${colours}-${inSoftware ? "plain" : "rich"}`);
+  socket.searchParams.set("look", `${colours}-${inSoftware ? "plain" : "rich"}-frame`);
   given.set("websocket", socket.href);
   if (colours === "dark") given.set("darkMode", "");
   if (inSoftware && !given.has("fixedDpr")) given.set("fixedDpr", softwareDpr().toFixed(2));

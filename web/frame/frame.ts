@@ -3,7 +3,7 @@
 
 import type { FromFrame, ToFrame } from "../src/viewport/messages.ts";
 import { setParameters } from "./address.ts";
-import { CANVAS, RenderThrottle } from "./throttle.ts";
+import { RenderThrottle } from "./throttle.ts";
 
 const TICK_MS = 50;
 const TICKS_PER_REPORT = 5;
@@ -61,7 +61,7 @@ function forwardPointer(event: PointerEvent): void {
 /** Hide viser's panel, notices and logo: whatever neither is the scene nor contains it. */
 function showSceneOnly(): void {
   const style = document.createElement("style");
-  style.textContent = `body :not(${CANVAS}, :has(${CANVAS})) { display: none !important }`;
+  style.textContent = "body :not(canvas, :has(canvas)) { display: none !important }";
   document.head.append(style);
 }
 

@@ -9,7 +9,7 @@ const SLOW_MS = 50;
 const LOST_MS = 5000; // No frame takes this long, so the fence is lost.
 
 /** Three.js marks its canvas; viser's other canvas is a 2D overlay. */
-export const CANVAS = "canvas[data-engine]";
+const CANVAS = "canvas[data-engine]";
 
 export class RenderThrottle {
   paused = false;

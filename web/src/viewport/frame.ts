@@ -4,16 +4,15 @@
 
 import { signal } from "@preact/signals";
 import type { ReadonlySignal } from "@preact/signals";
-import type { FrameKey, FromFrame, Modifiers, ToFrame } from "./messages.ts";
+import type { FrameKey, FromFrame, ToFrame } from "./messages.ts";
 import "./viewport.css";
 
-export type { FrameKey, Modifiers };
+export type { FrameKey };
 
 const UNREACHED_MS = 5000;
 const AFTER_LOAD_MS = 500;
 const WATCH_MS = 250;
 const SILENT_MS = 750; // The frame reports four times a second.
-const NO_MODIFIERS: Modifiers = { ctrl: false, alt: false, shift: false, meta: false };
 
 export interface ViewportOptions {
   /** Page id, 16 hex digits, the same as in the page's socket. */
@@ -23,7 +22,10 @@ export interface ViewportOptions {
   dark: boolean;
   /** Accessible name of the frame. */
   title: string;
-  /** A key pressed while the frame has the focus. A lost frame releases its keys. */
+  /**
+   * A key pressed while the frame has the focus, which then returns to the page. For shortcuts such
+   * as STOP only: viser's scripts could forge keys, so none of them may drive.
+   */
   onKey?: (key: FrameKey) => void;
   onPointer?: (pointer: string) => void;
 }
@@ -66,7 +68,6 @@ class FrameViewport implements Viewport {
   readonly shared = signal(false);
   readonly #options: ViewportOptions;
   readonly #frame = document.createElement("iframe");
-  readonly #held = new Map<string, string>(); // Key by code.
   readonly #watch: number;
   #origin = "";
   #loaded = false;
@@ -79,7 +80,6 @@ class FrameViewport implements Viewport {
     frame.className = "viewport-frame";
     frame.title = options.title;
     frame.tabIndex = -1; // Nothing in it can be focused.
-    frame.allow = "focus-without-user-activation 'none'";
     frame.setAttribute("sandbox", "allow-scripts allow-same-origin");
     frame.referrerPolicy = "no-referrer";
     this.setSharpness(1);
@@ -106,7 +106,6 @@ class FrameViewport implements Viewport {
     clearInterval(this.#watch);
     clearTimeout(this.#unreached);
     removeEventListener("message", this.#receive);
-    this.#release();
     this.#frame.remove();
   }
 
@@ -151,31 +150,16 @@ class FrameViewport implements Viewport {
     } else if (message.t === "stalled") this.stalledMs.value = message.ms;
     else if (message.t === "key") this.#onKey(message);
     else if (message.t === "pointerdown") this.#options.onPointer?.(message.pointer);
-    else if (message.t === "blur") this.#release();
   }
 
   #onKey(key: FrameKey): void {
-    // viser's scripts cannot press keys: the frame gets the focus only from the user.
-    if (key.down && document.activeElement !== this.#frame) return;
-    if (key.down) this.#held.set(key.code, key.key);
-    else this.#held.delete(key.code);
+    if (!key.down || key.repeat || document.activeElement !== this.#frame) return;
+    this.#frame.blur();
     this.#options.onKey?.(key);
   }
 
   #checkSilence(): void {
-    if (!this.#loaded) return;
     const silentMs = performance.now() - this.#heardMs;
-    if (silentMs < SILENT_MS) return;
-    this.stalledMs.value = Math.round(silentMs);
-    this.#release();
-  }
-
-  #release(): void {
-    const held = [...this.#held];
-    this.#held.clear();
-    for (const [code, key] of held) {
-      const up = { code, key, down: false, repeat: false, mods: NO_MODIFIERS };
-      this.#options.onKey?.({ tsd: 1, t: "key", ...up });
-    }
+    if (this.#loaded && silentMs > SILENT_MS) this.stalledMs.value = Math.round(silentMs);
   }
 }
