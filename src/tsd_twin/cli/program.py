@@ -104,8 +104,8 @@ def add_viewport_flags(parser: argparse.ArgumentParser) -> None:
         type=flags.PORT,
         metavar="PORT",
         help="of the 3D view in the page; default: the port after that of the page, or any free "
-        "one if that is in use or --port is 0. If browsers cannot reach it, the page's port serves the "
-        "view too, and a slow view then slows down the page",
+        "one if that is in use or --port is 0. If browsers cannot reach it, the view comes from "
+        "the port of the page, and a slow view then slows down the page",
     )
     parser.add_argument(
         "--viewport-origin",

@@ -24,8 +24,8 @@ class Content:
         """Compress `body`; `suffix` of its file name selects the content type."""
         self._type = _TYPES[suffix]
         self._plain = body
-        zipped = gzip.compress(body, mtime=0)
-        self._zipped = zipped if len(zipped) < len(body) else None  # Fonts are compressed already.
+        self._is_text = self._type.startswith("text/")  # Fonts are compressed already.
+        self._zipped = gzip.compress(body, mtime=0) if self._is_text else None
         self._etag = hashlib.sha256(body).hexdigest()[:16]
 
     @classmethod
@@ -41,9 +41,8 @@ class Content:
         self, request: web.Request, headers: Mapping[str, str] | None = None
     ) -> web.StreamResponse:
         """Answer a GET request, with 304 if the browser has this body already."""
-        response = web.Response(
-            content_type=self._type, charset="utf-8" if self._type.startswith("text/") else None
-        )
+        charset = "utf-8" if self._is_text else None
+        response = web.Response(content_type=self._type, charset=charset)
         response.headers.update(headers or {})
         response.headers["Cache-Control"] = "no-cache"
         response.headers["Vary"] = "Accept-Encoding"
