@@ -7,7 +7,6 @@ const keys: FrameKey[] = [];
 
 beforeEach(() => {
   vi.useFakeTimers();
-  vi.spyOn(console, "error").mockImplementation(() => {}); // happy-dom loads no frames, and says so.
   keys.length = 0;
   document.head.innerHTML = '<meta name="tsd-viewport" content="8090">';
 });
