@@ -30,6 +30,11 @@ STALL = f"""new Promise((done) => setTimeout(() => {{
   while (performance.now() < endMs);
   done();
 }}, 100))"""
+DRAWN = """new Promise((done) => {
+  let count = 0;
+  const draw = () => (++count > 20 ? done() : requestAnimationFrame(draw));
+  draw();
+})"""
 PARENT = """
 const meta = document.querySelector('meta[name="tsd-viewport"]').content;
 const frame = document.createElement("iframe");
@@ -103,6 +108,13 @@ def keys_from_frame(page: Page) -> list[dict[str, Any]]:
     return page.evaluate("messages.filter((each) => each.t === 'key' && each.down)")
 
 
+def hold(page: Page, frame: Frame, key: str) -> None:
+    """Hold a key while the scene is drawn some times, which would move the camera each time."""
+    page.keyboard.down(key)
+    frame.evaluate(DRAWN)
+    page.keyboard.up(key)
+
+
 def longest_gap_ms(page: Page, frame: Frame, script: str) -> float:
     """Return by how much a timer of the page was late at most while a script ran in the frame."""
     page.evaluate("void (gaps.length = 0)")
@@ -132,17 +144,17 @@ def test_a_frame_that_stalls_delays_the_page_only_if_both_have_one_origin(
 def test_keys_reach_the_page_and_none_moves_the_camera(
     served: Site, server: viser.ViserServer, browser: Browser
 ) -> None:
-    page, _ = open_page(browser, served)
+    page, frame = open_page(browser, served)
     until(page, lambda: len(server.get_clients()) == 1)
     (client,) = server.get_clients().values()
     until(page, lambda: np.allclose(client.camera.position, viser_compat.CAMERA_OFFSET_M))
     before = client.camera.position
     page.mouse.click(200, 150)  # On the scene, after which the page still has the focus.
-    page.keyboard.press("w", delay=500)
+    hold(page, frame, "w")
     page.keyboard.press("Space")
     assert page.evaluate("keys") == ["KeyW", "Space"]
     page.evaluate("document.querySelector('iframe').focus()")
-    page.keyboard.press("w", delay=500)
+    hold(page, frame, "w")
     page.keyboard.press("Space")
     until(page, lambda: len(keys_from_frame(page)) == 2)
     assert page.evaluate("keys") == ["KeyW", "Space"]
