@@ -70,6 +70,7 @@ def serve(args: argparse.Namespace) -> None:
                 rules,
                 first=first,
                 recordings=args.record_dir,
+                viewport_port=args.viewport_port,
             )
         )
 
@@ -96,6 +97,7 @@ def rules_of(args: argparse.Namespace) -> AccessSettings:
         tls=context,
         proxy=args.behind_proxy,
         allowed_hosts=names,
+        viewport_origin=args.viewport_origin,
     )
 
 
@@ -153,6 +155,7 @@ def main() -> None:
         default=PORT,
         help=f"of the page; default {PORT}; 0 is a free one",
     )
+    program.add_viewport_flags(PARSER)
     PARSER.add_argument(
         "--first",
         action="append",

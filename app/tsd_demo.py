@@ -94,6 +94,7 @@ def demonstrate(args: argparse.Namespace) -> None:
         str(page_port),
         *(["--verbose"] if args.verbose else []),
         *(["--record-dir", str(folder)] if folder else []),
+        *program.viewport_flags(args),
     ]
     with contextlib.ExitStack() as running:
         # The first robot routes for the others, so that all share one bus.
@@ -315,6 +316,7 @@ def main() -> None:
     PARSER.add_argument(
         "--port", type=flags.PORT, help=f"of the page; default {PAGE_PORT}, or any free one"
     )
+    program.add_viewport_flags(PARSER)
     PARSER.add_argument(
         "--bus-port",
         type=flags.PORT,

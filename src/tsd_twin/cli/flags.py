@@ -72,6 +72,23 @@ def host_name(text: str) -> str:
     return text
 
 
+_DEFAULT_PORTS = {"http": ":80", "https": ":443"}
+
+
+def web_origin(text: str) -> str:
+    """Return a web origin as browsers send it: protocol and host, without the default port.
+
+    Raises:
+        argparse.ArgumentTypeError: If the text has another form, such as a path.
+    """
+    scheme, separator, host = text.lower().removesuffix("/").partition("://")
+    if not separator or scheme not in _DEFAULT_PORTS or not _HOST_NAME.fullmatch(host):
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is not an origin: write it as https://robot.example:8443"
+        )
+    return f"{scheme}://{host.removesuffix(_DEFAULT_PORTS[scheme])}"
+
+
 def _refusal(text: str, kind: str, least: float, most: float, above: float = -math.inf) -> str:
     limits = [
         f"above {above:g}" if above > -math.inf else "",

@@ -97,6 +97,31 @@ def add_errors_flag(made: argparse.ArgumentParser, default: float = 0.0) -> None
     )
 
 
+def add_viewport_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of the port that serves viser's page."""
+    parser.add_argument(
+        "--viewport-port",
+        type=flags.PORT,
+        metavar="PORT",
+        help="of the 3D view in the page; default: the port after that of the page, or any free "
+        "one if that is in use or --port is 0. If browsers cannot reach it, the view comes from "
+        "the port of the page, and a slow view then slows down the page",
+    )
+    parser.add_argument(
+        "--viewport-origin",
+        type=flags.web_origin,
+        metavar="URL",
+        help="at which browsers reach the port of the 3D view, if a proxy or tunnel changes it: "
+        "the page's name with another port, as https://robot.example:8443",
+    )
+
+
+def viewport_flags(args: argparse.Namespace) -> list[str]:
+    """Return the given flags of `add_viewport_flags`, for another program."""
+    given = {"--viewport-port": args.viewport_port, "--viewport-origin": args.viewport_origin}
+    return [text for key, value in given.items() if value is not None for text in (key, str(value))]
+
+
 def add_plant_flag(made: argparse.ArgumentParser) -> None:
     """Add `--plant`."""
     made.add_argument(

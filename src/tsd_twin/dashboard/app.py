@@ -58,10 +58,12 @@ async def run(
     rules: AccessSettings,
     first: Sequence[str] = (),
     recordings: Path | None = None,
+    viewport_port: int | None = None,
 ) -> None:
     """Serve the page until `stop` is set; `on_ready` is called with the port.
 
-    `recordings` is a folder whose recordings pages may show.
+    `recordings` is a folder whose recordings pages may show; `viewport_port` is the port of the
+    viewport, by default the next one.
 
     `rules` are the access settings; `first` are ids of the robots that come first in the menu.
 
@@ -123,7 +125,7 @@ async def run(
             is_watched=lambda: sessions.any_open or bool(server.get_clients()),
         )
         server.on_client_connect(on_client)
-        await gateway.start(host, port)
+        await gateway.start(host, port, viewport_port)
         thread = threading.Thread(target=ticker.run, args=(ended,), name="ticker")
         thread.start()
         try:

@@ -49,6 +49,18 @@ def origin_refusal(
     return None
 
 
+def host_of_origin(origin: str) -> str | None:
+    """Return the host of an origin, with its port, or None if it is not a web origin."""
+    parts = _ORIGIN.fullmatch(_lower(origin))
+    return None if parts is None else parts["host"]
+
+
+def name_of_host(host: str) -> str:
+    """Return a valid host without its port, in lower case; an IPv6 address in brackets."""
+    parts = _HOST.fullmatch(_lower(host))
+    return host if parts is None else parts["name"]
+
+
 def is_loopback(name: str) -> bool:
     """Return whether a host name or address without port is a loopback one."""
     if name.lower() == "localhost":

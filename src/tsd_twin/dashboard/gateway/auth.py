@@ -15,13 +15,14 @@ from dataclasses import dataclass, field
 from aiohttp import web
 from aiohttp.typedefs import Handler
 
+from tsd_twin.dashboard.gateway.listener import LISTENER, Listener, check_viewport_origin
 from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY, Principal, bus_identity_of
 from tsd_twin.errors import TwinError
 from tsd_twin.security import BusIdentity
 from tsd_twin.security.users import Logins, Users
-from tsd_twin.security.web_access import is_loopback, origin_refusal
+from tsd_twin.security.web_access import is_loopback
 
-_CONTENT_SOURCES = {
+CONTENT_SOURCES = {
     "default-src": "'self'",
     # viser unpacks its client in the page itself, compiles WebAssembly and starts workers from
     # blobs; its Plotly widget needs eval.
@@ -36,15 +37,22 @@ _CONTENT_SOURCES = {
     "form-action": "'none'",
     "frame-ancestors": "'none'",
 }
+"""Content security policy of viser's pages."""
+
+
+def policy_of(sources: Mapping[str, str]) -> str:
+    """Return the value of the header `Content-Security-Policy`."""
+    return "; ".join(f"{key} {value}" for key, value in sources.items())
+
 
 HEADERS = {
-    "Content-Security-Policy": "; ".join(
-        f"{key} {value}" for key, value in _CONTENT_SOURCES.items()
-    ),
+    "Content-Security-Policy": policy_of(CONTENT_SOURCES),
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
+    # Gives each of the two ports a separate process of the browser.
+    "Origin-Agent-Cluster": "?1",
     "Server": "tsd-twin",
 }
 """Headers of every response. Framing is forbidden because a framed page can be used for
@@ -127,7 +135,7 @@ PRINCIPAL = web.RequestKey("PRINCIPAL", Principal)
 """Principal of a request, missing before a login."""
 CLIENT_ADDRESS = web.RequestKey("CLIENT_ADDRESS", ClientAddress)
 """Client address of a request."""
-_LOGIN_PATH = "/login"
+LOGIN_PATH = "/login"
 _EXPIRY_CHECK_S = 1.0
 _CLOSE_TIMEOUT_S = 1.0
 
@@ -145,6 +153,8 @@ class AccessSettings:
     """Address of the proxy that forwards all requests; a loopback address for this machine."""
     allowed_hosts: Collection[str] = ()
     """Accepted values of the `Host` header in addition to this machine's names."""
+    viewport_origin: str | None = None
+    """Origin of the viewport's port as browsers see it; None if it has the page's name."""
 
     def check(self, host: str) -> None:
         """Check the settings for unauthenticated network access and unencrypted passwords.
@@ -152,6 +162,7 @@ class AccessSettings:
         Raises:
             TwinError: If the settings are unsafe.
         """
+        check_viewport_origin(self.viewport_origin, self.allowed_hosts)
         if self.users is not None:
             for name in self.users.names:
                 bus_identity_of(self.users.user(name), self.owner)
@@ -176,24 +187,16 @@ class AuthMiddleware:
     rules: AccessSettings
     logins: Logins = field(default_factory=Logins)
     cookie: str = ""
-    _port: int = 0
-    _accepts_addresses: bool = False
-    _allowed_hosts: frozenset[str] = frozenset()
     _sockets: dict[str, set[web.WebSocketResponse]] = field(
         default_factory=dict[str, set[web.WebSocketResponse]]
     )
 
-    def set_address(self, host: str, port: int) -> None:
-        """Set the address that the server listens on."""
-        self._port = port
+    def open(self, listener: Listener, host: str, port: int) -> None:
+        """Set the address of the main port."""
         # Browsers share cookies between ports, so each dashboard on a machine needs its own cookie
         # name.
         self.cookie = f"tsd-login-{port}"
-        self._accepts_addresses = not is_loopback(host)
-        names = set(self.rules.allowed_hosts)
-        self._allowed_hosts = frozenset(
-            names | {f"{name}:{port}" for name in names if ":" not in name}
-        )
+        listener.open(host, port, self.rules.allowed_hosts)
 
     @web.middleware
     async def authenticate(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -211,23 +214,18 @@ class AuthMiddleware:
         )
         if isinstance(client, str):
             raise web.HTTPForbidden(text=client)
-        reason = origin_refusal(
-            headers.get("Host"),
-            headers.get("Origin"),
-            self._port,
-            self._allowed_hosts,
-            addresses=self._accepts_addresses,
-            secure=client.secure,
-        )
+        listener = request.app[LISTENER]
+        reason = listener.refusal(headers.get("Host"), headers.get("Origin"), secure=client.secure)
         if reason is not None:
             raise web.HTTPForbidden(text=reason)
         request[CLIENT_ADDRESS] = client
         principal = self.principal_of_request(request)
         if principal is not None:
             request[PRINCIPAL] = principal
-        elif request.path == "/" and request.method == "GET":
-            raise web.HTTPFound(_LOGIN_PATH[1:])  # Relative: a proxy may add a prefix.
-        elif request.path != _LOGIN_PATH:
+        elif request.path in listener.login_redirects and request.method == "GET":
+            # Relative, because a proxy may add a prefix.
+            raise web.HTTPFound("../" * (request.path.count("/") - 1) + LOGIN_PATH[1:])
+        elif request.path != listener.login_path:
             raise web.HTTPUnauthorized(text="Log in first.")
         return await handler(request)
 

@@ -152,7 +152,7 @@ class _Connection(asyncio.Protocol):
 
 
 class ConnectionLimiter:
-    """Listening socket with a limited number of connections."""
+    """Listening sockets with a limited number of connections in total."""
 
     def __init__(self, is_proxy: Callable[[str], bool]) -> None:
         """`is_proxy` returns whether an address belongs to the reverse proxy."""
@@ -162,19 +162,14 @@ class ConnectionLimiter:
         self._tasks: set[asyncio.Task[None]] = set()
         self._open: dict[_Connection, None] = {}
 
-    @property
-    def port(self) -> int:
-        """Port that it listens on."""
-        return self._listeners[0].getsockname()[1]
-
     async def open(
         self,
         server: Callable[[], asyncio.Protocol],
         host: str,
         port: int,
         tls: ssl.SSLContext | None,
-    ) -> None:
-        """Listen for connections; `server` creates the HTTP protocol of each.
+    ) -> int:
+        """Listen for connections, and return the port; `server` creates the protocol of each.
 
         Raises:
             OSError: If the address cannot be used.
@@ -182,6 +177,7 @@ class ConnectionLimiter:
         loop = asyncio.get_running_loop()
         found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
         failure: OSError | None = None
+        listeners: list[socket.socket] = []
         for family, address in dict.fromkeys((each[0], each[4]) for each in found):
             try:
                 listener = socket.create_server(
@@ -193,20 +189,26 @@ class ConnectionLimiter:
                     continue  # For example, `localhost` without IPv6.
                 break
             listener.setblocking(False)
-            self._listeners.append(listener)
-        if failure is not None and (failure.errno not in _NOT_HERE or not self._listeners):
-            self._close_listeners()
+            listeners.append(listener)
+        if failure is not None and (failure.errno not in _NOT_HERE or not listeners):
+            for listener in listeners:
+                listener.close()
             raise failure
-        for listener in self._listeners:
+        for listener in listeners:
             self._start(self._accept(listener, server, tls))
-        self._start(self._sweep())
+        if not self._listeners:
+            self._start(self._sweep())
+        self._listeners += listeners
+        return listeners[0].getsockname()[1]
 
     async def close(self) -> None:
         """Stop listening; existing connections remain open."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        self._close_listeners()
+        for listener in self._listeners:
+            listener.close()
+        self._listeners.clear()
 
     @web.middleware
     async def admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -322,11 +324,6 @@ class ConnectionLimiter:
         task = asyncio.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-    def _close_listeners(self) -> None:
-        for listener in self._listeners:
-            listener.close()
-        self._listeners.clear()
 
 
 def limit_bytes(request: web.Request, exceeds: Callable[[int], bool]) -> None:

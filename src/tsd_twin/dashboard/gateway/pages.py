@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gzip
-import hashlib
 import html
 import math
 import time
@@ -24,6 +22,7 @@ from tsd_twin.dashboard.gateway.auth import (
     AuthMiddleware,
     require_origin,
 )
+from tsd_twin.dashboard.gateway.content import Content
 from tsd_twin.errors import TwinError
 from tsd_twin.security.users import User, Users
 
@@ -52,47 +51,31 @@ class IndexPage:
             html = with_scripts(file.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise TwinError(f"viser's page cannot be used: {error}") from error
-        self._plain_text = html.encode()
-        self._zipped = gzip.compress(self._plain_text, mtime=0)
-        self._etag = hashlib.sha256(self._plain_text).hexdigest()[:16]
+        self._page = Content(html.encode(), file.suffix)
 
     async def serve(self, request: web.Request) -> web.StreamResponse:
         """Answer `GET /`."""
         if BLOCKED_PARAMETERS & request.query.keys():
-            return web.Response(
-                status=302, headers={"Location": without_blocked_parameters(request)}
-            )
-        response = web.Response(content_type="text/html", charset="utf-8")
-        response.headers["Cache-Control"] = "no-cache"
-        response.headers["Vary"] = "Accept-Encoding"
-        response.etag = self._etag
-        known = request.if_none_match or ()
-        if any(tag.value == self._etag for tag in known):
-            response.set_status(304)
-            return response
-        if "gzip" in request.headers.get("Accept-Encoding", ""):
-            response.headers["Content-Encoding"] = "gzip"
-            response.body = self._zipped
-        else:
-            response.body = self._plain_text
-        return response
+            return without_blocked_parameters(request)
+        return self._page.respond(request)
 
 
-def with_scripts(html: str) -> str:
-    """Return the page with two scripts inserted before all others and one at the end of the head.
+def with_scripts(html: str, first: str = _FIRST_SCRIPTS, last: str = _LAST_SCRIPTS) -> str:
+    """Return the page with `first` before all scripts and `last` at the end of the head.
 
     Raises:
         ValueError: If the page has no head.
     """
     # Use the last `</head>`, because the client's inline code may contain another.
     start, end = html.index("<head>") + len("<head>"), html.rindex("</head>")
-    return html[:start] + _FIRST_SCRIPTS + html[start:end] + _LAST_SCRIPTS + html[end:]
+    return html[:start] + first + html[start:end] + last + html[end:]
 
 
-def without_blocked_parameters(request: web.Request) -> str:
-    """Return the relative address without the blocked parameters."""
+def without_blocked_parameters(request: web.Request) -> web.Response:
+    """Return a redirect to the same page without the blocked parameters."""
     kept = [(key, value) for key, value in request.query.items() if key not in BLOCKED_PARAMETERS]
-    return "?" + request.url.with_query(kept).raw_query_string
+    address = "?" + request.url.with_query(kept).raw_query_string
+    return web.Response(status=302, headers={"Location": address})
 
 
 _TYPE = "application/x-www-form-urlencoded"

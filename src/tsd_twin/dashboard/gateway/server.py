@@ -12,20 +12,25 @@ from aiohttp import web
 
 from tsd_twin.dashboard.gateway.auth import (
     HEADERS,
+    LOGIN_PATH,
     PRINCIPAL,
     AccessSettings,
     AuthMiddleware,
     is_proxy,
 )
+from tsd_twin.dashboard.gateway.bundle_page import PAGE_PATH, BundlePage
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quiet_log
+from tsd_twin.dashboard.gateway.listener import LISTENER, Listener
 from tsd_twin.dashboard.gateway.pages import STATIC, IndexPage, LoginRoutes
 from tsd_twin.dashboard.gateway.recordings import RecordingRoutes, json_response
 from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
+from tsd_twin.dashboard.gateway.viewport_page import ViewportPage
 from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.dashboard.wire.to_page import RecordingsChanged
 from tsd_twin.errors import TwinError
+from tsd_twin.security.web_access import host_of_origin, name_of_host
 
 _MAX_BODY_BYTES = 2048
 _MAX_MESSAGE_BYTES = 16 * 2**10
@@ -33,6 +38,7 @@ _MAX_MESSAGE_BYTES = 16 * 2**10
 _HEARTBEAT_S = 5.0
 _CLOSE_TIMEOUT_S = 0.5
 _SHUTDOWN_TIMEOUT_S = 3.0
+_LAST_PORT = 65_535
 _LINGER_S = 2.0
 """Timeout for reading the rest of a request body after the response."""
 
@@ -57,7 +63,11 @@ class HttpServer:
         """
         self.sessions = sessions
         """Sessions of the open pages."""
+        self._main = Listener(("/", PAGE_PATH), LOGIN_PATH)
+        self._viewport = Listener()
         self._index = IndexPage()
+        self._page = BundlePage()
+        self._viewport_page = ViewportPage(self._main)
         self._auth = AuthMiddleware(AccessSettings()) if auth is None else auth
         self._login_routes = LoginRoutes(self._auth)
         self._reader = SocketReader()
@@ -67,36 +77,98 @@ class HttpServer:
         )
         self._recorded = recorded
         self._recordings = None if recorded is None else RecordingRoutes(recorded.library)
-        self._runner: web.AppRunner | None = None
+        self._runners: list[web.AppRunner] = []
         self._background_tasks: list[asyncio.Task[None]] = []
         self.port = 0
         """Port of the server, once started."""
+        self.viewport_port = 0
+        """Port of the viewport, once started; 0 if it has none."""
 
-    async def start(self, host: str = "127.0.0.1", port: int = 8080) -> None:
+    async def start(
+        self, host: str = "127.0.0.1", port: int = 8080, viewport_port: int | None = None
+    ) -> None:
         """Start listening; port 0 selects a free port.
 
+        `viewport_port` defaults to the next port, or any free one if `port` is 0 or the next one
+        is in use. A viewport behind a proxy has a port only if its origin is known.
+
         Raises:
-            TwinError: If the port is in use, or the settings allow network access without a login
+            TwinError: If a port is in use, or the settings allow network access without a login
                 or without encryption.
         """
-        self._auth.rules.check(host)
+        rules = self._auth.rules
+        rules.check(host)
+        has_port = rules.proxy is None or rules.viewport_origin is not None
+        if viewport_port is not None and not has_port:
+            raise TwinError("--viewport-port behind a proxy needs --viewport-origin")
         self.sessions.open()
-        app = web.Application(
-            middlewares=[self._auth.authenticate, self._connection_limiter.admit],
-            client_max_size=_MAX_BODY_BYTES,
-        )
-        app.on_response_prepare.append(_add_headers)
+        try:
+            self.port = await self._listen(self._make_app(), host, port)
+            self._auth.open(self._main, host, self.port)
+            if has_port:
+                await self._open_viewport(host, port, viewport_port)
+        except TwinError:
+            await self._close_listeners()
+            raise
+        self._page.set_viewport(self.viewport_port, rules.viewport_origin)
+        sessions = self.sessions
+        measuring = sessions.directory.measure_round_trips(lambda: sessions.any_open)
+        watching = [measuring, self._auth.expire_logins()]
+        if self._recorded is not None:
+            self._recorded.library.on_changed = self._announce_recordings
+            watching.append(self._recorded.library.watch())
+        self._background_tasks = [asyncio.create_task(work) for work in watching]
+
+    def _make_app(self) -> web.Application:
+        app = self._make_application(self._main)
         app.router.add_get("/", self._index.serve)
+        self._page.add_to(app.router)
         app.router.add_get("/healthz", self._serve_health)
         app.router.add_get("/teleop", self._serve_page_socket)
-        app.router.add_get("/viser/{page}", self._serve_viser)
         if self._recordings is None:
             app.router.add_get("/recordings", _serve_no_recordings)
         else:
             self._recordings.add_to(app.router)
-            app.router.add_get("/recorded/{name}/{page}", self._serve_viser)
         self._login_routes.add_to(app.router)
         app.router.add_static("/static", STATIC)
+        return app
+
+    def _make_application(self, listener: Listener) -> web.Application:
+        """Return an application with the routes of viser's page, which both ports have."""
+        app = web.Application(
+            middlewares=[self._auth.authenticate, self._connection_limiter.admit],
+            client_max_size=_MAX_BODY_BYTES,
+        )
+        app[LISTENER] = listener
+        app.on_response_prepare.append(_add_headers)
+        self._viewport_page.add_to(app.router)
+        app.router.add_get("/viser/{page}", self._serve_viser)
+        if self._recorded is not None:
+            app.router.add_get("/recorded/{name}/{page}", self._serve_viser)
+        return app
+
+    async def _open_viewport(self, host: str, main_port: int, port: int | None) -> None:
+        following = main_port + 1 if 0 < main_port < _LAST_PORT else 0
+        app = self._make_application(self._viewport)
+        try:
+            opened = await self._listen(app, host, following if port is None else port)
+        except TwinError:
+            if port is not None:
+                raise
+            opened = await self._listen(self._make_application(self._viewport), host, 0)
+        self.viewport_port = opened
+        rules = self._auth.rules
+        known = {name_of_host(each) for each in rules.allowed_hosts}
+        if rules.viewport_origin is not None:
+            known = {host_of_origin(rules.viewport_origin) or ""}
+        self._viewport.open(host, opened, known)
+
+    async def _listen(self, app: web.Application, host: str, port: int) -> int:
+        """Serve `app` and return the port.
+
+        Raises:
+            TwinError: If the port cannot be used.
+        """
         runner = web.AppRunner(
             app,
             access_log=None,
@@ -107,24 +179,21 @@ class HttpServer:
         await runner.setup()
         server = cast("Callable[[], asyncio.Protocol]", runner.server)
         try:
-            await self._connection_limiter.open(server, host, port, self._auth.rules.tls)
+            opened = await self._connection_limiter.open(server, host, port, self._auth.rules.tls)
         except OSError as error:
             await runner.cleanup()
             raise TwinError(f"port {port} of {host} cannot be used: choose another") from error
-        self.port = self._connection_limiter.port
-        self._auth.set_address(host, self.port)
-        self._runner = runner
-        sessions = self.sessions
-        measuring = sessions.directory.measure_round_trips(lambda: sessions.any_open)
-        watching = [measuring, self._auth.expire_logins()]
-        if self._recorded is not None:
-            self._recorded.library.on_changed = self._announce_recordings
-            watching.append(self._recorded.library.watch())
-        self._background_tasks = [asyncio.create_task(work) for work in watching]
+        self._runners.append(runner)
+        return opened
+
+    async def _close_listeners(self) -> None:
+        await self._connection_limiter.close()
+        await asyncio.gather(*(runner.cleanup() for runner in self._runners))
+        self._runners.clear()
 
     async def stop(self) -> None:
         """Release all robots, close all sockets and stop listening."""
-        if self._runner is None:
+        if not self._runners:
             return
         for task in self._background_tasks:
             task.cancel()
@@ -133,9 +202,7 @@ class HttpServer:
         if self._recorded is not None and self._recordings is not None:
             self._recordings.close()
             await self._recorded.close()
-        await self._connection_limiter.close()
-        await self._runner.cleanup()
-        self._runner = None
+        await self._close_listeners()
         self.sessions.close()
         self._login_routes.close()
 

@@ -23,6 +23,7 @@ from msgspec import Meta
 from tsd_twin.dashboard.gateway.socket_limits import VISER, SocketReader, limit_buffer
 from tsd_twin.dashboard.scene.viser_compat import (
     DARK_HEADER,
+    FRAME_HEADER,
     KEY_HEADER,
     PAGE_HEADER,
     PLAIN_HEADER,
@@ -223,6 +224,7 @@ class ViserProxy:
                     ROLE_HEADER: principal.identity.role if port is None else Role.VIEWER,
                     DARK_HEADER: _display_option(request, "dark"),
                     PLAIN_HEADER: _display_option(request, "plain"),
+                    FRAME_HEADER: _display_option(request, "frame"),
                 },
                 compress=0,
                 max_msg_size=_MAX_VISER_MESSAGE_BYTES,

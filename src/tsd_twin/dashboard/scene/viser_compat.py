@@ -240,6 +240,8 @@ DARK_HEADER = "X-Tsd-Dark"
 """Header added by the gateway: 1 or 0, whether the browser prefers dark colours."""
 PLAIN_HEADER = "X-Tsd-Plain"
 """Header added by the gateway: 1 or 0, whether the browser has no graphics card."""
+FRAME_HEADER = "X-Tsd-Frame"
+"""Header added by the gateway: 1 or 0, whether the client is in a frame, which hides its panel."""
 ROLE_HEADER = "X-Tsd-Role"
 """Header added by the gateway: role of the login."""
 
@@ -265,6 +267,11 @@ def prefers_dark(server: viser.ViserServer, client_id: int) -> bool | None:
 def has_no_gpu(server: viser.ViserServer, client_id: int) -> bool:
     """Return whether a client's browser has no graphics card."""
     return _header_of(server, client_id, PLAIN_HEADER) == "1"
+
+
+def is_in_frame(server: viser.ViserServer, client_id: int) -> bool:
+    """Return whether a client is in a frame of the page, which hides its panel."""
+    return _header_of(server, client_id, FRAME_HEADER) == "1"
 
 
 def is_viewer(server: viser.ViserServer, client_id: int) -> bool:
@@ -383,6 +390,12 @@ def start_server(title: str, *, dark: bool = True) -> viser.ViserServer:
     set_theme(server.gui, dark=dark)
     server.gui.main_panel.dock_right()
     server.gui.main_panel.set_width(PANEL_WIDTH_PX)
+
+    async def undock(client: viser.ClientHandle) -> None:
+        if is_in_frame(server, client.client_id):  # A docked panel takes space, also if hidden.
+            client.gui.main_panel.float(x=0.0, y=0.0)
+
+    server.on_client_connect(undock)
     server.scene.set_up_direction("+z")
     server.initial_camera.position = CAMERA_OFFSET_M
     server.initial_camera.look_at = LOOK_AT_M

@@ -11,7 +11,6 @@ from typing import TypeAlias
 
 import msgspec
 
-from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient
 from tsd_twin.dashboard.sessions.look_back import LookBackSession
@@ -115,8 +114,8 @@ class Session(PageSession):
         self._student = StudentSession(
             executor, self._send, lambda pose: scene.show_student(page, pose)
         )
-        self._look_back = LookBackSession(page, directory, scene)
-        self._preview = PreviewSession(page, directory, scene, self.send_queue)
+        self._look_back = LookBackSession(page, live.directory, scene)
+        self._preview = PreviewSession(page, live.directory, scene, self.send_queue)
         self._motion: DriveCommand | FollowPlan | None = None
         self._map_data, self._scene = map_data, scene
         self._shows_shadow = False
@@ -225,10 +224,15 @@ class Session(PageSession):
                     self.send_map_lines(trails=True)
             case ShowFleet():
                 self._show_fleet(on=message.on)
-            case LookBack():
-                self._look_back.request(self.robot_id, message.history_offset_s)
             case ShowShadow():
                 self._shows_shadow = message.on
+            case LookBack() | StudentRequest() | PreviewRequest():
+                self._draw(message)
+
+    def _draw(self, message: LookBack | StudentRequest | PreviewRequest) -> None:
+        match message:
+            case LookBack():
+                self._look_back.request(self.robot_id, message.history_offset_s)
             case StudentRequest():
                 self._student.request(message)
             case PreviewRequest():

@@ -1,0 +1,82 @@
+// Runs before viser's client in the frame. It sets the client's address, keeps keys from its camera
+// and forwards them to the page, and hides everything but the scene.
+
+import type { FromFrame, ToFrame } from "../src/viewport/messages.ts";
+import { setParameters } from "./address.ts";
+import { RenderThrottle } from "./throttle.ts";
+
+const TICK_MS = 50;
+const TICKS_PER_REPORT = 5;
+const TICKS_PER_S = 20;
+
+// The server has checked it: no other page can frame this one.
+const pageOrigin = new URL(location.href).searchParams.get("parent") ?? location.origin;
+
+// viser reconnects only while the page has the focus, which the dashboard's page usually has.
+document.hasFocus = () => true;
+setParameters(new URL(location.href));
+showSceneOnly();
+
+let isReady = false;
+const throttle = new RenderThrottle(() => {
+  if (!isReady) send({ tsd: 1, t: "ready" });
+  isReady = true;
+});
+
+addEventListener("message", (event) => {
+  if (event.source !== parent || event.origin !== pageOrigin) return;
+  const message = event.data as ToFrame | undefined;
+  if (message?.tsd === 1 && message.t === "pause") throttle.paused = message.on;
+});
+
+// On the window before all others, so that no key moves viser's camera.
+for (const type of ["keydown", "keyup"] as const) addEventListener(type, forwardKey, true);
+addEventListener("keypress", (event) => event.stopImmediatePropagation(), true);
+addEventListener("blur", () => send({ tsd: 1, t: "blur" }));
+addEventListener("pointerdown", forwardPointer, true);
+// The page keeps the focus, so that its keys still work after a click on the scene.
+addEventListener("mousedown", (event) => event.preventDefault(), true);
+
+watchStalls();
+send({ tsd: 1, t: "loaded" });
+
+function send(message: FromFrame): void {
+  if (parent !== window) parent.postMessage(message, pageOrigin);
+}
+
+function forwardKey(event: KeyboardEvent): void {
+  event.stopImmediatePropagation();
+  const { code, key, repeat, ctrlKey: ctrl, altKey: alt, shiftKey: shift, metaKey: meta } = event;
+  // The browser keeps its shortcuts, function keys and Tab.
+  if (!ctrl && !alt && !meta && !/^(Tab|F\d+)$/.test(key)) event.preventDefault();
+  if (event.isComposing) return;
+  const mods = { ctrl, alt, shift, meta };
+  send({ tsd: 1, t: "key", code, key, down: event.type === "keydown", repeat, mods });
+}
+
+function forwardPointer(event: PointerEvent): void {
+  send({ tsd: 1, t: "pointerdown", pointer: event.pointerType });
+}
+
+/** Hide viser's panel, notices and logo: whatever neither is the scene nor contains it. */
+function showSceneOnly(): void {
+  const style = document.createElement("style");
+  style.textContent = "body :not(canvas, :has(canvas)) { display: none !important }";
+  document.head.append(style);
+}
+
+/** Report the longest delay of this thread in the last second, which also shows that it runs. */
+function watchStalls(): void {
+  const lates: number[] = [];
+  let lastMs = performance.now();
+  let count = 0;
+  setInterval(() => {
+    const nowMs = performance.now();
+    lates.push(Math.max(0, nowMs - lastMs - TICK_MS));
+    lastMs = nowMs;
+    if (lates.length > TICKS_PER_S) lates.shift();
+    if (++count % TICKS_PER_REPORT === 0) {
+      send({ tsd: 1, t: "stalled", ms: Math.round(Math.max(...lates)) });
+    }
+  }, TICK_MS);
+}

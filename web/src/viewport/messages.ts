@@ -1,0 +1,33 @@
+// Messages between the page and the frame that shows viser's page. Both sides check the sender's
+// origin and window. Types only, so that the frame's script shares no module with the page.
+
+export interface Modifiers {
+  ctrl: boolean;
+  alt: boolean;
+  shift: boolean;
+  meta: boolean;
+}
+
+export interface FrameKey {
+  tsd: 1;
+  t: "key";
+  code: string;
+  key: string;
+  down: boolean;
+  repeat: boolean;
+  mods: Modifiers;
+}
+
+export type FromFrame =
+  /** The frame's script runs, so its port can be reached. */
+  | { tsd: 1; t: "loaded" }
+  /** The first frame has been drawn. */
+  | { tsd: 1; t: "ready" }
+  /** Longest delay of the frame's thread in the last second; sent four times a second. */
+  | { tsd: 1; t: "stalled"; ms: number }
+  | FrameKey
+  | { tsd: 1; t: "pointerdown"; pointer: string }
+  | { tsd: 1; t: "blur" };
+
+/** Stop drawing, or resume. */
+export type ToFrame = { tsd: 1; t: "pause"; on: boolean };

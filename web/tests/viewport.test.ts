@@ -1,0 +1,101 @@
+import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import { createViewport, viewportAddress } from "../src/viewport/frame.ts";
+import type { FrameKey } from "../src/viewport/frame.ts";
+import type { FromFrame } from "../src/viewport/messages.ts";
+
+const keys: FrameKey[] = [];
+
+beforeEach(() => {
+  vi.useFakeTimers();
+  keys.length = 0;
+  document.head.innerHTML = '<meta name="tsd-viewport" content="8090">';
+});
+
+afterEach(() => {
+  vi.useRealTimers();
+  document.body.innerHTML = "";
+});
+
+function open() {
+  const options = { page: "0123456789abcdef", recording: null, dark: true, title: "3D view" };
+  const viewport = createViewport(document.body, { ...options, onKey: (key) => keys.push(key) });
+  const frame = document.querySelector("iframe")!;
+  const hear = (
+    data: FromFrame,
+    origin = new URL(frame.src).origin,
+    source = frame.contentWindow,
+  ) => dispatchEvent(new MessageEvent("message", { data, origin, source }));
+  return { viewport, frame, hear };
+}
+
+function press(down = true, repeat = false): FrameKey {
+  const mods = { ctrl: false, alt: false, shift: false, meta: false };
+  return { tsd: 1, t: "key", code: "Space", key: " ", down, repeat, mods };
+}
+
+test("The view has the page's address with another port, or at another origin.", () => {
+  const base = "http://127.0.0.1:8080/twin/";
+  expect(viewportAddress(base, "8090").href).toBe("http://127.0.0.1:8090/twin/viewport/");
+  expect(viewportAddress(base, "").href).toBe("http://127.0.0.1:8080/twin/viewport/");
+  const other = viewportAddress(base, "https://robot.example:8443");
+  expect(other.href).toBe("https://robot.example:8443/twin/viewport/");
+  expect(viewportAddress("https://a.example:8080/", "https://a.example").port).toBe("");
+});
+
+test("If the second port stays silent, the view comes from the page's origin.", () => {
+  const { viewport, frame } = open();
+  expect(new URL(frame.src).port).toBe("8090");
+  vi.advanceTimersByTime(4_900);
+  expect(viewport.shared.value).toBe(false);
+  vi.advanceTimersByTime(200);
+  expect(new URL(frame.src).origin).toBe(location.origin);
+  expect(viewport.shared.value).toBe(true);
+});
+
+test("If the second port answers in time, the view stays there.", () => {
+  const { viewport, frame, hear } = open();
+  hear({ tsd: 1, t: "loaded" });
+  vi.advanceTimersByTime(60_000);
+  expect(new URL(frame.src).port).toBe("8090");
+  expect(viewport.ready.value).toBe(false);
+  hear({ tsd: 1, t: "ready" });
+  expect(viewport.ready.value).toBe(true);
+});
+
+test("Messages of other origins and windows are ignored.", () => {
+  const { viewport, frame, hear } = open();
+  hear({ tsd: 1, t: "ready" }, "http://evil.example");
+  hear({ tsd: 1, t: "ready" }, new URL(frame.src).origin, window);
+  expect(viewport.ready.value).toBe(false);
+});
+
+test("A view that falls silent counts as stalled.", () => {
+  const { viewport, hear } = open();
+  hear({ tsd: 1, t: "loaded" });
+  hear({ tsd: 1, t: "stalled", ms: 12 });
+  expect(viewport.stalledMs.value).toBe(12);
+  vi.advanceTimersByTime(3_000);
+  expect(viewport.stalledMs.value).toBeGreaterThan(2_500);
+});
+
+test("Keys count once, and only while the frame has the focus, which the page takes back.", () => {
+  const { frame, hear } = open();
+  hear(press());
+  expect(keys).toEqual([]);
+  frame.focus();
+  hear(press(true, true));
+  hear(press(false));
+  expect(keys).toEqual([]);
+  hear(press());
+  hear(press());
+  expect(keys.map(({ code }) => code)).toEqual(["Space"]);
+  expect(document.activeElement).not.toBe(frame);
+});
+
+test("Less sharpness is a smaller frame, enlarged.", () => {
+  const { viewport, frame } = open();
+  viewport.setSharpness(0.5);
+  expect([frame.style.width, frame.style.transform]).toEqual(["50%", "scale(2)"]);
+  viewport.dispose();
+  expect(document.querySelector("iframe")).toBeNull();
+});
