@@ -1,1 +1,2 @@
-export {}; console.log("frame");
+export {};
+console.log("frame");

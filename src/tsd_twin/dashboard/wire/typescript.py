@@ -1,7 +1,8 @@
 """TypeScript types of the messages between page and server, and tables of codes and sentences.
 
-`python -m tsd_twin.dashboard.wire.typescript` writes `web/src/generated/` again. It includes every
-struct of the modules in this package, so a new message needs no entry here.
+`python -m tsd_twin.dashboard.wire.typescript` writes `web/src/generated/` again, with `--check` it
+only compares. It includes every struct of the modules in this package, so a new message needs no
+entry here.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ from __future__ import annotations
 import importlib
 import json
 import pkgutil
-from collections.abc import Iterable, Iterator
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from enum import Enum
 from pathlib import Path
 from types import ModuleType
@@ -194,12 +196,25 @@ def _constant_name(name: str) -> str:
     return f"{words.removeprefix('_').upper()}S"
 
 
-def main() -> None:
-    """Write all files."""
+def outdated() -> list[str]:
+    """Return the names of the files that are missing or differ from what is generated."""
+    return [
+        name
+        for name, text in generated().items()
+        if not (FOLDER / name).is_file() or (FOLDER / name).read_text(encoding="utf-8") != text
+    ]
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Write all files, or with `--check` exit with an error if one is outdated."""
+    if "--check" in arguments:
+        if names := outdated():
+            sys.exit(f"{', '.join(names)} in {FOLDER}: outdated, run make web")
+        return
     FOLDER.mkdir(parents=True, exist_ok=True)
     for name, text in generated().items():
         (FOLDER / name).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])
