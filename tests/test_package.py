@@ -31,6 +31,12 @@ NEEDED = (
     "tsd_ros.py",
     "tsd_twin/py.typed",
     "tsd_twin/robots/tsd.toml",
+    "tsd_twin/dashboard/bundle/page.js",
+    "tsd_twin/dashboard/bundle/page.css",
+    "tsd_twin/dashboard/bundle/frame.js",
+    "tsd_twin/dashboard/bundle/inter.woff2",
+    "tsd_twin/dashboard/bundle/LICENSES.txt",
+    "tsd_twin/dashboard/bundle/inter.LICENSE.txt",
     "tsd_twin/dashboard/static/main.js",
     "tsd_twin/dashboard/static/vendor/uPlot.iife.min.js",
     "tsd_twin/dashboard/static/vendor/uPlot.LICENSE",
@@ -57,6 +63,7 @@ def test_the_wheel_has_programs_robots_page_and_meshes(wheel_through_sdist: Path
     assert [name for name in NEEDED if name not in names] == []
     stls = {path.name for path in (ROOT / "meshes/tsd").glob("*.stl")}
     assert {f"tsd_twin/meshes/tsd/{name}" for name in stls} <= names
+    assert [name for name in names if name.startswith("web/") or "node_modules" in name] == []
 
 
 @pytest.mark.system

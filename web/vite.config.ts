@@ -6,7 +6,8 @@ const output = "../src/tsd_twin/dashboard/bundle";
 
 export default defineConfig({
   base: "./",
-  publicDir: false,
+  // Files copied as they are: the licence of the font; those of the packages are collected below.
+  publicDir: "public",
   oxc: { jsx: { runtime: "automatic", importSource: "preact" } },
   build: {
     outDir: output,
@@ -14,6 +15,7 @@ export default defineConfig({
     target: "es2022",
     sourcemap: false,
     modulePreload: false,
+    license: { fileName: "LICENSES.txt" },
     // Fixed names, without hashes, so that a rebuilt bundle shows as a small difference.
     rolldownOptions: {
       input: { page: "src/main.tsx", frame: "frame/frame.ts" },

@@ -32,7 +32,7 @@ from tests.support.page_stage import OPERATOR, page_stage, state
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
-AXE = Path(__file__).parents[2] / ".venv/js/node_modules/axe-core/axe.min.js"
+AXE = Path(__file__).parents[2] / "web/node_modules/axe-core/axe.min.js"
 RUN = """async () => {
   const rules = {
     "target-size": { enabled: true },

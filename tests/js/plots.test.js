@@ -286,7 +286,7 @@ test("choice and window are kept in the browser, by robot; what cannot be read i
 
 test("the plot library is the one of the lock file, unchanged", () => {
   const ours = new URL(`${STATIC}/vendor/`, import.meta.url);
-  const theirs = new URL("../../.venv/js/node_modules/uplot/", import.meta.url);
+  const theirs = new URL("../../web/node_modules/uplot/", import.meta.url);
   for (const [copy, original] of [
     ["uPlot.iife.min.js", "dist/uPlot.iife.min.js"],
     ["uPlot.min.css", "dist/uPlot.min.css"],

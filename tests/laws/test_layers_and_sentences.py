@@ -15,8 +15,10 @@ PACKAGE = ROOT / "src/tsd_twin"
 PROGRAMS = sorted((*PACKAGE.rglob("*.py"), *(ROOT / "app").glob("*.py")))
 SCRIPTS = [
     path
-    for path in sorted((PACKAGE / "dashboard/static").rglob("*.js"))
-    if "vendor" not in path.parts
+    for path in sorted(
+        (*(PACKAGE / "dashboard/static").rglob("*.js"), *(ROOT / "web/src").rglob("*.ts*"))
+    )
+    if not {"vendor", "generated"} & set(path.parts)
 ]
 OF_LIBRARIES = {
     "config.py": "errors of Zenoh have no codes",
