@@ -1,0 +1,109 @@
+// What is held: keys and pointers, from their beginning until they are released, cancelled or lost.
+
+/**
+ * Set of held keys. When focus returns, some systems report a key held all along as a new press
+ * without the repeat flag, and never report one released in between. A key released by the page
+ * therefore counts only after its key-up event.
+ */
+export class HeldKeys {
+  #down = new Set<string>();
+  #ignoredUntilUp = new Set<string>();
+
+  get size(): number {
+    return this.#down.size;
+  }
+
+  sum(meanings: Record<string, readonly number[]>, length: number): number[] {
+    const sum = new Array<number>(length).fill(0);
+    for (const code of this.#down)
+      meanings[code]?.forEach((value, i) => (sum[i] = (sum[i] ?? 0) + value));
+    return sum;
+  }
+
+  /** Handle a key event; return whether it changes the held keys. */
+  take({ type, code, repeat }: Pick<KeyboardEvent, "type" | "code" | "repeat">): boolean {
+    if (type === "keyup") {
+      this.#ignoredUntilUp.delete(code);
+      return this.#down.delete(code);
+    }
+    if (repeat || this.#ignoredUntilUp.has(code) || this.#down.has(code)) return false;
+    this.#down.add(code);
+    return true;
+  }
+
+  /** Release all keys until their key-up events; return whether any was held. */
+  cancel(): boolean {
+    const wasHeld = this.size > 0;
+    for (const code of this.#down) this.#ignoredUntilUp.add(code);
+    this.#down.clear();
+    return wasHeld;
+  }
+}
+
+export interface PointerCallbacks {
+  came: (event: PointerEvent) => void;
+  moved?: (event: PointerEvent) => void;
+  gone: (event: PointerEvent) => void;
+}
+
+const POINTER_ENDS = ["pointerup", "pointercancel", "lostpointercapture"] as const;
+
+/** Pointer on a control, from pointerdown until released, cancelled or lost. */
+export class HeldPointer {
+  #pointer: number | null = null;
+  readonly #node: HTMLElement;
+  readonly #callbacks: PointerCallbacks;
+  readonly #ending = new AbortController();
+
+  constructor(node: HTMLElement, callbacks: PointerCallbacks) {
+    this.#node = node;
+    this.#callbacks = callbacks;
+    const { signal } = this.#ending;
+    node.addEventListener("pointerdown", (event) => this.#grab(event), { signal });
+    node.addEventListener(
+      "pointermove",
+      (event) => this.#is(event) && this.#callbacks.moved?.(event),
+      { signal },
+    );
+    for (const end of POINTER_ENDS)
+      node.addEventListener(end, (event) => this.#drop(event), { signal });
+    node.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
+  }
+
+  get down(): boolean {
+    return this.#pointer !== null;
+  }
+
+  /** Ignore the pointer until it is pressed again. */
+  cancel(): void {
+    const pointer = this.#pointer;
+    this.#pointer = null;
+    if (pointer !== null && this.#node.hasPointerCapture(pointer))
+      this.#node.releasePointerCapture(pointer);
+  }
+
+  /** Stop listening. */
+  end(): void {
+    this.cancel();
+    this.#ending.abort();
+  }
+
+  #is(event: PointerEvent): boolean {
+    return event.pointerId === this.#pointer;
+  }
+
+  #grab(event: PointerEvent): void {
+    if (this.down || event.button !== 0) return;
+    event.preventDefault();
+    this.#node.focus({ preventScroll: true });
+    this.#node.setPointerCapture(event.pointerId);
+    this.#pointer = event.pointerId;
+    this.#callbacks.came(event);
+  }
+
+  #drop(event: PointerEvent): void {
+    if (!this.#is(event)) return;
+    this.#pointer = null;
+    this.#callbacks.gone(event);
+  }
+}

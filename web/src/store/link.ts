@@ -1,0 +1,246 @@
+// WebSocket to the dashboard: the latest message of each kind as signals, and the measured round trip.
+
+import { signal } from "@preact/signals";
+import type {
+  PageMessage,
+  RecordedPageMessage,
+  RecordedServerMessage,
+  RobotEvent,
+  RobotInfo,
+  RobotState,
+  ServerMessage,
+  SessionInfo,
+} from "../generated/wire";
+import { medianAndJitter } from "./statistics";
+
+type Incoming = ServerMessage | RecordedServerMessage;
+type Outgoing = PageMessage | RecordedPageMessage;
+type Kind = Incoming["t"];
+type Listener<K extends Kind> = (message: Extract<Incoming, { t: K }>) => void;
+
+export interface PastEvent extends RobotEvent {
+  /** Wall-clock time of the event. */
+  atMs: number;
+}
+
+export interface LinkOptions {
+  /** 16 hex digits; it grants no rights. */
+  page: string;
+  /** Recording to show instead of the live robots. */
+  recording: string | null;
+  /** Display name that the operator typed. */
+  name: string;
+  hasFocus: () => boolean;
+}
+
+const HEARTBEAT_MS = 100;
+const SERVER_TIMEOUT_MS = 2000; // The connection is lost after this time without an echo.
+const LONGEST_BEAT_MS = 2 * HEARTBEAT_MS; // A page that stalled for longer has unread echoes.
+const RETRY_MS = 500;
+const LOADING_BEATS = 50; // Five seconds of page activity; loading may block for longer.
+const MAX_BUFFERED_BYTES = 1024; // Messages buffered in the browser would be too old to send.
+const URGENT = new Set<string>(["release", "stop", "stop_robots"]); // They can only stop robots.
+const MAX_ROUND_TRIPS = 50; // Five seconds.
+const MAX_STATES = 100;
+const MAX_HISTORY = 100;
+
+export class Link {
+  readonly connected = signal(false);
+  readonly welcome = signal<SessionInfo | null>(null);
+  readonly robot = signal<RobotInfo | null>(null);
+  readonly state = signal<RobotState | null>(null);
+  /** Events of the robot, oldest first. */
+  readonly history = signal<readonly PastEvent[]>([]);
+  /** Counts heartbeats: whatever depends on the time that passes reads it. */
+  readonly beat = signal(0);
+  /** Arrival of the latest state on the `performance.now` clock. */
+  stateMs = -Infinity;
+  /** End of the latest connection on the `performance.now` clock. */
+  lostMs = performance.now();
+  /** Recent median round trip to the dashboard, and the 95th percentile minus the median. */
+  pageMs: number | null = null;
+  pageJitterMs: number | null = null;
+  /** Recent fraction of states that did not arrive. */
+  lost = 0;
+
+  #listeners = new Map<Kind, Set<(message: never) => void>>();
+  #socket: WebSocket | null = null;
+  #requestedRobot: string | null = null;
+  #loadingBeats = LOADING_BEATS;
+  #trips: number[] = [];
+  #seen: number[] = [];
+  #beatMs = performance.now();
+  #silentMs = 0; // Time without an echo while the page was running.
+  readonly #options: LinkOptions;
+
+  constructor(options: LinkOptions) {
+    this.#options = options;
+  }
+
+  get page(): string {
+    return this.#options.page;
+  }
+
+  get recording(): string | null {
+    return this.#options.recording;
+  }
+
+  /** Call `listener` with each message of a kind; returns a function that ends it. */
+  on<K extends Kind>(kind: K, listener: Listener<K>): () => void {
+    const listeners = this.#listeners.get(kind) ?? new Set();
+    this.#listeners.set(kind, listeners.add(listener as (message: never) => void));
+    return () => void listeners.delete(listener as (message: never) => void);
+  }
+
+  open(): void {
+    this.#connect();
+    setInterval(() => this.#sendHeartbeat(), HEARTBEAT_MS);
+  }
+
+  /** Reconnect under another display name. */
+  rename(name: string): void {
+    if (name === this.#options.name) return;
+    this.#options.name = name;
+    const socket = this.#socket;
+    if (socket === null) return; // The next connection uses it.
+    this.#onClose();
+    socket.close();
+  }
+
+  /** Send a message without queueing; return whether it was sent. */
+  send(message: Outgoing): boolean {
+    const socket = this.#socket;
+    if (socket?.readyState !== WebSocket.OPEN) return false;
+    if (socket.bufferedAmount > MAX_BUFFERED_BYTES && !URGENT.has(message.t)) return false;
+    socket.send(JSON.stringify(message));
+    return true;
+  }
+
+  /** Select another robot, once connected. */
+  choose(id: string): void {
+    this.#requestedRobot = id;
+    this.send({ t: "robot", id });
+  }
+
+  /** Age of the latest state in ms, including its age on arrival. */
+  ageMs(): number {
+    return performance.now() - this.stateMs + (this.state.peek()?.age_ms ?? 0);
+  }
+
+  /** Whether the first state is still expected, so that nothing is lost yet. */
+  isLoading(): boolean {
+    return this.#loadingBeats > 0;
+  }
+
+  #connect(): void {
+    const { page, recording, name } = this.#options;
+    const address = new URL(`teleop?page=${page}`, document.baseURI);
+    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+    if (recording !== null) address.searchParams.set("recording", recording);
+    if (name !== "") address.searchParams.set("name", name);
+    const socket = new WebSocket(address);
+    this.#socket = socket;
+    socket.onopen = () => {
+      this.#silentMs = 0;
+      this.connected.value = true;
+      this.#sendHeartbeat();
+    };
+    socket.onmessage = (event) => {
+      if (socket === this.#socket) this.#receive(JSON.parse(event.data as string) as Incoming);
+    };
+    socket.onclose = () => {
+      if (socket === this.#socket) this.#onClose();
+    };
+  }
+
+  #onClose(): void {
+    this.#socket = null;
+    this.#trips = [];
+    this.#seen = [];
+    this.pageMs = this.pageJitterMs = null;
+    if (this.connected.peek()) {
+      this.#loadingBeats = 0;
+      this.lostMs = performance.now();
+      this.connected.value = false;
+    }
+    setTimeout(() => this.#connect(), RETRY_MS);
+  }
+
+  #sendHeartbeat(): void {
+    if (this.#loadingBeats > 0) this.#loadingBeats -= 1;
+    const now = performance.now();
+    this.#silentMs += Math.min(now - this.#beatMs, LONGEST_BEAT_MS);
+    this.#beatMs = now;
+    if (this.connected.peek()) {
+      if (this.#silentMs > SERVER_TIMEOUT_MS) {
+        const socket = this.#socket;
+        this.#onClose(); // First, because closing the socket may take arbitrarily long.
+        socket?.close();
+      } else {
+        const focus = this.#options.hasFocus() && document.visibilityState === "visible";
+        const status_seq = this.state.peek()?.status_seq ?? 0;
+        this.send({ t: "heartbeat", status_seq, sent_ms: now, focus });
+      }
+    }
+    this.beat.value += 1;
+  }
+
+  #receive(message: Incoming): void {
+    switch (message.t) {
+      case "heartbeat":
+        this.#measure(message.sent_ms);
+        return;
+      case "state":
+        this.stateMs = performance.now();
+        this.#loadingBeats = 0;
+        this.#count(message.status_seq);
+        this.state.value = message;
+        break;
+      case "robot":
+        if (message.id !== this.robot.peek()?.id) this.stateMs = -Infinity;
+        this.#seen = [];
+        this.#requestedRobot = null;
+        this.history.value = []; // The dashboard sends it again.
+        this.robot.value = message;
+        break;
+      case "welcome":
+        this.welcome.value = message;
+        this.#keepRobot(message);
+        break;
+      case "reply":
+        if (message.to === "robot") this.#requestedRobot = null;
+        break;
+      case "event":
+        this.history.value = [
+          ...this.history.peek().slice(1 - MAX_HISTORY),
+          { ...message, atMs: Date.now() - 1000 * (message.age_s ?? 0) },
+        ];
+        break;
+    }
+    const listeners = this.#listeners.get(message.t) ?? new Set();
+    // Listeners added during the call start with the next message.
+    for (const listener of [...listeners]) if (listeners.has(listener)) listener(message as never);
+  }
+
+  /** After reconnecting, select the same robot. */
+  #keepRobot({ robot, robots }: SessionInfo): void {
+    const before = this.#requestedRobot ?? this.robot.peek()?.id ?? robot;
+    if (before !== null && before !== robot && robots.some(({ id }) => id === before))
+      this.send({ t: "robot", id: before });
+  }
+
+  #measure(sentMs: number): void {
+    this.#silentMs = 0;
+    this.#trips = [...this.#trips.slice(1 - MAX_ROUND_TRIPS), performance.now() - sentMs];
+    this.pageMs = medianAndJitter(this.#trips.slice(-9)).median;
+    this.pageJitterMs = medianAndJitter(this.#trips).jitter;
+  }
+
+  /** Detect lost states by their sequence numbers. */
+  #count(seen: number): void {
+    const newest = this.#seen.at(-1) ?? -1;
+    this.#seen = seen < newest ? [seen] : [...this.#seen.slice(1 - MAX_STATES), seen];
+    const sent = seen - (this.#seen[0] ?? seen) + 1;
+    this.lost = Math.max(0, 1 - this.#seen.length / sent);
+  }
+}

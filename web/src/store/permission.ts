@@ -1,0 +1,98 @@
+// What this page may do now: each question returns the reason for "no", or null. The robot states
+// its own reasons in its status; the page adds link, role and lack of control.
+
+import type { Reason } from "../generated/wire";
+import { freshness } from "./freshness";
+import type { Link } from "./link";
+
+const MOVABLE = new Set(["ready", "driving"]);
+const LATCHED = new Set(["stopped", "fault"]);
+
+/** Reasons of the page, with sentences of its own in the table of texts. */
+export type PageCode =
+  | "connecting"
+  | "not_connected"
+  | "no_robot"
+  | "robot_silent"
+  | "recording_shown"
+  | "replay_shown"
+  | "viewer_only"
+  | "viewer_cannot_stop";
+
+export type Refusal = { by: "page"; code: PageCode } | { by: "robot"; reason: Reason };
+
+const ofPage = (code: PageCode): Refusal => ({ by: "page", code });
+const ofRobot = (reason: Reason): Refusal => ({ by: "robot", reason });
+
+/** Code of a refusal: two refusals with one code have the same cause. */
+export function codeOf(refusal: Refusal): string {
+  return refusal.by === "page" ? refusal.code : refusal.reason.code;
+}
+
+export function isLatched(link: Link): boolean {
+  return LATCHED.has(link.state.value?.status.mode ?? "");
+}
+
+/** Whether this page has control of the robot that it shows. */
+export function hasControl(link: Link): boolean {
+  return freshness(link).kind === "live" && (link.state.value?.has_control ?? false);
+}
+
+function notAllowed(link: Link): Refusal | null {
+  const fresh = freshness(link);
+  if (!link.connected.value)
+    return ofPage(fresh.kind === "starting" ? "connecting" : "not_connected");
+  if (link.robot.value === null) return ofPage("no_robot");
+  if (fresh.kind === "recorded")
+    return ofPage(fresh.by === "page" ? "recording_shown" : "replay_shown");
+  if (link.welcome.value?.role === "viewer") return ofPage("viewer_only");
+  if (fresh.kind !== "live" || link.state.value === null) return ofPage("robot_silent");
+  return null;
+}
+
+/** Null also for robots that send no reasons. */
+function robotRefusal(link: Link, request: string): Refusal | null {
+  const reason = link.state.value?.status.refusals?.why?.[request];
+  return reason ? ofRobot(reason) : null;
+}
+
+/** For what requires control. */
+function notNow(link: Link, request: string): Refusal | null {
+  const refusal = notAllowed(link);
+  if (refusal !== null) return refusal;
+  if (link.state.value?.has_control) return robotRefusal(link, request);
+  return robotRefusal(link, "no_lease") ?? ofRobot({ code: "take_control_first" });
+}
+
+export function whyNotDrive(link: Link): Refusal | null {
+  const refusal = notNow(link, "drive");
+  if (refusal !== null) return refusal;
+  // A control held while the robot stops must be released before it acts again.
+  const mode = link.state.value?.status.mode ?? "";
+  return MOVABLE.has(mode) ? null : ofRobot({ code: "mode_only", params: { mode } });
+}
+
+/** A path can be planned before the robot is armed; a latched stop ends it. */
+export function whyNotPlan(link: Link): Refusal | null {
+  return notNow(link, "disarm") ?? (isLatched(link) ? whyNotDrive(link) : null);
+}
+
+/** The holder can be asked for control, so only other obstacles count. */
+export function whyNotTakeControl(link: Link): Refusal | null {
+  const refusal = notAllowed(link);
+  if (refusal !== null) return refusal;
+  const lease = link.state.value?.status.lease;
+  if (!lease || lease.holder !== null) return null;
+  if (lease.reserved_for === link.welcome.value?.operator) return null;
+  return robotRefusal(link, "lease");
+}
+
+export const whyNotArm = (link: Link): Refusal | null => notNow(link, "arm");
+export const whyNotDisarm = (link: Link): Refusal | null => notNow(link, "disarm");
+export const whyNotReset = (link: Link): Refusal | null => notNow(link, "reset");
+export const whyNotWheelSpeed = (link: Link): Refusal | null => notNow(link, "speed");
+
+/** STOP is for everybody, except viewers of a dashboard that forbids it. */
+export function whyNotStop(link: Link): Refusal | null {
+  return (link.welcome.value?.may_stop ?? true) ? null : ofPage("viewer_cannot_stop");
+}
