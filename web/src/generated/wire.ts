@@ -2,18 +2,22 @@
 
 /** Message to a page that shows live robots. */
 export type ServerMessage =
+  | Fleet
+  | StopResult
+  | StudentReply
   | RobotInfo
   | RobotState
   | MapLines
   | ViewChanged
   | SessionInfo
   | PanelSliders
+  | JointPreview
   | SphereClick
   | ControlsReleased
   | ActionReply
   | RobotEvent
-  | StudentReply
-  | HeartbeatReply;
+  | HeartbeatReply
+  | RecordingsChanged;
 
 /** Message to a page that shows a recording. */
 export type RecordedServerMessage =
@@ -30,6 +34,7 @@ export type PageMessage =
   | ClearPlan
   | FollowPlan
   | ReleaseControls
+  | PreviewRequest
   | PanelSlidersReleased
   | PageHeartbeat
   | LeaseAction
@@ -42,6 +47,8 @@ export type PageMessage =
   | SelectPlotFields
   | SetView
   | ShowMap
+  | ShowFleet
+  | SetName
   | LookBack
   | ShowShadow
   | StudentRequest;
@@ -59,8 +66,247 @@ export type RecordedPageMessage =
   | SelectPlotFields
   | SetView
   | ShowMap
+  | ShowFleet
   | ShowShadow
   | StudentRequest;
+
+/** States of all robots, first whole, then at most four times a second as they change. */
+export interface Fleet {
+  t: "fleet";
+  /** Whether the page replaces its list; otherwise it replaces the robots and poses named. */
+  whole: boolean;
+  robots: FleetRobot[];
+  /** Estimates in `odom` by robot id: x and y in metres, heading in radians. */
+  poses: Record<string, [number, number, number]>;
+}
+
+/** State of one robot; null means that it has not been reported. */
+export interface FleetRobot {
+  id: string;
+  title: string;
+  /** As `#rrggbb`. */
+  colour: string;
+  /** Kind of the robot, for its picture, as in `RobotInfo`. */
+  panel: "gimbals" | "joints" | "sphere" | "twist" | "wheels";
+  /** Number of modules or wheels; 0 if unknown. */
+  wheel_count: number;
+  /** A robot on the floor has a pose; a sphere has none. */
+  space: "floor" | "sphere";
+  /** Radius around the base. */
+  reach_m: number;
+  /** Only a `robot` can be stopped or driven; `several` robots share one id. */
+  source: "recording" | "robot" | "several";
+  /** Whether no state has arrived for a second; all other fields are then the last known. */
+  silent: boolean;
+  /** Time since the last state, when this message was sent. */
+  age_s: number | null;
+  mode: string | null;
+  /** Whether it needs a reset. */
+  latched: boolean;
+  /** Why it stopped, is stopping or is no longer armed. */
+  why: Reason | null;
+  /** Operator id of the lease holder; this page's own is in `SessionInfo`. */
+  driver: string | null;
+  /** Operator id of the one who asks the driver for control. */
+  requested_by: string | null;
+  /** Display names by operator id; operators without an entry have none. */
+  operators: Record<string, string>;
+  battery: FleetBattery | null;
+  event: FleetEvent | null;
+}
+
+/** Code with its parameters, and the reason behind it if there is one. */
+export interface Reason {
+  /** Value of a `Code`; a string, since a newer robot may send another one. */
+  code: string;
+  params?: Record<string, string | number>;
+  cause?: Reason | null;
+}
+
+/** Battery of a robot that measures it. */
+export interface FleetBattery {
+  volts: number;
+  /** Whether it is below the warning level of the description. */
+  low: boolean;
+}
+
+/** Latest event of a robot. */
+export interface FleetEvent {
+  kind: string;
+  why: Reason;
+  /** Time since the dashboard received it, when this message was sent. */
+  age_s: number;
+}
+
+/** Progress of a stop that names a robot or all: `sent` at once, then one of the others. */
+export interface StopResult {
+  t: "stop_result";
+  robot: string;
+  /** `acknowledged` means that the status of the robot shows it latched. */
+  outcome: "acknowledged" | "not_reached" | "sent";
+  /** Why it was not reached. */
+  why: Reason | null;
+}
+
+/** Reply to `StudentRequest`; an impossible description has a problem and usually no figures. */
+export interface StudentReply {
+  t: "student";
+  number: number;
+  base: string;
+  bases: ShippedRobot[];
+  knobs: StudentKnob[];
+  figures: StudentFigures | null;
+  problem: string;
+  toml: string | null;
+  /** On request. */
+  papers: PaperFigure[];
+}
+
+/** Entry of the robot menu of the Student tab. */
+export interface ShippedRobot {
+  id: string;
+  title: string;
+}
+
+/** Adjustable number of a description. */
+export interface StudentKnob {
+  key: string;
+  label: string;
+  unit: string;
+  value: number;
+  /** Value in the built-in description. */
+  usual: number;
+  least: number;
+  most: number;
+  step: number;
+}
+
+/** All figures derived from a description and a twist. */
+export interface StudentFigures {
+  axes: TwistAxisInfo[];
+  /** Maximum of each component alone. */
+  tops: [number, number, number];
+  figures: StudentFigure[];
+  outlines: StudentOutline[];
+  /** Requested twist, scaled down to the joint limits if necessary, or the twist of the joints. */
+  twist: [number, number, number];
+  /** Fraction of the joint limits needed by the request; above 1 a requested twist is scaled. */
+  utilization: number;
+  wheels: StudentWheel[];
+  /** Wheel radius. */
+  radius_m: number;
+  /** Quantity computed from the other one. */
+  solved: "joints" | "twist";
+  /** Root mean square of the least-squares residual at the contacts; zero if the joints agree. */
+  residual_mps: number;
+  /** Number of equations beyond three; without any, joints never contradict each other. */
+  redundancy: number;
+  /** Instantaneous centre of rotation in `base_link`, metres; None if the robot does not turn. */
+  centre: [number, number] | null;
+  /** Unit vector along the rotation axis of a sphere; None for other robots and at rest. */
+  axis: [number, number, number] | null;
+  equations: Equation[];
+}
+
+/** Component of a twist: name, symbol and unit. */
+export interface TwistAxisInfo {
+  name: string;
+  symbol: string;
+  unit: string;
+}
+
+/** Number derived from the description. */
+export interface StudentFigure {
+  name: string;
+  value: number;
+  unit: string;
+  note: string;
+}
+
+/** Outline of the reachable twists in two of their components. */
+export interface StudentOutline {
+  /** Indices of the components. */
+  axes: [number, number];
+  /** Boundary of the twists whose third component is zero. */
+  section: [number, number][];
+  /** Boundary of the projection of all twists. */
+  shadow: [number, number][];
+}
+
+/** Wheel of a variant at the requested twist, along the axes of the robot. */
+export interface StudentWheel {
+  /** Contact point, metres. */
+  at: [number, number];
+  /** Velocity of the contact point, m/s; for wheels on gimbals, as they roll. */
+  push: [number, number];
+  /** Drive direction of a forward-turning wheel; None for wheels on gimbals. */
+  direction_deg: number | null;
+  rpm: number;
+  /** alpha, beta and tilt in degrees. */
+  gimbal: [number, number, number] | null;
+  /** Horizontal part of the unit vector along the axle. */
+  axle: [number, number] | null;
+  effective_radius_mm: number | null;
+  /** Speed at the contact that contradicts the twist; zero if the joints agree. */
+  residual_mps: number;
+}
+
+/** Equation with its current values. */
+export interface Equation {
+  /** Code of the equation. */
+  name: string;
+  formula: MathToken[];
+  /** Values of the left side; None where it is undefined. */
+  values: (number | null)[];
+  /** Unit of each value. */
+  units: string[];
+  /** Meaning of the values: one per module or wheel, a twist, a point or vector, or a number. */
+  over: "actuators" | "one" | "point" | "twist";
+  /** Source, or "" if it is derived in `docs/kinematics.md` only. */
+  paper: string;
+  /** Number of the equation in the paper. */
+  equation: string;
+  /** Whether a misprint of the paper is corrected. */
+  corrected: boolean;
+}
+
+/** Part of a formula, with the name of its MathML element. */
+export interface MathToken {
+  /** Identifier, operator, number, fraction of two rows, or root of one row. */
+  kind: "mfrac" | "mi" | "mn" | "mo" | "msqrt";
+  text?: string;
+  /** Subscript. */
+  sub?: string;
+  /** Superscript. */
+  sup?: string;
+  /** Numerator and denominator of a fraction, or the radicand. */
+  rows?: MathToken[][];
+}
+
+/** Figure of a paper, computed for the variant. */
+export interface PaperFigure {
+  /** Code of the figure. */
+  name: string;
+  paper: string;
+  /** Number of the figure, table or equation in the paper. */
+  figure: string;
+  /** Label of the horizontal axis. */
+  x: string;
+  x_unit: string;
+  /** Label of the vertical axis. */
+  y: string;
+  y_unit: string;
+  curves: PaperCurve[];
+}
+
+/** Data series of a figure. */
+export interface PaperCurve {
+  label: string;
+  x: number[];
+  y: number[];
+  /** Whether it consists of separate measurements instead of a line. */
+  points: boolean;
+}
 
 /** Constant data of a robot. */
 export interface RobotInfo {
@@ -104,13 +350,6 @@ export interface SpeedLimits {
   turn_rate_rad_per_s: number;
 }
 
-/** Component of a twist: name, symbol and unit. */
-export interface TwistAxisInfo {
-  name: string;
-  symbol: string;
-  unit: string;
-}
-
 /** Speed range of continuously spinning wheels, and the resulting limits. */
 export interface WheelSpeedLimits {
   least_rpm: number;
@@ -152,6 +391,10 @@ export interface RobotState {
   wheels: WheelState[];
   /** Values of the rows `joints` of the robot's info. */
   joints: JointValue[];
+  /** Fraction of the joint limit in use by the measured joints: sine of the tilt, wheel speed. */
+  utilization: number | null;
+  /** Limit that holds the robot back, while it drives slower than requested. */
+  limit: "speed" | "tilt" | "turn_rate" | "wheel_speed" | null;
   sphere: SphereState | null;
   estimate_difference: EstimateDifference | null;
   route: RouteState | null;
@@ -188,14 +431,8 @@ export interface RobotStatus {
   learned: Record<string, BiasStatus> | null;
   loop: LoopStatus;
   hardware: Record<string, unknown>;
-}
-
-/** Code with its parameters, and the reason behind it if there is one. */
-export interface Reason {
-  /** Value of a `Code`; a string, since a newer robot may send another one. */
-  code: string;
-  params?: Record<string, string | number>;
-  cause?: Reason | null;
+  /** Display names by operator id, of up to eight operators; others have no name. */
+  operators: Record<string, string>;
 }
 
 /** Arming progress (0 to 1) in `hold` (neutral tilt, zero throttle) or `spin_up`. */
@@ -348,6 +585,26 @@ export interface GimbalState {
   axle: [number, number];
   set_axle: [number, number];
   spinning: boolean;
+  /** Direction towards which the axle tilts, from X towards Y; None if it is upright. */
+  direction: number | null;
+  /** Velocity at which the rolling wheel moves its pivot, m/s in `base_link`. */
+  push: [number, number];
+  /** Commanded joints; the push is for the measured wheel speed. */
+  setpoint: GimbalPose;
+}
+
+/** Joints of a module and their effect; angles in degrees, vectors along `base_link`. */
+export interface GimbalPose {
+  alpha: number;
+  beta: number;
+  tilt: number;
+  /** Direction towards which the axle tilts, from X towards Y; None if it is upright. */
+  direction: number | null;
+  /** Tilt direction of the axle, seen from above; length 1 is the tilt limit. */
+  axle: [number, number];
+  /** Velocity at which the rolling wheel moves its pivot, m/s. */
+  push: [number, number];
+  rpm: number;
 }
 
 /** State of a rolling wheel. */
@@ -356,6 +613,9 @@ export interface WheelState {
   rpm_setpoint: number;
   /** Rim speed not explained by the robot's motion. */
   residual_mps: number;
+  /** Rim velocity along the drive direction, as in `WheelPose`. */
+  push: [number, number];
+  push_setpoint: [number, number];
 }
 
 /** Measured and commanded value in a row of the panel `joints`. */
@@ -519,7 +779,10 @@ export type TiltFactor = (typeof TILT_FACTORS)[number];
 /** Operator id and role of the page, and the list of robots. */
 export interface SessionInfo {
   t: "welcome";
+  /** Id on the bus, as in `status.lease.holder`. */
   operator: string;
+  /** Display name of the operator, or "". */
+  name: string;
   role: Role;
   /** Logged-in user, or None if no login is required. */
   user: string | null;
@@ -548,6 +811,34 @@ export interface PanelSliders {
   omega: number;
   mode: "drive" | "preview";
   latch: boolean;
+}
+
+/** Joints for a requested twist at the current wheel speed, without moving the robot. */
+export interface JointPreview {
+  t: "preview";
+  robot: string;
+  requested: [number, number, number];
+  /** Requested twist, scaled down to the limits if necessary. */
+  twist: [number, number, number];
+  /** Fraction of the joint limits needed by the requested twist; above 1 it is scaled. */
+  utilization: number;
+  /** Limit that scales the twist, if any. */
+  limit: "speed" | "tilt" | "turn_rate" | "wheel_speed" | null;
+  modules: GimbalPose[];
+  wheels: WheelPose[];
+  /** Values of the rows `joints` of the robot's info. */
+  joints: JointValue[];
+}
+
+/** Speed of a wheel with rollers and its effect. */
+export interface WheelPose {
+  rpm: number;
+  /**
+   * Rim velocity along the drive direction from above, along `base_link`, m/s.
+   *
+   * It moves the robot over the floor, or the sphere over the robot.
+   */
+  push: [number, number];
 }
 
 /** Click on the point of the sphere that should turn to the top. */
@@ -586,91 +877,16 @@ export interface RobotEvent {
   age_s: number;
 }
 
-/** Reply to `StudentRequest`; an impossible description has a problem and usually no figures. */
-export interface StudentReply {
-  t: "student";
-  number: number;
-  base: string;
-  bases: ShippedRobot[];
-  knobs: StudentKnob[];
-  figures: StudentFigures | null;
-  problem: string;
-  toml: string | null;
-}
-
-/** Entry of the robot menu of the Student tab. */
-export interface ShippedRobot {
-  id: string;
-  title: string;
-}
-
-/** Adjustable number of a description. */
-export interface StudentKnob {
-  key: string;
-  label: string;
-  unit: string;
-  value: number;
-  /** Value in the built-in description. */
-  usual: number;
-  least: number;
-  most: number;
-  step: number;
-}
-
-/** All figures derived from a description and a twist. */
-export interface StudentFigures {
-  axes: TwistAxisInfo[];
-  /** Maximum of each component alone. */
-  tops: [number, number, number];
-  figures: StudentFigure[];
-  outlines: StudentOutline[];
-  /** Requested twist, scaled down to the joint limits if necessary. */
-  twist: [number, number, number];
-  /** Fraction of the joint limits needed by the requested twist; above 1 the twist is scaled. */
-  utilization: number;
-  wheels: StudentWheel[];
-  /** Wheel radius. */
-  radius_m: number;
-}
-
-/** Number derived from the description. */
-export interface StudentFigure {
-  name: string;
-  value: number;
-  unit: string;
-  note: string;
-}
-
-/** Outline of the reachable twists in two of their components. */
-export interface StudentOutline {
-  /** Indices of the components. */
-  axes: [number, number];
-  /** Boundary of the twists whose third component is zero. */
-  section: [number, number][];
-  /** Boundary of the projection of all twists. */
-  shadow: [number, number][];
-}
-
-/** Wheel of a variant at the requested twist, along the axes of the robot. */
-export interface StudentWheel {
-  /** Contact point, metres. */
-  at: [number, number];
-  /** Velocity of the contact point, m/s. */
-  push: [number, number];
-  /** Drive direction of a forward-turning wheel; None for wheels on gimbals. */
-  direction_deg: number | null;
-  rpm: number;
-  /** alpha, beta and tilt in degrees. */
-  gimbal: [number, number, number] | null;
-  /** Horizontal part of the unit vector along the axle. */
-  axle: [number, number] | null;
-  effective_radius_mm: number | null;
-}
-
 /** Reply to a heartbeat. */
 export interface HeartbeatReply {
   t: "heartbeat";
   sent_ms: number;
+}
+
+/** Recordings, titles, marks or the trash have changed; fetch the list again if it is shown. */
+export interface RecordingsChanged {
+  t: "recordings_changed";
+  revision: number;
 }
 
 /** Timeline of the recording. */
@@ -757,6 +973,13 @@ export interface ReleaseControls {
   t: "release";
 }
 
+/** Request to show the joints for a twist, on this page only; it moves no robot. */
+export interface PreviewRequest {
+  t: "preview";
+  /** As in `drive`, along the robot's axes; null ends the preview. */
+  twist: [number, number, number] | null;
+}
+
 /** The sliders of the panel have been released: reset them. */
 export interface PanelSlidersReleased {
   t: "panel_released";
@@ -805,9 +1028,16 @@ export interface SetWheelSpeed {
   cruise_speed_rpm: number;
 }
 
-/** Software stop, latched. */
+/**
+ * Software stop, latched: of the robot in view, of one robot by its id, or of all robots.
+ *
+ * A replay is never addressed. With one in view, a stop without fields stops all live robots.
+ */
 export interface StopCommand {
   t: "stop";
+  /** At most 32 characters. */
+  robot?: string | null;
+  all?: boolean;
 }
 
 /** Request to select another robot. */
@@ -838,6 +1068,19 @@ export interface ShowMap {
   on: boolean;
 }
 
+/** Request for the states of all robots while `on`. */
+export interface ShowFleet {
+  t: "fleet";
+  on: boolean;
+}
+
+/** Display name of the operator, in any script; ignored with a login. */
+export interface SetName {
+  t: "name";
+  /** At most 200 characters. */
+  name: string;
+}
+
 /** Request to draw a past state of the robot next to the live one; null ends it. */
 export interface LookBack {
   t: "look_back";
@@ -862,8 +1105,18 @@ export interface StudentRequest {
   knobs: Record<string, number>;
   /** Twist for which the joint values are computed. */
   twist?: [number, number, number];
+  /**
+   * Joint values for which the twist is computed, instead of the joints for `twist`.
+   *
+   * For each module alpha and beta in degrees and rpm, for each wheel rpm. At most 16 items.
+   */
+  joints?: number[][] | null;
   /** Whether the reply includes the description as a TOML file. */
   toml?: boolean;
+  /** Whether the reply includes figures of the papers. */
+  papers?: boolean;
+  /** Whether the scene of this page shows the robot with these joints, in place of its own. */
+  show?: boolean;
 }
 
 /** Request to show a time of the recording. */
@@ -898,6 +1151,17 @@ export interface AddMark {
   note: string;
 }
 
+/** Details of a recording, read in the background. */
+export interface RowDetails {
+  /** Operators who had control, in order of time. */
+  drivers: string[];
+  stops: number;
+  faults: number;
+  /** Different faults, at most ten. */
+  fault_texts: string[];
+  paths: RecordedPath[];
+}
+
 /** Path of a robot for the preview in the list of recordings. */
 export interface RecordedPath {
   robot: string;
@@ -905,4 +1169,45 @@ export interface RecordedPath {
   colour: string;
   /** Positions at equal time intervals in `odom`; empty for a sphere. */
   points: [number, number][];
+}
+
+/** Recording in the list. */
+export interface RecordingRow {
+  /** File name, which never changes; use it in links. */
+  name: string;
+  /** Title that people gave it, empty if none. */
+  title: string;
+  /** Wall-clock time of the recorder at the start. */
+  start_ms: number;
+  duration_s: number;
+  robots: string[];
+  size_bytes: number;
+  /** Whether it ends with an index; false while it is written, and if it was truncated. */
+  is_whole: boolean;
+  /** Whether a recorder is writing it; it cannot be deleted then. */
+  writing: boolean;
+  /** Number of marks. */
+  marks: number;
+  /** Texts of the first marks. */
+  notes: string[];
+  /** Null if not read yet, or unreadable. */
+  details: RowDetails | null;
+  /** Whether the details are still to be read; `recordings_changed` reports progress. */
+  details_pending: boolean;
+}
+
+/** Deleted recording that can be restored. */
+export interface TrashRow {
+  id: string;
+  name: string;
+  title: string;
+  /** Operator who deleted it. */
+  by: string;
+  /** Wall-clock time. */
+  deleted_ms: number;
+  size_bytes: number;
+  /** Latest time of the final removal; earlier if the trash exceeds its size limit. */
+  expires_ms: number;
+  /** Until then it is not removed, whatever the size of the trash. */
+  kept_until_ms: number;
 }
