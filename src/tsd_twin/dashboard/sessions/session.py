@@ -13,6 +13,7 @@ import msgspec
 
 from tsd_twin.client import procedures
 from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient, RpcExecutor
 from tsd_twin.dashboard.sessions.map_data import MapData
@@ -36,6 +37,7 @@ from tsd_twin.dashboard.wire.from_page import (
     ResetRequest,
     SelectPlotFields,
     SelectRobot,
+    SetFrame,
     SetView,
     SetWheelSpeed,
     ShowMap,
@@ -72,7 +74,14 @@ _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Servi
     ResetRequest: Service.RESET,
 }
 DisplayMessage: TypeAlias = (
-    SelectRobot | SelectPlotFields | SetView | ShowMap | LookBack | ShowShadow | StudentRequest
+    SelectRobot
+    | SelectPlotFields
+    | SetView
+    | SetFrame
+    | ShowMap
+    | LookBack
+    | ShowShadow
+    | StudentRequest
 )
 """Messages that change only what the page is sent."""
 VIEWER_REFUSAL = because(Code.VIEWER)
@@ -93,6 +102,7 @@ class PageSession:
         self.page = page
         self.principal = principal
         self.view: ViewSettings | None = None
+        self.frame = Rectangle()
         """View settings, if the page or its panel has sent any."""
         self.send_queue = SendQueue()
         self.rejected = 0
@@ -273,6 +283,9 @@ class Session(PageSession):
             case SetView():
                 self.view = message.settings
                 self._scene.apply_view(self.page, message.settings, look=message.look)
+            case SetFrame():
+                self.frame = Rectangle(message.left, message.top, message.right, message.bottom)
+                self._scene.set_frame(self.page, self.frame)
             case ShowMap():
                 self._shows_map, was_shown = message.on, self._shows_map
                 if not was_shown:

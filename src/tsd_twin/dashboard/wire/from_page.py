@@ -18,6 +18,7 @@ Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
 Triple: TypeAlias = tuple[float, float, float]
 Coordinate: TypeAlias = Annotated[float, Meta(ge=-1e4, le=1e4)]
 """Metres, radians or picture fractions, bounded to avoid overflow."""
+Fraction: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0)]
 Level: TypeAlias = Annotated[int, Meta(ge=1, le=100)]
 """Percentage of the active limits."""
 MAX_POINTS = 256
@@ -145,6 +146,18 @@ class SetView(Message, frozen=True, tag="view"):
     """Whether the camera turns to the robot even if its preset does not change."""
 
 
+class SetFrame(Message, frozen=True, tag="frame"):
+    """Part of the picture that nothing of the page covers, where the camera frames the robot.
+
+    Fractions of width and height from the upper left corner.
+    """
+
+    left: Fraction = 0.0
+    top: Fraction = 0.0
+    right: Fraction = 1.0
+    bottom: Fraction = 1.0
+
+
 class ShowMap(Message, frozen=True, tag="map"):
     """Request for map data with every state while `on`."""
 
@@ -199,6 +212,7 @@ PageMessage: TypeAlias = (
     | SelectRobot
     | SelectPlotFields
     | SetView
+    | SetFrame
     | ShowMap
     | LookBack
     | ShowShadow
@@ -262,6 +276,7 @@ RecordedPageMessage: TypeAlias = (
     | SelectRobot
     | SelectPlotFields
     | SetView
+    | SetFrame
     | ShowMap
     | ShowShadow
     | StudentRequest

@@ -1,0 +1,167 @@
+"""Nodes of a client's scene besides the live robot: the pose preview, and a past state."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.scene.appearance import PAST_NODE, Palette, robot_node
+from tsd_twin.dashboard.scene.drive_marks import (
+    MIN_ARROW_SPEED_MPS,
+    PushLines,
+    arrow_lines,
+    push_height_m,
+)
+from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape
+from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose
+from tsd_twin.dashboard.scene.robot_visual import RobotVisual, hide_links
+from tsd_twin.kinematics import JointKind
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.models import Link
+
+
+_LABEL_ABOVE_M = 0.05
+_BESIDE = 2.2
+"""Distance between a sphere and its ghost, in radii of the robot."""
+
+
+class PosePreview:
+    """Pose preview in a client's scene: gimbal poses, or arrows for wheels without gimbals."""
+
+    def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
+        self._client = client
+        self.palette = palette
+        self._links: dict[Link, viser.BatchedGlbHandle] = {}
+        self._arrows: PushLines | None = None
+
+    def draw(self, body: RobotVisual, joints: Array | None) -> None:
+        """Preview a joint vector (n,); None ends the preview."""
+        if not body.meshes.shape.tilts:
+            self._point(body, joints)
+        elif joints is not None:
+            self._pose(body, joints)
+        elif self._links:
+            for handle in self._links.values():
+                handle.visible = False
+            hide_links(self._client, body, None)
+
+    def forget(self, body: RobotVisual) -> None:
+        """Discard this client's nodes and show the robot's links again."""
+        if self._links:
+            hide_links(self._client, body, None)
+
+    def clear(self) -> None:
+        """Discard this client's nodes."""
+        self._links.clear()
+        self._arrows = None
+
+    def _point(self, body: RobotVisual, joints: Array | None) -> None:
+        if self._arrows is not None:
+            self._arrows.remove()
+            self._arrows = None
+        if joints is None:
+            return
+        places, velocities = body.meshes.shape.skeleton.contacts(joints)
+        speeds = np.linalg.norm(velocities, axis=-1)
+        fast = speeds >= MIN_ARROW_SPEED_MPS
+        if fast.any():
+            self._arrows = PushLines(
+                self._client.scene,
+                f"{robot_node(body.id)}/pa",
+                self.palette.plan,
+                self.palette.casing,
+            )
+            lifted = places[fast] + (0.0, 0.0, push_height_m(body.meshes.shape))
+            self._arrows.update(arrow_lines(lifted, velocities[fast], speeds[fast]))
+
+    def _pose(self, body: RobotVisual, joints: Array) -> None:
+        shape = body.meshes.shape
+        wheels = np.array([joint.kind is JointKind.VELOCITY for joint in shape.kinematics.joints])
+        angles = np.where(wheels, body.angles, joints)
+        poses = shape.skeleton.poses(SE2.identity(), body.ball, angles)
+        for kind in shape.moving:
+            if kind not in self._links:
+                self._links[kind] = self._client.scene.add_batched_glb(
+                    f"{robot_node(body.id)}/p{kind}",
+                    shape.tinted(kind, self.palette.plan),
+                    *poses[kind],
+                    lod="off",
+                )
+            self._links[kind].batched_wxyzs = poses[kind].wxyz.astype(np.float32)
+            self._links[kind].visible = True
+        hide_links(self._client, body, body.id)
+
+
+class HistoryGhost:
+    """Ghost in a client's scene: wireframe and moving links of a robot's past state, labelled."""
+
+    def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
+        self._client = client
+        self.palette = palette
+        self._frame: viser.FrameHandle | None = None
+        self._label: viser.LabelHandle | None = None
+        self._links: dict[Link, viser.BatchedGlbHandle] = {}
+        self._reader: JointReader | None = None
+
+    def draw(self, body: RobotVisual | None, past: Snapshot | None, ago_s: float) -> None:
+        """Show the state that a robot sent `ago_s` ago; None hides the ghost."""
+        shown = body is not None and past is not None and past.odom is not None
+        if self._frame is not None and self._frame.visible != shown:
+            self._frame.visible = shown
+        if body is None or past is None or past.odom is None:
+            return
+        if self._frame is None:
+            self._frame = self._client.scene.add_frame(PAST_NODE, show_axes=False)
+            add_wireframe(
+                self._client.scene,
+                f"{PAST_NODE}/c",
+                body.meshes.shape,
+                self.palette.caution,
+                visible=True,
+            )
+            self._reader = JointReader(body.meshes.shape.joints)
+        shape, ball = body.meshes.shape, SO3.identity()
+        if past.odom.wxyz is None:
+            set_planar_pose(self._frame, past.odom.xy_heading)
+        else:
+            ball = SO3(past.odom.wxyz)
+            aside_m = _BESIDE * shape.reach_m  # Otherwise it would be inside the sphere.
+            self._frame.position = (float(body.pose[0]), float(body.pose[1]) - aside_m, 0.0)
+        text = f"{body.id} {ago_s:.1f} s ago"
+        if self._label is None:
+            self._label = self._client.scene.add_label(
+                f"{PAST_NODE}/n",
+                text,
+                position=(0.0, 0.0, shape.height_m + _LABEL_ABOVE_M),
+                anchor="bottom-center",
+            )
+        elif self._label.text != text:
+            self._label.text = text
+        joints = (
+            None
+            if past.joints is None or self._reader is None
+            else self._reader.vector(past.joints)
+        )
+        if joints is not None:
+            self._pose(shape, joints, ball)
+
+    def clear(self) -> None:
+        """Discard this client's nodes."""
+        self._frame = self._label = self._reader = None
+        self._links.clear()
+
+    def _pose(self, shape: RobotShape, joints: Array, ball: SO3) -> None:
+        wheels = np.array([joint.kind is JointKind.VELOCITY for joint in shape.joints])
+        poses = shape.skeleton.poses(SE2.identity(), ball, np.where(wheels, 0.0, joints))
+        for kind in shape.moving:
+            if kind in self._links:
+                self._links[kind].batched_wxyzs = poses[kind].wxyz.astype(np.float32)
+                self._links[kind].batched_positions = poses[kind].position.astype(np.float32)
+            else:
+                self._links[kind] = self._client.scene.add_batched_glb(
+                    f"{PAST_NODE}/{kind}",
+                    shape.tinted(kind, self.palette.caution),
+                    *poses[kind],
+                    lod="off",
+                )
