@@ -46,9 +46,18 @@ class ClientCamera:
         """Robot in front of which the camera was placed with a known pose."""
         self.heading_rad = 0.0
         """Azimuth of the view in the scene when the camera was placed."""
-        self.elevation_rad = ELEVATION_RAD
-        self.metres_per_px = 0.001
-        """Size of a pixel at the robot."""
+        self.px_per_m = 1000.0
+        """Height in pixels of something 1 m high at a distance of 1 m."""
+
+    @property
+    def frame(self) -> Rectangle:
+        """Free part of the picture."""
+        return self._frame
+
+    @property
+    def placed(self) -> CameraPose | None:
+        """Pose in the scene where the camera was placed, if it was."""
+        return self._placed
 
     def set_frame(self, frame: Rectangle) -> bool:
         """Set the free part of the picture; return whether the camera is where it was placed."""
@@ -63,19 +72,17 @@ class ClientCamera:
         x, y, heading_rad = (float(number) for number in at.xy_heading)
         turns = planar and preset is not CameraPreset.TOP
         self.heading_rad = heading_rad if turns else 0.0
-        self.elevation_rad = _ELEVATIONS_RAD[preset]
-        aspect, fov_rad = self._lens()
+        aspect, fov_rad = self.lens()
         stand = Stand((x, y), shape.reach_m, shape.height_m + _LABELS_ABOVE_M)
         pose = frame_robot(
-            stand, self.heading_rad, aspect, fov_rad, self._frame, self.elevation_rad
+            stand, self.heading_rad, aspect, fov_rad, self._frame, _ELEVATIONS_RAD[preset]
         )
         self._camera.position, self._camera.look_at = pose
         self._placed = pose
-        distance_m = float(np.linalg.norm(pose.position - (x, y, 0.0)))
         height_px = max(_LEAST_PICTURE_PX, int(self._camera.image_height))
-        self.metres_per_px = 2.0 * distance_m * math.tan(0.5 * fov_rad) / height_px
+        self.px_per_m = 0.5 * height_px / math.tan(0.5 * fov_rad)
 
-    def _lens(self) -> tuple[float, float]:
+    def lens(self) -> tuple[float, float]:
         """Return aspect ratio and field of view; clients may send invalid cameras."""
         aspect, fov_rad = float(self._camera.aspect), float(self._camera.fov)
         if not _ASPECTS[0] < aspect < _ASPECTS[1]:

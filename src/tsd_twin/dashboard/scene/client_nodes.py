@@ -20,7 +20,6 @@ from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link
 
-
 _LABEL_ABOVE_M = 0.05
 _BESIDE = 2.2
 """Distance between a sphere and its ghost, in radii of the robot."""

@@ -21,17 +21,17 @@ from tsd_twin.dashboard.scene.appearance import (
 from tsd_twin.dashboard.scene.client_camera import ClientCamera
 from tsd_twin.dashboard.scene.client_nodes import HistoryGhost, PosePreview
 from tsd_twin.dashboard.scene.framing import Rectangle
+from tsd_twin.dashboard.scene.metres import MetreLabels, in_odom, metre_places
 from tsd_twin.dashboard.scene.picking import floor_points, sphere_point
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe
 from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual, hide_links
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.stage import add_ground, add_lights, add_metre_labels
+from tsd_twin.dashboard.scene.stage import add_ground, add_lights
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
 from tsd_twin.lie import SE2, Array
 
-
-_LABEL_TURN_RAD = 0.35
-"""Turn of the view after which the metre labels face it again."""
+_LABEL_STEP_M, _LABEL_TURN_RAD = 0.5, 0.35
+"""Motions of the robot after which the metre labels are placed again."""
 
 
 class ClientView:
@@ -63,7 +63,8 @@ class ClientView:
         self._past: tuple[Snapshot | None, float] = None, 0.0
         self._ghost = HistoryGhost(client, self._palette)
         self._camera = ClientCamera(client, frame)
-        self._labelled: tuple[float, ...] | None = None
+        self._metres = MetreLabels(client)
+        self._labelled: tuple[int, ...] | None = None
         self.on_robots_changed()
 
     # Selection and camera.
@@ -114,26 +115,24 @@ class ClientView:
             add_lights(
                 self._client.scene, self._theme, self._camera.heading_rad, plain=self._no_gpu
             )
+            self._labelled = None
             self._label_metres(body)
         self._client.flush()
 
     def _label_metres(self, body: RobotVisual) -> None:
         """Label the lines around the robot, if it or the view has moved far enough."""
-        turned_rad = float(self._world_pose.xy_heading[2])
-        heading_rad = self._camera.heading_rad - turned_rad
+        placed, world = self._camera.placed, self._world_pose
+        if placed is None:
+            return
         x, y = float(body.pose[0]), float(body.pose[1])
-        key = (round(x), round(y), round(heading_rad / _LABEL_TURN_RAD), self._camera.metres_per_px)
+        turned = round(float(world.xy_heading[2]) / _LABEL_TURN_RAD)
+        key = (round(x / _LABEL_STEP_M), round(y / _LABEL_STEP_M), turned)
         if key == self._labelled:
             return
         self._labelled = key
-        add_metre_labels(
-            self._client.scene,
-            self._theme,
-            (x, y),
-            heading_rad,
-            self._camera.elevation_rad,
-            self._camera.metres_per_px,
-        )
+        pose = in_odom(placed, world)
+        places = metre_places((x, y), pose, *self._camera.lens(), self._camera.frame)
+        self._metres.update(places, pose, self._camera.px_per_m, self._palette.label)
 
     def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
         """Return the point of the sphere hit by a ray (3,), (3,) of this client."""
@@ -255,6 +254,7 @@ class ClientView:
             add_lights(own, self._theme, self._camera.heading_rad, plain=self._no_gpu)
             add_ground(own, self._theme, plain=self._no_gpu)
             self._labelled = None
+            self._metres.clear()
             self._show_theme(own)
             self._hide_layers(own)
             if body is not None:

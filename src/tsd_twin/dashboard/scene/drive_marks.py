@@ -23,8 +23,8 @@ LEAST_ARROW_M = 0.035
 ARROW_LENGTH_PER_SPEED_S = 0.17
 """Additional arrow length in metres per m/s."""
 MIN_ARROW_SPEED_MPS = 0.02
-_ARROW_WIDTH_M = 0.009
-_HEAD_M, _HEAD_HALF_M = 0.022, 0.011
+_ARROW_WIDTH_M = 0.008
+_HEAD_M, _HEAD_HALF_M = 0.028, 0.014
 """Length and half-width of the head between the middles of its strokes."""
 _ABOVE_WHEEL_M = 0.03
 _BALL_GAP_M = 0.006
@@ -32,9 +32,9 @@ _CASING_BELOW_M = 0.003
 
 
 def arrow_lines(starts: Array, velocities: Array, speeds: Array) -> npt.NDArray[np.float32]:
-    """Return the strokes (4n, 2, 3) of arrows from `starts` (n, 3) along horizontal velocities.
+    """Return the strokes (6n, 2, 3) of arrows from `starts` (n, 3) along horizontal velocities.
 
-    Each has a shaft and the three sides of its head, which the strokes fill.
+    Each has a shaft and a head that strokes fill.
     """
     ahead = velocities / speeds[:, None]
     level = np.cross(np.array([0.0, 0.0, 1.0]), ahead)
@@ -43,7 +43,9 @@ def arrow_lines(starts: Array, velocities: Array, speeds: Array) -> npt.NDArray[
     tips = starts + ahead * (LEAST_ARROW_M + ARROW_LENGTH_PER_SPEED_S * speeds)[:, None]
     necks = tips - _HEAD_M * ahead
     one, other = necks + _HEAD_HALF_M * left, necks - _HEAD_HALF_M * left
-    strokes = [(starts, tips), (one, tips), (other, tips), (one, other)]
+    inner = necks + 0.5 * _HEAD_HALF_M * left, necks - 0.5 * _HEAD_HALF_M * left
+    sides = [(corner, tips) for corner in (one, other, *inner)]
+    strokes = [(starts, tips), *sides, (one, other)]
     return np.concatenate([np.stack(ends, axis=1) for ends in strokes]).astype(np.float32)
 
 
@@ -117,6 +119,8 @@ _RING_M = (0.0075, 0.0125)
 _SETPOINT_M = (0.0105, 0.0135)
 _SETPOINT_DASHES = 8
 _RING_LIFT_M = 0.004
+_HIDDEN_OPACITY = 0.7
+"""Opacity of the ring above a contact that the robot hides."""
 _SIDES = 40
 AXLE_HZ = 30.0
 """Maximum rate of the rods' poses."""
@@ -219,6 +223,9 @@ def _add_contacts(
     wxyz = np.column_stack([1.0 + up[:, 2], -up[:, 1], up[:, 0], 0.0 * up[:, 0]])
     wxyz = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
     _add_unlit(scene, name, _contact(palette), wxyz, places + _RING_LIFT_M * up)
+    if shape.tilts:  # The lower deck hides the contacts; viser draws nothing through it.
+        above = places + (0.0, 0.0, push_height_m(shape) - _RING_LIFT_M)
+        _add_unlit(scene, f"{name}a", _contact(palette, _HIDDEN_OPACITY), wxyz, above)
 
 
 def _add_uprights(
@@ -244,14 +251,11 @@ def _rod(palette: Palette) -> bytes:
     )
 
 
-def _contact(palette: Palette) -> bytes:
+def _contact(palette: Palette, opacity: float = 1.0) -> bytes:
     inner, outer = _RING_M
-    return _joined(
-        [
-            (*_band(inner - CASING_M, outer + CASING_M, 0.0), palette.casing),
-            (*_band(inner, outer, 0.0008), palette.command),
-        ]
-    )
+    casing = (*_band(inner - CASING_M, outer + CASING_M, 0.0), palette.casing)
+    ring = (*_band(inner, outer, 0.0008), palette.command)
+    return _joined([casing, ring] if opacity == 1.0 else [ring], opacity)
 
 
 def _setpoint(palette: Palette) -> bytes:
@@ -279,7 +283,10 @@ def _band(
     return vertices, np.concatenate([above, above[:, ::-1]]).astype(np.uint32)
 
 
-def _joined(parts: Sequence[tuple[Array, npt.NDArray[np.uint32], Rgb]]) -> bytes:
+def _joined(
+    parts: Sequence[tuple[npt.NDArray[np.floating[Any]], npt.NDArray[np.uint32], Rgb]],
+    opacity: float = 1.0,
+) -> bytes:
     """Return binary glTF of surfaces in their colours."""
     counts = np.cumsum([0, *(len(vertices) for vertices, _, _ in parts)])
     return unlit_glb(
@@ -287,5 +294,5 @@ def _joined(parts: Sequence[tuple[Array, npt.NDArray[np.uint32], Rgb]]) -> bytes
         np.concatenate(
             [faces + start for (_, faces, _), start in zip(parts, counts, strict=False)]
         ),
-        np.concatenate([coloured(len(vertices), colour) for vertices, _, colour in parts]),
+        np.concatenate([coloured(len(vertices), colour, opacity) for vertices, _, colour in parts]),
     )

@@ -15,7 +15,7 @@ TOP_RAD = math.radians(89.5)
 """Elevation of the camera above the robot; it looks almost straight down."""
 CHASE_RAD = math.radians(20.0)
 """Elevation of the camera that turns with the robot."""
-SHARE_OF_HEIGHT = 0.5
+SHARE_OF_HEIGHT = 0.54
 """Height of the robot in the picture, relative to the free rectangle."""
 SHARE_OF_WIDTH = 0.86
 """Maximum width of the robot; it bounds the robot's size in narrow windows."""
@@ -140,18 +140,22 @@ class _Camera:
 
     def aimed(self, distance_m: float, free: Rectangle) -> CameraPose:
         """Return the pose with the robot in the middle of a rectangle."""
-        half = math.tan(0.5 * self._fov_rad) * np.array([self._aspect, 1.0])
         wanted = 0.5 * np.array([free.left + free.right, free.top + free.bottom])
+        pose = self._pose(distance_m, wanted)
         goal = wanted
-        for step in range(_AIMING_STEPS + 1):
-            x, y = (2.0 * goal - 1.0) * half
-            away = self._ahead + x * self._right + y * self._down
-            position = self._middle - distance_m * away
-            pose = CameraPose(position, position + distance_m * self._ahead)
-            if step < _AIMING_STEPS:  # Perspective moves the robot's outline off its middle.
-                seen = pictured(pose, self._points, self._aspect, self._fov_rad)
-                goal = goal + wanted - 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+        for _ in range(_AIMING_STEPS):  # Perspective moves the robot's outline off its middle.
+            seen = pictured(pose, self._points, self._aspect, self._fov_rad)
+            goal = goal + wanted - 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+            pose = self._pose(distance_m, goal)
         return pose
+
+    def _pose(self, distance_m: float, goal: Array) -> CameraPose:
+        """Return the pose with the robot's middle at a place (2,) of the picture."""
+        half = math.tan(0.5 * self._fov_rad) * np.array([self._aspect, 1.0])
+        x, y = (2.0 * goal - 1.0) * half
+        away = self._ahead + x * self._right + y * self._down
+        position = self._middle - distance_m * away
+        return CameraPose(position, position + distance_m * self._ahead)
 
     def extent(self, pose: CameraPose) -> tuple[float, float]:
         """Return width and height of the robot in the picture, fractions."""

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import viser
@@ -398,7 +397,8 @@ def _add_name_ring(
 def _add_heading_mark(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
     """Add a flat chevron on the floor in front of the robot."""
     near = float(shape.footprint[:, 0].max()) + 0.03
-    corners = np.array([[0.008, 0.0], [0.0, -0.022], [0.034, 0.0], [0.0, 0.022]]) + (near, 0.0)
+    chevron = np.array([[0.008, 0.0], [0.0, -0.022], [0.034, 0.0], [0.0, 0.022]])
+    corners = chevron + np.array([near, 0.0])
     for node, palette in themed(scene, name):
         scene.add_glb(
             f"{node}/h",

@@ -8,17 +8,16 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 import viser
-from PIL import Image, ImageDraw, ImageFont
 
-from tsd_twin.dashboard.scene.appearance import METRES, PALETTES, ROOT, Rgb, Theme
+from tsd_twin.dashboard.scene.appearance import PALETTES, ROOT, Rgb, Theme
 from tsd_twin.dashboard.scene.unlit import coloured, line_colour, mixed, unlit_glb
-from tsd_twin.lie import SO3, Array
+from tsd_twin.lie import Array
 
 _KEY_RAD, _RIM_RAD = math.radians(62.0), math.radians(205.0)
 """Azimuths of key and rim light from the camera's, seen from the robot."""
 _KEY_COLOUR: Rgb = (255, 242, 226)
 _RIM_COLOUR: Rgb = (188, 214, 255)
-_INTENSITIES = {Theme.DARK: (1.1, 1.0, 0.06, 0.3), Theme.LIGHT: (1.3, 0.5, 0.1, 0.45)}
+_INTENSITIES = {Theme.DARK: (1.1, 0.9, 0.05, 0.24), Theme.LIGHT: (1.15, 0.5, 0.1, 0.36)}
 """Intensities of key, rim and ambient light, and of the environment."""
 _PLAIN_AMBIENT = 0.9
 """Intensity of ambient light without an environment."""
@@ -28,6 +27,8 @@ _GROUND_M = 60.0
 _POOL_M = 2.64
 """Radius of the pool of light around the robot."""
 _GROUND_Z_M = -0.002
+_SHADOW_Z_M = 0.0033
+"""Above the overlays on the floor, which would hide it."""
 _SECTORS = 72
 
 
@@ -125,84 +126,7 @@ def contact_shadow(outline: Array) -> bytes:
     alpha = np.concatenate([[0.75], np.repeat(opacities, len(reach))])
     black = np.zeros((len(flat), 3))
     return unlit_glb(
-        np.insert(flat, 2, 0.0, axis=1),
+        np.insert(flat, 2, _SHADOW_Z_M, axis=1),
         disc_faces(len(scales), len(outline)),
         np.column_stack([black, alpha]),
     )
-
-
-_LABEL_PX = 12
-_PICTURE_SCALE = 4
-_TEXT_PX = _LABEL_PX * _PICTURE_SCALE
-_NEAR_M, _ASIDE_M = 1.0, 1.6
-"""Distances of the metre labels from the robot: first one ahead, and rows aside and ahead."""
-
-
-def metre_places(xy: tuple[float, float], heading_rad: float) -> list[tuple[str, Array]]:
-    """Return texts and places (2,) of the labels on the lines around a robot.
-
-    The lines of x are labelled along one edge, the lines of y along another, both on the far side
-    of the robot.
-    """
-    cell = np.round(xy)
-    ahead = np.where(np.array([math.cos(heading_rad), math.sin(heading_rad)]) < 0.0, -1.0, 1.0)
-    places: list[tuple[str, Array]] = []
-    for axis, letter in enumerate("xy"):
-        for step in (-1.0, 0.0, 1.0, 2.0):
-            at = cell + ahead * _ASIDE_M
-            at[axis] = cell[axis] + step * ahead[axis]
-            places.append((f"{letter} {at[axis]:.0f} m".replace("-", "\N{MINUS SIGN}"), at))
-    return places
-
-
-def add_metre_labels(
-    scene: viser.SceneApi,
-    theme: Theme,
-    xy: tuple[float, float],
-    heading_rad: float,
-    elevation_rad: float,
-    metres_per_px: float,
-) -> None:
-    """Label the lines around a robot, replacing earlier labels.
-
-    Args:
-        scene: Scene of a client.
-        theme: Its theme.
-        xy: Position of the robot in `odom`.
-        heading_rad: Azimuth of the camera's view in `odom`.
-        elevation_rad: Angle by which the camera looks down.
-        metres_per_px: Size of a pixel at the robot.
-    """
-    facing = _facing(heading_rad, elevation_rad)
-    scale = metres_per_px / _PICTURE_SCALE
-    for number, (text, at) in enumerate(metre_places(xy, heading_rad)):
-        picture = text_picture(text, PALETTES[theme].label)
-        height, width = picture.shape[:2]
-        scene.add_image(
-            f"{METRES}/{number}",
-            picture,
-            width * scale,
-            height * scale,
-            format="png",
-            cast_shadow=False,
-            receive_shadow=False,
-            wxyz=facing,
-            position=(float(at[0]), float(at[1]), 0.5 * height * scale),
-        )
-
-
-def _facing(heading_rad: float, elevation_rad: float) -> Array:
-    """Return the orientation (4,) of a picture that faces a camera: x right, y down."""
-    turn = SO3.exp(np.array([0.0, 0.0, heading_rad - 0.5 * math.pi]))
-    tilt = SO3.exp(np.array([-0.5 * math.pi - elevation_rad, 0.0, 0.0]))
-    return (turn @ tilt).wxyz
-
-
-@lru_cache(maxsize=256)
-def text_picture(text: str, colour: Rgb) -> npt.NDArray[np.uint8]:
-    """Return a text on a transparent ground, (height, width, 4)."""
-    font = ImageFont.load_default(_TEXT_PX)
-    left, top, right, bottom = font.getbbox(text)
-    picture = Image.new("RGBA", (round(right - left) + 8, round(bottom - top) + 8), (*colour, 0))
-    ImageDraw.Draw(picture).text((4 - left, 4 - top), text, font=font, fill=(*colour, 255))
-    return np.asarray(picture)

@@ -115,5 +115,6 @@ def dashes(path: Array, dash_m: float, gap_m: float) -> Array:
     places = np.unique(np.concatenate([bounds, ends]))
     middles = 0.5 * (places[:-1] + places[1:])
     drawn = np.remainder(middles, dash_m + gap_m) < dash_m
-    points = np.stack([np.interp(places, ends, axis) for axis in path.T], axis=-1)
+    axes = [np.interp(places, ends, path[:, axis]) for axis in range(path.shape[1])]
+    points: Array = np.stack(axes, axis=-1)
     return np.stack([points[:-1], points[1:]], axis=1)[drawn]

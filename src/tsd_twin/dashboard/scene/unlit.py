@@ -6,7 +6,10 @@ inverse of its image.
 
 from __future__ import annotations
 
+import itertools
 import json
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +35,8 @@ def linear(colour: Rgb) -> Array:
 def srgb(intensities: Array) -> Array:
     """Return sRGB components (..., 3), 0 to 1, of linear intensities (..., 3)."""
     part = np.clip(intensities, 0.0, 1.0)
-    return np.where(part <= 0.0031308, 12.92 * part, 1.055 * part ** (1.0 / 2.4) - 0.055)
+    shown: Array = np.where(part <= 0.0031308, 12.92 * part, 1.055 * part ** (1.0 / 2.4) - 0.055)
+    return shown
 
 
 def tone_mapped(intensities: Array) -> Array:
@@ -42,20 +46,39 @@ def tone_mapped(intensities: Array) -> Array:
     return np.clip(y @ _ACES_OUT.T, 0.0, 1.0)
 
 
-def before_tone_mapping(colour: Rgb) -> Array:
-    """Return the linear intensities (3,), possibly above 1, that viser shows as a colour.
-
-    The brightest colours have no inverse; the result is the closest one below.
-    """
+@lru_cache(maxsize=4096)
+def _fitted(colour: Rgb, most: float) -> tuple[float, float, float]:
+    """Return the intensities, at most `most`, whose image is closest to a colour."""
     y = np.clip(np.linalg.solve(_ACES_OUT, linear(colour)), 0.0, 0.98)
     a, b, c = 1.0 - 0.983729 * y, 0.0245786 - 0.4329510 * y, -(0.000090537 + 0.238081 * y)
-    x = (-b + np.sqrt(b * b - 4.0 * a * c)) / (2.0 * a)
-    return np.clip(np.linalg.solve(_ACES_IN, x) / _EXPOSURE, 0.0, None)
+    exact = (-b + np.sqrt(b * b - 4.0 * a * c)) / (2.0 * a)
+    best = np.clip(np.linalg.solve(_ACES_IN, exact) / _EXPOSURE, 0.0, most)
+    goal, step = np.array(colour) / 255.0, 0.25
+    while step > _LEAST_STEP:  # Pattern search in the bounds, which the exact solution may leave.
+        tried = np.clip(best + step * (_MOVES * np.maximum(best, 0.05)), 0.0, most)
+        errors = np.linalg.norm(srgb(tone_mapped(tried)) - goal, axis=-1)
+        closest = int(np.argmin(errors))
+        best, step = tried[closest], step if closest else 0.5 * step
+    r, g, b = (float(part) for part in best)
+    return r, g, b
+
+
+_MOVES = np.array([(0, 0, 0), *itertools.product((-1, 0, 1), repeat=3)], float)
+_LEAST_STEP = 0.01
+_MOST_INTENSITY = 8.0
+
+
+def before_tone_mapping(colour: Rgb, most: float = _MOST_INTENSITY) -> Array:
+    """Return the linear intensities (3,), at most `most`, that viser shows as a colour.
+
+    The most saturated colours have no such intensities; the result is the closest.
+    """
+    return np.array(_fitted(colour, most))
 
 
 def line_colour(colour: Rgb) -> Rgb:
     """Return the colour to send for unlit lines, which are limited to 8 bits."""
-    r, g, b = (round(255.0 * float(part)) for part in srgb(before_tone_mapping(colour)))
+    r, g, b = (round(255.0 * float(part)) for part in srgb(before_tone_mapping(colour, 1.0)))
     return r, g, b
 
 
@@ -72,7 +95,9 @@ def coloured(count: int, colour: Rgb, opacity: float | Array = 1.0) -> Array:
     )
 
 
-def unlit_glb(vertices: Array, faces: npt.NDArray[np.uint32], rgba: Array) -> bytes:
+def unlit_glb(
+    vertices: npt.NDArray[np.floating[Any]], faces: npt.NDArray[np.uint32], rgba: Array
+) -> bytes:
     """Return binary glTF of a mesh that lights and shadows do not change.
 
     Args:
@@ -84,12 +109,12 @@ def unlit_glb(vertices: Array, faces: npt.NDArray[np.uint32], rgba: Array) -> by
     index = faces.astype("<u4").reshape(-1)
     blobs = [position.tobytes(), colour.tobytes(), index.tobytes()]
     offsets = np.cumsum([0, *(len(blob) for blob in blobs)]).tolist()
-    material = {
+    material: dict[str, Any] = {
         "extensions": {"KHR_materials_unlit": {}},
         "alphaMode": "BLEND" if bool((rgba[:, 3] < 1.0).any()) else "OPAQUE",
     }
     primitive = {"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}
-    head = {
+    head: dict[str, Any] = {
         "asset": {"version": "2.0"},
         "extensionsUsed": ["KHR_materials_unlit"],
         "scene": 0,
