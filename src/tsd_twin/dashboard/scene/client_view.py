@@ -20,7 +20,7 @@ from tsd_twin.dashboard.scene.appearance import (
 )
 from tsd_twin.dashboard.scene.client_camera import ClientCamera
 from tsd_twin.dashboard.scene.client_nodes import HistoryGhost, PosePreview
-from tsd_twin.dashboard.scene.framing import Rectangle
+from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
 from tsd_twin.dashboard.scene.metres import MetreLabels, in_odom, metre_places
 from tsd_twin.dashboard.scene.picking import floor_points, sphere_point
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe
@@ -44,9 +44,9 @@ class ClientView:
         *,
         dark: bool = True,
         plain: bool = False,
-        frame: Rectangle = Rectangle(),
+        frame: Rectangle = WHOLE_PICTURE,
     ) -> None:
-        """`plain` is for browsers without a graphics card; `frame` is the free part of the picture."""
+        """`plain` is for browsers without a graphics card; `frame` is free of the page's parts."""
         self._no_gpu = plain
         self._prefers_dark = dark
         self._scene = scene

@@ -224,7 +224,7 @@ def _add_contacts(
     wxyz = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
     _add_unlit(scene, name, _contact(palette), wxyz, places + _RING_LIFT_M * up)
     if shape.tilts:  # The lower deck hides the contacts; viser draws nothing through it.
-        above = places + (0.0, 0.0, push_height_m(shape) - _RING_LIFT_M)
+        above = places + np.array([0.0, 0.0, push_height_m(shape) - _RING_LIFT_M])
         _add_unlit(scene, f"{name}a", _contact(palette, _HIDDEN_OPACITY), wxyz, above)
 
 
@@ -246,8 +246,10 @@ def _rod(palette: Palette) -> bytes:
 
     core, shell = grown(0.0), grown(0.5 * CASING_M + 0.0006)
     return _joined(
-        [(core.vertices, core.faces, palette.estimate)]
-        + [(shell.vertices, shell.faces[:, ::-1], palette.casing)]
+        [
+            (core.vertices, core.faces, palette.estimate),
+            (shell.vertices, shell.faces[:, ::-1], palette.casing),
+        ]
     )
 
 
@@ -269,7 +271,8 @@ def _band(
     """Return vertices and faces, on both sides, of a flat ring with as many dashes."""
     angles = np.linspace(0.0, 2.0 * np.pi, _SIDES + 1)
     ring = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
-    vertices = np.concatenate([inner_m * ring, outer_m * ring]) + (0.0, 0.0, height_m)
+    vertices = np.concatenate([inner_m * ring, outer_m * ring])
+    vertices[:, 2] = height_m
     first = np.arange(_SIDES)
     if dashes:
         first = first[first * dashes % _SIDES < 0.6 * _SIDES]

@@ -42,6 +42,9 @@ class Rectangle(NamedTuple):
         return wide >= _LEAST_SIDE and high >= _LEAST_SIDE
 
 
+WHOLE_PICTURE = Rectangle()
+
+
 class Stand(NamedTuple):
     """Space that a robot takes: an upright cylinder on the floor."""
 
@@ -88,7 +91,7 @@ def frame_robot(
     heading_rad: float,
     aspect: float,
     fov_rad: float,
-    free: Rectangle = Rectangle(),
+    free: Rectangle = WHOLE_PICTURE,
     elevation_rad: float = ELEVATION_RAD,
 ) -> CameraPose:
     """Return the camera pose behind a robot that fits it into the free rectangle.
@@ -105,7 +108,7 @@ def frame_robot(
         free: Rectangle that nothing covers; the whole picture unless it `is_usable`.
         elevation_rad: Angle by which the camera looks down, below 90 degrees.
     """
-    free = free if free.is_usable else Rectangle()
+    free = free if free.is_usable else WHOLE_PICTURE
     camera = _Camera(stand, heading_rad, elevation_rad, aspect, fov_rad)
     size = math.hypot(stand.reach_m, stand.height_m)
     near, far = _NEAREST * size, _FARTHEST * size

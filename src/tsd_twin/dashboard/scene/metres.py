@@ -60,7 +60,7 @@ def metre_places(
             best = int(np.argmin(seen[:, 0 if axis == across else 1]))
             if all(np.linalg.norm(seen[best] - other) > _LEAST_APART for other in taken):
                 taken.append(seen[best])
-                found[f"{letter} {metre} m".replace("-", "\N{MINUS SIGN}")] = line[best, :2]
+                found[f"{letter} {metre} m"] = line[best, :2]
     return found
 
 

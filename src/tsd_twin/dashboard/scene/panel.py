@@ -13,7 +13,7 @@ import viser
 
 from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.client_view import ClientView
-from tsd_twin.dashboard.scene.framing import Rectangle
+from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
 from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
@@ -305,7 +305,7 @@ class Panel:
         dark: bool,
         watches: bool = False,
         plain: bool = False,
-        frame: Rectangle = Rectangle(),
+        frame: Rectangle = WHOLE_PICTURE,
     ) -> None:
         """`watches`: omit controls for viewers. `plain`: the client has no graphics card."""
         self.client = client

@@ -9,7 +9,7 @@ import viser
 from tsd_twin.dashboard.scene.appearance import Palette
 from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.scene.themed import add_area, add_lines, dashes, raised, themed
-from tsd_twin.dashboard.scene.unlit import line_colour, mixed
+from tsd_twin.dashboard.scene.unlit import mixed, vertex_colour
 from tsd_twin.lie import SE2, Array
 
 TRAIL_SPACING_M = 0.02
@@ -26,7 +26,7 @@ _OLDEST_SHARE = 0.25
 
 
 def trail_shares(ages: Array) -> Array:
-    """Return the strengths of the trail at ages (n,), in chunks before the end of the latest one."""
+    """Return the strengths of the trail at ages (n,), in chunks before the latest end."""
     return np.maximum(_OLDEST_SHARE, 1.0 - np.asarray(ages) / _FADING_CHUNKS)
 
 
@@ -85,7 +85,7 @@ class Trail:
                 lines.points, lines.colors = points, colours
 
     def _fade(self) -> None:
-        """Recolour the chunks before the full latest one, which the next chunk is about to follow."""
+        """Recolour the latest chunks before another one follows."""
         for age in range(_FADING_CHUNKS + 1):
             nodes = self._nodes.get((self._chunk - age) % TRAIL_CHUNKS)
             if nodes is not None:
@@ -97,7 +97,7 @@ class Trail:
         """Return the colours (n, 2, 3) of a chunk that so many others follow."""
         ages = later + 1.0 - np.arange(segments + 1) / TRAIL_CHUNK
         shades = [
-            line_colour(mixed(palette.estimate, palette.floor, float(share)))
+            vertex_colour(mixed(palette.estimate, palette.floor, float(share)))
             for share in trail_shares(ages)
         ]
         ends = np.array(shades, np.uint8)
@@ -113,7 +113,7 @@ _GOAL_TIP_M = 0.06
 
 
 def goal_lines(outline: Array, pose: Array) -> Array:
-    """Return segments (k, 2, 2) of a robot's outline (n, 2) at a pose (3,), with a heading handle."""
+    """Return segments (k, 2, 2) of an outline (n, 2) with a heading handle at a pose (3,)."""
     nose = float(outline[:, 0].max())
     tip = np.array(
         [[nose, 0.5 * _GOAL_TIP_M], [nose + _GOAL_TIP_M, 0.0], [nose, -0.5 * _GOAL_TIP_M]]
@@ -124,7 +124,7 @@ def goal_lines(outline: Array, pose: Array) -> Array:
 
 
 class RouteLine:
-    """Dashed line of the planned path, and a ghost of the robot at its goal, while a path exists."""
+    """Dashed line of the planned path, and a ghost of the robot at its goal."""
 
     def __init__(self, scene: viser.SceneApi, name: str, outline: Array) -> None:
         """`outline` (n, 2) is the robot's, in its frame."""

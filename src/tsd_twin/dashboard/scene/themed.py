@@ -50,7 +50,7 @@ def add_lines(
         scene: Scene.
         name: Name of the node.
         points: (n, 2, 3): metres.
-        colour: Displayed colour, or the `line_colour` (n, 2, 3) of each end.
+        colour: Displayed colour, or the `vertex_colour` (n, 2, 3) of each end.
         width: Metres, or pixels at any distance.
         on_screen: Whether the width is in pixels.
         visible: Whether it is visible.

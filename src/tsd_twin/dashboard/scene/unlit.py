@@ -82,6 +82,12 @@ def line_colour(colour: Rgb) -> Rgb:
     return r, g, b
 
 
+def vertex_colour(colour: Rgb) -> Rgb:
+    """Return the colour to send for an end of an unlit line; viser takes it for linear."""
+    r, g, b = (round(255.0 * float(part)) for part in before_tone_mapping(colour, 1.0))
+    return r, g, b
+
+
 def mixed(one: Rgb, other: Rgb, share: float) -> Rgb:
     """Return a colour between two, `share` of the first."""
     r, g, b = (round(share * p + (1.0 - share) * q) for p, q in zip(one, other, strict=True))

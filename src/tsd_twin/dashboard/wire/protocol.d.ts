@@ -484,6 +484,7 @@ type PageMessage =
   | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }
   | { t: "view"; settings: ViewSettings; look: boolean }
+  | { t: "frame"; left: number; top: number; right: number; bottom: number }
   | { t: "map" | "shadow"; on: boolean }
   | { t: "look_back"; history_offset_s: number | null }
   | { t: "plot_fields"; names: string[] }
