@@ -96,8 +96,7 @@ def test_moving_and_turning_a_robot_moves_the_camera_along(
     at_origin = frame_robot(stand._replace(xy=(0.0, 0.0)), 0.0, aspect, fov)
     turn = SO3.exp(np.array([0.0, 0.0, heading]))
     expected = turn.rotate(at_origin.position) + np.array([*stand.xy, 0.0])
-    # The rims are polygons.
-    np.testing.assert_allclose(there.position, expected, rtol=0.01, atol=0.01)
+    np.testing.assert_allclose(there.position, expected, atol=1e-6)
 
 
 @few

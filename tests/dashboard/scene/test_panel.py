@@ -137,11 +137,6 @@ def tried(viewer: ViserClient, kind: str) -> Node:
     return viewer.own[f"/w/r/tsd/p{kind}"]
 
 
-def lit(viewer: ViserClient) -> set[str]:
-    """What of its light a client has been told."""
-    return {m["type"] for m in viewer.messages} & {"EnableLightsMessage", "EnvironmentMapMessage"}
-
-
 def test_who_draws_without_a_graphics_card_gets_light_that_costs_little(
     desk: Desk, viewer: ViserClient
 ) -> None:
@@ -156,7 +151,7 @@ def test_who_draws_without_a_graphics_card_gets_light_that_costs_little(
         desk.scene.add(RobotFeed("other"))  # The nodes of each client are made anew.
         plain.until(lambda: any(m.get("name") == lights[0] for m in plain.messages[sent:]))
         plain.until(lambda: plain.own[lights[0]].props["intensity"] > 0.0)
-    assert lit(viewer) == set()
+    assert viewer.own["/stage/key"].props["cast_shadow"]
 
 
 def test_every_control_has_a_label_and_a_hint(viewer: ViserClient) -> None:
@@ -463,7 +458,7 @@ def test_a_camera_that_was_moved_away_frames_the_robot_that_is_chosen(
     bob.say(pose=np.array([5.0, 2.0, 0.0]))
     desk.scene.draw()
     viewer.set("follow", False)
-    viewer.until(lambda: "/w" in viewer.own)
+    viewer.until(lambda: "/w" in chosen(viewer))
     away = {"position": [3.0, 1.0, 1.0], "look_at": [2.0, 0.0, 0.0]}
     viewer.send(CAMERA | away)
     viewer.set("Forward (m/s)", 0.5)
@@ -582,7 +577,7 @@ def test_the_camera_turns_to_the_robot(
     feed.say(pose=np.array([4.0, 0.0, heading]))
     desk.scene.draw()
     viewer.set("follow", False)
-    viewer.until(lambda: "/w" in viewer.own)
+    viewer.until(lambda: "/w" in chosen(viewer))
     feed.say(pose=np.array([5.0, 0.0, heading]))
     desk.scene.draw()
     viewer.camera.clear()

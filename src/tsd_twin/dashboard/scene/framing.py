@@ -60,9 +60,9 @@ class CameraPose(NamedTuple):
     look_at: Array
 
 
-def rim_points(stand: Stand) -> Array:
-    """Return points (n, 3) of both rims of a stand, whose hull is the robot's space."""
-    angles = np.arange(_RIM_POINTS) * 2.0 * np.pi / _RIM_POINTS
+def rim_points(stand: Stand, start_rad: float = 0.0) -> Array:
+    """Return points (n, 3) of both rims of a stand, from a direction on."""
+    angles = start_rad + np.arange(_RIM_POINTS) * 2.0 * np.pi / _RIM_POINTS
     ring = stand.reach_m * np.stack([np.cos(angles), np.sin(angles)], axis=-1) + stand.xy
     return np.concatenate([np.insert(ring, 2, z, axis=1) for z in (0.0, stand.height_m)])
 
@@ -132,7 +132,7 @@ class _Camera:
         aspect: float,
         fov_rad: float,
     ) -> None:
-        self._points = rim_points(stand)
+        self._points = rim_points(stand, heading_rad)
         self._middle = np.array([*stand.xy, 0.5 * stand.height_m])
         cos, sin = math.cos(heading_rad), math.sin(heading_rad)
         level, steep = math.cos(elevation_rad), math.sin(elevation_rad)

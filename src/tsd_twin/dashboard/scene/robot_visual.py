@@ -263,7 +263,7 @@ class ExaggeratedTilt:
     """Gimbals, axles and setpoints of a robot in a client's scene, with another tilt."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
-        self.factor = TiltFactor.TRUE
+        self.factor = TiltFactor.FIVE
         self._client = client
         self._links: dict[Link, viser.BatchedGlbHandle] = {}
         self._rings: SetpointRings | None = None
