@@ -27,10 +27,10 @@ pytestmark = pytest.mark.computes
 few = settings(max_examples=40, deadline=None)
 
 stands = st.builds(
-    Stand,
+    lambda xy, reach_m, slim: Stand(xy, reach_m, slim * reach_m),
     xy=st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)),
     reach_m=st.floats(0.05, 1.0),
-    height_m=st.floats(0.02, 0.8),
+    slim=st.floats(0.1, 2.5),
 )
 headings = st.floats(-math.pi, math.pi)
 aspects = st.floats(0.4, 3.0)

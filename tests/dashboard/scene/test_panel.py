@@ -465,9 +465,6 @@ def test_a_camera_that_was_moved_away_frames_the_robot_that_is_chosen(
     desk.move()  # The camera has come before.
     viewer.camera.clear()
     desk.panels.select_robot(PAGE, "bob")
-    desk.scene.draw()
-    bob.say(pose=np.array([5.0, 2.0, 0.0]))
-    desk.scene.draw()
     viewer.until(lambda: np.allclose(seen_at(viewer, (0.0, 0.0)), 0.5, atol=0.1))
 
 

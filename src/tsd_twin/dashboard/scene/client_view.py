@@ -119,6 +119,11 @@ class ClientView:
             self._label_metres(body)
         self._client.flush()
 
+    def _place_at_first_sight(self, body: RobotVisual) -> None:
+        """Frame a robot as soon as its pose is known."""
+        if self._camera.placed_for != body.id and body.drawn.odom is not None:
+            self._place_camera()
+
     def _label_metres(self, body: RobotVisual) -> None:
         """Label the lines around the robot, if it or the view has moved far enough."""
         placed, world = self._camera.placed, self._world_pose
@@ -222,8 +227,7 @@ class ClientView:
         moves_world = self._world is not None and self._fixed_world_xy is None
         body = self.visual
         if body is not None:
-            if self._camera.placed_for != body.id and body.drawn.odom is not None:
-                self._place_camera()  # At first sight, behind the robot.
+            self._place_at_first_sight(body)
             self._label_metres(body)
         if body is not None and self._tilt.is_on(body) and self._preview_joints is None:
             with self._client.atomic():
@@ -264,6 +268,8 @@ class ClientView:
             if self._preview_joints is not None:
                 self._draw_preview()
             self._ghost.draw(body, *self._past)
+            if body is not None:
+                self._place_at_first_sight(body)
         self._client.flush()
 
     def _add_world(self, own: viser.SceneApi) -> viser.FrameHandle | None:
@@ -300,7 +306,9 @@ class ClientView:
         if shown != self._robot_id:
             self._robot_id, self._preview_joints = shown, None
             self._past = None, 0.0
-            self._camera.placed_for = None  # It is framed when its pose is known.
+            self._camera.placed_for = None
+            if self._fixed_world_xy is not None:
+                self._fixed_world_xy = self._followed_world_xy
 
     def _show_theme(self, own: viser.SceneApi) -> None:
         """Show the overlays of this client's theme; the shared ones are dark."""

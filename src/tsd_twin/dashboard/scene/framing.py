@@ -23,7 +23,7 @@ _LEAST_SIDE = 0.05
 _RIM_POINTS = 24
 _AIMING_STEPS = 4
 _BISECTIONS = 24
-_NEAREST, _FARTHEST = 1.5, 400.0
+_NEAREST, _FARTHEST = 1.05, 400.0
 """Bounds of the camera's distance, relative to the robot's size."""
 
 
@@ -110,7 +110,7 @@ def frame_robot(
     """
     free = free if free.is_usable else WHOLE_PICTURE
     camera = _Camera(stand, heading_rad, elevation_rad, aspect, fov_rad)
-    size = math.hypot(stand.reach_m, stand.height_m)
+    size = math.hypot(stand.reach_m, 0.5 * stand.height_m)
     near, far = _NEAREST * size, _FARTHEST * size
     for _ in range(_BISECTIONS):
         middle = math.sqrt(near * far)
