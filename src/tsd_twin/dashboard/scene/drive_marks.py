@@ -28,7 +28,7 @@ _HEAD_M, _HEAD_HALF_M = 0.028, 0.014
 """Length and half-width of the head between the middles of its strokes."""
 _ABOVE_WHEEL_M = 0.03
 _BALL_GAP_M = 0.006
-_CASING_BELOW_M = 0.003
+_CASING_BELOW_M = 0.005
 
 
 def arrow_lines(starts: Array, velocities: Array, speeds: Array) -> npt.NDArray[np.float32]:
