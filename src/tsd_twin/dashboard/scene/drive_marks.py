@@ -122,8 +122,8 @@ _RING_LIFT_M = 0.004
 _HIDDEN_OPACITY = 0.7
 """Opacity of the ring above a contact that the robot hides."""
 _SIDES = 40
-AXLE_HZ = 30.0
-"""Maximum rate of the rods' poses."""
+AXLE_HZ = 20.0
+"""Maximum rate of the poses of rods and rings; the gimbals themselves move at full rate."""
 
 
 class Axles:
@@ -173,6 +173,7 @@ class SetpointRings:
     ) -> None:
         """`themes` are the nodes and colours, see `themed`."""
         self._skeleton, self._wheels = shape.skeleton, _gimballed_wheels(shape)
+        self._rate = RateLimiter(AXLE_HZ)
         self.shown = shape.kinematics.inverse(np.zeros(3))
         """Displayed joint vector (n,)."""
         self._handles = [
@@ -180,9 +181,9 @@ class SetpointRings:
             for node, palette in themes
         ]
 
-    def update(self, setpoint: Array) -> None:
+    def update(self, setpoint: Array, now_s: float) -> None:
         """Show a joint vector (n,)."""
-        if np.array_equal(setpoint, self.shown):
+        if np.array_equal(setpoint, self.shown) or not self._rate.is_due(now_s):
             return
         self.shown = setpoint
         set_all(self._handles, batched_wxyzs=self._poses(setpoint).wxyz.astype(np.float32))

@@ -343,7 +343,7 @@ class RobotOverlays:
         if self.setpoint and new.setpoint is not None and new.setpoint is not old.setpoint:
             setpoint = self._reader.vector(new.setpoint)
             if setpoint is not None:
-                self.setpoint.update(drawn(setpoint))
+                self.setpoint.update(drawn(setpoint), new.received_s)
         if new.status is not None and new.status is not old.status:
             self._suspect.update(new.status)
         for wireframe, reported, before in (

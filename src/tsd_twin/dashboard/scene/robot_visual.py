@@ -303,7 +303,8 @@ class ExaggeratedTilt:
         if self._axles is not None:
             self._axles.update(body.tilted(body.joints, self.factor), body.drawn.received_s)
         if self._rings is not None and (setpoint := body.setpoint) is not None:
-            self._rings.update(body.tilted(setpoint, self.factor))
+            drawn = body.tilted(setpoint, self.factor)
+            self._rings.update(drawn, body.drawn.received_s)
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide the gimbals, which a preview replaces."""
