@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import msgspec
 
@@ -26,6 +26,7 @@ from tsd_twin.dashboard.sessions.teleop import TeleopController, TeleopMessage
 from tsd_twin.dashboard.wire.from_page import (
     ArmRequest,
     DisarmRequest,
+    DisplayMessage,
     DriveCommand,
     FollowPlan,
     LeaseAction,
@@ -73,17 +74,6 @@ _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Servi
     DisarmRequest: Service.DISARM,
     ResetRequest: Service.RESET,
 }
-DisplayMessage: TypeAlias = (
-    SelectRobot
-    | SelectPlotFields
-    | SetView
-    | SetFrame
-    | ShowMap
-    | LookBack
-    | ShowShadow
-    | StudentRequest
-)
-"""Messages that change only what the page is sent."""
 VIEWER_REFUSAL = because(Code.VIEWER)
 _MAX_CONCURRENT_STOPS = 2
 """A second stop starts after the first, so a third would add nothing."""

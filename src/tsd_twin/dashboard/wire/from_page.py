@@ -194,6 +194,17 @@ class StudentRequest(Message, frozen=True, tag="student"):
     """Whether the reply includes the description as a TOML file."""
 
 
+DisplayMessage: TypeAlias = (
+    SelectRobot
+    | SelectPlotFields
+    | SetView
+    | SetFrame
+    | ShowMap
+    | LookBack
+    | ShowShadow
+    | StudentRequest
+)
+"""Messages that change only what the page is sent."""
 PageMessage: TypeAlias = (
     DriveCommand
     | PlanRequest
