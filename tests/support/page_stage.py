@@ -115,7 +115,7 @@ PREVIEW = LATCHED | {"mode": "preview", "latch": False}
 """Sliders of viser's panel."""
 _TOUCH = """(type) => document.querySelector("aside").dispatchEvent(
   new PointerEvent(type, {bubbles: true, composed: true, pointerId: 7}))"""
-COLOURS = ("#0b84d8", "#d9650a", "#0f9d76")
+COLOURS = ("#1f9ce6", "#ed0965", "#058467")
 
 
 def robot(robot_id: str) -> dict[str, Any]:

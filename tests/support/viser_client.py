@@ -17,6 +17,7 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from tsd_twin.dashboard.scene.appearance import METRES
 from tsd_twin.dashboard.scene.viser_compat import KEY_HEADER, access_key
 
 PATIENCE_S = 10.0
@@ -191,6 +192,16 @@ def decoded(frame: bytes) -> list[dict[str, Any]]:
         return value
 
     return [restored(message) for message in content["messages"]]
+
+
+def chosen(viewer: ViserClient) -> dict[str, Node]:
+    """Nodes of a client alone, besides its stage."""
+    stage = ("/stage", "/w/g", METRES)
+    return {
+        name: node
+        for name, node in viewer.own.items()
+        if not (node.virtual or name.startswith(stage))
+    }
 
 
 @contextmanager

@@ -103,6 +103,7 @@ async def run(
             robot_of=sessions.robot_of,
             on_view=sessions.on_view,
             view_of=sessions.view_of,
+            frame_of=sessions.frame_of,
         )
         scene.on_trails_cleared = sessions.on_trails_cleared
         discovery.on_change = sessions.on_robots_changed

@@ -46,8 +46,8 @@ def test_a_sphere_turns_in_place(scene: Scene, viewer: ViserClient) -> None:
         lambda: np.allclose(shown(viewer, "atlas", "sphere"), expected["sphere"].wxyz, atol=1e-6)
     )
     # It is where the simulator has it, and elsewhere by the other estimate.
-    viewer.until(lambda: viewer.node("/w/o/atlas/c").visible is True)
-    assert viewer.node("/w/t/atlas/c").visible is False
+    viewer.until(lambda: viewer.node("/w/o/atlas/dark/c").visible is True)
+    assert viewer.node("/w/t/atlas/dark/c").visible is False
     np.testing.assert_allclose(viewer.node("/w/t/atlas").wxyz, TURN.wxyz, atol=1e-6)
 
 

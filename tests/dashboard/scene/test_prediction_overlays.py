@@ -16,9 +16,9 @@ from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.wire.view import Layer
 from tsd_twin.messages.status import LimitStatus, RobotStatus
 
-AREA = f"{overlay_node(Layer.ENVELOPE, 'tsd')}/a"
-RIM = f"{overlay_node(Layer.ENVELOPE, 'tsd')}/r"
-CAGE = f"{overlay_node(Layer.PREDICTED, 'tsd')}/c"
+ENVELOPE = f"{overlay_node(Layer.ENVELOPE, 'tsd')}/dark/v"
+AREA, RIM = f"{ENVELOPE}/a", f"{ENVELOPE}/r"
+CAGE = f"{overlay_node(Layer.PREDICTED, 'tsd')}/dark/c"
 GHOST = overlay_node(Layer.PREDICTED, "tsd")
 FORWARD = np.array([0.8, 0.0, 0.0])
 LIMITS = LimitStatus(1.0, 3.0, 0.25)
@@ -70,15 +70,15 @@ def rest(scene: Scene, feed: RobotFeed) -> None:
 def test_area_and_cage_come_with_driving_and_go_with_it(
     scene: Scene, feed: RobotFeed, viewer: ViserClient
 ) -> None:
-    assert not any(viewer.node(name).visible for name in (AREA, RIM, CAGE))
+    assert not any(viewer.node(name).visible for name in (ENVELOPE, CAGE))
     for i in range(3):
         drive(scene, feed, 0.1 * i)
-    viewer.until(lambda: all(viewer.node(name).visible for name in (AREA, RIM, CAGE)))
+    viewer.until(lambda: all(viewer.node(name).visible for name in (ENVELOPE, CAGE)))
     area = np.reshape(viewer.node(AREA).props["vertices"], (-1, 3))
     assert area[:, 0].max() > 0.8 * (0.15 + 0.2) - area[:, 0].min()
     assert viewer.node(GHOST).position[0] == pytest.approx(0.8 * 0.15, abs=0.02)
     rest(scene, feed)
-    viewer.until(lambda: not any(viewer.node(name).visible for name in (AREA, RIM, CAGE)))
+    viewer.until(lambda: not any(viewer.node(name).visible for name in (ENVELOPE, CAGE)))
 
 
 def test_while_it_moves_evenly_nothing_of_it_is_sent_again(
@@ -104,13 +104,13 @@ def test_a_silent_robot_keeps_its_area_and_loses_its_cage(
         drive(scene, feed, 0.1 * i)
     scene.set_stale("tsd", True)
     scene.server.flush()
-    viewer.until(lambda: not viewer.node(CAGE).visible and viewer.node(AREA).visible)
+    viewer.until(lambda: not viewer.node(CAGE).visible and viewer.node(ENVELOPE).visible)
 
 
 def test_its_messages_are_small(scene: Scene, feed: RobotFeed, viewer: ViserClient) -> None:
     """At ten a second, with a stick that is never still."""
     rest(scene, feed)
     drive(scene, feed, 0.0)
-    viewer.until(lambda: viewer.node(AREA).visible)
+    viewer.until(lambda: viewer.node(ENVELOPE).visible)
     sizes = [viewer.node(AREA).props["vertices"].nbytes, viewer.node(RIM).props["points"].nbytes]
     assert 10 * sum(sizes) < 20_000

@@ -16,17 +16,13 @@ from hypothesis import strategies as st
 
 from tests.support.robot_feed import PERIOD_S, RobotFeed, link_poses
 from tests.support.viser_client import Node, ViserClient, viser_client
-from tsd_twin.dashboard.scene import overlays
-from tsd_twin.dashboard.scene.overlays import (
-    _LEAST_SIGMA_M,
-    _VISIBLE_M,
-    ARROW_HEAD_M,
-    ARROW_LENGTH_PER_SPEED_S,
-    PoseRegion,
-)
+from tsd_twin.dashboard.scene import paths
+from tsd_twin.dashboard.scene.drive_marks import ARROW_LENGTH_PER_SPEED_S, LEAST_ARROW_M
+from tsd_twin.dashboard.scene.overlays import _LEAST_SIGMA_M, _VISIBLE_M, PoseRegion
 from tsd_twin.dashboard.scene.robot_overlays import VISIBLE_DIFFERENCE_M
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.wire.view import TiltFactor
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import RPM, RobotDescription
 
@@ -36,7 +32,7 @@ POSE = np.array([3.0, -2.0, 0.7])
 
 @pytest.fixture(scope="module")
 def drawn(server: viser.ViserServer) -> Scene:
-    return Scene(server)
+    return Scene(server, tilt=TiltFactor.TRUE)
 
 
 @pytest.fixture
@@ -71,7 +67,7 @@ def rows(node: Node) -> tuple[Array, Array]:
 
 def batches(viewer: ViserClient) -> dict[str, Node]:
     """The nodes of solid parts, by kind of link."""
-    found = {name: node for name, node in viewer.shared.items() if node.kind == "BatchedGlbMessage"}
+    found = {name: node for name, node in viewer.shared.items() if "/m" in name}
     return {name.rsplit("/m", 1)[1]: node for name, node in found.items()}
 
 
@@ -275,7 +271,7 @@ def test_the_setpoint_is_a_ring_across_the_axle_it_asks_for(
     feed.say(pose=POSE, joints=feed.kinematics.inverse(np.zeros(3)), setpoint=joints)
     scene.draw()
     fence(scene, viewer)
-    wxyz, _ = rows(viewer.node("/w/r/tsd/s"))
+    wxyz, _ = rows(viewer.node("/w/r/tsd/s/dark/s"))
     axles = SO3(np.float64(wxyz)).rotate(np.tile([0.0, 0.0, 1.0], (feed.kinematics.modules, 1)))
     alpha, beta, _ = joints.reshape(-1, 3).T
     azimuths = np.radians(feed.robot.drive.azimuths_deg)
@@ -299,7 +295,7 @@ def test_the_true_pose_is_shown_when_it_is_another(
     feed.say(pose=POSE, truth=POSE + np.array([off, 0.0, 0.0]))
     scene.draw()
     fence(scene, viewer)
-    assert viewer.node("/w/t/tsd/c").visible is seen
+    assert viewer.node("/w/t/tsd/dark/c").visible is seen
     np.testing.assert_allclose(
         viewer.node("/w/t/tsd").position[:2], POSE[:2] + np.array([off, 0.0])
     )
@@ -312,7 +308,7 @@ def test_a_turn_is_another_pose_and_a_full_one_is_not(
         feed.say(pose=POSE, truth=POSE + np.array([0.0, 0.0, turned]))
         scene.draw()
         fence(scene, viewer)
-        assert viewer.node("/w/t/tsd/c").visible is seen
+        assert viewer.node("/w/t/tsd/dark/c").visible is seen
 
 
 def test_a_robot_that_is_not_heard_of_is_covered(
@@ -331,21 +327,23 @@ def test_arrows_show_what_each_wheel_does(
     feed.say(pose=POSE, joints=feed.kinematics.inverse(twist))
     scene.draw()
     fence(scene, viewer)
-    node = viewer.node("/w/r/tsd/a")
-    assert node.visible
-    starts, ends = np.reshape(node.props["points"], (-1, 2, 3))[..., :2].transpose(1, 0, 2)
+    assert viewer.node("/w/r/tsd/a/dark/v").visible
+    strokes = np.reshape(viewer.node("/w/r/tsd/a/dark/v/p").props["points"], (6, -1, 2, 3))
+    starts, ends = strokes[0, ..., :2].transpose(1, 0, 2)  # The shafts come first.
     # A rigid body: v + omega x p.
     velocities = twist[:2] + twist[2] * np.stack([-starts[:, 1], starts[:, 0]], axis=-1)
     speeds = np.linalg.norm(velocities, axis=-1)
     lengths = np.linalg.norm(ends - starts, axis=-1)
-    np.testing.assert_allclose(lengths, ARROW_HEAD_M + ARROW_LENGTH_PER_SPEED_S * speeds, rtol=1e-5)
+    np.testing.assert_allclose(
+        lengths, LEAST_ARROW_M + ARROW_LENGTH_PER_SPEED_S * speeds, rtol=1e-5
+    )
     np.testing.assert_allclose(
         (ends - starts) / lengths[:, None], velocities / speeds[:, None], atol=1e-5
     )
     feed.say(pose=POSE, joints=feed.kinematics.inverse(np.zeros(3)), after_s=1.0)
     scene.draw()
     fence(scene, viewer)
-    assert not viewer.node("/w/r/tsd/a").visible
+    assert not viewer.node("/w/r/tsd/a/dark/v").visible
 
 
 spreads = st.floats(0.01, 0.5)
@@ -360,8 +358,8 @@ def test_the_region_of_a_certain_heading_is_an_ellipse_of_two_sigma(
     covariance[0, 1] = covariance[1, 0] = correlation * x * y
     region = PoseRegion(server.scene, "/region", 0.2)
     region.update(covariance, heading, now_s=0.0)
-    handle = region._outline
-    in_base = SO3(np.array(handle.wxyz)).rotate(np.float64(handle.points[:, 0]))
+    handle = region._areas[0]
+    in_base = SO3(np.array(handle.wxyz)).rotate(np.float64(handle.vertices))
     on_floor = SE2(np.array([0.0, 0.0, heading])).rotate(in_base[:, :2])
     shown = covariance[:2, :2] + _LEAST_SIGMA_M**2 * np.eye(2)
     distance = np.einsum("ni,ij,nj->n", on_floor, np.linalg.inv(shown), on_floor)
@@ -369,7 +367,7 @@ def test_the_region_of_a_certain_heading_is_an_ellipse_of_two_sigma(
     moved_m = math.sqrt(2.0) * _VISIBLE_M
     narrowest_m = math.sqrt(np.linalg.eigvalsh(shown)[0])
     assert np.abs(np.sqrt(distance) - 2.0).max() < moved_m / narrowest_m + 0.001
-    assert not region._wedge.visible
+    assert not region._wedges[0].visible
 
 
 @pytest.mark.parametrize(("sigma_rad", "half_rad"), [(0.2, 0.2987), (0.05, 0.0747), (3.0, np.pi)])
@@ -379,12 +377,12 @@ def test_the_wedge_holds_the_heading_with_86_percent(
     region = PoseRegion(server.scene, "/region", 0.2)
     region.update(np.diag([1e-4, 1e-4, sigma_rad**2]), 0.7, now_s=0.0)
     assert region.half_rad == pytest.approx(half_rad, rel=1e-3)
-    corners = np.float64(region._wedge.points[1:, 0])
+    corners = np.float64(region._wedges[0].vertices[1:])
     angles = np.arctan2(corners[:, 1], corners[:, 0])
     assert np.abs(angles).max() == pytest.approx(half_rad, rel=1e-3)
-    assert region._wedge.visible
+    assert region._wedges[0].visible
     region.update(np.diag([1e-4, 1e-4, 1e-8]), 0.7, now_s=1.0)
-    assert not region._wedge.visible
+    assert not region._wedges[0].visible
 
 
 def drive_along(scene: Scene, feed: RobotFeed, xs: Array) -> None:
@@ -396,7 +394,7 @@ def drive_along(scene: Scene, feed: RobotFeed, xs: Array) -> None:
 def trail_of(viewer: ViserClient) -> Array:
     """The segments (n, 2, 3) of the trail, along x."""
     chunks = [
-        n.props["points"] for name, n in viewer.shared.items() if name.startswith("/w/k/tsd/")
+        n.props["points"] for name, n in viewer.shared.items() if name.startswith("/w/k/tsd/dark/")
     ]
     segments = np.concatenate([np.reshape(points, (-1, 2, 3)) for points in chunks])
     return segments[np.argsort(segments[:, 0, 0])]
@@ -405,7 +403,7 @@ def trail_of(viewer: ViserClient) -> Array:
 def test_the_trail_is_the_path_without_gaps(
     scene: Scene, feed: RobotFeed, viewer: ViserClient
 ) -> None:
-    xs = np.arange(0.0, 4.0, 1.5 * overlays.TRAIL_SPACING_M)
+    xs = np.arange(0.0, 4.0, 1.5 * paths.TRAIL_SPACING_M)
     drive_along(scene, feed, xs)
     feed.say(pose=np.array([xs[-1], 0.0, 0.0]), after_s=1.0)
     scene.draw()
@@ -418,24 +416,24 @@ def test_the_trail_is_the_path_without_gaps(
 def test_only_the_newest_piece_of_the_trail_is_sent_again(
     scene: Scene, feed: RobotFeed, viewer: ViserClient
 ) -> None:
-    step = 1.5 * overlays.TRAIL_SPACING_M
-    drive_along(scene, feed, np.arange(3 * overlays.TRAIL_CHUNK + 1) * step)
+    step = 1.5 * paths.TRAIL_SPACING_M
+    drive_along(scene, feed, np.arange(3 * paths.TRAIL_CHUNK + 1) * step)
     fence(scene, viewer)
-    drive_along(scene, feed, (3 * overlays.TRAIL_CHUNK + 1 + np.arange(20)) * step)
+    drive_along(scene, feed, (3 * paths.TRAIL_CHUNK + 1 + np.arange(20)) * step)
     sent = {m["name"] for m in fence(scene, viewer) if str(m["name"]).startswith("/w/k/tsd/")}
-    assert sent == {"/w/k/tsd/3"}
+    assert sent == {"/w/k/tsd/dark/3", "/w/k/tsd/light/3"}
 
 
 def test_the_trail_forgets_its_oldest_piece(scene: Scene, viewer: ViserClient) -> None:
-    step = 1.5 * overlays.TRAIL_SPACING_M
-    path = overlays.Trail(scene.server.scene, "/w/k/tsd")
-    for i in range((overlays.TRAIL_CHUNKS + 1) * overlays.TRAIL_CHUNK + 1):
+    step = 1.5 * paths.TRAIL_SPACING_M
+    path = paths.Trail(scene.server.scene, "/w/k/tsd")
+    for i in range((paths.TRAIL_CHUNKS + 1) * paths.TRAIL_CHUNK + 1):
         path.update(np.array([i * step, 0.0]), now_s=i * PERIOD_S)
     fence(scene, viewer)
     segments = trail_of(viewer)
     path.clear()
-    assert len(segments) == overlays.TRAIL_CHUNKS * overlays.TRAIL_CHUNK
-    assert segments[0, 0, 0] == pytest.approx(overlays.TRAIL_CHUNK * step)
+    assert len(segments) == paths.TRAIL_CHUNKS * paths.TRAIL_CHUNK
+    assert segments[0, 0, 0] == pytest.approx(paths.TRAIL_CHUNK * step)
 
 
 def test_a_pose_that_was_set_leaves_no_line(
@@ -454,7 +452,7 @@ def test_a_trail_can_be_cleared_and_begins_anew(
     drive_along(scene, feed, np.array([0.0, 0.1, 0.2]))
     scene.clear_trails()
     fence(scene, viewer)
-    assert not [name for name in viewer.shared if name.startswith("/w/k/tsd/")]
+    assert not [name for name in viewer.shared if name.startswith("/w/k/tsd/dark/")]
     drive_along(scene, feed, np.array([0.3, 0.4]))
     feed.say(pose=np.array([0.4, 0.0, 0.0]), after_s=1.0)
     scene.draw()

@@ -18,7 +18,7 @@ from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.scene_executor import BackgroundWorker, SceneExecutor
 from tsd_twin.dashboard.sessions.map_data import TRAIL_POINTS, TRAIL_SPACING_M, MapTrail
 
-ROUTE_NODE = "/w/p/tsd"
+ROUTE_NODE = "/w/p/tsd/dark/p"
 
 
 @dataclass
@@ -125,7 +125,7 @@ def test_the_envelope_on_the_map_is_the_one_that_is_drawn(stage: Stage) -> None:
 
 def drawn(viewer: ViserClient) -> np.ndarray:
     """Corners of the area on the floor, in the frame of the robot."""
-    return np.reshape(viewer.node("/w/r/tsd/b/a").props["vertices"], (-1, 3))[:, :2]
+    return np.reshape(viewer.node("/w/r/tsd/b/dark/v/a").props["vertices"], (-1, 3))[:, :2]
 
 
 def test_a_trail_is_thinned_breaks_where_the_pose_was_set_and_has_a_bound() -> None:

@@ -29,7 +29,7 @@ def test_a_page_learns_who_it_is_which_robots_there_are_and_how_its_robot_is(ser
         welcome, robot = page.last("welcome"), page.last("robot")
         assert welcome["operator"] == "web-01234567"
         assert welcome["robots"] == [
-            {"id": "tsd", "title": "Triple singularity drive", "colour": "#0b84d8"}
+            {"id": "tsd", "title": "Triple singularity drive", "colour": "#1f9ce6"}
         ]
         assert welcome["robot"] == "tsd" == robot["id"]
         assert robot["modules"] == ["module1", "module2", "module3"]

@@ -46,6 +46,7 @@ export type PageMessage =
   | SelectRobot
   | SelectPlotFields
   | SetView
+  | SetFrame
   | ShowMap
   | ShowFleet
   | SetName
@@ -65,6 +66,7 @@ export type RecordedPageMessage =
   | SelectRobot
   | SelectPlotFields
   | SetView
+  | SetFrame
   | ShowMap
   | ShowFleet
   | ShowShadow
@@ -773,7 +775,7 @@ export const TRUE_POSE_DISPLAYS = ["when it differs", "always", "never"] as cons
 export type TruePoseDisplay = (typeof TRUE_POSE_DISPLAYS)[number];
 
 /** Exaggeration of the displayed tilt; the values are the labels in the panel. */
-export const TILT_FACTORS = ["x1", "x3", "x10"] as const;
+export const TILT_FACTORS = ["x1", "x3", "x5", "x10"] as const;
 export type TiltFactor = (typeof TILT_FACTORS)[number];
 
 /** Operator id and role of the page, and the list of robots. */
@@ -1060,6 +1062,23 @@ export interface SetView {
   settings: ViewSettings;
   /** Whether the camera turns to the robot even if its preset does not change. */
   look?: boolean;
+}
+
+/**
+ * Part of the picture that nothing of the page covers, where the camera frames the robot.
+ *
+ * Fractions of width and height from the upper left corner.
+ */
+export interface SetFrame {
+  t: "frame";
+  /** At least 0, at most 1. */
+  left?: number;
+  /** At least 0, at most 1. */
+  top?: number;
+  /** At least 0, at most 1. */
+  right?: number;
+  /** At least 0, at most 1. */
+  bottom?: number;
 }
 
 /** Request for map data with every state while `on`. */

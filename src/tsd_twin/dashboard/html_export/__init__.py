@@ -23,8 +23,10 @@ import numpy as np
 from PIL import Image
 
 from tsd_twin.dashboard.scene import viser_compat
-from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.scene.appearance import RobotRoster, Theme
 from tsd_twin.dashboard.scene.scene import STALE_S, Scene
+from tsd_twin.dashboard.scene.stage import add_ground, add_lights
+from tsd_twin.dashboard.wire.view import TiltFactor
 from tsd_twin.errors import MissingExtraError, TwinError
 from tsd_twin.recording.export import RecordingSlice
 from tsd_twin.recording.player import Player, RecordedRobot
@@ -112,7 +114,9 @@ class _Builder:
     def _scene(self) -> str:
         server = viser_compat.start_server(self._player.path.name)
         try:
-            scene = Scene(server, self._roster)
+            scene = Scene(server, self._roster, TiltFactor.TRUE)
+            add_lights(server.scene, Theme.DARK)
+            add_ground(server.scene, Theme.DARK)
             self._player.seek(self._start_s)
             for robot in self._player.robots.values():
                 scene.add(robot)

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from tsd_twin.dashboard.recorded.view import RecordedView
+from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession
 from tsd_twin.dashboard.sessions.principal import Principal
@@ -26,6 +27,7 @@ from tsd_twin.dashboard.wire.from_page import (
     Seek,
     SelectPlotFields,
     SelectRobot,
+    SetFrame,
     SetView,
     ShowFleet,
     ShowMap,
@@ -146,14 +148,16 @@ class RecordedSession(PageSession):
                 self._mark(message.note)
             case StudentRequest():
                 self._send(ActionReply(to="student", ok=False, why=REFUSAL))
-            case SelectRobot() | SelectPlotFields() | ShowMap() | SetView():
+            case SelectRobot() | SelectPlotFields() | ShowMap() | SetView() | SetFrame():
                 self._show_otherwise(message)
             case ShowShadow():
                 pass  # A shadow twin cannot follow jumps; use `tsd-lab health` for recordings.
             case Seek() | Play() | Pause() | StepStatus():
                 self._move(message)
 
-    def _show_otherwise(self, message: SelectRobot | SelectPlotFields | ShowMap | SetView) -> None:
+    def _show_otherwise(
+        self, message: SelectRobot | SelectPlotFields | ShowMap | SetView | SetFrame
+    ) -> None:
         match message:
             case SelectRobot():
                 self.select_robot(message.id)
@@ -164,6 +168,9 @@ class RecordedSession(PageSession):
                 self._settle()
             case SetView():
                 self._view.set_view(self.page, message.settings, look=message.look)
+            case SetFrame():
+                free = Rectangle(message.left, message.top, message.right, message.bottom)
+                self._view.set_frame(self.page, free)
 
     def _move(self, message: Seek | Play | Pause | StepStatus) -> None:
         view = self._view

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import STALE_S, Scene
 from tsd_twin.dashboard.wire.view import ViewSettings
@@ -40,6 +41,7 @@ class RecordedView:
         self.player = Player(path, reader=reader)
         self.robot_id = next(iter(self.player.robots))
         """Robot that is selected."""
+        self.frame = Rectangle()
         self.roster = RobotRoster()
         self.playback = PlaybackCursor(self.player.duration_s, time.monotonic())
         self.on_shown: Callable[[bool], None] = _ignore
@@ -63,6 +65,7 @@ class RecordedView:
                 _ignore,
                 robot_of=lambda _page: self.robot_id,
                 on_view=lambda _page, settings: self.on_view(settings),
+                frame_of=lambda _page: self.frame,
             )
             for robot in self.player.robots.values():
                 self.scene.add(robot)
@@ -102,6 +105,11 @@ class RecordedView:
     def set_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
         """Apply the view settings of a page; `look` turns its camera to the robot."""
         self.request(lambda _now_s: self.panels.set_view(page, settings, look=look))
+
+    def set_frame(self, page: str, frame: Rectangle) -> None:
+        """Set the part of a page's picture that nothing covers; from any thread."""
+        self.frame = frame
+        self.request(lambda _now_s: self.panels.set_frame(page, frame))
 
     # On the thread of the view.
 

@@ -1,47 +1,86 @@
-"""Colours, scene nodes of the layers, lights, and the roster of robots.
-
-The colours are distinct for colour-blind people.
-"""
+"""Colours of both themes, names of nodes, and the roster of robots."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Sequence
-from typing import TypeAlias
-
-import viser
+from collections.abc import Iterable, Mapping, Sequence
+from enum import StrEnum
+from typing import NamedTuple, TypeAlias
 
 from tsd_twin.dashboard.wire.view import Layer
 
 Rgb: TypeAlias = tuple[int, int, int]
 
-ESTIMATE: Rgb = (36, 132, 227)
-"""Colour of the estimate: trail and covariance."""
-SETPOINT: Rgb = (0, 200, 215)
-"""Colour of setpoints."""
-TRUTH: Rgb = (60, 190, 90)
-"""Colour of ground truth."""
-OTHER: Rgb = (232, 86, 120)
-"""Colour of the alternative estimate."""
-THRUST: Rgb = (240, 150, 10)
-"""Colour of wheel velocities over the ground."""
-PREVIEW: Rgb = (190, 70, 230)
-"""Colour of the pose preview."""
-ROUTE: Rgb = (150, 110, 255)
-"""Colour of the planned path."""
-PREDICTED: Rgb = (235, 80, 160)
-"""Colour of the predicted pose."""
-ENVELOPE: Rgb = (232, 90, 60)
-"""Colour of the stop envelope."""
-PAST: Rgb = (245, 189, 74)
-"""Colour of history and recordings."""
-SUSPECT: Rgb = (225, 40, 40)
-"""Colour of a suspected fault."""
+
+class Theme(StrEnum):
+    """Theme of a client."""
+
+    DARK = "dark"
+    LIGHT = "light"
+
+
+def rgb(css: str) -> Rgb:
+    """Return the colour of `#rrggbb`."""
+    return int(css[1:3], 16), int(css[3:5], 16), int(css[5:7], 16)
+
+
+class Palette(NamedTuple):
+    """Colours of the scene in one theme."""
+
+    estimate: Rgb
+    """Estimated pose: trail, axles, region; solid lines and filled dots."""
+    command: Rgb
+    """Setpoints and push: dashed rings and arrows."""
+    plan: Rgb
+    """Path, goal and preview: long dashes."""
+    caution: Rgb
+    """Stop envelope, and what is past: short dashes around an area."""
+    danger: Rgb
+    """Stops and faults."""
+    ink: Rgb
+    """True pose of a simulated robot, dashed."""
+    casing: Rgb
+    """Outline of overlays, since their contrast to the floor may be low."""
+    floor: Rgb
+    far: Rgb
+    """Background, and the floor at a distance."""
+    line: Rgb
+    """Lines on the floor each metre."""
+    label: Rgb
+    """Metre labels."""
+
+
+PALETTES: Mapping[Theme, Palette] = {
+    Theme.DARK: Palette(
+        estimate=rgb("#1d96fe"),
+        command=rgb("#77fbdf"),
+        plan=rgb("#b75190"),
+        caution=rgb("#ecc76e"),
+        danger=rgb("#f10716"),
+        ink=rgb("#f1f3f6"),
+        casing=rgb("#0b0d10"),
+        floor=rgb("#353d44"),
+        far=rgb("#15181c"),
+        line=rgb("#7d8791"),
+        label=rgb("#b4bcc7"),
+    ),
+    Theme.LIGHT: Palette(
+        estimate=rgb("#23428c"),
+        command=rgb("#038676"),
+        plan=rgb("#9b69d4"),
+        caution=rgb("#b47c06"),
+        danger=rgb("#a30127"),
+        ink=rgb("#14171b"),
+        casing=rgb("#ffffff"),
+        floor=rgb("#e1e5e9"),
+        far=rgb("#c7cdd4"),
+        line=rgb("#8d98a5"),
+        label=rgb("#454d59"),
+    ),
+}
+"""Any two of the first five can be told apart by colour-blind people."""
 STALE: Rgb = (128, 132, 138)
-"""Colour of stale data."""
-GRID_FINE: Rgb = (128, 134, 142)
-GRID_METRE: Rgb = (118, 124, 132)
-GRID_LABEL: Rgb = (140, 146, 155)
+"""Colour of stale data in both themes."""
 
 
 ROOT = "/w"
@@ -50,15 +89,12 @@ place.
 """
 
 
-TRUE_POSES, ALTERNATIVE_POSES, TRAILS, AXIS_LABELS = (
-    f"{ROOT}/t",
-    f"{ROOT}/o",
-    f"{ROOT}/k",
-    f"{ROOT}/l",
-)
-"""Parent nodes of the true poses, alternative estimates, trails and metre labels of all robots."""
+TRUE_POSES, ALTERNATIVE_POSES, TRAILS = f"{ROOT}/t", f"{ROOT}/o", f"{ROOT}/k"
+"""Parent nodes of the true poses, alternative estimates and trails of all robots."""
 ROUTES = f"{ROOT}/p"
 """Parent node of all planned paths."""
+METRES = f"{ROOT}/l"
+"""Parent node of the metre labels."""
 PAST_NODE = f"{ROOT}/h"
 """Node of a robot's past state, in the scene of its page."""
 _SHARED_NODES = {
@@ -66,7 +102,7 @@ _SHARED_NODES = {
     Layer.OTHER: ALTERNATIVE_POSES,
     Layer.TRAIL: TRAILS,
     Layer.ROUTE: ROUTES,
-    Layer.LABELS: AXIS_LABELS,
+    Layer.LABELS: METRES,
 }
 _ROBOT_NODES = {
     Layer.SETPOINT: "s",
@@ -76,6 +112,8 @@ _ROBOT_NODES = {
     Layer.ENVELOPE: "b",
     Layer.LABELS: "n",
 }
+AXLES, HEADING, FAULT = "d", "h", "j"
+"""Child nodes of a robot: axles with contacts, heading mark and fault ring."""
 
 
 def robot_node(robot_id: str) -> str:
@@ -90,36 +128,44 @@ def overlay_node(layer: Layer, robot_id: str) -> str:
 
 def layer_nodes(layer: Layer, robot_ids: Iterable[str]) -> set[str]:
     """Return the nodes to hide for a layer; hiding includes their children."""
+    robot_ids = list(robot_ids)
     shared = {_SHARED_NODES[layer]} if layer in _SHARED_NODES else set[str]()
-    return shared | {overlay_node(layer, one) for one in robot_ids if layer in _ROBOT_NODES}
+    own = {overlay_node(layer, one) for one in robot_ids if layer in _ROBOT_NODES}
+    axles = {f"{robot_node(one)}/{AXLES}" for one in robot_ids if layer is Layer.ARROWS}
+    return shared | own | axles
 
 
-_AMBIENT_NODE = "/ambient"
-_AMBIENT_INTENSITY = 1.5
-"""Matches the brightness of the reflections it replaces."""
+def theme_nodes(theme: Theme, robot_ids: Iterable[str]) -> set[str]:
+    """Return the nodes with the overlays of robots in a theme.
 
-
-def disable_shadows_and_reflections(own: viser.SceneApi) -> None:
-    """Disable shadows and reflections, most of the rendering time, in the scene of a client.
-
-    Call it again after the client's nodes have been reset.
+    Overlays exist once in each theme, and each client shows one of them: messages to all clients
+    cost less than messages to each one.
     """
-    own.configure_default_lights(cast_shadow=False)
-    own.configure_environment_map(None)
-    own.add_light_ambient(_AMBIENT_NODE, intensity=_AMBIENT_INTENSITY)
+    themed = [node for layer, node in _ROBOT_NODES.items() if layer is not Layer.LABELS]
+    return {
+        node
+        for one in robot_ids
+        for node in (
+            *(f"{robot_node(one)}/{part}/{theme}" for part in (*themed, AXLES, HEADING, FAULT)),
+            *(f"{parent}/{one}/{theme}" for parent in (TRUE_POSES, ALTERNATIVE_POSES, TRAILS)),
+            f"{ROUTES}/{one}/{theme}",
+        )
+    }
 
 
 ROBOT_COLOURS: tuple[Rgb, ...] = (
-    (11, 132, 216),
-    (217, 101, 10),
-    (15, 157, 118),
-    (192, 90, 168),
-    (169, 130, 0),
-    (125, 120, 216),
-    (224, 72, 122),
-    (95, 143, 47),
+    (31, 156, 230),
+    (237, 9, 101),
+    (5, 132, 103),
+    (162, 150, 2),
+    (76, 80, 248),
+    (211, 121, 154),
+    (118, 106, 7),
+    (195, 13, 149),
 )
-"""Each has a contrast of at least 3 : 1 to the light and the dark background."""
+"""Each has a contrast of at least 3 : 1 to the light and the dark background, and any two can be
+told apart by colour-blind people.
+"""
 
 
 class RobotRoster:

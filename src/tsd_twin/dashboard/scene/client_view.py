@@ -9,105 +9,47 @@ import numpy as np
 import viser
 
 from tsd_twin.client.monitor import Snapshot
-from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
+    PALETTES,
     ROOT,
-    disable_shadows_and_reflections,
+    TRUE_POSES,
+    Palette,
+    Theme,
     layer_nodes,
-    robot_node,
+    theme_nodes,
 )
-from tsd_twin.dashboard.scene.history_ghost import HistoryGhost
-from tsd_twin.dashboard.scene.overlays import ARROW_HEAD_M, MIN_ARROW_SPEED_MPS, arrow_points
+from tsd_twin.dashboard.scene.client_camera import ClientCamera
+from tsd_twin.dashboard.scene.client_nodes import HistoryGhost, PosePreview
+from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
+from tsd_twin.dashboard.scene.metres import MetreLabels, in_odom, metre_places
 from tsd_twin.dashboard.scene.picking import floor_points, sphere_point
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe
 from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual, hide_links
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.stage import add_ground, add_lights
 from tsd_twin.dashboard.scene.student_robot import StudentPose, StudentRobot
-from tsd_twin.dashboard.scene.viser_compat import CAMERA_OFFSET_M, LOOK_AT_M
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
-from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
-from tsd_twin.models import Link
 
-
-class PosePreview:
-    """Pose preview in a client's scene: gimbal poses, or arrows for wheels without gimbals."""
-
-    def __init__(self, client: viser.ClientHandle) -> None:
-        self._client = client
-        self._links: dict[Link, viser.BatchedGlbHandle] = {}
-        self._arrows: viser.ArrowsHandle | None = None
-
-    def draw(self, body: RobotVisual, joints: Array | None) -> None:
-        """Preview a joint vector (n,); None ends the preview."""
-        if not body.meshes.shape.tilts:
-            self._point(body, joints)
-        elif joints is not None:
-            self._pose(body, joints)
-        elif self._links:
-            for handle in self._links.values():
-                handle.visible = False
-            hide_links(self._client, body, None)
-
-    def forget(self, body: RobotVisual) -> None:
-        """Discard this client's nodes and show the robot's links again."""
-        if self._links:
-            hide_links(self._client, body, None)
-
-    def clear(self) -> None:
-        """Discard this client's nodes."""
-        self._links.clear()
-        self._arrows = None
-
-    def _point(self, body: RobotVisual, joints: Array | None) -> None:
-        if self._arrows is not None:
-            self._arrows.remove()
-            self._arrows = None
-        if joints is None:
-            return
-        places, velocities = body.meshes.shape.skeleton.contacts(joints)
-        speeds = np.linalg.norm(velocities, axis=-1)
-        fast = speeds >= MIN_ARROW_SPEED_MPS
-        if fast.any():
-            self._arrows = self._client.scene.add_arrows(
-                f"{robot_node(body.id)}/pa",
-                arrow_points(places[fast], velocities[fast], speeds[fast]),
-                appearance.PREVIEW,
-                shaft_radius=0.005,
-                head_radius=0.013,
-                head_length=ARROW_HEAD_M,
-            )
-
-    def _pose(self, body: RobotVisual, joints: Array) -> None:
-        shape = body.meshes.shape
-        wheels = np.array([joint.kind is JointKind.VELOCITY for joint in shape.kinematics.joints])
-        angles = np.where(wheels, body.angles, joints)
-        poses = shape.skeleton.poses(SE2.identity(), body.ball, angles)
-        for kind in shape.moving:
-            if kind not in self._links:
-                self._links[kind] = self._client.scene.add_batched_glb(
-                    f"{robot_node(body.id)}/p{kind}",
-                    shape.tinted(kind, appearance.PREVIEW),
-                    *poses[kind],
-                    lod="off",
-                )
-            self._links[kind].batched_wxyzs = poses[kind].wxyz.astype(np.float32)
-            self._links[kind].visible = True
-        hide_links(self._client, body, body.id)
-
-
-_LOOK_AT_TOLERANCE_M = 0.05
-"""A camera that looks at a point this close to the robot still follows it."""
+_LABEL_STEP_M, _LABEL_TURN_RAD = 0.5, 0.35
+"""Motions of the robot after which the metre labels are placed again."""
 
 
 class ClientView:
     """Scene of a client: its nodes override the shared ones."""
 
-    def __init__(self, scene: Scene, client: viser.ClientHandle, *, plain: bool = False) -> None:
-        """`plain` is for browsers without a graphics card."""
+    def __init__(
+        self,
+        scene: Scene,
+        client: viser.ClientHandle,
+        *,
+        dark: bool = True,
+        plain: bool = False,
+        frame: Rectangle = WHOLE_PICTURE,
+    ) -> None:
+        """`plain` is for browsers without a graphics card; `frame` is free of the page's parts."""
         self._no_gpu = plain
-        if plain:
-            disable_shadows_and_reflections(client.scene)
+        self._prefers_dark = dark
         self._scene = scene
         self._client = client
         self._robot_id = scene.default_robot_id
@@ -117,11 +59,15 @@ class ClientView:
         self._world: viser.FrameHandle | None = None
         self._has_own_world = False
         self._preview_joints: Array | None = None
-        self._preview = PosePreview(client)
+        self._preview = PosePreview(client, self._palette)
         self._tilt = ExaggeratedTilt(client)
         self._past: tuple[Snapshot | None, float] = None, 0.0
-        self._ghost = HistoryGhost(client)
-        self._student = StudentRobot(client)
+        self._ghost = HistoryGhost(client, self._palette)
+        self._student = StudentRobot(client, self._palette)
+        self._camera = ClientCamera(client, frame)
+        self._metres = MetreLabels(client)
+        self._labelled: tuple[int, ...] | None = None
+        self.on_robots_changed()
 
     # Selection and camera.
 
@@ -151,34 +97,49 @@ class ClientView:
             self._requested_id = robot_id
             self.on_robots_changed()
 
-    def _bring_into_view(self) -> None:
-        """Move the selected robot to the place of a followed robot, and look at it.
-
-        The camera keeps its direction and distance.
-        """
-        if self._fixed_world_xy is not None:
-            self._fixed_world_xy = self._followed_world_xy
-        camera = self._client.camera
-        aside, back = camera.look_at - LOOK_AT_M, camera.position - camera.look_at
-        if not (np.isfinite([aside, back]).all() and back.any()):
-            return  # Clients may send invalid cameras.
-        if np.linalg.norm(aside) > _LOOK_AT_TOLERANCE_M:
-            camera.position = LOOK_AT_M + back  # This also moves the point it looks at.
+    def set_frame(self, frame: Rectangle) -> None:
+        """Set the part of the picture that nothing covers; an untouched camera is placed again."""
+        with self._scene.lock:
+            if self._camera.set_frame(frame):
+                self._place_camera()
 
     def _place_camera(self) -> None:
-        """Point the camera at the robot according to the preset."""
-        body, world, camera = self.visual, self._world_pose, self._settings.camera
-        at = SE2.identity() if body is None else world @ SE2(body.pose)
-        offset = np.array(CAMERA_OFFSET_M)
-        if camera is CameraPreset.TOP:
-            offset = np.array([-0.01, 0.0, 1.3])
-        elif camera is CameraPreset.CHASE:
-            offset = np.array([*at.rotate(np.array([-0.85, 0.0])), 0.42])
-        middle = np.append(at.xy_heading[:2], 0.0)
+        """Frame the robot according to the preset."""
+        body = self.visual
+        if body is None:
+            return
+        at = self._world_pose @ SE2(body.pose)
         with self._client.atomic():
-            self._client.camera.position = middle + offset
-            self._client.camera.look_at = middle + LOOK_AT_M
+            planar = body.kinematics.pose_type is SE2
+            self._camera.place(body.meshes.shape, at, self._settings.camera, planar=planar)
+            if body.drawn.odom is not None:
+                self._camera.placed_for = body.id
+            add_lights(
+                self._client.scene, self._theme, self._camera.heading_rad, plain=self._no_gpu
+            )
+            self._labelled = None
+            self._label_metres(body)
         self._client.flush()
+
+    def _place_at_first_sight(self, body: RobotVisual) -> None:
+        """Frame a robot as soon as its pose is known."""
+        if self._camera.placed_for != body.id and body.drawn.odom is not None:
+            self._place_camera()
+
+    def _label_metres(self, body: RobotVisual) -> None:
+        """Label the lines around the robot, if it or the view has moved far enough."""
+        placed, world = self._camera.placed, self._world_pose
+        if placed is None:
+            return
+        x, y = float(body.pose[0]), float(body.pose[1])
+        turned = round(float(world.xy_heading[2]) / _LABEL_TURN_RAD)
+        key = (round(x / _LABEL_STEP_M), round(y / _LABEL_STEP_M), turned)
+        if key == self._labelled:
+            return
+        self._labelled = key
+        pose = in_odom(placed, world)
+        places = metre_places((x, y), pose, *self._camera.lens(), self._camera.frame)
+        self._metres.update(places, pose, self._camera.px_per_m, self._palette.label)
 
     def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
         """Return the point of the sphere hit by a ray (3,), (3,) of this client."""
@@ -198,6 +159,15 @@ class ClientView:
         return self._world_pose.inverse().transform(met)
 
     # Settings.
+
+    @property
+    def _theme(self) -> Theme:
+        dark = self._settings.dark
+        return Theme.DARK if (self._prefers_dark if dark is None else dark) else Theme.LIGHT
+
+    @property
+    def _palette(self) -> Palette:
+        return PALETTES[self._theme]
 
     @property
     def settings(self) -> ViewSettings:
@@ -247,7 +217,7 @@ class ClientView:
                 self.on_robots_changed()
                 return
             with self._client.atomic():
-                self._student.draw(self.visual, self._tilt)
+                self._student.draw(self.visual, self._settings.tilt)
         self._client.flush()
 
     # History.
@@ -263,8 +233,8 @@ class ClientView:
         body, joints = self.visual, self._preview_joints
         if body is None:
             return
-        if joints is not None and self._tilt.is_on(body):
-            joints = self._tilt.applied(joints)
+        if joints is not None:
+            joints = body.tilted(joints, self._settings.tilt)
         self._tilt.set_visible(joints is None)
         self._preview.draw(body, joints)
 
@@ -274,6 +244,9 @@ class ClientView:
         """Move this client's world frame, unless it follows the default robot."""
         moves_world = self._world is not None and self._fixed_world_xy is None
         body = self.visual
+        if body is not None:
+            self._place_at_first_sight(body)
+            self._label_metres(body)
         if body is not None and self._tilt.is_on(body) and self._preview_joints is None:
             with self._client.atomic():
                 self._tilt.update(body)
@@ -293,24 +266,34 @@ class ClientView:
                     hide_links(self._client, body, None)
             self._student.clear(self._scene.visuals.values())
             own.reset()
+            self._preview.palette = self._ghost.palette = self._student.palette = self._palette
             self._preview.clear()
             self._tilt.clear()
             self._ghost.clear()
             self._tilt.factor = self._settings.tilt
             self._select_available()
             self._world = self._add_world(own)
-            if self._no_gpu:
-                disable_shadows_and_reflections(own)
-            self._hide_layers(own)
             body = self.visual
+            add_lights(own, self._theme, self._camera.heading_rad, plain=self._no_gpu)
+            add_ground(own, self._theme, plain=self._no_gpu)
+            self._labelled = None
+            self._metres.clear()
+            self._show_theme(own)
+            self._hide_layers(own)
+            if body is not None:
+                self._label_metres(body)
             if body is not None and self._tilt.is_on(body):
-                self._tilt.start(body, rings=Layer.SETPOINT not in self._settings.hidden)
+                # Another robot in its place hides its axles as well.
+                hidden = Layer if self._student.is_shown else self._settings.hidden
+                self._tilt.start(body, self._palette, hidden)
             if self._preview_joints is not None:
                 self._draw_preview()
             self._ghost.draw(body, *self._past)
             if self._student.is_shown:
                 self._tilt.set_visible(False)
-                self._student.draw(body, self._tilt)
+                self._student.draw(body, self._settings.tilt)
+            if body is not None:
+                self._place_at_first_sight(body)
         self._client.flush()
 
     def _add_world(self, own: viser.SceneApi) -> viser.FrameHandle | None:
@@ -347,7 +330,16 @@ class ClientView:
         if shown != self._robot_id:
             self._robot_id, self._preview_joints = shown, None
             self._past = None, 0.0
-            self._bring_into_view()
+            self._camera.placed_for = None
+            if self._fixed_world_xy is not None:
+                self._fixed_world_xy = self._followed_world_xy
+
+    def _show_theme(self, own: viser.SceneApi) -> None:
+        """Show the overlays of this client's theme; the shared ones are dark."""
+        if self._theme is Theme.LIGHT:
+            for theme in Theme:
+                for node in theme_nodes(theme, self._scene.visuals):
+                    own.add_frame(node, show_axes=False, visible=theme is self._theme)
 
     def _hide_layers(self, own: viser.SceneApi) -> None:
         hidden = set(self._settings.hidden)
@@ -358,8 +350,8 @@ class ClientView:
                 own.add_frame(node, show_axes=False, visible=False)
         if self._settings.true_pose is TruePoseDisplay.ALWAYS:
             for body in self._scene.visuals.values():
-                name = body.overlays.truth.wireframe_name
-                add_wireframe(own, name, body.meshes.shape, appearance.TRUTH, visible=True)
+                name = f"{TRUE_POSES}/{body.id}/{self._theme}/c"
+                add_wireframe(own, name, body.meshes.shape, self._palette.ink, visible=True)
 
     @property
     def _is_chasing(self) -> bool:

@@ -13,6 +13,7 @@ import viser
 
 from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.client_view import ClientView
+from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
 from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
@@ -157,14 +158,14 @@ class DriveTab:
 
 
 _LAYER_HINTS = {
-    Layer.SETPOINT: "Cyan rings: where the gimbals should be",
+    Layer.SETPOINT: "Dashed rings: where the axles should be",
     Layer.TRAIL: "Blue line: estimated path of the last 40 m",
-    Layer.ROUTE: "Violet line: planned path, in all pages",
-    Layer.OTHER: "Rose cage: the other estimate, of robots that have two",
-    Layer.ARROWS: "Orange arrows: push of each wheel",
-    Layer.REGION: "Blue outline and wedge: position and heading are inside, 86 % certain each",
-    Layer.PREDICTED: "Pink cage: where the robot will be when a command sent now arrives",
-    Layer.ENVELOPE: "Red area: how far the robot can still get if the link fails now",
+    Layer.ROUTE: "Long dashes: planned path, in all pages",
+    Layer.OTHER: "Blue dashes: the other estimate, of robots that have two",
+    Layer.ARROWS: "Rods and arrows: axle and push of each wheel",
+    Layer.REGION: "Blue area and wedge: position and heading are inside, 86 % certain each",
+    Layer.PREDICTED: "Green dashes: where the robot will be when a command sent now arrives",
+    Layer.ENVELOPE: "Dashed area: how far the robot can still get if the link fails now",
     Layer.LABELS: "Metres on the floor, and names of several robots",
 }
 
@@ -205,12 +206,12 @@ class ViewTab:
         self._true_pose: viser.GuiDropdownHandle[str] = gui.add_dropdown(
             "true pose",
             [str(choice) for choice in TruePoseDisplay],
-            hint="Green cage: where a simulated robot really is",
+            hint="Dashes: where a simulated robot really is",
         )
         self._tilt: viser.GuiDropdownHandle[str] = gui.add_dropdown(
             "tilt drawn",
             [str(factor) for factor in TiltFactor],
-            hint="Gimbals in your picture lean this much more than they do; a label says so",
+            hint="Gimbals in your picture lean this much more than they do",
         )
         clear = gui.add_button("Clear trail", hint="Delete the trails of all robots, in all pages")
         self._dark = self._toggle("dark", "Dark colours", lambda on: {"dark": on}, initial=dark)
@@ -305,10 +306,11 @@ class Panel:
         dark: bool,
         watches: bool = False,
         plain: bool = False,
+        frame: Rectangle = WHOLE_PICTURE,
     ) -> None:
         """`watches`: omit controls for viewers. `plain`: the client has no graphics card."""
         self.client = client
-        self._view = ClientView(scene, client, plain=plain)
+        self._view = ClientView(scene, client, dark=dark, plain=plain, frame=frame)
         self._on_robot = on_robot
         gui = client.gui
         tabs = gui.add_tab_group()
@@ -364,6 +366,10 @@ class Panel:
         self._view.apply(settings, look=look)
         if self._view_tab is not None:
             self._view_tab.show(settings)
+
+    def set_frame(self, frame: Rectangle) -> None:
+        """Set the part of the picture that nothing covers."""
+        self._view.set_frame(frame)
 
     def on_robots_moved(self) -> None:
         """Update the view after the robot has moved."""

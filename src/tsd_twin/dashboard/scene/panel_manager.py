@@ -9,6 +9,7 @@ import numpy as np
 import viser
 
 from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.panel import Panel, SliderMode
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.student_robot import StudentPose
@@ -58,6 +59,7 @@ class PanelManager:
         robot_of: Callable[[str], str | None] = lambda _page: None,
         on_view: OnPageViewChanged = _ignore_view,
         view_of: Callable[[str], ViewSettings | None] = lambda _page: None,
+        frame_of: Callable[[str], Rectangle] = lambda _page: Rectangle(),
         dark: bool | None = None,
     ) -> None:
         """Register with the server and the scene.
@@ -71,6 +73,7 @@ class PanelManager:
             robot_of: Returns the robot shown on a page; called on viser's thread.
             on_view: Called if view settings are changed.
             view_of: Returns the view settings of a page; called on viser's thread.
+            frame_of: Returns the free part of a page's picture; called on viser's thread.
             dark: Theme of all clients; None follows the preference of each browser.
         """
         self._server = server
@@ -79,7 +82,7 @@ class PanelManager:
         self._on_robot = on_robot
         self._on_point = on_point
         self._robot_of = robot_of
-        self._on_view, self._view_of = on_view, view_of
+        self._on_view, self._view_of, self._frame_of = on_view, view_of, frame_of
         self._dark = dark
         self._panels: dict[int, Panel] = {}
         self._pages: dict[int, str | None] = {}
@@ -103,6 +106,11 @@ class PanelManager:
         """Apply the view settings of a page; `look` points its camera at the robot."""
         for panel in self._panels_of(page):
             panel.set_view(settings, look=look)
+
+    def set_frame(self, page: str, frame: Rectangle) -> None:
+        """Set the part of a page's picture that nothing covers."""
+        for panel in self._panels_of(page):
+            panel.set_frame(frame)
 
     def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
         """Draw the past state of a page's robot next to the live one; None hides it."""
@@ -183,7 +191,15 @@ class PanelManager:
             plain = has_no_gpu(self._server, client.client_id)
             watches = is_viewer(self._server, client.client_id)
             panel = Panel(
-                self._scene, client, moved, robot, view, dark=dark, watches=watches, plain=plain
+                self._scene,
+                client,
+                moved,
+                robot,
+                view,
+                dark=dark,
+                watches=watches,
+                plain=plain,
+                frame=Rectangle() if page is None else self._frame_of(page),
             )
             if page is not None and (chosen := self._robot_of(page)) is not None:
                 panel.select_robot(chosen)

@@ -4,8 +4,8 @@ footprint.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tsd_twin.dashboard.scene.appearance import Rgb
+from tsd_twin.dashboard.scene.materials import staged, tinted
 from tsd_twin.kinematics import Joint, JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.cdr import JointState
@@ -28,7 +29,6 @@ from tsd_twin.models import (
     load_parts,
 )
 from tsd_twin.models.links import Sphere
-from tsd_twin.models.solids import Part
 from tsd_twin.robots import RobotDescription
 from tsd_twin.robots.description import Limits
 
@@ -135,7 +135,7 @@ class Skeleton:
         """
         if not self.wheels:
             return np.zeros((0, 3)), np.zeros((0, 3))
-        here = self.poses(SE2.identity(), SO3.identity(), self._at_rest(joints))
+        here = self.poses(SE2.identity(), SO3.identity(), self.at_rest(joints))
         places: list[Array] = []
         velocities: list[Array] = []
         for group in self.wheels:
@@ -154,7 +154,7 @@ class Skeleton:
         """Whether the robot turns a sphere in place instead of driving on the floor."""
         return any(group.joint_type is JointType.BALL for group in self.tree.link_groups)
 
-    def _at_rest(self, joints: Array) -> Array:
+    def at_rest(self, joints: Array) -> Array:
         """Return the joints as angles, with wheels at zero."""
         angles = joints.copy()
         for group in self.wheels:
@@ -250,8 +250,6 @@ _OUTLINE: Any = manifold3d.CrossSection
 
 BASE_LINK_KIND: Link = "chassis"
 """Kind of the link that is fixed in the base frame; all others move."""
-_TINT_SHARE = 0.6
-"""Fraction of the tint colour in tinted parts."""
 
 
 class Surface(NamedTuple):
@@ -280,7 +278,9 @@ class RobotShape:
         self.joints = drawn_joints(robot, tree)
         """Joints required for drawing, beginning with the drive joints."""
         self.skeleton = Skeleton(tree, self.joints)
-        self._parts = load_parts(robot)
+        self._parts = {
+            kind: [staged(part) for part in drawn] for kind, drawn in load_parts(robot).items()
+        }
         self.glbs: dict[Link, bytes] = {kind: glb(drawn) for kind, drawn in self._parts.items()}
         """Binary glTF per kind of link, metres, in the frame of the link."""
         self._poses = self.skeleton.poses(
@@ -298,7 +298,7 @@ class RobotShape:
 
     def tinted(self, kind: Link, colour: Rgb) -> bytes:
         """Return the binary glTF of a kind of link with all parts tinted."""
-        return glb(_tinted(self._parts[kind], colour))
+        return glb(tinted(self._parts[kind], colour))
 
     @property
     def tilts(self) -> bool:
@@ -362,18 +362,6 @@ def robot_shape(robot: RobotDescription) -> RobotShape:
         MeshError: As in `load_parts`.
     """
     return _shape_of(_Drawing(msgspec.json.encode(robot), robot))
-
-
-def _tinted(drawn: Iterable[Part], colour: Rgb) -> list[Part]:
-    tint = np.array(colour) / 255.0
-    mixed = [
-        (1.0 - _TINT_SHARE) * np.array(part.material.rgba[:3]) + _TINT_SHARE * tint
-        for part in drawn
-    ]
-    return [
-        replace(part, material=replace(part.material, rgba=(float(r), float(g), float(b), 1.0)))
-        for part, (r, g, b) in zip(drawn, mixed, strict=True)
-    ]
 
 
 class TwistAxis(NamedTuple):

@@ -5,9 +5,8 @@ combination with all other overlays.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import viser
@@ -15,26 +14,28 @@ from manifold3d import CrossSection
 
 from tsd_twin.client.connection import SentCommand
 from tsd_twin.client.monitor import RoundTrips, Snapshot
-from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
     ALTERNATIVE_POSES,
+    AXLES,
+    FAULT,
+    HEADING,
     ROUTES,
+    STALE,
     TRAILS,
     TRUE_POSES,
+    Palette,
+    Rgb,
     overlay_node,
     robot_node,
 )
-from tsd_twin.dashboard.scene.overlays import (
-    FaultRing,
-    PoseRegion,
-    RouteLine,
-    StopEnvelope,
-    ThrustArrows,
-    Trail,
-    add_lines,
-)
+from tsd_twin.dashboard.scene.drive_marks import Axles, PushArrows, SetpointRings
+from tsd_twin.dashboard.scene.overlays import FaultRing, PoseRegion, StopEnvelope
+from tsd_twin.dashboard.scene.paths import RouteLine, Trail
 from tsd_twin.dashboard.scene.picking import OnClick, add_click_target
-from tsd_twin.dashboard.scene.robot_geometry import JointReader, LinkPoses, RobotShape, Surface
+from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape, Surface
+from tsd_twin.dashboard.scene.stage import contact_shadow
+from tsd_twin.dashboard.scene.themed import add_lines, closed, dashes, fan, raised, set_all, themed
+from tsd_twin.dashboard.scene.unlit import coloured, unlit_glb
 from tsd_twin.dashboard.wire.view import Layer
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array, wrap
@@ -148,44 +149,6 @@ VISIBLE_DIFFERENCE_RAD = math.radians(0.5)
 """Other poses are shown if they differ from the estimate by more than this distance or angle."""
 
 
-class SetpointRings:
-    """Setpoint rings: a ring and an axle end at the commanded pose of each wheel.
-
-    Drawn around the wheel instead of over it, so that small differences are visible without
-    flicker.
-    """
-
-    def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
-        self._skeleton = shape.skeleton
-        (self._wheels,) = self._skeleton.wheels
-        self.shown = shape.kinematics.inverse(np.zeros(3))
-        """Displayed joint vector (n,)."""
-        wxyz, position = self._poses(self.shown)
-        assert self._wheels.collision is not None  # noqa: S101  Or they would not be among the wheels.
-        self._handle = scene.add_batched_meshes_simple(
-            name,
-            *_ring_mesh(self._wheels.collision.radius_m),
-            wxyz,
-            position,
-            batched_colors=appearance.SETPOINT,
-            lod="off",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-
-    def update(self, setpoint: Array) -> None:
-        """Show a joint vector (n,)."""
-        if np.array_equal(setpoint, self.shown):
-            return
-        self.shown = setpoint
-        self._handle.batched_wxyzs = self._poses(setpoint).wxyz.astype(np.float32)
-
-    def _poses(self, joints: Array) -> LinkPoses:
-        # The rotation of the wheel is not visible in a ring.
-        every = self._skeleton.poses(SE2.identity(), SO3.identity(), joints)
-        return every[self._wheels.kind]
-
-
 class PoseWireframe:
     """Wireframe at another pose of the robot: simulated ground truth, or the alternative estimate.
 
@@ -193,16 +156,19 @@ class PoseWireframe:
     """
 
     def __init__(
-        self, scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb
+        self, scene: viser.SceneApi, name: str, shape: RobotShape, hue: Callable[[Palette], Rgb]
     ) -> None:
+        """`hue` returns the colour in a theme."""
         self._frame = scene.add_frame(name, show_axes=False)
         self._height_m = shape.skeleton.tree.height_m
-        self.wireframe_name = f"{name}/c"
-        self._wireframe = add_wireframe(scene, self.wireframe_name, shape, colour, visible=False)
+        self._wireframes = [
+            add_wireframe(scene, f"{node}/c", shape, hue(palette), visible=False)
+            for node, palette in themed(scene, name)
+        ]
 
     def update(self, reported: Odometry, estimate: Odometry) -> None:
         """Show the pose, unless it is close to the estimate."""
-        self._wireframe.visible = _differs_visibly(reported, estimate)
+        set_all(self._wireframes, visible=_differs_visibly(reported, estimate))
         # Also update it while hidden, because a client may show the wireframe anyway.
         if reported.wxyz is None:
             set_planar_pose(self._frame, reported.xy_heading)
@@ -235,13 +201,14 @@ class PredictedPoseWireframe:
 
     def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
         self._frame = scene.add_frame(name, show_axes=False)
-        self._wireframe = add_wireframe(
-            scene, f"{name}/c", shape, appearance.PREDICTED, visible=False
-        )
+        self._wireframes = [
+            add_wireframe(scene, f"{node}/c", shape, palette.command, visible=False)
+            for node, palette in themed(scene, name)
+        ]
 
     def update(self, ahead: Array | None) -> None:
         """Show a pose (3,) in the robot's frame; None hides it."""
-        self._wireframe.visible = ahead is not None
+        set_all(self._wireframes, visible=ahead is not None)
         if ahead is not None:
             set_planar_pose(self._frame, np.round(ahead, 3))
 
@@ -254,21 +221,20 @@ def set_planar_pose(frame: viser.FrameHandle, pose: Array) -> None:
 
 
 def add_wireframe(
-    scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb, *, visible: bool
+    scene: viser.SceneApi, name: str, shape: RobotShape, colour: Rgb, *, visible: bool
 ) -> viser.LineSegmentsHandle:
-    """Add the edges of a robot's bounding box; unlike a translucent body, lines hide little."""
+    """Add a dashed outline of a robot on the floor, or great circles of its sphere."""
     radius_m = shape.ball_radius_m
-    lines = _box_edges(shape) if radius_m is None else _great_circles(radius_m)
-    return add_lines(scene, name, lines, colour, 2.0, visible=visible)
+    if radius_m is None:
+        outline = dashes(closed(shape.footprint), _OUTLINE_DASH_M, _OUTLINE_GAP_M)
+        lines = raised(outline, _OUTLINE_HEIGHT_M)
+    else:
+        lines = _great_circles(radius_m)
+    return add_lines(scene, name, lines, colour, _OUTLINE_WIDTH_M, visible=visible)
 
 
-def _box_edges(shape: RobotShape) -> Array:
-    """Return edges (n, 2, 3) around a robot on the floor."""
-    foot = shape.footprint
-    low, high = (np.insert(foot, 2, z, axis=1) for z in (0.003, shape.height_m))
-    rims = [np.stack([rim, np.roll(rim, -1, axis=0)], axis=1) for rim in (low, high)]
-    posts = np.stack([low, high], axis=1)[:: max(1, len(foot) // 6)]
-    return np.concatenate([*rims, posts])
+_OUTLINE_WIDTH_M, _OUTLINE_HEIGHT_M = 0.004, 0.004
+_OUTLINE_DASH_M, _OUTLINE_GAP_M = 0.012, 0.010
 
 
 def _great_circles(radius_m: float) -> Array:
@@ -278,17 +244,6 @@ def _great_circles(radius_m: float) -> Array:
     lines = [np.stack([ring[:-1], ring[1:]], axis=1) for ring in (flat, flat[:, [0, 2, 1]])]
     pointers = [np.array([[axis, 1.25 * axis]]) for axis in np.eye(3)[[0, 2]]]
     return 1.01 * radius_m * np.concatenate([*lines, *pointers])
-
-
-def _ring_mesh(wheel_radius_m: float) -> Surface:
-    """Return a ring around the wheel and a pointer along its axle, in the wheel's frame."""
-    thin = 0.025 * wheel_radius_m
-    ring = CrossSection.circle(thin, 6).translate((1.62 * wheel_radius_m, 0.0))
-    length = 2.0 * wheel_radius_m
-    pointer = CrossSection.square((thin, length)).translate((0.0, 0.8 * wheel_radius_m))
-    tip = CrossSection.circle(3.0 * thin, 12).translate((0.0, 2.8 * wheel_radius_m))
-    profile: Any = ring + pointer + tip
-    return Surface.of(profile.revolve(48))
 
 
 class RobotOverlays:
@@ -304,32 +259,38 @@ class RobotOverlays:
         shape: RobotShape,
         on_click: OnClick,
         *,
-        colour: appearance.Rgb,
+        colour: Rgb,
     ) -> None:
         """`colour` identifies the robot."""
         node, self._reader = robot_node(robot_id), JointReader(shape.kinematics.joints)
         self._base = scene.add_frame(node, show_axes=False)
         self.setpoint = (
-            SetpointRings(scene, overlay_node(Layer.SETPOINT, robot_id), shape)
+            SetpointRings(scene, themed(scene, overlay_node(Layer.SETPOINT, robot_id)), shape)
             if shape.tilts
             else None
         )
-        self.truth = PoseWireframe(scene, f"{TRUE_POSES}/{robot_id}", shape, appearance.TRUTH)
+        self.truth = PoseWireframe(
+            scene, f"{TRUE_POSES}/{robot_id}", shape, lambda palette: palette.ink
+        )
         self.alternative = PoseWireframe(
-            scene, f"{ALTERNATIVE_POSES}/{robot_id}", shape, appearance.OTHER
+            scene, f"{ALTERNATIVE_POSES}/{robot_id}", shape, lambda palette: palette.estimate
         )
         self.trail = Trail(scene, f"{TRAILS}/{robot_id}")
-        self.route = RouteLine(scene, f"{ROUTES}/{robot_id}", shape.reach_m)
-        self.arrows = ThrustArrows(scene, overlay_node(Layer.ARROWS, robot_id), shape.skeleton)
+        self.route = RouteLine(scene, f"{ROUTES}/{robot_id}", shape.footprint)
+        scene.add_glb(
+            f"{node}/f", contact_shadow(shape.footprint), cast_shadow=False, receive_shadow=False
+        )
+        self.arrows = PushArrows(scene, overlay_node(Layer.ARROWS, robot_id), shape)
+        self.axles = Axles(scene, themed(scene, f"{node}/{AXLES}"), shape)
         self.region = PoseRegion(scene, overlay_node(Layer.REGION, robot_id), shape.reach_m)
         self.predicted = PredictedPoseWireframe(
             scene, overlay_node(Layer.PREDICTED, robot_id), shape
         )
         self.envelope = StopEnvelope(scene, overlay_node(Layer.ENVELOPE, robot_id), shape.reach_m)
         if not shape.skeleton.has_ball:  # A sphere does not move.
-            _add_heading_arrow(scene, f"{node}/h", shape.reach_m)
+            _add_heading_mark(scene, f"{node}/{HEADING}", shape)
         add_click_target(scene, f"{node}/x", shape, robot_id, on_click)
-        self._suspect = FaultRing(scene, f"{node}/j", shape)
+        self._suspect = FaultRing(scene, f"{node}/{FAULT}", shape)
         self._cover = _add_stale_hull(scene, f"{node}/c", shape)
         self.label = scene.add_label(
             overlay_node(Layer.LABELS, robot_id),
@@ -359,8 +320,17 @@ class RobotOverlays:
         self.predicted.update(prediction.arrival_pose)
         self.envelope.update(prediction.path)
 
-    def update(self, new: Snapshot, old: Snapshot, joints: Array) -> None:
-        """Show the changes from `old` to `new`; `joints` (n,) are the latest measured ones."""
+    def update(
+        self, new: Snapshot, old: Snapshot, joints: Array, drawn: Callable[[Array], Array]
+    ) -> None:
+        """Show the changes from `old` to `new`.
+
+        Args:
+            new: Latest snapshot.
+            old: Snapshot drawn before.
+            joints: (n,): latest measured joints.
+            drawn: Returns joints (n,) with their drawn tilt.
+        """
         moved = new.odom is not None and new.odom is not old.odom
         if new.odom is not None and moved and new.odom.wxyz is None:
             pose = new.odom.xy_heading
@@ -369,10 +339,11 @@ class RobotOverlays:
             self.region.update(new.odom.pose_covariance, float(pose[2]), new.received_s)
         if new.joints is not old.joints:
             self.arrows.update(joints, new.received_s)
+            self.axles.update(drawn(joints), new.received_s)
         if self.setpoint and new.setpoint is not None and new.setpoint is not old.setpoint:
             setpoint = self._reader.vector(new.setpoint)
             if setpoint is not None:
-                self.setpoint.update(setpoint)
+                self.setpoint.update(drawn(setpoint), new.received_s)
         if new.status is not None and new.status is not old.status:
             self._suspect.update(new.status)
         for wireframe, reported, before in (
@@ -385,7 +356,7 @@ class RobotOverlays:
     def remove(self) -> None:
         """Remove all overlays."""
         self.trail.clear()
-        self.route.update(None)
+        self.route.remove()
         self.truth.remove()
         self.alternative.remove()
         self._base.remove()
@@ -398,7 +369,7 @@ def _add_stale_hull(scene: viser.SceneApi, name: str, shape: RobotShape) -> vise
         name,
         1.04 * vertices,
         faces,
-        color=appearance.STALE,
+        color=STALE,
         opacity=0.8,
         flat_shading=True,
         cast_shadow=False,
@@ -408,7 +379,7 @@ def _add_stale_hull(scene: viser.SceneApi, name: str, shape: RobotShape) -> vise
 
 
 def _add_name_ring(
-    scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb
+    scene: viser.SceneApi, name: str, shape: RobotShape, colour: Rgb
 ) -> viser.MeshHandle:
     """Add a ring in the robot's colour on the floor around it."""
     inner_m = shape.reach_m + 0.015
@@ -423,16 +394,15 @@ def _add_name_ring(
     )
 
 
-def _add_heading_arrow(scene: viser.SceneApi, name: str, reach_m: float) -> None:
-    """Add a flat arrow head on the floor in front of the robot."""
-    near, far, half = reach_m + 0.02, reach_m + 0.07, 0.03
-    vertices = np.array([[near, half, 0.004], [near, -half, 0.004], [far, 0.0, 0.004]])
-    scene.add_mesh_simple(
-        name,
-        vertices,
-        np.array([[0, 1, 2]], np.uint32),
-        color=appearance.ESTIMATE,
-        side="double",
-        cast_shadow=False,
-        receive_shadow=False,
-    )
+def _add_heading_mark(scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
+    """Add a flat chevron on the floor in front of the robot."""
+    near = float(shape.footprint[:, 0].max()) + 0.03
+    chevron = np.array([[0.008, 0.0], [0.0, -0.022], [0.034, 0.0], [0.0, 0.022]])
+    corners = chevron + np.array([near, 0.0])
+    for node, palette in themed(scene, name):
+        scene.add_glb(
+            f"{node}/h",
+            unlit_glb(raised(corners, 0.004), fan(4), coloured(4, palette.ink)),
+            cast_shadow=False,
+            receive_shadow=False,
+        )

@@ -6,6 +6,7 @@ The tilt of the gimbals can be exaggerated for individual clients.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,7 +15,8 @@ import viser
 
 from tsd_twin.client.monitor import RobotMonitor, Snapshot
 from tsd_twin.client.motions import kinematics_in_force
-from tsd_twin.dashboard.scene.appearance import overlay_node, robot_node
+from tsd_twin.dashboard.scene.appearance import AXLES, Palette, overlay_node, robot_node
+from tsd_twin.dashboard.scene.drive_marks import Axles, SetpointRings
 from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape, commanded_joints
 from tsd_twin.dashboard.scene.robot_overlays import (
@@ -22,7 +24,6 @@ from tsd_twin.dashboard.scene.robot_overlays import (
     MotionPredictor,
     Prediction,
     RobotOverlays,
-    SetpointRings,
 )
 from tsd_twin.dashboard.scene.viser_compat import scale_instances
 from tsd_twin.dashboard.wire.view import Layer, TiltFactor
@@ -140,9 +141,15 @@ class RobotVisual:
     """Visual of a robot: meshes, overlays and motion prediction."""
 
     def __init__(
-        self, link: VisualSource, meshes: BatchedRobotMeshes, overlays: RobotOverlays
+        self,
+        link: VisualSource,
+        meshes: BatchedRobotMeshes,
+        overlays: RobotOverlays,
+        tilt: TiltFactor = TiltFactor.TRUE,
     ) -> None:
+        """`tilt` is the exaggeration for clients that do not choose another."""
         self.id = link.id
+        self.tilt = tilt
         self.link = link
         self.meshes = meshes
         self.overlays = overlays
@@ -171,10 +178,23 @@ class RobotVisual:
         return self.link.snapshot is not self.drawn
 
     @property
+    def setpoint(self) -> Array | None:
+        """Commanded joints (n,) of the drawn snapshot, if it has any."""
+        said = self.drawn.setpoint
+        return None if said is None else self._setpoint_reader.vector(said)
+
+    @property
     def kinematics(self) -> Kinematics[Any]:
         """Kinematics at the reported wheel speed."""
         link = self.link
         return kinematics_in_force(link.robot, link.kinematics, link.snapshot.status)
+
+    def tilted(self, joints: Array, tilt: TiltFactor) -> Array:
+        """Return drive joints, or all drawn ones, with the tilt of gimbals exaggerated."""
+        if not self.meshes.shape.tilts or tilt is TiltFactor.TRUE:
+            return joints
+        drive = len(self.joints)
+        return np.concatenate([exaggerate_tilt(joints[:drive], tilt.number), joints[drive:]])
 
     def update(self) -> None:
         """Update with the latest snapshot."""
@@ -191,8 +211,8 @@ class RobotVisual:
             joints = self._reader.vector(new.joints, before)
             if joints is not None:
                 self._turn_wheels(joints, new.received_s)
-        self.meshes.place(self.id, self.pose, self.ball, self.angles)
-        self.overlays.update(new, old, self.joints)
+        self.meshes.place(self.id, self.pose, self.ball, self.tilted(self.angles, self.tilt))
+        self.overlays.update(new, old, self.joints, lambda joints: self.tilted(joints, self.tilt))
         if self._predictor is not None and self._prediction_rate.is_due(new.received_s):
             self.overlays.show_prediction(self._predict(self._predictor, new))
 
@@ -213,7 +233,6 @@ class RobotVisual:
 
 MOST_TILT_RAD = math.radians(75.0)
 """Maximum displayed tilt of an axle, unless its true tilt is larger."""
-_LABEL_HEIGHT_M = 0.05
 
 
 def exaggerate_tilt(joints: Array, factor: float) -> Array:
@@ -241,47 +260,38 @@ def hide_links(client: viser.ClientHandle, body: RobotVisual, robot_id: str | No
 
 
 class ExaggeratedTilt:
-    """Gimbals and setpoint rings of a robot in a client's scene, with exaggerated tilt."""
+    """Gimbals, axles and setpoints of a robot in a client's scene, with another tilt."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
-        self.factor = TiltFactor.TRUE
+        self.factor = TiltFactor.FIVE
         self._client = client
         self._links: dict[Link, viser.BatchedGlbHandle] = {}
         self._rings: SetpointRings | None = None
+        self._axles: Axles | None = None
 
     def is_on(self, body: RobotVisual | None) -> bool:
-        """Return whether this robot is drawn with exaggerated tilt."""
-        return (
-            self.factor is not TiltFactor.TRUE
-            and body is not None
-            and bool(body.meshes.shape.tilts)
-        )
+        """Return whether this robot is drawn with another tilt than for all clients."""
+        return body is not None and self.factor is not body.tilt and bool(body.meshes.shape.tilts)
 
-    def applied(self, joints: Array) -> Array:
-        """Return the joint vector (n,) as drawn, for a robot with gimbals."""
-        return exaggerate_tilt(joints, self.factor.number)
-
-    def start(self, body: RobotVisual, *, rings: bool) -> None:
+    def start(self, body: RobotVisual, palette: Palette, hidden: Iterable[Layer]) -> None:
         """Create this client's nodes, after the reset of its other nodes."""
         self._links.clear()
-        scene, node = self._client.scene, robot_node(body.id)
-        shape = body.meshes.shape
-        scene.add_label(
-            f"{node}/ql",
-            f"tilt drawn {self.factor}",
-            position=(0.0, 0.0, shape.height_m + _LABEL_HEIGHT_M),
-            anchor="bottom-center",
-        )
-        if rings:  # Otherwise the shared rings, which show the true tilt, are already hidden.
+        scene, node, shape = self._client.scene, robot_node(body.id), body.meshes.shape
+        if Layer.SETPOINT not in hidden:  # Otherwise the shared ones are already hidden.
             scene.add_frame(overlay_node(Layer.SETPOINT, body.id), show_axes=False, visible=False)
-            self._rings = SetpointRings(scene, f"{node}/qs", shape)
+            self._rings = SetpointRings(scene, [(f"{node}/qs", palette)], shape)
+        if Layer.ARROWS not in hidden:
+            scene.add_frame(f"{node}/{AXLES}", show_axes=False, visible=False)
+            self._axles = Axles(scene, [(f"{node}/qd", palette)], shape)
         self.update(body)
         hide_links(self._client, body, body.id)
 
     def update(self, body: RobotVisual) -> None:
         """Redraw the joints of a robot."""
         shape = body.meshes.shape
-        poses = shape.skeleton.poses(SE2.identity(), body.ball, self.applied(body.angles))
+        poses = shape.skeleton.poses(
+            SE2.identity(), body.ball, body.tilted(body.angles, self.factor)
+        )
         for kind in shape.moving:
             if kind in self._links:
                 self._links[kind].batched_wxyzs = poses[kind].wxyz.astype(np.float32)
@@ -290,8 +300,11 @@ class ExaggeratedTilt:
                 self._links[kind] = self._client.scene.add_batched_glb(
                     f"{robot_node(body.id)}/q{kind}", shape.glbs[kind], *poses[kind], lod="off"
                 )
-        if self._rings is not None and body.overlays.setpoint is not None:
-            self._rings.update(self.applied(body.overlays.setpoint.shown))
+        if self._axles is not None:
+            self._axles.update(body.tilted(body.joints, self.factor), body.drawn.received_s)
+        if self._rings is not None and (setpoint := body.setpoint) is not None:
+            drawn = body.tilted(setpoint, self.factor)
+            self._rings.update(drawn, body.drawn.received_s)
 
     def set_visible(self, visible: bool) -> None:
         """Show or hide the gimbals, which a preview replaces."""
@@ -301,4 +314,4 @@ class ExaggeratedTilt:
     def clear(self) -> None:
         """Discard this client's nodes."""
         self._links.clear()
-        self._rings = None
+        self._rings = self._axles = None

@@ -1,4 +1,4 @@
-"""3-D scene shared by all clients: robots, ground grid with metre labels."""
+"""3-D scene shared by all clients: robots and their overlays."""
 
 from __future__ import annotations
 
@@ -7,138 +7,43 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import msgspec
-import numpy as np
 import viser
 
-from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
     ALTERNATIVE_POSES,
-    AXIS_LABELS,
     ROOT,
     ROUTES,
     TRAILS,
     TRUE_POSES,
     RobotRoster,
 )
-from tsd_twin.dashboard.scene.overlays import add_lines
 from tsd_twin.dashboard.scene.picking import OnClick
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.dashboard.scene.robot_overlays import RobotOverlays
 from tsd_twin.dashboard.scene.robot_visual import BatchedRobotMeshes, RobotVisual, VisualSource
+from tsd_twin.dashboard.wire.view import TiltFactor
 from tsd_twin.lie import Array
-
-_LETTER_ADVANCE = 0.75
-"""Width of a letter including its gap, relative to its height."""
-_LOW, _MID, _HIGH, _LEFT, _RIGHT = 0.0, 0.5, 1.0, 0.0, 0.5
-_SEGMENTS = {
-    "a": (_LEFT, _HIGH, _RIGHT, _HIGH),
-    "b": (_RIGHT, _HIGH, _RIGHT, _MID),
-    "c": (_RIGHT, _MID, _RIGHT, _LOW),
-    "d": (_LEFT, _LOW, _RIGHT, _LOW),
-    "e": (_LEFT, _LOW, _LEFT, _MID),
-    "f": (_LEFT, _MID, _LEFT, _HIGH),
-    "g": (_LEFT, _MID, _RIGHT, _MID),
-    "h": (0.25, _LOW, 0.25, _MID),
-    "i": (_LEFT, _LOW, _RIGHT, _MID),
-    "j": (_LEFT, _MID, _RIGHT, _LOW),
-    "k": (_LEFT, _MID, 0.25, 0.2),
-    "l": (_LEFT, -0.2, _RIGHT, _MID),
-}
-"""Segments a to g of a seven-segment digit, and further ones for letters: x and y of both ends."""
-_LETTERS = {
-    "0": "abcdef",
-    "1": "bc",
-    "2": "abged",
-    "3": "abgcd",
-    "4": "fgbc",
-    "5": "afgcd",
-    "6": "afgedc",
-    "7": "abc",
-    "8": "abcdefg",
-    "9": "abcdfg",
-    "-": "g",
-    "m": "eghc",
-    "x": "ij",
-    "y": "kl",
-    " ": "",
-}
-
-
-def text_lines(text: str, at_m: tuple[float, float], height_m: float) -> Array:
-    """Return the lines (n, 2, 2) of a text on the floor, upright when seen along +X.
-
-    The text starts to the right of `at_m`. Supported characters are digits, minus, m, x and y.
-    """
-    lines = [
-        (np.reshape(_SEGMENTS[bar], (2, 2)) + np.array([i * _LETTER_ADVANCE, 0.0])) * height_m
-        for i, letter in enumerate(text)
-        for bar in _LETTERS[letter]
-    ]
-    right_up = np.array(lines)
-    # Right is -Y, up is +X.
-    return np.stack([right_up[..., 1], -right_up[..., 0]], axis=-1) + np.array(at_m)
-
-
-LABELLED_RANGE_M = 5
-"""Range of the axis labels, metres from the origin."""
-_TEXT_HEIGHT_M = 0.07
-_TEXT_GAP_M = 0.03
-
-
-def add_ground(scene: viser.SceneApi, root: str, labels: str) -> None:
-    """Add grid and axes below the node `root`, and the labels as node `labels`."""
-    scene.world_axes.visible = False  # The default axes do not move with `root`.
-    scene.add_grid(
-        f"{root}/g",
-        infinite_grid=True,
-        cell_size=0.1,
-        cell_color=appearance.GRID_FINE,
-        cell_thickness=0.6,
-        section_size=1.0,
-        section_color=appearance.GRID_METRE,
-        section_thickness=1.3,
-        fade_distance=12.0,
-        fade_strength=2.0,
-        shadow_opacity=0.35,
-    )
-    scene.add_frame(
-        f"{root}/o",
-        axes_length=0.12,
-        axes_radius=0.002,
-        origin_radius=0.004,
-        position=(0, 0, 0.004),
-    )
-    add_lines(scene, labels, _axis_labels(), appearance.GRID_LABEL, 1.5)
-
-
-def _axis_labels() -> Array:
-    """Return the lines (n, 2, 3) of the labels, slightly above the floor."""
-    words = [
-        text_lines("x", (0.14, -_TEXT_GAP_M), _TEXT_HEIGHT_M),
-        text_lines("y", (_TEXT_GAP_M, 0.14), _TEXT_HEIGHT_M),
-    ]
-    for metres in (m for m in range(-LABELLED_RANGE_M, LABELLED_RANGE_M + 1) if m):
-        words.append(
-            text_lines(f"{metres} m", (metres + _TEXT_GAP_M, -_TEXT_GAP_M), _TEXT_HEIGHT_M)
-        )
-        words.append(text_lines(f"{metres} m", (_TEXT_GAP_M, metres - _TEXT_GAP_M), _TEXT_HEIGHT_M))
-    flat = np.concatenate(words)
-    return np.concatenate([flat, np.full((*flat.shape[:-1], 1), 0.002)], axis=-1)
-
 
 STALE_S = 0.3
 """An older state must not look live."""
 
 
 class Scene:
-    """Scene of robots, overlays and floor, shared by all clients; thread-safe.
+    """Scene of robots and overlays, shared by all clients; thread-safe.
 
     The world frame moves so that the first robot stays in place: an untouched camera follows it,
     and users can turn the camera. Clients with other settings have separate world frames.
     """
 
-    def __init__(self, server: viser.ViserServer, roster: RobotRoster | None = None) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        roster: RobotRoster | None = None,
+        tilt: TiltFactor = TiltFactor.FIVE,
+    ) -> None:
+        """`tilt` is the exaggeration for clients that do not choose another."""
         self.server = server
+        self._tilt = tilt
         self._roster = roster or RobotRoster()
         self.lock = threading.RLock()
         """Held while robots are added, removed or drawn."""
@@ -153,7 +58,7 @@ class Scene:
         """Called on viser's thread if the sphere of a robot is clicked."""
         self.on_trails_cleared: Callable[[], None] = lambda: None
         """Called on viser's thread."""
-        add_ground(server.scene, ROOT, AXIS_LABELS)
+        server.scene.world_axes.visible = False  # They do not move with the world.
         for node in (TRUE_POSES, ALTERNATIVE_POSES, TRAILS, ROUTES):
             server.scene.add_frame(node, show_axes=False)
 
@@ -189,7 +94,7 @@ class Scene:
                 colour=self._roster.colour(link.id),
             )
             meshes.add(link.id)
-            self._visuals[link.id] = RobotVisual(link, meshes, overlays)
+            self._visuals[link.id] = RobotVisual(link, meshes, overlays, self._tilt)
             self._update_views()
 
     def remove(self, robot_id: str) -> None:

@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.student_robot import StudentPose
@@ -75,6 +76,10 @@ class SceneExecutor:
         self._worker.submit_latest(
             ("view", page), lambda: self._panels().set_view(page, settings, look=look)
         )
+
+    def set_frame(self, page: str, frame: Rectangle) -> None:
+        """Set the part of a page's picture that nothing covers."""
+        self._worker.submit_latest(("frame", page), lambda: self._panels().set_frame(page, frame))
 
     def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
         """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""

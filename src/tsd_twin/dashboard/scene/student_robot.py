@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 import viser
 
-from tsd_twin.dashboard.scene import appearance
-from tsd_twin.dashboard.scene.appearance import ROOT, layer_nodes, robot_node
-from tsd_twin.dashboard.scene.overlays import (
-    ARROW_HEAD_M,
+from tsd_twin.dashboard.scene.appearance import ROOT, Palette, layer_nodes, robot_node
+from tsd_twin.dashboard.scene.drive_marks import (
     MIN_ARROW_SPEED_MPS,
-    add_lines,
-    arrow_points,
+    PushLines,
+    arrow_lines,
+    push_height_m,
 )
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape, robot_shape
-from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual
+from tsd_twin.dashboard.scene.robot_visual import RobotVisual, exaggerate_tilt
+from tsd_twin.dashboard.scene.themed import add_lines
 from tsd_twin.dashboard.scene.viser_compat import scale_instances
-from tsd_twin.dashboard.wire.view import Layer
+from tsd_twin.dashboard.wire.view import Layer, TiltFactor
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link
@@ -29,6 +29,7 @@ _HIDDEN = (Layer.SETPOINT, Layer.ARROWS, Layer.REGION, Layer.PREDICTED, Layer.EN
 """Layers of the selected robot that would be drawn through the other one."""
 _CROSS_M = 0.06
 """Half the size of the cross at the centre of rotation."""
+_CROSS_WIDTH_M = 0.006
 _FARTHEST_M = 20.0
 """A centre of rotation farther away is not drawn."""
 _LIFT_M = 0.003
@@ -48,12 +49,13 @@ class StudentPose:
 class StudentRobot:
     """Nodes of the Student tab's robot in a client's scene."""
 
-    def __init__(self, client: viser.ClientHandle) -> None:
+    def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
         self._client = client
+        self.palette = palette
         self._pose: StudentPose | None = None
         self._shape: RobotShape | None = None
         self._links: dict[Link, viser.BatchedGlbHandle] = {}
-        self._marks: list[viser.SceneNodeHandle] = []
+        self._marks: list[viser.SceneNodeHandle | PushLines] = []
         self._replaced: RobotVisual | None = None
 
     def set(self, pose: StudentPose | None) -> bool:
@@ -82,7 +84,7 @@ class StudentRobot:
         self._marks.clear()
         self._replaced = None
 
-    def draw(self, body: RobotVisual | None, tilt: ExaggeratedTilt) -> None:
+    def draw(self, body: RobotVisual | None, tilt: TiltFactor) -> None:
         """Draw the pose at the place of the selected robot, which is hidden."""
         shape, pose = self._shape, self._pose
         if shape is None or pose is None:
@@ -94,7 +96,8 @@ class StudentRobot:
                     self._client.scene.add_frame(node, show_axes=False, visible=False)
             _hide(self._client, body, body.id)
             self._replaced = body
-        self._draw_links(parent, shape, tilt.applied(pose.joints) if shape.tilts else pose.joints)
+        joints = exaggerate_tilt(pose.joints, tilt.number) if shape.tilts else pose.joints
+        self._draw_links(parent, shape, joints)
         self._draw_marks(parent, shape, pose)
 
     def _draw_links(self, parent: str, shape: RobotShape, joints: Array) -> None:
@@ -108,7 +111,7 @@ class StudentRobot:
             else:
                 self._links[kind] = self._client.scene.add_batched_glb(
                     f"{parent}/v{kind}",
-                    shape.tinted(kind, appearance.PREVIEW),
+                    shape.tinted(kind, self.palette.plan),
                     poses[kind].wxyz.reshape(-1, 4),
                     poses[kind].position.reshape(-1, 3),
                     lod="off",
@@ -122,20 +125,18 @@ class StudentRobot:
         speeds = np.linalg.norm(velocities, axis=-1)
         fast = speeds >= MIN_ARROW_SPEED_MPS
         if fast.any():
-            arrows = self._client.scene.add_arrows(
-                f"{parent}/va",
-                arrow_points(places[fast], velocities[fast], speeds[fast]),
-                appearance.PREVIEW,
-                shaft_radius=0.005,
-                head_radius=0.013,
-                head_length=ARROW_HEAD_M,
+            lifted = places[fast] + (0.0, 0.0, push_height_m(shape))
+            arrows = PushLines(
+                self._client.scene, f"{parent}/va", self.palette.plan, self.palette.casing
             )
+            arrows.update(arrow_lines(lifted, velocities[fast], speeds[fast]))
             self._marks.append(arrows)
         if pose.centre is not None and np.hypot(*pose.centre) <= _FARTHEST_M:
             cross = _CROSS_M * np.array([[[-1, 0, 0], [1, 0, 0]], [[0, -1, 0], [0, 1, 0]]])
             lines = cross + np.array([*pose.centre, _LIFT_M])
             node = f"{parent}/vc"
-            self._marks.append(add_lines(self._client.scene, node, lines, appearance.PREVIEW, 3.0))
+            line = lines, self.palette.plan, _CROSS_WIDTH_M
+            self._marks.append(add_lines(self._client.scene, node, *line))
 
 
 def _all_joints(shape: RobotShape, joints: Array) -> Array:

@@ -363,7 +363,7 @@ BRAND_COLOUR = (36, 132, 227)
 CAMERA_OFFSET_M = (-0.78, -0.58, 0.62)
 """Initial camera position relative to the robot: behind it to its right, so that it drives away."""
 LOOK_AT_M = (0.0, 0.0, 0.03)
-FIELD_OF_VIEW_RAD = 0.80
+FIELD_OF_VIEW_RAD = 0.55
 PANEL_WIDTH_PX = 320
 """Fits all tabs in one row, with the padding in `static/page.css`."""
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.client.motions import PlanLimits, plan
-from tsd_twin.dashboard.scene.overlays import ROUTE_POINTS
+from tsd_twin.dashboard.scene.paths import ROUTE_POINTS
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.wire.from_page import PlanRequest
 from tsd_twin.dashboard.wire.to_page import ActionReply, RouteState

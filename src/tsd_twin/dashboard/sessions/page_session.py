@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from tsd_twin.client.monitor import RobotMonitor
+from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.sessions.principal import Principal, operator_name, shown_name
 from tsd_twin.dashboard.sessions.send_queue import SendQueue
 from tsd_twin.dashboard.sessions.stops import LiveRobots, PageStops
@@ -40,6 +41,8 @@ class PageSession:
         self.principal = principal
         self.view: ViewSettings | None = None
         """View settings, if the page or its panel has sent any."""
+        self.frame = Rectangle()
+        """Part of the picture that the page leaves free."""
         self.send_queue = SendQueue()
         self.rejected = 0
         """Number of invalid messages."""

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from typing import TypeAlias
 
 import msgspec
 
+from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient
 from tsd_twin.dashboard.sessions.look_back import LookBackSession
@@ -25,6 +25,7 @@ from tsd_twin.dashboard.sessions.teleop import TeleopController, TeleopMessage
 from tsd_twin.dashboard.wire.from_page import (
     ArmRequest,
     DisarmRequest,
+    DisplayMessage,
     DriveCommand,
     FollowPlan,
     LeaseAction,
@@ -37,6 +38,7 @@ from tsd_twin.dashboard.wire.from_page import (
     ResetRequest,
     SelectPlotFields,
     SelectRobot,
+    SetFrame,
     SetName,
     SetView,
     SetWheelSpeed,
@@ -69,18 +71,6 @@ _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Servi
     DisarmRequest: Service.DISARM,
     ResetRequest: Service.RESET,
 }
-DisplayMessage: TypeAlias = (
-    SelectRobot
-    | SelectPlotFields
-    | SetView
-    | ShowMap
-    | ShowFleet
-    | LookBack
-    | ShowShadow
-    | StudentRequest
-    | PreviewRequest
-)
-"""Messages that change only what the page is sent."""
 
 
 class Session(PageSession):
@@ -218,6 +208,9 @@ class Session(PageSession):
             case SetView():
                 self.view = message.settings
                 self._scene.apply_view(self.page, message.settings, look=message.look)
+            case SetFrame():
+                self.frame = Rectangle(message.left, message.top, message.right, message.bottom)
+                self._scene.set_frame(self.page, self.frame)
             case ShowMap():
                 self._shows_map, was_shown = message.on, self._shows_map
                 if not was_shown:

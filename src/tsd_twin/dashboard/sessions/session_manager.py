@@ -11,6 +11,7 @@ from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
 from tsd_twin.dashboard.sessions.fleet_feed import FleetFeed
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
@@ -196,6 +197,11 @@ class SessionManager:
         """Return the view settings of a page, if it has sent any; thread-safe."""
         session = self._sessions.get(page)
         return None if session is None else session.view
+
+    def frame_of(self, page: str) -> Rectangle:
+        """Return the free part of a page's picture; thread-safe."""
+        session = self._sessions.get(page)
+        return Rectangle() if session is None else session.frame
 
     def principal_of(self, page: str) -> Principal | None:
         """Return the principal of a page, or None if the page is not open."""

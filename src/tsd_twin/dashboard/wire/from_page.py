@@ -19,6 +19,7 @@ Triple: TypeAlias = tuple[float, float, float]
 Coordinate: TypeAlias = Annotated[float, Meta(ge=-1e4, le=1e4)]
 """Metres, radians or picture fractions, bounded to avoid overflow."""
 RobotId: TypeAlias = Annotated[str, Meta(max_length=32)]
+Fraction: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0)]
 Level: TypeAlias = Annotated[int, Meta(ge=1, le=100)]
 """Percentage of the active limits."""
 BoundedNumber: TypeAlias = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -176,6 +177,18 @@ class SetView(Message, frozen=True, tag="view"):
     """Whether the camera turns to the robot even if its preset does not change."""
 
 
+class SetFrame(Message, frozen=True, tag="frame"):
+    """Part of the picture that nothing of the page covers, where the camera frames the robot.
+
+    Fractions of width and height from the upper left corner.
+    """
+
+    left: Fraction = 0.0
+    top: Fraction = 0.0
+    right: Fraction = 1.0
+    bottom: Fraction = 1.0
+
+
 class ShowMap(Message, frozen=True, tag="map"):
     """Request for map data with every state while `on`."""
 
@@ -221,6 +234,19 @@ class StudentRequest(Message, frozen=True, tag="student"):
     """Whether the scene of this page shows the robot with these joints, in place of its own."""
 
 
+DisplayMessage: TypeAlias = (
+    SelectRobot
+    | SelectPlotFields
+    | SetView
+    | SetFrame
+    | ShowMap
+    | ShowFleet
+    | LookBack
+    | ShowShadow
+    | StudentRequest
+    | PreviewRequest
+)
+"""Messages that change only what the page is sent."""
 PageMessage: TypeAlias = (
     DriveCommand
     | PlanRequest
@@ -240,6 +266,7 @@ PageMessage: TypeAlias = (
     | SelectRobot
     | SelectPlotFields
     | SetView
+    | SetFrame
     | ShowMap
     | ShowFleet
     | SetName
@@ -305,6 +332,7 @@ RecordedPageMessage: TypeAlias = (
     | SelectRobot
     | SelectPlotFields
     | SetView
+    | SetFrame
     | ShowMap
     | ShowFleet
     | ShowShadow

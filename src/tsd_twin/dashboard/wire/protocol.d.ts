@@ -624,6 +624,7 @@ type PageMessage =
   | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }
   | { t: "view"; settings: ViewSettings; look: boolean }
+  | { t: "frame"; left: number; top: number; right: number; bottom: number }
   | { t: "map" | "shadow" | "fleet"; on: boolean }
   | { t: "name"; name: string }
   | { t: "stop"; robot?: string | null; all?: boolean }

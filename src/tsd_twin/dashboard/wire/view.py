@@ -47,6 +47,7 @@ class TiltFactor(StrEnum):
 
     TRUE = "x1"
     THREE = "x3"
+    FIVE = "x5"
     TEN = "x10"
 
     @property
@@ -63,6 +64,6 @@ class ViewSettings(msgspec.Struct, frozen=True):
     """Whether the camera moves with the robot."""
     hidden: Annotated[Sequence[Layer], Meta(max_length=len(Layer))] = ()
     true_pose: TruePoseDisplay = TruePoseDisplay.DIFFERS
-    tilt: TiltFactor = TiltFactor.TRUE
+    tilt: TiltFactor = TiltFactor.FIVE
     dark: bool | None = None
     """Dark or light colours; None follows the browser's preference."""

@@ -1,4 +1,4 @@
-"""Past state of a robot in a client's scene."""
+"""Nodes of a client's scene besides the live robot: the pose preview, and a past state."""
 
 from __future__ import annotations
 
@@ -6,11 +6,16 @@ import numpy as np
 import viser
 
 from tsd_twin.client.monitor import Snapshot
-from tsd_twin.dashboard.scene import appearance
-from tsd_twin.dashboard.scene.appearance import PAST_NODE
+from tsd_twin.dashboard.scene.appearance import PAST_NODE, Palette, robot_node
+from tsd_twin.dashboard.scene.drive_marks import (
+    MIN_ARROW_SPEED_MPS,
+    PushLines,
+    arrow_lines,
+    push_height_m,
+)
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose
-from tsd_twin.dashboard.scene.robot_visual import RobotVisual
+from tsd_twin.dashboard.scene.robot_visual import RobotVisual, hide_links
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link
@@ -20,11 +25,79 @@ _BESIDE = 2.2
 """Distance between a sphere and its ghost, in radii of the robot."""
 
 
+class PosePreview:
+    """Pose preview in a client's scene: gimbal poses, or arrows for wheels without gimbals."""
+
+    def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
+        self._client = client
+        self.palette = palette
+        self._links: dict[Link, viser.BatchedGlbHandle] = {}
+        self._arrows: PushLines | None = None
+
+    def draw(self, body: RobotVisual, joints: Array | None) -> None:
+        """Preview a joint vector (n,); None ends the preview."""
+        if not body.meshes.shape.tilts:
+            self._point(body, joints)
+        elif joints is not None:
+            self._pose(body, joints)
+        elif self._links:
+            for handle in self._links.values():
+                handle.visible = False
+            hide_links(self._client, body, None)
+
+    def forget(self, body: RobotVisual) -> None:
+        """Discard this client's nodes and show the robot's links again."""
+        if self._links:
+            hide_links(self._client, body, None)
+
+    def clear(self) -> None:
+        """Discard this client's nodes."""
+        self._links.clear()
+        self._arrows = None
+
+    def _point(self, body: RobotVisual, joints: Array | None) -> None:
+        if self._arrows is not None:
+            self._arrows.remove()
+            self._arrows = None
+        if joints is None:
+            return
+        places, velocities = body.meshes.shape.skeleton.contacts(joints)
+        speeds = np.linalg.norm(velocities, axis=-1)
+        fast = speeds >= MIN_ARROW_SPEED_MPS
+        if fast.any():
+            self._arrows = PushLines(
+                self._client.scene,
+                f"{robot_node(body.id)}/pa",
+                self.palette.plan,
+                self.palette.casing,
+            )
+            lifted = places[fast] + (0.0, 0.0, push_height_m(body.meshes.shape))
+            self._arrows.update(arrow_lines(lifted, velocities[fast], speeds[fast]))
+
+    def _pose(self, body: RobotVisual, joints: Array) -> None:
+        shape = body.meshes.shape
+        wheels = np.array([joint.kind is JointKind.VELOCITY for joint in shape.kinematics.joints])
+        angles = np.where(wheels, body.angles, joints)
+        poses = shape.skeleton.poses(SE2.identity(), body.ball, angles)
+        for kind in shape.moving:
+            if kind not in self._links:
+                self._links[kind] = self._client.scene.add_batched_glb(
+                    f"{robot_node(body.id)}/p{kind}",
+                    shape.tinted(kind, self.palette.plan),
+                    *poses[kind],
+                    lod="off",
+                )
+            self._links[kind].batched_wxyzs = poses[kind].wxyz.astype(np.float32)
+            self._links[kind].visible = True
+        hide_links(self._client, body, body.id)
+
+
 class HistoryGhost:
     """Ghost in a client's scene: wireframe and moving links of a robot's past state, labelled."""
 
-    def __init__(self, client: viser.ClientHandle) -> None:
+    def __init__(self, client: viser.ClientHandle, palette: Palette) -> None:
         self._client = client
+        self.palette = palette
         self._frame: viser.FrameHandle | None = None
         self._label: viser.LabelHandle | None = None
         self._links: dict[Link, viser.BatchedGlbHandle] = {}
@@ -43,7 +116,7 @@ class HistoryGhost:
                 self._client.scene,
                 f"{PAST_NODE}/c",
                 body.meshes.shape,
-                appearance.PAST,
+                self.palette.caution,
                 visible=True,
             )
             self._reader = JointReader(body.meshes.shape.joints)
@@ -87,7 +160,7 @@ class HistoryGhost:
             else:
                 self._links[kind] = self._client.scene.add_batched_glb(
                     f"{PAST_NODE}/{kind}",
-                    shape.tinted(kind, appearance.PAST),
+                    shape.tinted(kind, self.palette.caution),
                     *poses[kind],
                     lod="off",
                 )

@@ -1,0 +1,92 @@
+"""Camera of a client: framed at first sight and by the presets, otherwise the client's own."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import viser
+
+from tsd_twin.dashboard.scene.framing import (
+    CHASE_RAD,
+    ELEVATION_RAD,
+    TOP_RAD,
+    CameraPose,
+    Rectangle,
+    Stand,
+    frame_robot,
+)
+from tsd_twin.dashboard.scene.robot_geometry import RobotShape
+from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
+from tsd_twin.dashboard.wire.view import CameraPreset
+from tsd_twin.lie import SE2
+
+_ELEVATIONS_RAD = {
+    CameraPreset.ISO: ELEVATION_RAD,
+    CameraPreset.TOP: TOP_RAD,
+    CameraPreset.CHASE: CHASE_RAD,
+}
+_UNTOUCHED_M = 0.01
+"""Largest difference to the pose where the camera was placed."""
+_ASPECTS = (0.1, 10.0)
+_FIELDS_RAD = (0.1, 2.5)
+_LEAST_PICTURE_PX = 100
+_LABELS_ABOVE_M = 0.05
+"""Space above a robot for its overlays."""
+
+
+class ClientCamera:
+    """Places the camera of a client."""
+
+    def __init__(self, client: viser.ClientHandle, frame: Rectangle) -> None:
+        self._camera = client.camera
+        self._frame = frame
+        self._placed: CameraPose | None = None
+        self.placed_for: str | None = None
+        """Robot in front of which the camera was placed with a known pose."""
+        self.heading_rad = 0.0
+        """Azimuth of the view in the scene when the camera was placed."""
+        self.px_per_m = 1000.0
+        """Height in pixels of something 1 m high at a distance of 1 m."""
+
+    @property
+    def frame(self) -> Rectangle:
+        """Free part of the picture."""
+        return self._frame
+
+    @property
+    def placed(self) -> CameraPose | None:
+        """Pose in the scene where the camera was placed, if it was."""
+        return self._placed
+
+    def set_frame(self, frame: Rectangle) -> bool:
+        """Set the free part of the picture; return whether the camera is where it was placed."""
+        changed, self._frame = frame != self._frame, frame
+        if self._placed is None:
+            return False
+        moved = np.linalg.norm(self._camera.position - self._placed.position)
+        return changed and bool(moved < _UNTOUCHED_M)
+
+    def place(self, shape: RobotShape, at: SE2, preset: CameraPreset, *, planar: bool) -> None:
+        """Frame a robot at a pose in the scene; spheres and the view from above do not turn."""
+        x, y, heading_rad = (float(number) for number in at.xy_heading)
+        turns = planar and preset is not CameraPreset.TOP
+        self.heading_rad = heading_rad if turns else 0.0
+        aspect, fov_rad = self.lens()
+        stand = Stand((x, y), shape.reach_m, shape.height_m + _LABELS_ABOVE_M)
+        pose = frame_robot(
+            stand, self.heading_rad, aspect, fov_rad, self._frame, _ELEVATIONS_RAD[preset]
+        )
+        self._camera.position, self._camera.look_at = pose
+        self._placed = pose
+        height_px = max(_LEAST_PICTURE_PX, int(self._camera.image_height))
+        self.px_per_m = 0.5 * height_px / math.tan(0.5 * fov_rad)
+
+    def lens(self) -> tuple[float, float]:
+        """Return aspect ratio and field of view; clients may send invalid cameras."""
+        aspect, fov_rad = float(self._camera.aspect), float(self._camera.fov)
+        if not _ASPECTS[0] < aspect < _ASPECTS[1]:
+            aspect = 1.5
+        if not _FIELDS_RAD[0] < fov_rad < _FIELDS_RAD[1]:
+            fov_rad = FIELD_OF_VIEW_RAD
+        return aspect, fov_rad

@@ -1,0 +1,166 @@
+"""Camera poses that frame a robot in the part of the picture that nothing covers."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tsd_twin.lie import Array
+
+ELEVATION_RAD = math.radians(33.0)
+"""Elevation of the camera behind the robot, seen from the robot."""
+TOP_RAD = math.radians(89.5)
+"""Elevation of the camera above the robot; it looks almost straight down."""
+CHASE_RAD = math.radians(20.0)
+"""Elevation of the camera that turns with the robot."""
+SHARE_OF_HEIGHT = 0.54
+"""Height of the robot in the picture, relative to the free rectangle."""
+SHARE_OF_WIDTH = 0.86
+"""Maximum width of the robot; it bounds the robot's size in narrow windows."""
+_LEAST_SIDE = 0.05
+_RIM_POINTS = 24
+_AIMING_STEPS = 4
+_BISECTIONS = 24
+_NEAREST, _FARTHEST = 1.05, 400.0
+"""Bounds of the camera's distance, relative to the robot's size."""
+
+
+class Rectangle(NamedTuple):
+    """Part of the picture, in fractions of its width and height from the upper left corner."""
+
+    left: float = 0.0
+    top: float = 0.0
+    right: float = 1.0
+    bottom: float = 1.0
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether a robot in it could be seen."""
+        wide, high = self.right - self.left, self.bottom - self.top
+        return wide >= _LEAST_SIDE and high >= _LEAST_SIDE
+
+
+WHOLE_PICTURE = Rectangle()
+
+
+class Stand(NamedTuple):
+    """Space that a robot takes: an upright cylinder on the floor."""
+
+    xy: tuple[float, float]
+    reach_m: float
+    height_m: float
+
+
+class CameraPose(NamedTuple):
+    """Position of a camera, and a point in the middle of its picture; up is +Z."""
+
+    position: Array
+    look_at: Array
+
+
+def rim_points(stand: Stand, start_rad: float = 0.0) -> Array:
+    """Return points (n, 3) of both rims of a stand, from a direction on."""
+    angles = start_rad + np.arange(_RIM_POINTS) * 2.0 * np.pi / _RIM_POINTS
+    ring = stand.reach_m * np.stack([np.cos(angles), np.sin(angles)], axis=-1) + stand.xy
+    return np.concatenate([np.insert(ring, 2, z, axis=1) for z in (0.0, stand.height_m)])
+
+
+def pictured(pose: CameraPose, points: Array, aspect: float, fov_rad: float) -> Array:
+    """Return the picture positions (n, 2) of points (n, 3), fractions to the right and down.
+
+    Args:
+        pose: Pose of the camera.
+        points: (n, 3): points in front of the camera, metres.
+        aspect: Width of the picture divided by its height.
+        fov_rad: Vertical field of view.
+    """
+    ahead = pose.look_at - pose.position
+    ahead = ahead / np.linalg.norm(ahead)
+    right = np.cross(ahead, (0.0, 0.0, 1.0))
+    right = right / np.linalg.norm(right)
+    axes = np.stack([right, np.cross(ahead, right), ahead])
+    across, down, depth = axes @ (points - pose.position).T
+    half = math.tan(0.5 * fov_rad)
+    return 0.5 + 0.5 * np.stack([across / (half * aspect), down / half], axis=-1) / depth[:, None]
+
+
+def frame_robot(
+    stand: Stand,
+    heading_rad: float,
+    aspect: float,
+    fov_rad: float,
+    free: Rectangle = WHOLE_PICTURE,
+    elevation_rad: float = ELEVATION_RAD,
+) -> CameraPose:
+    """Return the camera pose behind a robot that fits it into the free rectangle.
+
+    The robot fills `SHARE_OF_HEIGHT` of the rectangle's height, or `SHARE_OF_WIDTH` of its width if
+    that is less, and is in its middle. The camera looks along the heading, so that the robot's way
+    ahead is up in the picture.
+
+    Args:
+        stand: Space of the robot in the scene.
+        heading_rad: Direction away from the camera.
+        aspect: Width of the picture divided by its height.
+        fov_rad: Vertical field of view.
+        free: Rectangle that nothing covers; the whole picture unless it `is_usable`.
+        elevation_rad: Angle by which the camera looks down, below 90 degrees.
+    """
+    free = free if free.is_usable else WHOLE_PICTURE
+    camera = _Camera(stand, heading_rad, elevation_rad, aspect, fov_rad)
+    size = math.hypot(stand.reach_m, 0.5 * stand.height_m)
+    near, far = _NEAREST * size, _FARTHEST * size
+    for _ in range(_BISECTIONS):
+        middle = math.sqrt(near * far)
+        wide, high = camera.extent(camera.aimed(middle, free))
+        large = high > SHARE_OF_HEIGHT * (free.bottom - free.top)
+        large |= wide > SHARE_OF_WIDTH * (free.right - free.left)
+        near, far = (middle, far) if large else (near, middle)
+    return camera.aimed(far, free)
+
+
+class _Camera:
+    """Camera of a fixed orientation that is moved to see a robot."""
+
+    def __init__(
+        self,
+        stand: Stand,
+        heading_rad: float,
+        elevation_rad: float,
+        aspect: float,
+        fov_rad: float,
+    ) -> None:
+        self._points = rim_points(stand, heading_rad)
+        self._middle = np.array([*stand.xy, 0.5 * stand.height_m])
+        cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+        level, steep = math.cos(elevation_rad), math.sin(elevation_rad)
+        self._ahead = np.array([level * cos, level * sin, -steep])
+        self._right = np.array([sin, -cos, 0.0])
+        self._down = np.array([-steep * cos, -steep * sin, -level])
+        self._aspect, self._fov_rad = aspect, fov_rad
+
+    def aimed(self, distance_m: float, free: Rectangle) -> CameraPose:
+        """Return the pose with the robot in the middle of a rectangle."""
+        wanted = 0.5 * np.array([free.left + free.right, free.top + free.bottom])
+        pose = self._pose(distance_m, wanted)
+        goal = wanted
+        for _ in range(_AIMING_STEPS):  # Perspective moves the robot's outline off its middle.
+            seen = pictured(pose, self._points, self._aspect, self._fov_rad)
+            goal = goal + wanted - 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+            pose = self._pose(distance_m, goal)
+        return pose
+
+    def _pose(self, distance_m: float, goal: Array) -> CameraPose:
+        """Return the pose with the robot's middle at a place (2,) of the picture."""
+        half = math.tan(0.5 * self._fov_rad) * np.array([self._aspect, 1.0])
+        x, y = (2.0 * goal - 1.0) * half
+        away = self._ahead + x * self._right + y * self._down
+        position = self._middle - distance_m * away
+        return CameraPose(position, position + distance_m * self._ahead)
+
+    def extent(self, pose: CameraPose) -> tuple[float, float]:
+        """Return width and height of the robot in the picture, fractions."""
+        wide, high = np.ptp(pictured(pose, self._points, self._aspect, self._fov_rad), axis=0)
+        return float(wide), float(high)

@@ -1,0 +1,132 @@
+"""Stage of a client: lights, ground, grid and metre labels in its theme."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+import viser
+
+from tsd_twin.dashboard.scene.appearance import PALETTES, ROOT, Rgb, Theme
+from tsd_twin.dashboard.scene.unlit import coloured, line_colour, mixed, unlit_glb
+from tsd_twin.lie import Array
+
+_KEY_RAD, _RIM_RAD = math.radians(62.0), math.radians(205.0)
+"""Azimuths of key and rim light from the camera's, seen from the robot."""
+_KEY_COLOUR: Rgb = (255, 242, 226)
+_RIM_COLOUR: Rgb = (188, 214, 255)
+_INTENSITIES = {Theme.DARK: (1.1, 0.9, 0.05, 0.24), Theme.LIGHT: (1.15, 0.5, 0.1, 0.36)}
+"""Intensities of key, rim and ambient light, and of the environment."""
+_PLAIN_AMBIENT = 0.9
+"""Intensity of ambient light without an environment."""
+_SHADOW_OPACITY = {Theme.DARK: 0.55, Theme.LIGHT: 0.22}
+
+_GROUND_M = 60.0
+_POOL_M = 2.64
+"""Radius of the pool of light around the robot."""
+_GROUND_Z_M = -0.002
+_SHADOW_Z_M = 0.0033
+"""Above the overlays on the floor, which would hide it."""
+_SECTORS = 72
+
+
+def add_lights(
+    scene: viser.SceneApi, theme: Theme, heading_rad: float = 0.0, *, plain: bool = False
+) -> None:
+    """Add lights, or move them.
+
+    Args:
+        scene: Scene of a client, or of a recording.
+        theme: Its theme.
+        heading_rad: Azimuth of the camera's view, to which the lights are fixed.
+        plain: Without shadows and reflections, which take most of the time without a graphics card.
+    """
+    key, rim, ambient, environment = _INTENSITIES[theme]
+    scene.configure_default_lights(enabled=False)
+    if plain:
+        scene.configure_environment_map(None)
+    else:
+        scene.configure_environment_map("studio", environment_intensity=environment)
+    scene.add_light_ambient("/stage/ambient", intensity=_PLAIN_AMBIENT if plain else ambient)
+    behind = heading_rad + math.pi
+    for name, azimuth, height_m, colour, intensity in (
+        ("key", behind + _KEY_RAD, 2.6 / 1.6, _KEY_COLOUR, key),
+        ("rim", behind + _RIM_RAD, 1.3 / 3.0, _RIM_COLOUR, rim),
+    ):
+        scene.add_light_directional(
+            f"/stage/{name}",
+            color=colour,
+            intensity=intensity,
+            cast_shadow=name == "key" and not plain,
+            position=(math.cos(azimuth), math.sin(azimuth), height_m),
+        )
+
+
+def add_ground(scene: viser.SceneApi, theme: Theme, *, plain: bool = False) -> None:
+    """Add background, floor and grid; a `plain` floor receives no shadows."""
+    palette = PALETTES[theme]
+    scene.set_background_image(np.full((8, 8, 3), palette.far, np.uint8), format="png")
+    scene.add_glb("/stage/ground", _ground(theme), cast_shadow=False, receive_shadow=False)
+    scene.add_grid(
+        f"{ROOT}/g",
+        infinite_grid=True,
+        cell_size=0.25,
+        cell_color=line_colour(mixed(palette.line, palette.floor, 0.5)),
+        cell_thickness=0.7,
+        section_size=1.0,
+        section_color=line_colour(palette.line),
+        section_thickness=1.1,
+        fade_distance=7.0,
+        fade_strength=1.5,
+        shadow_opacity=0.0 if plain else _SHADOW_OPACITY[theme],
+    )
+
+
+@lru_cache(maxsize=len(Theme))
+def _ground(theme: Theme) -> bytes:
+    """Return a disc with a pool of light that fades to the background, binary glTF."""
+    palette = PALETTES[theme]
+    radii = np.concatenate([np.linspace(0.0, _POOL_M, 25)[1:], [_GROUND_M]])
+    angles = np.arange(_SECTORS) * 2.0 * np.pi / _SECTORS
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    flat = np.concatenate([np.zeros((1, 2)), *(radius * ring for radius in radii)])
+    shades = [coloured(1, mixed(palette.floor, palette.far, share)) for share in _pool(radii)]
+    rgba = np.concatenate(
+        [coloured(1, palette.floor), *(np.repeat(shade, _SECTORS, axis=0) for shade in shades)]
+    )
+    return unlit_glb(np.insert(flat, 2, _GROUND_Z_M, axis=1), disc_faces(len(radii)), rgba)
+
+
+def _pool(radii: Array) -> Array:
+    """Return the brightness of the pool, 1 in its middle and 0 outside."""
+    part = np.clip(radii / _POOL_M, 0.0, 1.0)
+    return (1.0 - part * part * (3.0 - 2.0 * part)) ** 2
+
+
+def disc_faces(rings: int, sectors: int = _SECTORS) -> npt.NDArray[np.uint32]:
+    """Return faces (n, 3), seen from above, of a centre vertex and rings around it."""
+    one = np.arange(sectors)
+    other = (one + 1) % sectors
+    faces = [np.stack([0 * one, 1 + one, 1 + other], axis=-1)]
+    for ring in range(rings - 1):
+        inner, outer = 1 + ring * sectors, 1 + (ring + 1) * sectors
+        faces.append(np.stack([inner + one, outer + one, outer + other], axis=-1))
+        faces.append(np.stack([inner + one, outer + other, inner + other], axis=-1))
+    return np.concatenate(faces).astype(np.uint32)
+
+
+def contact_shadow(outline: Array) -> bytes:
+    """Return a soft dark area below an outline (n, 2) around the origin, binary glTF."""
+    reach = np.linalg.norm(outline, axis=-1)
+    scales = np.array([0.55, 0.8, 0.95, 1.08, 1.22])
+    opacities = np.array([0.75, 0.75, 0.6, 0.25, 0.0])
+    flat = np.concatenate([np.zeros((1, 2)), *(scale * outline for scale in scales)])
+    alpha = np.concatenate([[0.75], np.repeat(opacities, len(reach))])
+    black = np.zeros((len(flat), 3))
+    return unlit_glb(
+        np.insert(flat, 2, _SHADOW_Z_M, axis=1),
+        disc_faces(len(scales), len(outline)),
+        np.column_stack([black, alpha]),
+    )
