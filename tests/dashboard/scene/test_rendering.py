@@ -39,10 +39,11 @@ class Desk:
     def __init__(self, server: viser.ViserServer, browser: Browser) -> None:
         self.server = server
         self.scene = Scene(server)
-        server.scene.configure_default_lights(cast_shadow=False)  # Drawn by the processor here.
         self.panels = PanelManager(server, self.scene, *[lambda *_: None] * 3)
         self.feed = RobotFeed()
         self.scene.add(self.feed)
+        self.feed.say(pose=np.zeros(3))  # The camera moves when it becomes known.
+        self.scene.draw()
         self.errors: list[str] = []
         self._browser = browser
 
