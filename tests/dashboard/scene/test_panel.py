@@ -26,7 +26,7 @@ from tsd_twin.dashboard.scene.framing import CameraPose, pictured
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.robot_visual import exaggerate_tilt
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.viser_compat import page_of
+from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD, page_of
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
 from tsd_twin.lie import SE2
 from tsd_twin.robots import load_robot
@@ -437,7 +437,7 @@ def seen_at(viewer: ViserClient, point: tuple[float, float]) -> Any:
     look_at = np.array(viewer.camera["SetCameraLookAtMessage"]["look_at"])
     aspect = CAMERA["image_width"] / CAMERA["image_height"]
     pose = CameraPose(position, look_at)
-    return pictured(pose, np.array([[*point, 0.05]]), aspect, CAMERA["fov"])[0]
+    return pictured(pose, np.array([[*point, 0.05]]), aspect, FIELD_OF_VIEW_RAD)[0]
 
 
 def test_a_camera_that_was_moved_away_frames_the_robot_that_is_chosen(
