@@ -32,11 +32,15 @@ from tests.support.browser import (
 )
 from tests.support.stall_watch import StallWatch
 from tsd_twin.bus import Bus, Config, client_config
-from tsd_twin.dashboard.scene.viser_compat import CAMERA_OFFSET_M, FIELD_OF_VIEW_RAD, LOOK_AT_M
+from tsd_twin.dashboard.scene.client_camera import LABELS_ABOVE_M
+from tsd_twin.dashboard.scene.framing import Stand, frame_robot
+from tsd_twin.dashboard.scene.robot_geometry import robot_shape
+from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, decode_joints, decode_odometry, decode_twist
 from tsd_twin.messages.commands import Sample
+from tsd_twin.robots import load_robot
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
@@ -379,11 +383,16 @@ def go_button(page: Page) -> Press:
 
 
 def pixel_of(page: Page, place: tuple[float, float]) -> tuple[float, float]:
-    """Return where a place on the floor is seen, metres from the robot: a camera of a textbook."""
+    """Return where a place on the floor is seen, metres from the robot: a camera of a textbook.
+
+    The camera was placed when the robot was first seen, at its heading of zero.
+    """
     box = page.locator("#tsd-overlay").bounding_box()
     assert box is not None
-    eye, up = np.array(CAMERA_OFFSET_M), np.array([0.0, 0.0, 1.0])
-    ahead = np.array(LOOK_AT_M) - eye
+    shape, up = robot_shape(load_robot("tsd")), np.array([0.0, 0.0, 1.0])
+    stand = Stand((0.0, 0.0), shape.reach_m, shape.height_m + LABELS_ABOVE_M)
+    eye, look_at = frame_robot(stand, 0.0, box["width"] / box["height"], FIELD_OF_VIEW_RAD)
+    ahead = look_at - eye
     ahead /= np.linalg.norm(ahead)
     right = np.cross(ahead, up)
     right /= np.linalg.norm(right)

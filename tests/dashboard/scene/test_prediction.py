@@ -15,6 +15,7 @@ from tsd_twin.client.connection import SentCommand
 from tsd_twin.client.monitor import RoundTrips
 from tsd_twin.dashboard.scene.overlays import swept_outline
 from tsd_twin.dashboard.scene.robot_overlays import MotionPredictor, Prediction
+from tsd_twin.dashboard.scene.themed import hatching
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import BASE, ODOM
 from tsd_twin.messages.modes import Mode
@@ -93,12 +94,13 @@ def test_a_robot_whose_link_dies_comes_to_rest_within_what_was_drawn(
     assert drawn < farthest + 0.06, "no more is drawn than the rules allow"
 
 
-def depth_m(corners: Array, point: Array) -> float:
-    """How deep a point lies within a convex polygon; negative outside."""
+def depth_m(corners: Array, points: Array) -> Array:
+    """How deep points (..., 2) lie within a convex polygon; negative outside."""
     edges = np.roll(corners, -1, axis=0) - corners
     inward = np.stack([-edges[:, 1], edges[:, 0]], axis=-1)
     inward /= np.linalg.norm(inward, axis=-1, keepdims=True)
-    return float(((point - corners) * inward).sum(axis=-1).min())
+    depths: Array = ((points[..., None, :] - corners) * inward).sum(axis=-1).min(axis=-1)
+    return depths
 
 
 @given(
@@ -111,6 +113,20 @@ def test_the_outline_holds_a_disc_about_every_point_of_the_path(
     distinct = corners[np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=-1) > 1e-9]
     for point in path:
         assert depth_m(distinct, np.array(point)) >= reach_m - 1e-9
+
+
+@given(
+    path=st.lists(st.tuples(speeds, speeds), min_size=1, max_size=20), reach_m=st.floats(0.1, 1.0)
+)
+def test_hatching_fills_the_outline_evenly(path: list[tuple[float, float]], reach_m: float) -> None:
+    corners, spacing_m = swept_outline(np.array(path), reach_m), 0.01
+    lines = hatching(corners, spacing_m)
+    x, y = corners.T
+    area_m2 = 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    lengths_m = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=-1)
+    assert spacing_m * lengths_m.sum() == pytest.approx(area_m2, rel=0.02)
+    distinct = corners[np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=-1) > 1e-9]
+    np.testing.assert_allclose(depth_m(distinct, lines), 0.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("mode", ["disarmed", "ready", "stopped", "fault"])

@@ -17,7 +17,7 @@ from tsd_twin.dashboard.wire.view import Layer
 from tsd_twin.messages.status import LimitStatus, RobotStatus
 
 ENVELOPE = f"{overlay_node(Layer.ENVELOPE, 'tsd')}/dark/v"
-AREA, RIM = f"{ENVELOPE}/a", f"{ENVELOPE}/r"
+AREA, RIM, HATCH = f"{ENVELOPE}/a", f"{ENVELOPE}/r", f"{ENVELOPE}/h"
 CAGE = f"{overlay_node(Layer.PREDICTED, 'tsd')}/dark/c"
 GHOST = overlay_node(Layer.PREDICTED, "tsd")
 FORWARD = np.array([0.8, 0.0, 0.0])
@@ -87,13 +87,13 @@ def test_while_it_moves_evenly_nothing_of_it_is_sent_again(
     for i in range(20):
         drive(scene, feed, 0.088 * i)
     viewer.until(lambda: viewer.node("/w/r/tsd").position[0] == pytest.approx(0.088 * 19))
-    of_those = [m for m in viewer.messages if m.get("name") in (AREA, RIM, CAGE, GHOST)]
+    of_those = [m for m in viewer.messages if m.get("name") in (AREA, RIM, HATCH, CAGE, GHOST)]
     viewer.messages.clear()
     assert of_those
     for i in range(20, 40):
         drive(scene, feed, 0.088 * i)
     viewer.until(lambda: viewer.node("/w/r/tsd").position[0] == pytest.approx(0.088 * 39))
-    again = [m for m in viewer.messages if m.get("name") in (AREA, RIM, CAGE, GHOST)]
+    again = [m for m in viewer.messages if m.get("name") in (AREA, RIM, HATCH, CAGE, GHOST)]
     assert again == []
 
 
@@ -112,5 +112,5 @@ def test_its_messages_are_small(scene: Scene, feed: RobotFeed, viewer: ViserClie
     rest(scene, feed)
     drive(scene, feed, 0.0)
     viewer.until(lambda: viewer.node(ENVELOPE).visible)
-    sizes = [viewer.node(AREA).props["vertices"].nbytes, viewer.node(RIM).props["points"].nbytes]
-    assert 10 * sum(sizes) < 20_000
+    lines = sum(viewer.node(name).props["points"].nbytes for name in (RIM, HATCH))
+    assert 10 * (viewer.node(AREA).props["vertices"].nbytes + lines) < 20_000

@@ -31,7 +31,7 @@ _UNTOUCHED_M = 0.01
 _ASPECTS = (0.1, 10.0)
 _USUAL_ASPECT, _ASPECT_CHANGE = 1.5, 0.01
 _LEAST_PICTURE_PX = 100
-_LABELS_ABOVE_M = 0.05
+LABELS_ABOVE_M = 0.05
 """Space above a robot for its overlays."""
 
 
@@ -77,7 +77,7 @@ class ClientCamera:
         turns = planar and preset is not CameraPreset.TOP
         self.heading_rad = heading_rad if turns else 0.0
         self._placed_aspect = aspect = self.aspect
-        stand = Stand((x, y), shape.reach_m, shape.height_m + _LABELS_ABOVE_M)
+        stand = Stand((x, y), shape.reach_m, shape.height_m + LABELS_ABOVE_M)
         pose = frame_robot(
             stand, self.heading_rad, aspect, FIELD_OF_VIEW_RAD, self._frame, _ELEVATIONS_RAD[preset]
         )

@@ -16,10 +16,12 @@ from tsd_twin.dashboard.scene.themed import (
     add_lines,
     closed,
     dashes,
+    hatching,
     raised,
     set_all,
     themed,
 )
+from tsd_twin.dashboard.scene.unlit import mixed
 from tsd_twin.estimation import heading_region_rad, position_region
 from tsd_twin.lie import Array
 from tsd_twin.messages.status import RobotStatus
@@ -117,7 +119,8 @@ ENVELOPE_SIDES = 40
 ENVELOPE_HEIGHT_M = 0.0025
 _ENVELOPE_OPACITY = 0.16
 _RIM_HEIGHT_M, _RIM_WIDTH_M = 0.003, 0.0045
-_RIM_DASH_M, _RIM_GAP_M = 0.036, 0.024
+_RIM_DASH_M, _RIM_GAP_M = 0.04, 0.03
+_HATCH_SPACING_M, _HATCH_WIDTH_M, _HATCH_STRENGTH = 0.07, 0.002, 0.45
 _MIN_CHANGE_M = 0.001
 """Changes below this are not sent."""
 
@@ -137,9 +140,10 @@ def swept_outline(path: Array, reach_m: float) -> Array:
 
 
 class StopEnvelope:
-    """Stop envelope: dashed area of the braking path on the robot's node; empty at rest.
+    """Stop envelope: hatched area of the braking path with a dashed rim; empty at rest.
 
-    While the robot moves steadily, the area is constant in its frame and nothing is sent.
+    It moves with the robot's node. While the robot moves steadily, the area is constant in its
+    frame and nothing is sent.
     """
 
     def __init__(self, scene: viser.SceneApi, name: str, reach_m: float) -> None:
@@ -152,12 +156,16 @@ class StopEnvelope:
         self._frames: list[viser.FrameHandle] = []
         self._areas: list[viser.MeshHandle] = []
         self._rims: list[viser.LineSegmentsHandle] = []
+        self._hatches: list[viser.LineSegmentsHandle] = []
         for node, palette in themed(scene, name):
             self._frames.append(scene.add_frame(f"{node}/v", show_axes=False, visible=False))
             area = raised(self._shown, ENVELOPE_HEIGHT_M), palette.caution, _ENVELOPE_OPACITY
             self._areas.append(add_area(scene, f"{node}/v/a", *area))
             rim = self._dashes(), palette.caution, _RIM_WIDTH_M
             self._rims.append(add_lines(scene, f"{node}/v/r", *rim))
+            dim = mixed(palette.caution, palette.floor, _HATCH_STRENGTH)
+            hatch = self._hatching(), dim, _HATCH_WIDTH_M
+            self._hatches.append(add_lines(scene, f"{node}/v/h", *hatch))
 
     def update(self, path: Array | None) -> None:
         """Draw the area of `path` (n, 3) in the robot's frame; None hides it."""
@@ -172,6 +180,10 @@ class StopEnvelope:
         self._shown = self.outline = shape
         set_all(self._areas, vertices=raised(shape, ENVELOPE_HEIGHT_M))
         set_all(self._rims, points=self._dashes())
+        set_all(self._hatches, points=self._hatching())
+
+    def _hatching(self) -> npt.NDArray[np.float32]:
+        return raised(hatching(self._shown, _HATCH_SPACING_M), ENVELOPE_HEIGHT_M)
 
     def _dashes(self) -> npt.NDArray[np.float32]:
         rim = dashes(closed(self._shown), _RIM_DASH_M, _RIM_GAP_M)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ from tsd_twin.dashboard.scene.appearance import PALETTES, Palette, Rgb, Theme
 from tsd_twin.dashboard.scene.unlit import line_colour
 from tsd_twin.lie import Array
 
+_SQRT2 = math.sqrt(2.0)
 CASING_M = 0.0022
 """Width of the casing on each side of a line or solid."""
 
@@ -118,3 +120,24 @@ def dashes(path: Array, dash_m: float, gap_m: float) -> Array:
     axes = [np.interp(places, ends, path[:, axis]) for axis in range(path.shape[1])]
     points: Array = np.stack(axes, axis=-1)
     return np.stack([points[:-1], points[1:]], axis=1)[drawn]
+
+
+def hatching(outline: Array, spacing_m: float) -> Array:
+    """Return parallel diagonals (k, 2, 2) across a convex outline (n, 2).
+
+    They are on fixed lines, so that those of a changed outline only become longer or shorter.
+    """
+    along: Array = (outline[:, 0] + outline[:, 1]) / _SQRT2
+    across: Array = (outline[:, 1] - outline[:, 0]) / _SQRT2
+    first, last = math.ceil(across.min() / spacing_m), math.floor(across.max() / spacing_m)
+    levels: Array = spacing_m * np.arange(first, last + 1, dtype=np.float64).reshape(-1, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):  # Sides may be parallel to the lines.
+        shares: Array = (levels - across) / (np.roll(across, -1) - across)
+        places: Array = along + shares * (np.roll(along, -1) - along)
+    crossed = (shares >= 0.0) & (shares <= 1.0)
+    low: Array = np.where(crossed, places, np.inf).min(axis=-1, keepdims=True)
+    high: Array = np.where(crossed, places, -np.inf).max(axis=-1, keepdims=True)
+    ends: Array = np.concatenate([low, high], axis=1)
+    lines: Array = np.stack([ends - levels, ends + levels], axis=-1) / _SQRT2
+    kept: Array = lines[ends[:, 0] < ends[:, 1]]
+    return kept
