@@ -97,13 +97,18 @@ _STATUS: dict[str, Any] = {
     "loop": {"hz": 100.0, "overruns": 0, "jitter_p99_ms": 0.1},
     "hardware": {"battery_v": 12.0},
 }
-_MODULE = {
-    **dict.fromkeys(
-        ("alpha", "beta", "tilt", "radius_mm", "rpm", "alpha_setpoint", "beta_setpoint"), 0.0
-    ),
+_POSE = {
+    **dict.fromkeys(("alpha", "beta", "tilt", "rpm"), 0.0),
+    "direction": None,
     "axle": [0, 0],
+    "push": [0, 0],
+}
+_MODULE = {
+    **_POSE,
+    **dict.fromkeys(("radius_mm", "alpha_setpoint", "beta_setpoint"), 0.0),
     "set_axle": [0, 0],
     "spinning": False,
+    "setpoint": _POSE,
 }
 LATCHED = {"t": "panel_sliders", "vx": 0.2, "vy": 0, "omega": 0, "mode": "drive", "latch": True}
 PREVIEW = LATCHED | {"mode": "preview", "latch": False}
@@ -163,6 +168,8 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "truth": None,
         "modules": [_MODULE] * 3,
         "wheels": [],
+        "utilization": 0.0,
+        "limit": None,
         "sphere": None,
         "estimate_difference": None,
         "route": None,

@@ -32,10 +32,14 @@ class TwistLimiter:
 
         `share` in (0, 1] lowers the limits of speed and turn rate.
         """
-        limits = self._limits
         twist = clip_to_finite(twist)
+        return twist / _max_utilization(*self.utilizations(twist, share))
+
+    def utilizations(self, twist: Array, share: Array | float = 1.0) -> tuple[Any, Any, Any]:
+        """Return what `twist` (..., 3) uses of the limits of speed, turn rate and joints, (...)."""
+        limits = self._limits
         _, _, turn_rate = _components(twist)
-        return twist / _max_utilization(
+        return (
             np.sqrt(self._speed_squared(twist)) / (limits.speed_mps * share),
             abs(turn_rate) / (limits.turn_rate_rad_per_s * share),
             self._kinematics.joint_utilization(twist),

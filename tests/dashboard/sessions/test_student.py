@@ -18,7 +18,8 @@ from tsd_twin.bus import Bus, node_config
 from tsd_twin.dashboard.sessions.student import answer, figures_of
 from tsd_twin.dashboard.sessions.variants import variant
 from tsd_twin.dashboard.wire.from_page import StudentRequest, decode_page_message
-from tsd_twin.dashboard.wire.to_page import StudentFigures, encode_message
+from tsd_twin.dashboard.wire.student import StudentFigures
+from tsd_twin.dashboard.wire.to_page import encode_message
 from tsd_twin.errors import RobotFileError
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.messages.errors import MessageError

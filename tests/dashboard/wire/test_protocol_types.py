@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.page_stage import robot
 from tsd_twin.dashboard.sessions.kinds import view_of
-from tsd_twin.dashboard.wire import fleet, from_page, to_page
+from tsd_twin.dashboard.wire import fleet, from_page, student, to_page
 from tsd_twin.dashboard.wire.from_page import Message
 from tsd_twin.dashboard.wire.view import Layer
 from tsd_twin.messages import status
@@ -26,7 +26,7 @@ DECLARED = {
 }
 STRUCTS = {
     name: struct
-    for module in (fleet, from_page, to_page, status)
+    for module in (fleet, from_page, student, to_page, status)
     for name, struct in vars(module).items()
     if isinstance(struct, type) and issubclass(struct, msgspec.Struct)
 }

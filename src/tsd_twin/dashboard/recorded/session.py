@@ -315,7 +315,7 @@ class RecordedSession(PageSession):
         )
         if cursor != self._cursor:
             self._cursor = cursor
-            self.send_queue.put_panel(encode_message(cursor))
+            self.send_queue.put_latest("cursor", encode_message(cursor))
         if abs(view.player.duration_s - self._told_s) > _GROWN_S:
             self._start(self._send_timeline())
         self._map_data.on_status(robot_id)

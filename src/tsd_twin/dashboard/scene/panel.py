@@ -16,6 +16,7 @@ from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.student_robot import StudentPose
 from tsd_twin.dashboard.scene.viser_compat import rename_tab, set_theme
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.wire.view import (
@@ -349,6 +350,14 @@ class Panel:
     def show_past(self, past: Snapshot | None, ago_s: float) -> None:
         """Draw the robot's state of `ago_s` ago next to the live one; None hides it."""
         self._view.show_past(past, ago_s)
+
+    def preview(self, robot_id: str, joints: Array | None) -> None:
+        """Preview a joint vector (n,) of the selected robot; None ends the preview."""
+        self._view.preview(robot_id, joints)
+
+    def show_student(self, pose: StudentPose | None) -> None:
+        """Draw a robot in place of the selected one; None ends that."""
+        self._view.show_student(pose)
 
     def set_view(self, settings: ViewSettings, *, look: bool) -> None:
         """Apply the view settings of the page; `look` points the camera at the robot."""

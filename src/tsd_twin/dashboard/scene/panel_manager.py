@@ -11,6 +11,7 @@ import viser
 from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.panel import Panel, SliderMode
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.student_robot import StudentPose
 from tsd_twin.dashboard.scene.viser_compat import (
     has_no_gpu,
     is_disconnected,
@@ -107,6 +108,16 @@ class PanelManager:
         """Draw the past state of a page's robot next to the live one; None hides it."""
         for panel in self._panels_of(page):
             panel.show_past(past, ago_s)
+
+    def show_preview(self, page: str, robot_id: str, joints: Array | None) -> None:
+        """Preview a joint vector (n,) of a page's robot on that page; None ends the preview."""
+        for panel in self._panels_of(page):
+            panel.preview(robot_id, joints)
+
+    def show_student(self, page: str, pose: StudentPose | None) -> None:
+        """Draw a robot in place of a page's robot on that page; None ends that."""
+        for panel in self._panels_of(page):
+            panel.show_student(pose)
 
     def pick_floor(self, page: str, shares: Array) -> Array:
         """Return floor points (m, 2) in `odom` at a page's screen positions, see `floor_points`."""

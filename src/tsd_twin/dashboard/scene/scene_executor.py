@@ -11,6 +11,7 @@ from typing import TypeVar
 from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.student_robot import StudentPose
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import Array
 
@@ -79,6 +80,18 @@ class SceneExecutor:
         """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
         self._worker.submit_latest(
             ("past", page), lambda: self._panels().show_past(page, past, ago_s)
+        )
+
+    def show_preview(self, page: str, robot_id: str, joints: Array | None) -> None:
+        """Preview joints (n,) of a page's robot in its scene; None ends the preview."""
+        self._worker.submit_latest(
+            ("preview", page), lambda: self._panels().show_preview(page, robot_id, joints)
+        )
+
+    def show_student(self, page: str, pose: StudentPose | None) -> None:
+        """Draw a robot in place of a page's robot in its scene; None ends that."""
+        self._worker.submit_latest(
+            ("student", page), lambda: self._panels().show_student(page, pose)
         )
 
     def reset_sliders(self, page: str) -> None:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any, Protocol
 
+import msgspec
 import numpy as np
 
 from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.scene.robot_geometry import commanded_joints
+from tsd_twin.dashboard.sessions.joint_poses import GimbalDisplay, wheel_poses
 from tsd_twin.dashboard.wire.from_page import Triple
 from tsd_twin.dashboard.wire.to_page import (
     EstimateDifference,
@@ -18,7 +21,7 @@ from tsd_twin.dashboard.wire.to_page import (
     WheelSpeedLimits,
     WheelState,
 )
-from tsd_twin.kinematics import Joint, JointKind, OmniKinematics, SphereKinematics
+from tsd_twin.kinematics import Joint, JointKind, Kinematics, OmniKinematics, SphereKinematics
 from tsd_twin.lie import SO3, Array, wrap
 from tsd_twin.messages.cdr import Odometry
 from tsd_twin.robots import (
@@ -54,10 +57,7 @@ class GimbalTelemetry:
     def __init__(self, robot: SingularityDescription) -> None:
         self._robot = robot
         self._drive = robot.kinematics()
-        # From the module frame of the kinematics to the robot's: a turn by azimuth - pi/2.
-        turn = self._drive.azimuths_rad - np.pi / 2
-        c, s = np.cos(turn), np.sin(turn)
-        self._base_from_module = np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0)
+        self._display = GimbalDisplay(self._drive)
 
     def info(self) -> dict[str, Any]:
         """Return the fields of `RobotInfo`."""
@@ -77,38 +77,31 @@ class GimbalTelemetry:
 
     def state(self, joints: Array, setpoint: Array, _snapshot: Snapshot) -> dict[str, Any]:
         """Return the fields of `RobotState`."""
-        measured, wanted = joints.reshape(-1, 3), setpoint.reshape(-1, 3)
-        degrees, wanted_degrees = np.degrees(measured), np.degrees(wanted)
-        tilt = np.degrees(self._drive.tilt(joints))
         radius_mm = 1000.0 * self._drive.effective_radius_m(joints)
-        axles, wanted_axles = self._axles(joints), self._axles(setpoint)
-        slow = MIN_SPEED_FRACTION * self._drive.spin_rad_per_s
+        slow_rpm = MIN_SPEED_FRACTION * self._drive.spin_rad_per_s / RPM
+        # Gimbal setpoints match the measured wheel speeds.
+        commanded = commanded_joints(self._drive, setpoint, joints)
         modules = [
             GimbalState(
-                alpha=round(float(degrees[i, 0]), 2),
-                beta=round(float(degrees[i, 1]), 2),
-                tilt=round(float(tilt[i]), 2),
+                alpha=now.alpha,
+                beta=now.beta,
+                tilt=now.tilt,
                 radius_mm=round(float(radius_mm[i]), 2),
-                rpm=round(float(measured[i, 2]) / RPM),
-                alpha_setpoint=round(float(wanted_degrees[i, 0]), 2),
-                beta_setpoint=round(float(wanted_degrees[i, 1]), 2),
-                axle=(round(float(axles[i, 0]), 4), round(float(axles[i, 1]), 4)),
-                set_axle=(round(float(wanted_axles[i, 0]), 4), round(float(wanted_axles[i, 1]), 4)),
-                spinning=bool(abs(measured[i, 2]) > slow),
+                rpm=now.rpm,
+                alpha_setpoint=goal.alpha,
+                beta_setpoint=goal.beta,
+                axle=now.axle,
+                set_axle=goal.axle,
+                spinning=abs(float(joints[3 * i + 2]) / RPM) > slow_rpm,
+                direction=now.direction,
+                push=now.push,
+                setpoint=msgspec.structs.replace(goal, rpm=round(float(setpoint[3 * i + 2]) / RPM)),
             )
-            for i in range(len(measured))
+            for i, (now, goal) in enumerate(
+                zip(self._display.poses(joints), self._display.poses(commanded), strict=True)
+            )
         ]
         return {"modules": modules}
-
-    def _axles(self, joints: Array) -> Array:
-        """Return the tilt directions (k, 2) of the axles in `base_link`; length 1 is the tilt
-        limit.
-        """
-        modules = joints.reshape(-1, 3)
-        alpha, beta = modules[:, 0], modules[:, 1]
-        axles = np.stack([np.cos(alpha) * np.sin(beta), np.sin(alpha)], axis=-1)
-        lean = (self._base_from_module @ axles[..., None])[..., 0]
-        return lean / np.sin(self._drive.max_tilt_rad)
 
 
 class WheelTelemetry:
@@ -140,13 +133,16 @@ def wheel_states(
 ) -> list[WheelState]:
     """Return the states of all wheels, from the joint vectors (k,)."""
     residual = drive.forward(joints).residual
+    poses = zip(wheel_poses(drive, joints), wheel_poses(drive, setpoint), strict=True)
     return [
         WheelState(
-            rpm=round(float(joints[i]) / RPM, 1),
-            rpm_setpoint=round(float(setpoint[i]) / RPM, 1),
+            rpm=now.rpm,
+            rpm_setpoint=goal.rpm,
             residual_mps=round(float(residual[i]), 4),
+            push=now.push,
+            push_setpoint=goal.push,
         )
-        for i in range(len(joints))
+        for i, (now, goal) in enumerate(poses)
     ]
 
 
@@ -181,9 +177,7 @@ class JointTelemetry:
 
     def __init__(self, robot: RobotDescription) -> None:
         self._joints: tuple[Joint, ...] = robot.kinematics().joints
-        self._scale = np.array(
-            [180.0 / math.pi if _is_angle(joint) else 1.0 / RPM for joint in self._joints]
-        )
+        self._scale = _units_per_si(self._joints)
 
     def info(self) -> dict[str, Any]:
         """Return the fields of `RobotInfo`."""
@@ -194,6 +188,16 @@ class JointTelemetry:
         """Return the fields of `RobotState`."""
         rows = zip((joints * self._scale).tolist(), (setpoint * self._scale).tolist(), strict=True)
         return {"joints": [JointValue(round(now, 2), round(goal, 2)) for now, goal in rows]}
+
+
+def joint_rows(_robot: Any, drive: Kinematics[Any], joints: Array) -> dict[str, Any]:
+    """Return the rows `joints` of a joint vector (n,), as fields of `JointPreview`."""
+    values = (joints * _units_per_si(drive.joints)).tolist()
+    return {"joints": [JointValue(round(value, 2)) for value in values]}
+
+
+def _units_per_si(joints: tuple[Joint, ...]) -> Array:
+    return np.array([180.0 / math.pi if _is_angle(joint) else 1.0 / RPM for joint in joints])
 
 
 def _is_angle(joint: Joint) -> bool:

@@ -13,13 +13,15 @@ from tsd_twin.dashboard.sessions.actuator_telemetry import (
     SphereTelemetry,
     TwistTelemetry,
     WheelTelemetry,
+    joint_rows,
 )
-from tsd_twin.dashboard.sessions.student_wheels import (
-    gimbal_wheels,
-    roller_wheels,
-    sphere_wheels,
+from tsd_twin.dashboard.sessions.joint_poses import GimbalDisplay, wheel_poses
+from tsd_twin.dashboard.sessions.student_drives import (
+    GIMBAL_STUDY,
+    ROLLER_STUDY,
+    SPHERE_STUDY,
+    DriveStudy,
 )
-from tsd_twin.dashboard.wire.to_page import StudentWheel
 from tsd_twin.lie import Array
 from tsd_twin.registry import KindTable
 from tsd_twin.robots import (
@@ -90,21 +92,43 @@ class RobotView:
     """Label of the panel tab that shows the actuators."""
     telemetry: Callable[[Any], ActuatorTelemetry]
     """Class or factory of the actuator telemetry, called with the description."""
+    joint_fields: Callable[[Any, Any, Array], dict[str, Any]] = joint_rows
+    """Fields of `JointPreview` for description, kinematics and a joint vector (n,)."""
     knobs: tuple[TunableParameter, ...] = ()
     """Description numbers offered in the Student tab."""
-    student_wheels: Callable[[Any, Array], list[StudentWheel]] = lambda _robot, _twist: []
-    """Wheels at a twist (3,), for the Student tab."""
+    study: DriveStudy | None = None
+    """Wheels, equations and figures for the Student tab."""
+
+
+def _gimbal_fields(_robot: Any, drive: Any, joints: Array) -> dict[str, Any]:
+    return {"modules": GimbalDisplay(drive).poses(joints)}
+
+
+def _wheel_fields(_robot: Any, drive: Any, joints: Array) -> dict[str, Any]:
+    return {"wheels": wheel_poses(drive, joints)}
+
+
+def _no_fields(_robot: Any, _drive: Any, _joints: Array) -> dict[str, Any]:
+    return {}
 
 
 _JOINTS = RobotView("Joints", JointTelemetry)
 _VIEWS = KindTable(
     {
         SingularityDescription: RobotView(
-            "Gimbals", GimbalTelemetry, SINGULARITY_KNOBS, gimbal_wheels
+            "Gimbals",
+            GimbalTelemetry,
+            _gimbal_fields,
+            SINGULARITY_KNOBS,
+            GIMBAL_STUDY,
         ),
-        OmniDescription: RobotView("Wheels", WheelTelemetry, OMNI_KNOBS, roller_wheels),
-        SphereDescription: RobotView("Sphere", SphereTelemetry, SPHERE_KNOBS, sphere_wheels),
-        ExternalDescription: RobotView("ROS", TwistTelemetry),
+        OmniDescription: RobotView(
+            "Wheels", WheelTelemetry, _wheel_fields, OMNI_KNOBS, ROLLER_STUDY
+        ),
+        SphereDescription: RobotView(
+            "Sphere", SphereTelemetry, _wheel_fields, SPHERE_KNOBS, SPHERE_STUDY
+        ),
+        ExternalDescription: RobotView("ROS", TwistTelemetry, _no_fields),
     },
     lambda kind: None if kind.view is None else RobotView(_JOINTS.label, kind.view),
     _JOINTS,

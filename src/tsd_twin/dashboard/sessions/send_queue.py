@@ -23,7 +23,7 @@ class SendQueue:
 
     def __init__(self) -> None:
         self._messages: deque[str] = deque(maxlen=MAX_QUEUED)
-        self._panel: str | None = None
+        self._latest: dict[str, str] = {}
         self._fleet: str | None = None
         self._state: tuple[int, str] | None = None
         self._unacknowledged: deque[int] = deque()
@@ -34,9 +34,9 @@ class SendQueue:
         self._messages.append(text)
         self._wake.set()
 
-    def put_panel(self, text: str) -> None:
-        """Queue the slider positions, replacing any that are waiting."""
-        self._panel = text
+    def put_latest(self, kind: str, text: str) -> None:
+        """Queue a message, replacing any of its kind that is waiting."""
+        self._latest[kind] = text
         self._wake.set()
 
     def put_fleet(self, changes: str, whole: Callable[[], str]) -> None:
@@ -72,9 +72,8 @@ class SendQueue:
     def _next(self) -> str | None:
         if self._messages:
             return self._messages.popleft()
-        if self._panel is not None:
-            text, self._panel = self._panel, None
-            return text
+        if self._latest:
+            return self._latest.pop(next(iter(self._latest)))
         if len(self._unacknowledged) >= MAX_UNACKNOWLEDGED:
             return None
         if self._fleet is not None:

@@ -11,12 +11,13 @@ from typing import TypeAlias
 
 import msgspec
 
-from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient
+from tsd_twin.dashboard.sessions.look_back import LookBackSession
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
 from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession
+from tsd_twin.dashboard.sessions.preview import PreviewSession
 from tsd_twin.dashboard.sessions.principal import Principal, shown_name
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.student import StudentSession
@@ -31,6 +32,7 @@ from tsd_twin.dashboard.wire.from_page import (
     PageHeartbeat,
     PageMessage,
     PanelSlidersReleased,
+    PreviewRequest,
     ReleaseControls,
     ResetRequest,
     SelectPlotFields,
@@ -48,7 +50,6 @@ from tsd_twin.dashboard.wire.from_page import (
 from tsd_twin.dashboard.wire.to_page import (
     ActionReply,
     HeartbeatReply,
-    PastState,
     RobotEvent,
     RobotState,
     encode_message,
@@ -77,6 +78,7 @@ DisplayMessage: TypeAlias = (
     | LookBack
     | ShowShadow
     | StudentRequest
+    | PreviewRequest
 )
 """Messages that change only what the page is sent."""
 
@@ -109,11 +111,13 @@ class Session(PageSession):
             self._send,
             lambda: scene.reset_sliders(page),
         )
-        self._student = StudentSession(executor, self._send)
+        self._student = StudentSession(
+            executor, self._send, lambda pose: scene.show_student(page, pose)
+        )
+        self._look_back = LookBackSession(page, live.directory, scene)
+        self._preview = PreviewSession(page, live.directory, scene, self.send_queue)
         self._motion: DriveCommand | FollowPlan | None = None
         self._map_data, self._scene = map_data, scene
-        self._ago_s: float | None = None
-        self._past: Snapshot | None = None
         self._shows_shadow = False
 
     def on_robots_changed(self) -> None:
@@ -137,6 +141,7 @@ class Session(PageSession):
         self._show_fleet(on=False)
         self._teleop.close()
         self._student.close()
+        self._preview.end()
         await self._lease_client.close()
         self._scene.reset_sliders(self.page)
 
@@ -219,13 +224,19 @@ class Session(PageSession):
                     self.send_map_lines(trails=True)
             case ShowFleet():
                 self._show_fleet(on=message.on)
-            case LookBack():
-                self._ago_s = message.history_offset_s
-                self._show_past()
             case ShowShadow():
                 self._shows_shadow = message.on
+            case LookBack() | StudentRequest() | PreviewRequest():
+                self._draw(message)
+
+    def _draw(self, message: LookBack | StudentRequest | PreviewRequest) -> None:
+        match message:
+            case LookBack():
+                self._look_back.request(self.robot_id, message.history_offset_s)
             case StudentRequest():
                 self._student.request(message)
+            case PreviewRequest():
+                self._preview.request(self.robot_id, message.twist)
 
     def _request_as_holder(
         self, message: ArmRequest | DisarmRequest | ResetRequest | SetWheelSpeed
@@ -297,8 +308,8 @@ class Session(PageSession):
         self._teleop.release(because(Code.OTHER_ROBOT_SHOWN))
         self._teleop.navigation.clear()
         await self._lease_client.release_lease()
-        self._ago_s = None
-        self._show_past()
+        self._look_back.request(self.robot_id, None)
+        self._preview.end()
         self.robot_id, self._plot_fields = robot_id, ()
         self._send_robot()
         self._scene.select_robot(self.page, robot_id)
@@ -330,24 +341,11 @@ class Session(PageSession):
             route=self._teleop.navigation.route_state,
             plot=self._plot_values(),
             map=self._map_data.state(self.robot_id or "") if self._shows_map else None,
-            past=self._show_past(),
+            past=self._look_back.show(self.robot_id),
             shadow=robot.shadow.report() if self._shows_shadow and robot else None,
         )
         self.send_queue.put_state(state.status_seq, encode_message(state))
-
-    def _show_past(self) -> PastState | None:
-        """Draw the past state of the robot, if requested, and return it."""
-        ago_s, robot = self._ago_s, self._directory.robot(self.robot_id)
-        past = None if ago_s is None or robot is None else robot.past(ago_s)
-        if past is not self._past:
-            self._past = past
-            self._scene.show_past(self.page, past, ago_s or 0.0)
-        if ago_s is None or past is None or past.status is None or robot is None:
-            return None
-        told = robot.telemetry.state(
-            past, past.status, past.received_s, mode_age_s=0.0, round_trips=robot.link.round_trips
-        )
-        return PastState(ago_s, told.status.mode, told.pose, told.twist)
+        self._preview.refresh()
 
     def _plot_values(self) -> dict[str, float | None]:
         robot = self._directory.robot(self.robot_id) if self._plot_fields else None

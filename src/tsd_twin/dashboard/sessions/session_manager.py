@@ -130,7 +130,7 @@ class SessionManager:
         """
         message = PanelSliders(vx=vx, vy=vy, omega=omega, mode=mode, latch=latch)
         self._with_session(
-            page, lambda session: session.send_queue.put_panel(encode_message(message))
+            page, lambda session: session.send_queue.put_latest("panel", encode_message(message))
         )
 
     def on_sphere_click(self, page: str, robot_id: str, at: tuple[float, float, float]) -> None:

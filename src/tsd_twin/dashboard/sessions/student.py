@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -14,20 +14,28 @@ import msgspec
 import numpy as np
 
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
+from tsd_twin.dashboard.scene.student_robot import StudentPose
+from tsd_twin.dashboard.sessions.joint_poses import joint_share
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
+from tsd_twin.dashboard.sessions.student_equations import (
+    residual_rms_mps,
+    rotation_axis,
+    rotation_centre,
+)
 from tsd_twin.dashboard.sessions.student_wheels import short, triple
 from tsd_twin.dashboard.sessions.variants import base_robot, knobs_of, variant, variant_toml
 from tsd_twin.dashboard.wire.from_page import StudentRequest
-from tsd_twin.dashboard.wire.to_page import (
+from tsd_twin.dashboard.wire.student import (
+    PaperFigure,
     ShippedRobot,
     StudentFigure,
     StudentFigures,
     StudentKnob,
     StudentOutline,
     StudentReply,
-    TwistAxisInfo,
 )
+from tsd_twin.dashboard.wire.to_page import TwistAxisInfo
 from tsd_twin.errors import RobotFileError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.kinematics.base import largest_twist, section, shadow
@@ -43,17 +51,31 @@ _LARGEST = 1e6
 """Limit of twist components in m/s or rad/s, which avoids overflow."""
 
 
+REBUILD_AFTER_S = 0.25
+"""Meshes of a changed robot are rebuilt once its parameters have rested for this time."""
+
+
 class StudentSession:
     """Per-page student requests, computed one at a time; only the latest waits.
 
     Event loop only; the computation runs on the planning thread.
     """
 
-    def __init__(self, executor: RpcExecutor, send_message: Callable[[Any], None]) -> None:
+    def __init__(
+        self,
+        executor: RpcExecutor,
+        send_message: Callable[[Any], None],
+        show: Callable[[StudentPose | None], None],
+    ) -> None:
+        """`show` draws a robot in the scene of the page; None removes it."""
         self._executor = executor
         self._send_message = send_message
+        self._show = show
         self._next: StudentRequest | None = None
         self._task: asyncio.Task[None] | None = None
+        self._drawn: RobotDescription | None = None
+        self._waiting: StudentPose | None = None
+        self._timer: asyncio.TimerHandle | None = None
 
     def request(self, request: StudentRequest) -> None:
         """Answer a request, unless a newer one replaces it while it waits."""
@@ -66,31 +88,69 @@ class StudentSession:
         self._next = None
         if self._task is not None:
             self._task.cancel()
+        self._draw(None)
 
     async def _answer(self) -> None:
         try:
             while self._next is not None:
                 request, self._next = self._next, None
-                self._send_message(await self._executor.plan(answer, request))
+                reply, pose = await self._executor.plan(solve, request)
+                self._send_message(reply)
+                if not request.show or pose is not None:  # Otherwise keep the last valid one.
+                    self._draw(pose if request.show else None)
         finally:
             self._task = None
+
+    def _draw(self, pose: StudentPose | None) -> None:
+        if pose is not None and pose.robot != self._drawn:
+            rests = self._waiting is not None and self._waiting.robot == pose.robot
+            self._waiting = pose
+            if not rests:
+                self._cancel_timer()
+                loop = asyncio.get_running_loop()
+                self._timer = loop.call_later(REBUILD_AFTER_S, self._draw_waiting)
+            return
+        self._cancel_timer()
+        self._waiting = None
+        if pose is not None or self._drawn is not None:
+            self._drawn = None if pose is None else pose.robot
+            self._show(pose)
+
+    def _draw_waiting(self) -> None:
+        pose, self._waiting, self._timer = self._waiting, None, None
+        if pose is not None:
+            self._drawn = pose.robot
+            self._show(pose)
+
+    def _cancel_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
 
 def answer(request: StudentRequest) -> StudentReply:
     """Return the figures of a variant and, if it is impossible, the problem."""
+    return solve(request)[0]
+
+
+def solve(request: StudentRequest) -> tuple[StudentReply, StudentPose | None]:
+    """Return the reply to a request, and the pose to draw if the robot is possible."""
     knobs: list[StudentKnob] = []
-    figures, toml, problem = None, None, ""
+    figures, toml, problem, papers, pose = None, None, "", list[PaperFigure](), None
     try:
         changed = dict(request.knobs)
         knobs = _knobs(request.base, changed)
         robot = variant(request.base, changed)
-        figures = figures_of(robot, np.array(request.twist))
+        joints, figures = _solution(robot, np.array(request.twist), request.joints)
+        study = view_of(robot).study
+        papers = study.papers(robot) if request.papers and study is not None else []
         check_room(robot)  # Figures do not require a valid body, but the file does.
+        pose = StudentPose(robot, joints, figures.centre)
         if request.toml:
             toml = variant_toml(request.base, changed)
     except RobotFileError as error:
         problem = error.problem
-    return StudentReply(
+    reply = StudentReply(
         number=request.number,
         base=request.base,
         bases=_bases(),
@@ -98,25 +158,50 @@ def answer(request: StudentRequest) -> StudentReply:
         figures=figures,
         problem=problem,
         toml=toml,
+        papers=papers,
     )
+    return reply, pose
 
 
 def figures_of(robot: RobotDescription, twist: Array) -> StudentFigures:
     """Return the figures of a robot, and its wheels at `twist` (3,)."""
-    drive = robot.kinematics()
-    asked = np.clip(np.nan_to_num(twist), -_LARGEST, _LARGEST)
-    share = float(drive.joint_utilization(asked))
-    reached = asked / max(1.0, share)
-    return StudentFigures(
+    return _solution(robot, twist, None)[1]
+
+
+def _solution(
+    robot: RobotDescription, twist: Array, numbers: Sequence[Sequence[float]] | None
+) -> tuple[Array, StudentFigures]:
+    """Return the joint vector (n,) and all figures, from a twist (3,) or from joint values.
+
+    Raises:
+        RobotFileError: If the robot has another number of joints.
+    """
+    drive, study = robot.kinematics(), view_of(robot).study
+    if numbers is None or study is None:
+        asked = np.clip(np.nan_to_num(twist), -_LARGEST, _LARGEST)
+        share = float(drive.joint_utilization(asked))
+        joints = drive.inverse(asked / max(1.0, share))
+    else:
+        joints = study.joints(robot, numbers)
+        share = joint_share(drive, joints) or 0.0
+    solution = drive.forward(joints)
+    figures = StudentFigures(
         axes=[TwistAxisInfo(one.name, one.symbol, one.unit) for one in twist_axes_of(drive)],
         tops=triple(np.diag(largest_twist(drive, np.eye(3)))),
         figures=_figures(robot, drive),
         outlines=[_outline(drive, plane) for plane in _PLANES],
-        twist=triple(reached),
+        twist=triple(solution.twist),
         utilization=short(share),
-        wheels=view_of(robot).student_wheels(robot, reached),
+        wheels=[] if study is None else study.wheels(robot, joints, solution),
         radius_m=drive.wheel_radius_m,
+        solved="joints" if numbers is None else "twist",
+        residual_mps=residual_rms_mps(solution),
+        redundancy=max(0, solution.residual.size - 3),
+        centre=rotation_centre(drive, solution.twist),
+        axis=rotation_axis(drive, solution.twist),
+        equations=[] if study is None else study.equations(drive, joints, solution),
     )
+    return joints, figures
 
 
 @cache

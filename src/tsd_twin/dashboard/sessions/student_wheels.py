@@ -1,4 +1,4 @@
-"""Wheels at a twist by robot kind, for the Student tab."""
+"""Wheels at joint values by robot kind, for the Student tab."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
+from tsd_twin.dashboard.sessions.joint_poses import GimbalDisplay
 from tsd_twin.dashboard.wire.from_page import Triple
-from tsd_twin.dashboard.wire.to_page import StudentWheel
+from tsd_twin.dashboard.wire.student import StudentWheel
+from tsd_twin.kinematics import TwistSolution
 from tsd_twin.lie import Array
 from tsd_twin.robots import (
     RPM,
@@ -17,50 +19,52 @@ from tsd_twin.robots import (
 )
 
 
-def gimbal_wheels(robot: SingularityDescription, twist: Array) -> list[StudentWheel]:
-    """Return the modules of a singularity drive at a twist (3,)."""
+def gimbal_wheels(
+    robot: SingularityDescription, joints: Array, solution: TwistSolution
+) -> list[StudentWheel]:
+    """Return the modules of a singularity drive at joints (3k,), as they roll."""
     drive = robot.kinematics()
-    joints = drive.inverse(twist)
+    display = GimbalDisplay(drive)
     tilts, radii = drive.tilt(joints), drive.effective_radius_m(joints)
-    pushes = pivot_velocities(drive.pivots_m, twist)
-    wheels: list[StudentWheel] = []
-    for i, (alpha, beta, spin) in enumerate(joints.reshape(-1, 3)):
-        rim_mps = drive.wheel_radius_m * float(spin)
-        # Rolling, v = r_w spin l x z: the axle leans to the left of the push.
-        axle = (-pushes[i, 1] / rim_mps, pushes[i, 0] / rim_mps)
-        wheels.append(
-            StudentWheel(
-                at=pair(drive.pivots_m[i]),
-                push=pair(pushes[i]),
-                direction_deg=None,
-                rpm=short(float(spin) / RPM),
-                gimbal=(degrees(alpha), degrees(beta), degrees(tilts[i])),
-                axle=(short(axle[0]), short(axle[1])),
-                effective_radius_mm=short(1000.0 * float(radii[i])),
-            )
+    axles, pushes = display.axles(joints), display.pushes(joints)
+    residuals = np.linalg.norm(solution.residual.reshape(-1, 2), axis=-1)
+    return [
+        StudentWheel(
+            at=pair(drive.pivots_m[i]),
+            push=pair(pushes[i]),
+            direction_deg=None,
+            rpm=short(spin / RPM),
+            gimbal=(degrees(alpha), degrees(beta), degrees(tilts[i])),
+            axle=pair(axles[i]),
+            effective_radius_mm=short(1000.0 * float(radii[i])),
+            residual_mps=short(residuals[i]),
         )
-    return wheels
+        for i, (alpha, beta, spin) in enumerate(joints.reshape(-1, 3).tolist())
+    ]
 
 
-def roller_wheels(robot: OmniDescription, twist: Array) -> list[StudentWheel]:
-    """Return the wheels of a platform on rollers at a twist (3,)."""
+def roller_wheels(
+    robot: OmniDescription, joints: Array, solution: TwistSolution
+) -> list[StudentWheel]:
+    """Return the wheels of a platform on rollers at joints (k,)."""
     drive = robot.kinematics()
-    pushes = pivot_velocities(drive.positions_m, twist)
-    return _rolling_wheels(drive.inverse(twist), drive.positions_m, pushes, drive.directions_rad)
+    pushes = pivot_velocities(drive.positions_m, solution.twist)
+    return _rolling_wheels(joints, drive.positions_m, pushes, drive.directions_rad, solution)
 
 
-def sphere_wheels(robot: SphereDescription, twist: Array) -> list[StudentWheel]:
-    """Return the wheels below a sphere that turns at a twist (3,), seen from above."""
+def sphere_wheels(
+    robot: SphereDescription, joints: Array, solution: TwistSolution
+) -> list[StudentWheel]:
+    """Return the wheels below a sphere at joints (k,), seen from above."""
     drive = robot.kinematics()
     contacts = drive.sphere_radius_m * drive.contacts
     directions_rad = np.arctan2(drive.actuations[:, 1], drive.actuations[:, 0])
-    return _rolling_wheels(
-        drive.inverse(twist), contacts, np.cross(twist, contacts), directions_rad
-    )
+    pushes = np.cross(solution.twist, contacts)
+    return _rolling_wheels(joints, contacts, pushes, directions_rad, solution)
 
 
 def _rolling_wheels(
-    spins: Array, at_m: Array, pushes: Array, directions_rad: Array
+    spins: Array, at_m: Array, pushes: Array, directions_rad: Array, solution: TwistSolution
 ) -> list[StudentWheel]:
     return [
         StudentWheel(
@@ -68,6 +72,7 @@ def _rolling_wheels(
             push=pair(pushes[i]),
             direction_deg=degrees(directions_rad[i]),
             rpm=short(float(spins[i]) / RPM),
+            residual_mps=short(abs(float(solution.residual[i]))),
         )
         for i in range(len(spins))
     ]

@@ -7,16 +7,25 @@ from typing import Any
 import numpy as np
 
 from tsd_twin.client.monitor import RoundTrips, Snapshot
+from tsd_twin.client.motions import PlanLimits
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, commanded_joints, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import VisualSource
 from tsd_twin.dashboard.sessions.actuator_telemetry import ActuatorTelemetry, rounded
+from tsd_twin.dashboard.sessions.joint_poses import binding_limit, joint_share
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.sessions.plot_fields import PlotFields
 from tsd_twin.dashboard.wire.from_page import Triple
-from tsd_twin.dashboard.wire.to_page import RobotInfo, RobotState, SpeedLimits, TwistAxisInfo
+from tsd_twin.dashboard.wire.to_page import (
+    LimitName,
+    RobotInfo,
+    RobotState,
+    SpeedLimits,
+    TwistAxisInfo,
+)
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import JointState, Odometry
 from tsd_twin.messages.status import RobotStatus
+from tsd_twin.motion import TwistLimiter
 
 SPEED_LEVELS_PERCENT = (20, 50, 80, 100)
 """Selectable speeds in percent of the limits."""
@@ -66,6 +75,7 @@ class RobotTelemetry:
         typical_s, jitter_s = round_trips.median_s(), round_trips.jitter_s()
         joints = self._joint_vector(snapshot.joints)
         setpoint = self._joint_vector(snapshot.setpoint)
+        commanded = self._commanded(setpoint, joints)
         odom, truth = snapshot.odom, snapshot.truth
         figures: dict[str, Any] = {}
         if joints is not None and setpoint is not None:
@@ -82,17 +92,31 @@ class RobotTelemetry:
             rtt_jitter_ms=_milliseconds(jitter_s),
             pose=self._planar_pose(odom),
             twist=rounded(odom.twist) if odom else None,
-            commanded=self._commanded(setpoint, joints),
+            commanded=None if commanded is None else rounded(commanded),
             truth=self._planar_pose(truth),
+            utilization=None if joints is None else self._utilization(joints),
+            limit=None if commanded is None else self._limit(commanded, status),
             **figures,
         )
 
-    def _commanded(self, setpoint: Array | None, joints: Array | None) -> Triple | None:
+    def _commanded(self, setpoint: Array | None, joints: Array | None) -> Array | None:
         if setpoint is None:
             return None
         if joints is not None:
             setpoint = commanded_joints(self._kinematics, setpoint, joints)
-        return rounded(self._kinematics.forward(setpoint).twist)
+        return self._kinematics.forward(setpoint).twist
+
+    def _utilization(self, joints: Array) -> float | None:
+        share = joint_share(self._kinematics, joints)
+        return None if share is None else round(share, 4)
+
+    def _limit(self, commanded: Array, status: RobotStatus) -> LimitName | None:
+        """Return the limit that scales the request down; it is the first in this direction."""
+        if status.limits.applied >= 1.0 or not commanded.any():
+            return None
+        active = PlanLimits.in_force(self._link.robot, self._kinematics, status)
+        limiter = TwistLimiter(active.kinematics, active.limits)
+        return binding_limit(active.kinematics, limiter, commanded)
 
     def _planar_pose(self, said: Odometry | None) -> Triple | None:
         """Return the planar pose of a robot, or None for a sphere."""

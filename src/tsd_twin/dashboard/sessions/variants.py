@@ -10,7 +10,7 @@ import msgspec
 import tomlkit
 
 from tsd_twin.dashboard.sessions.kinds import TunableParameter, view_of
-from tsd_twin.dashboard.wire.to_page import StudentKnob
+from tsd_twin.dashboard.wire.student import StudentKnob
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import RobotDescription, load_robot, read_description, robot_names
 from tsd_twin.robots.loader import description_of_tables

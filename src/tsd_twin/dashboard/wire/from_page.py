@@ -21,9 +21,14 @@ Coordinate: TypeAlias = Annotated[float, Meta(ge=-1e4, le=1e4)]
 RobotId: TypeAlias = Annotated[str, Meta(max_length=32)]
 Level: TypeAlias = Annotated[int, Meta(ge=1, le=100)]
 """Percentage of the active limits."""
+BoundedNumber: TypeAlias = Annotated[float, Meta(ge=-1e6, le=1e6)]
+"""Twist component or joint value, bounded to avoid overflow."""
 MAX_POINTS = 256
 """Maximum number of points of a drawn line."""
 MAX_PLOT_FIELDS, MAX_FIELD_NAME = 16, 100
+MAX_ACTUATORS = 16
+"""Maximum number of modules or wheels with given joint values."""
+JointNumbers: TypeAlias = Annotated[list[BoundedNumber], Meta(max_length=3)]
 
 
 class Message(msgspec.Struct, frozen=True, tag_field="t", kw_only=True):
@@ -75,6 +80,13 @@ class FollowPlan(Message, frozen=True, tag="follow_plan"):
 
 class ReleaseControls(Message, frozen=True, tag="release"):
     """All controls have been released."""
+
+
+class PreviewRequest(Message, frozen=True, tag="preview"):
+    """Request to show the joints for a twist, on this page only; it moves no robot."""
+
+    twist: tuple[BoundedNumber, BoundedNumber, BoundedNumber] | None
+    """As in `drive`, along the robot's axes; null ends the preview."""
 
 
 class PanelSlidersReleased(Message, frozen=True, tag="panel_released"):
@@ -196,8 +208,17 @@ class StudentRequest(Message, frozen=True, tag="student"):
     """Modified numbers of the description by key."""
     twist: Triple = (0.0, 0.0, 0.0)
     """Twist for which the joint values are computed."""
+    joints: Annotated[list[JointNumbers], Meta(max_length=MAX_ACTUATORS)] | None = None
+    """Joint values for which the twist is computed, instead of the joints for `twist`.
+
+    For each module alpha and beta in degrees and rpm, for each wheel rpm.
+    """
     toml: bool = False
     """Whether the reply includes the description as a TOML file."""
+    papers: bool = False
+    """Whether the reply includes figures of the papers."""
+    show: bool = False
+    """Whether the scene of this page shows the robot with these joints, in place of its own."""
 
 
 PageMessage: TypeAlias = (
@@ -207,6 +228,7 @@ PageMessage: TypeAlias = (
     | ClearPlan
     | FollowPlan
     | ReleaseControls
+    | PreviewRequest
     | PanelSlidersReleased
     | PageHeartbeat
     | LeaseAction

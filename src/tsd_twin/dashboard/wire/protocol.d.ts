@@ -158,6 +158,37 @@ interface RobotInfo {
   plot_fields: string[];
 }
 
+/** Limit that scales a twist down. */
+type LimitName = "speed" | "turn_rate" | "tilt" | "wheel_speed";
+
+/** Angles in degrees, push in m/s. */
+interface GimbalPose {
+  alpha: number;
+  beta: number;
+  tilt: number;
+  direction: number | null;
+  axle: [number, number];
+  push: [number, number];
+  rpm: number;
+}
+
+interface WheelPose {
+  rpm: number;
+  push: [number, number];
+}
+
+interface JointPreview {
+  t: "preview";
+  robot: string;
+  requested: Triple;
+  twist: Triple;
+  utilization: number;
+  limit: LimitName | null;
+  modules: GimbalPose[];
+  wheels: WheelPose[];
+  joints: JointValue[];
+}
+
 interface GimbalState {
   alpha: number;
   beta: number;
@@ -169,12 +200,17 @@ interface GimbalState {
   axle: [number, number];
   set_axle: [number, number];
   spinning: boolean;
+  direction: number | null;
+  push: [number, number];
+  setpoint: GimbalPose;
 }
 
 interface WheelState {
   rpm: number;
   rpm_setpoint: number;
   residual_mps: number;
+  push: [number, number];
+  push_setpoint: [number, number];
 }
 
 interface JointValue {
@@ -225,6 +261,8 @@ interface RobotState {
   modules: GimbalState[];
   wheels: WheelState[];
   joints: JointValue[];
+  utilization: number | null;
+  limit: LimitName | null;
   sphere: SphereState | null;
   estimate_difference: EstimateDifference | null;
   route: RouteState | null;
@@ -426,6 +464,45 @@ interface StudentWheel {
   gimbal: Triple | null;
   axle: [number, number] | null;
   effective_radius_mm: number | null;
+  residual_mps: number;
+}
+
+/** Part of a formula: a MathML element; absent fields are empty. */
+interface MathToken {
+  kind: "mi" | "mo" | "mn" | "mfrac" | "msqrt";
+  text?: string;
+  sub?: string;
+  sup?: string;
+  rows?: MathToken[][];
+}
+
+interface Equation {
+  name: string;
+  formula: MathToken[];
+  values: (number | null)[];
+  units: string[];
+  over: "actuators" | "twist" | "point" | "one";
+  paper: string;
+  equation: string;
+  corrected: boolean;
+}
+
+interface PaperCurve {
+  label: string;
+  x: number[];
+  y: number[];
+  points: boolean;
+}
+
+interface PaperFigure {
+  name: string;
+  paper: string;
+  figure: string;
+  x: string;
+  x_unit: string;
+  y: string;
+  y_unit: string;
+  curves: PaperCurve[];
 }
 
 interface StudentFigures {
@@ -437,6 +514,12 @@ interface StudentFigures {
   utilization: number;
   wheels: StudentWheel[];
   radius_m: number;
+  solved: "joints" | "twist";
+  residual_mps: number;
+  redundancy: number;
+  centre: [number, number] | null;
+  axis: Triple | null;
+  equations: Equation[];
 }
 
 interface ShippedRobot {
@@ -453,6 +536,7 @@ interface StudentReply {
   figures: StudentFigures | null;
   problem: string;
   toml: string | null;
+  papers: PaperFigure[];
 }
 
 interface HeartbeatReply {
@@ -468,6 +552,7 @@ type ServerMessage =
   | Fleet
   | PanelSliders
   | SphereClick
+  | JointPreview
   | ControlsReleased
   | ActionReply
   | RobotEvent
@@ -522,7 +607,10 @@ interface StudentRequest {
   base: string;
   knobs: Record<string, number>;
   twist: Triple;
+  joints?: number[][] | null;
   toml: boolean;
+  papers?: boolean;
+  show?: boolean;
 }
 
 type PageMessage =
@@ -531,6 +619,7 @@ type PageMessage =
   | (PlanRequest & { t: "plan"; level: number })
   | (LeaseAction & { t: "lease" })
   | { t: "speed_level"; level: number }
+  | { t: "preview"; twist: Triple | null }
   | { t: "heartbeat"; status_seq: number; sent_ms: number; focus: boolean }
   | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }

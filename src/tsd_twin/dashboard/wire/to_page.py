@@ -93,6 +93,36 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Names of the values available for plots; each ends with its unit."""
 
 
+LimitName: TypeAlias = Literal["speed", "turn_rate", "tilt", "wheel_speed"]
+"""Limit that scales a twist down: two of the description or lease, and two of the joints."""
+
+
+class GimbalPose(msgspec.Struct, frozen=True):
+    """Joints of a module and their effect; angles in degrees, vectors along `base_link`."""
+
+    alpha: float
+    beta: float
+    tilt: float
+    direction: float | None
+    """Direction towards which the axle tilts, from X towards Y; None if it is upright."""
+    axle: tuple[float, float]
+    """Tilt direction of the axle, seen from above; length 1 is the tilt limit."""
+    push: tuple[float, float]
+    """Velocity at which the rolling wheel moves its pivot, m/s."""
+    rpm: float
+
+
+class WheelPose(msgspec.Struct, frozen=True):
+    """Speed of a wheel with rollers and its effect."""
+
+    rpm: float
+    push: tuple[float, float]
+    """Rim velocity along the drive direction from above, along `base_link`, m/s.
+
+    It moves the robot over the floor, or the sphere over the robot.
+    """
+
+
 class GimbalState(msgspec.Struct, frozen=True):
     """State of a gimbal; angles in degrees."""
 
@@ -107,6 +137,12 @@ class GimbalState(msgspec.Struct, frozen=True):
     """Tilt direction of the axle in `base_link`, seen from above; length 1 is the tilt limit."""
     set_axle: tuple[float, float]
     spinning: bool
+    direction: float | None
+    """Direction towards which the axle tilts, from X towards Y; None if it is upright."""
+    push: tuple[float, float]
+    """Velocity at which the rolling wheel moves its pivot, m/s in `base_link`."""
+    setpoint: GimbalPose
+    """Commanded joints; the push is for the measured wheel speed."""
 
 
 class WheelState(msgspec.Struct, frozen=True):
@@ -116,6 +152,9 @@ class WheelState(msgspec.Struct, frozen=True):
     rpm_setpoint: float
     residual_mps: float
     """Rim speed not explained by the robot's motion."""
+    push: tuple[float, float]
+    """Rim velocity along the drive direction, as in `WheelPose`."""
+    push_setpoint: tuple[float, float]
 
 
 class JointValue(msgspec.Struct, frozen=True):
@@ -219,6 +258,10 @@ class RobotState(Message, frozen=True, tag="state"):
     wheels: Sequence[WheelState] = ()
     joints: Sequence[JointValue] = ()
     """Values of the rows `joints` of the robot's info."""
+    utilization: float | None = None
+    """Fraction of the joint limit in use by the measured joints: sine of the tilt, wheel speed."""
+    limit: LimitName | None = None
+    """Limit that holds the robot back, while it drives slower than requested."""
     sphere: SphereState | None = None
     estimate_difference: EstimateDifference | None = None
     route: RouteState | None = None
@@ -284,6 +327,23 @@ class PanelSliders(Message, frozen=True, tag="panel_sliders"):
     latch: bool
 
 
+class JointPreview(Message, frozen=True, tag="preview"):
+    """Joints for a requested twist at the current wheel speed, without moving the robot."""
+
+    robot: str
+    requested: Triple
+    twist: Triple
+    """Requested twist, scaled down to the limits if necessary."""
+    utilization: float
+    """Fraction of the joint limits needed by the requested twist; above 1 it is scaled."""
+    limit: LimitName | None
+    """Limit that scales the twist, if any."""
+    modules: Sequence[GimbalPose] = ()
+    wheels: Sequence[WheelPose] = ()
+    joints: Sequence[JointValue] = ()
+    """Values of the rows `joints` of the robot's info."""
+
+
 class SphereClick(Message, frozen=True, tag="sphere_click"):
     """Click on the point of the sphere that should turn to the top."""
 
@@ -318,93 +378,6 @@ class RobotEvent(Message, frozen=True, tag="event"):
     """Whether it happened before the page selected the robot."""
     age_s: float = 0.0
     """Time since the dashboard received it; pages convert all times to their own clock."""
-
-
-class StudentKnob(msgspec.Struct, frozen=True):
-    """Adjustable number of a description."""
-
-    key: str
-    label: str
-    unit: str
-    value: float
-    usual: float
-    """Value in the built-in description."""
-    least: float
-    most: float
-    step: float
-
-
-class StudentFigure(msgspec.Struct, frozen=True):
-    """Number derived from the description."""
-
-    name: str
-    value: float
-    unit: str
-    note: str = ""
-
-
-class StudentOutline(msgspec.Struct, frozen=True):
-    """Outline of the reachable twists in two of their components."""
-
-    axes: tuple[int, int]
-    """Indices of the components."""
-    section: Sequence[tuple[float, float]]
-    """Boundary of the twists whose third component is zero."""
-    shadow: Sequence[tuple[float, float]]
-    """Boundary of the projection of all twists."""
-
-
-class StudentWheel(msgspec.Struct, frozen=True):
-    """Wheel of a variant at the requested twist, along the axes of the robot."""
-
-    at: tuple[float, float]
-    """Contact point, metres."""
-    push: tuple[float, float]
-    """Velocity of the contact point, m/s."""
-    direction_deg: float | None
-    """Drive direction of a forward-turning wheel; None for wheels on gimbals."""
-    rpm: float
-    gimbal: Triple | None = None
-    """alpha, beta and tilt in degrees."""
-    axle: tuple[float, float] | None = None
-    """Horizontal part of the unit vector along the axle."""
-    effective_radius_mm: float | None = None
-
-
-class StudentFigures(msgspec.Struct, frozen=True):
-    """All figures derived from a description and a twist."""
-
-    axes: Sequence[TwistAxisInfo]
-    tops: Triple
-    """Maximum of each component alone."""
-    figures: Sequence[StudentFigure]
-    outlines: Sequence[StudentOutline]
-    twist: Triple
-    """Requested twist, scaled down to the joint limits if necessary."""
-    utilization: float
-    """Fraction of the joint limits needed by the requested twist; above 1 the twist is scaled."""
-    wheels: Sequence[StudentWheel]
-    radius_m: float
-    """Wheel radius."""
-
-
-class ShippedRobot(msgspec.Struct, frozen=True):
-    """Entry of the robot menu of the Student tab."""
-
-    id: str
-    title: str
-
-
-class StudentReply(Message, frozen=True, tag="student"):
-    """Reply to `StudentRequest`; an impossible description has a problem and usually no figures."""
-
-    number: int
-    base: str
-    bases: Sequence[ShippedRobot]
-    knobs: Sequence[StudentKnob]
-    figures: StudentFigures | None
-    problem: str
-    toml: str | None
 
 
 class HeartbeatReply(Message, frozen=True, tag="heartbeat"):

@@ -1,0 +1,72 @@
+"""Preview of the joints for a twist, on one page; it moves no robot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsd_twin.client.monitor import RobotMonitor
+from tsd_twin.client.motions import PlanLimits
+from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
+from tsd_twin.dashboard.sessions.actuator_telemetry import rounded
+from tsd_twin.dashboard.sessions.joint_poses import binding_limit
+from tsd_twin.dashboard.sessions.kinds import view_of
+from tsd_twin.dashboard.sessions.robot_directory import RobotDirectory
+from tsd_twin.dashboard.sessions.send_queue import SendQueue
+from tsd_twin.dashboard.wire.to_page import JointPreview, encode_message
+from tsd_twin.lie import Array
+from tsd_twin.motion import TwistLimiter
+
+
+class PreviewSession:
+    """Per-page preview: the reply to the page, and the pose in its scene; event loop only."""
+
+    def __init__(
+        self, page: str, directory: RobotDirectory, scene: SceneExecutor, queue: SendQueue
+    ) -> None:
+        self._page, self._directory = page, directory
+        self._scene, self._queue = scene, queue
+        self._asked: tuple[str, Array] | None = None
+        self._shown: JointPreview | None = None
+
+    def request(self, robot_id: str | None, twist: tuple[float, float, float] | None) -> None:
+        """Show the joints for a twist of a robot; None ends the preview."""
+        if twist is None or robot_id is None:
+            self.end()
+            return
+        self._asked, self._shown = (robot_id, np.array(twist)), None
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Show the joints again if they have changed with the wheel speed or the limits."""
+        robot = None if self._asked is None else self._directory.robot(self._asked[0])
+        if self._asked is None or robot is None:
+            return
+        preview, joints = preview_of(robot.link, self._asked[1])
+        if preview != self._shown:
+            self._shown = preview
+            self._queue.put_latest("preview", encode_message(preview))
+            self._scene.show_preview(self._page, robot.link.id, joints)
+
+    def end(self) -> None:
+        """End the preview, if there is one."""
+        if self._asked is not None:
+            self._scene.show_preview(self._page, self._asked[0], None)
+            self._asked = self._shown = None
+
+
+def preview_of(link: RobotMonitor, twist: Array) -> tuple[JointPreview, Array]:
+    """Return the preview of `twist` (3,) and its joint vector (n,), at the current limits."""
+    active = PlanLimits.in_force(link.robot, link.kinematics, link.snapshot.status)
+    drive, limiter = active.kinematics, TwistLimiter(active.kinematics, active.limits)
+    reached = limiter.cap(twist)
+    joints = drive.inverse(reached)
+    held_back = max(limiter.utilizations(twist)) > 1.0
+    preview = JointPreview(
+        robot=link.id,
+        requested=rounded(twist),
+        twist=rounded(reached),
+        utilization=round(float(drive.joint_utilization(twist)), 4),
+        limit=binding_limit(drive, limiter, twist) if held_back else None,
+        **view_of(link.robot).joint_fields(link.robot, drive, joints),
+    )
+    return preview, joints
