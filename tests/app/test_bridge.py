@@ -23,6 +23,7 @@ pytestmark = [pytest.mark.system, pytest.mark.busy]
 Start = Callable[..., Program]
 ANY_PORT = ("--listen", "tcp/127.0.0.1:0")
 PIECES = 1000
+OLD_S = 4.5
 """Of garbage, thrown at a machine that is too busy to notice."""
 
 
@@ -99,11 +100,17 @@ def keep_throwing_garbage(machine: Machine) -> None:
         machine.pilot.drive(AHEAD, seconds=0.02)
 
 
+def unplug(machine: Machine) -> None:
+    """Once the board is older than one that has just lost its power."""
+    machine.hold_until(lambda: machine.box.show()["time_s"] > OLD_S)
+    machine.box.tell("unplug 1")
+
+
 @pytest.mark.parametrize(
     ("harm", "sentence", "warning"),
     [
         pytest.param(
-            lambda machine: machine.box.tell("unplug 1"),
+            unplug,
             "not connected|not answered",
             "is gone",
             id="pty pulled",

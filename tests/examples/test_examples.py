@@ -19,7 +19,8 @@ import tsd_twin
 from tests.app.conftest import Program, reset_if_held_up
 from tests.support.markdown_pages import ROOT
 from tests.support.scripts import mock_endpoint, run_script
-from tests.support.viser_client import ViserClient, viser_client
+from tests.support.viser_client import Node, ViserClient, viser_client
+from tsd_twin.client.state import PlanarPose
 
 FOLDER = ROOT / "examples"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
@@ -216,12 +217,12 @@ def drive_by_sliders(robot: tsd_twin.RobotClient, viewer: ViserClient) -> None:
         viewer.set("Arm", True)
         until(robot, lambda: robot.state.mode == "ready")
         viewer.until(lambda: viewer.control("Forward (m/s)").value == 0.0)
-        x_m = robot.state.odom.pose.x_m
+        start = robot.state.odom.pose
         robot.sleep(0.3)
-        assert robot.state.odom.pose.x_m == pytest.approx(x_m, abs=0.005)
+        assert robot.state.odom.pose == pytest.approx(start, abs=0.005)
         viewer.set("Forward (m/s)", 0.3)
         until(robot, lambda: robot.state.odom.twist.vx_mps > 0.25)
-        viewer.until(lambda x_m=x_m: viewer.node("/robot").position[0] > x_m + 0.1)
+        viewer.until(lambda start=start: metres_ahead(start, viewer.node("/robot")) > 0.1)
         inner = viewer.node("/robot/module1_outer/module1_inner")
         viewer.until(
             lambda inner=inner: math.isclose(
@@ -235,6 +236,12 @@ def drive_by_sliders(robot: tsd_twin.RobotClient, viewer: ViserClient) -> None:
             robot.sleep(0.5)  # A robot that hears commands refuses its reset.
             viewer.set("Reset", True)
             until(robot, lambda: robot.state.mode == "disarmed")
+
+
+def metres_ahead(start: PlanarPose, node: Node) -> float:
+    """How far a node is ahead of a pose: earlier scripts leave the robot at any heading."""
+    x_m, y_m = node.position[0] - start.x_m, node.position[1] - start.y_m
+    return x_m * math.cos(start.heading_rad) + y_m * math.sin(start.heading_rad)
 
 
 def until(robot: tsd_twin.RobotClient, condition: Callable[[], bool]) -> None:

@@ -655,6 +655,14 @@ def test_garbage_is_a_fault_until_the_line_is_clean_and_nothing_arms_by_itself(
     it.arm()
 
 
+def test_garbage_after_a_silence_is_logged_too(it: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    it.arm()
+    it.board.silent = True
+    it.until(lambda: it.code == Code.DEVICE_SILENT, "silence", armed=True)
+    it.board.spoils, it.board.silent = 1000, False
+    it.until(lambda: "garbage on the serial line" in caplog.text, "logged", armed=True)
+
+
 def test_what_was_left_over_for_another_program_is_not_taken_for_an_answer(
     tmp_path: Path,
 ) -> None:

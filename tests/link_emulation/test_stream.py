@@ -6,11 +6,11 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.support.link_runs import ROUNDING_S, Sent, journeys, link, paced, specs, travel
-from tsd_twin.link_emulation import LinkSpec
+from tsd_twin.link_emulation import LinkSpec, Stall
 from tsd_twin.link_emulation.link import MAX_TIMEOUT_S, LinkModel, Segment, Stream
 
 unhurried = settings(deadline=None)
@@ -71,7 +71,15 @@ def test_everything_arrives_once_and_in_order_and_nothing_waits_at_the_end(
     assert connection.due_s() is None
 
 
+# The sum of running time and stalls rounds to a time just before the second was sent.
+ROUNDED_DOWN = (
+    LinkSpec(stall=Stall(length_s=0.7722291142775198, period_s=1.0222291142775197)),
+    [Sent(0, 1, 1.0), Sent(1, 1, 1.968368858284362)],
+)
+
+
 @unhurried
+@example(*ROUNDED_DOWN)
 @given(specs(loss=0.0), journeys())
 def test_without_loss_a_payload_waits_for_its_own_segment_and_those_before(
     spec: LinkSpec, packets: list[Sent]

@@ -33,10 +33,23 @@ class VirtualClock:
         """Lets seconds pass for all that lives in this time."""
         patch.setattr(time, "monotonic", lambda: self.now_s)
         patch.setattr(time, "time_ns", self.wall_ns)
-        patch.setattr(time, "sleep", lambda seconds: self.wait(seconds))
-        patch.setattr(threading.Condition, "wait", lambda _, *timeout: self._pause(*timeout))
+        real_sleep, real_wait = time.sleep, threading.Condition.wait
+        # Threads of earlier tests must not run this one's machines, nor beside its own thread.
+        others = set(threading.enumerate()) - {threading.current_thread()}
 
-    def _pause(self, timeout: float | None = None) -> bool:
+        def sleep(seconds: float) -> None:
+            is_other = threading.current_thread() in others
+            (real_sleep if is_other else self.wait)(seconds)
+
+        def wait(condition: threading.Condition, timeout: float | None = None) -> bool:
+            if threading.current_thread() in others:
+                return real_wait(condition, timeout)
+            return self._pause(timeout)
+
+        patch.setattr(time, "sleep", sleep)
+        patch.setattr(threading.Condition, "wait", wait)
+
+    def _pause(self, timeout: float | None) -> bool:
         self.wait(_LONGEST_WAIT_S if timeout is None else min(timeout, _LONGEST_WAIT_S))
         return False
 

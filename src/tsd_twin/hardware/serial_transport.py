@@ -429,7 +429,7 @@ class DeviceThread:
     def _run_cycles(self, transport: SerialTransport) -> None:
         received_s = time.monotonic()
         health = self._device.health
-        logged: Reason | None = None
+        logged: set[str] = set()
         while not self._stopping.is_set():
             self._cycle_requested.wait(_IDLE_S)
             self._cycle_requested.clear()
@@ -438,10 +438,13 @@ class DeviceThread:
             elif time.monotonic() - received_s > _GIVE_UP_S:
                 raise HardwareError(f"{health.name} has been silent for {_GIVE_UP_S:g} s")
             fault = health.connection_fault(received_s, time.monotonic())
-            if (fault is None) != (logged is None):
-                back = f"{health.name} answers again, over a clean line"
-                _LOG.warning("%s", back if fault is None else sentence(fault))
-            logged = fault
+            if fault is None:
+                if logged:
+                    _LOG.warning("%s answers again, over a clean line", health.name)
+                logged.clear()
+            elif fault.code not in logged:  # A silence may turn out to be garbage.
+                logged.add(fault.code)
+                _LOG.warning("%s", sentence(fault))
 
     def _connect(self) -> SerialTransport:
         transport = SerialTransport(self._port, self._device.baud)

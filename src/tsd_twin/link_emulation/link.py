@@ -79,7 +79,8 @@ class StallClock:
             between_s = self._stall.period_s - self._stall.length_s
             stalls = 1.0 + math.floor((ran_s + TICK_S - self._stall.period_s) / between_s)
         stalled_s = stalls * self._stall.length_s if self._stall is not None else 0.0
-        return self._start_s + ran_s + stalled_s
+        # Rounding may not make a packet due before it was sent.
+        return max(from_s, self._start_s + ran_s + stalled_s)
 
     def _ran(self, at_s: float) -> float:
         """Return the running time since the start, ignoring requested stalls."""
