@@ -166,7 +166,7 @@ def test_a_request_that_trickles_is_cut_off(fresh: Site, beginning: bytes) -> No
 def test_a_form_that_trickles_is_cut_off_with_a_sentence(
     fresh: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tsd_twin.dashboard.gateway.pages.READ_S", 0.3)
+    monkeypatch.setattr("tsd_twin.dashboard.gateway.login.READ_S", 0.3)
     with dial(fresh.port) as connection:
         connection.sendall(
             request(fresh.port, "POST", "/login", f"Content-Type: {FORM}", body=b"x" * 90)[:-80]

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pytest
 import viser
+from tsd_twin.dashboard.gateway.pages import with_scripts
 
 from tests.support.empty_scene import EmptyScene
 from tests.support.page_client import PATIENCE_S, Site, site
-from tsd_twin.dashboard.gateway.pages import with_scripts
 from tsd_twin.dashboard.gateway.server import HttpServer
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.errors import TwinError

@@ -22,8 +22,8 @@ from tests.support.robot_feed import RobotFeed, link_poses
 from tests.support.viser_client import CAMERA, PATIENCE_S, Node, ViserClient, chosen, viser_client
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import METRES
+from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.framing import CameraPose, pictured
-from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.robot_visual import exaggerate_tilt
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.viser_compat import page_of
@@ -53,7 +53,7 @@ class Desk:
     """What pages show, by their id."""
 
     def __post_init__(self) -> None:
-        self.panels = PanelManager(
+        self.panels = ClientViews(
             self.server,
             self.scene,
             lambda *move: self.moves.put(move),
