@@ -101,10 +101,6 @@ def test_an_open_map_has_the_robots_where_they_are_and_where_they_have_been(stag
         for pose in (before, page.state["pose"]):
             apart = np.hypot(*(trail - pose[:2]).T).min()
             assert apart < 2.0 * TRAIL_SPACING_M
-        # One button of the panel clears the trails, everywhere.
-        stage.scene.on_trails_cleared = stage.site.sessions.on_trails_cleared
-        stage.scene.clear_trails()
-        page.until(lambda: len(page.last("map_lines")["trails"]["tsd"]) <= 1)
         page.send(t="map", on=False)
         page.until(lambda: page.state["map"] is None)
 

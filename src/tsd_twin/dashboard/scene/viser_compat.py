@@ -74,6 +74,8 @@ class MessageQueue(AsyncMessageBuffer):
     def _window_loop(
         self, client_id: int, backlog_last_id: int, backlog_done_message: Message | None
     ) -> AsyncGenerator[Sequence[Message]]:
+        if not self.persistent_messages:  # A client's own queue starts at zero.
+            return super()._window_loop(client_id, backlog_last_id, backlog_done_message)
         return message_windows(self, client_id, backlog_last_id, backlog_done_message)
 
 
