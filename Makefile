@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-bundle check-firmware web bench attack soak format lock vendor docs pictures meshes clean firmware mutants robot-in-a-box avr
+.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-bundle check-firmware web bench attack soak format lock docs pictures meshes clean firmware mutants robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -14,7 +14,6 @@ demo: .venv/.run ## Drive the simulated robot in the browser
 	$(BIN)/tsd-demo $(ARGS)
 
 test: check browser avr ## Check, then run all tests
-	$(BIN)/node $(NODE_TEST) 'tests/js/*.test.js'
 	cd web && $(NODE) $(JS)/vitest/vitest.mjs run --reporter=dot
 	@scripts/run_tests $(ARGS)
 
@@ -23,8 +22,6 @@ test-long: .venv/.dev browser avr ## Run the tests that take longest, then the q
 	$(BIN)/pytest -q -p no:cacheprovider --nonsense -m "not timed and not slow and not long"
 test-ros: .venv/ros/.made ## Test tsd-ros with nodes of rclpy, in an environment of its own
 	.venv/ros/bin/python -m pytest tests/rclpy $(ARGS)
-# The page's scripts name no type: a browser knows that they are modules, Node.js finds out.
-NODE_TEST := --disable-warning=MODULE_TYPELESS_PACKAGE_JSON --test-reporter=dot --test
 
 quick: .venv/.dev .venv/.web ## Check, beside the quick ones of the tests that only compute; aims at 90 s
 	@scripts/run_quick $(ARGS)
@@ -41,7 +38,6 @@ check-scripts:
 	$(BIN)/node $(PRETTIER) --check $(SCRIPTS)
 	cd web && $(NODE) $(PRETTIER) --check .
 	$(BIN)/node $(TSC) --project web
-	$(BIN)/node $(TSC) --project tests/js
 check-bundle:
 	@scripts/check_bundle
 check-firmware:
@@ -50,7 +46,7 @@ JS := $(abspath web/node_modules)
 NODE := $(abspath $(BIN))/node
 TSC := $(JS)/typescript/bin/tsc
 PRETTIER := $(JS)/prettier/bin/prettier.cjs --print-width=100 --log-level=warn
-SCRIPTS := 'src/tsd_twin/dashboard/**/*.{js,ts}' 'tests/js/*.{js,json}' '!**/vendor/**' '!**/bundle/**'
+SCRIPTS := 'src/tsd_twin/dashboard/html_export/*.js'
 
 web: .venv/.web ## Build the page after a change in web/, to its messages or to sentences; commit what it writes
 	$(BIN)/python -m tsd_twin.dashboard.wire.typescript
@@ -71,11 +67,6 @@ format: .venv/.dev .venv/.web ## Format and mend what can be mended
 	$(BIN)/ruff check --fix .
 	$(BIN)/node $(PRETTIER) --write $(SCRIPTS)
 	cd web && $(NODE) $(PRETTIER) --write .
-
-vendor: .venv/.web ## Copy the plot library, of the version in web/package.json, to the page
-	cp $(JS)/uplot/dist/{uPlot.iife.min.js,uPlot.min.css} $(VENDOR)
-	cp $(JS)/uplot/LICENSE $(VENDOR)/uPlot.LICENSE
-VENDOR := src/tsd_twin/dashboard/static/vendor
 
 firmware: avr ## Build the firmware of the controller board
 	@$(MAKE) --no-print-directory -C firmware

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.markdown_pages import ROOT, code, page, quoted, section, tables
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
-from tsd_twin.dashboard.gateway.pages import READ_S
+from tsd_twin.dashboard.gateway.login import READ_S
 from tsd_twin.security.users import ABSOLUTE_S, IDLE_S, Logins
 
 PAGE = page("access.md")

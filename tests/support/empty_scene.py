@@ -10,14 +10,10 @@ from tsd_twin.lie import Array
 
 
 class EmptyScene:
-    """A scene without robots, which notes what the panels of pages are told."""
+    """A scene without robots, which notes which ones pages choose."""
 
     def __init__(self) -> None:
-        self.released: list[str] = []
         self.chosen: list[tuple[str, str]] = []
-
-    def reset_sliders(self, page: str) -> None:
-        self.released.append(page)
 
     def select_robot(self, page: str, robot_id: str) -> None:
         self.chosen.append((page, robot_id))

@@ -1,4 +1,4 @@
-"""Dashboard process: wiring of robot discovery, scene, panels, HTTP server and update loop."""
+"""Dashboard process: wiring of robot discovery, scene, views, HTTP server and update loop."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tsd_twin.dashboard.gateway.server import HttpServer
 from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.scene_executor import BackgroundWorker, SceneExecutor
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
@@ -74,8 +74,8 @@ async def run(
     sys.setswitchinterval(_SWITCH_S)
     loop = asyncio.get_running_loop()
     discovery = RobotDiscovery(bus)
-    # Panels wait for a frame to be drawn; the event loop that forwards commands must not.
-    worker = BackgroundWorker("panels")
+    # Views wait for a frame to be drawn; the event loop that forwards commands must not.
+    worker = BackgroundWorker("views")
 
     server = viser_compat.start_server(TITLE)
     try:
@@ -84,7 +84,7 @@ async def run(
         # The two know each other by callbacks only: neither waits for the other's thread.
         sessions = SessionManager(
             discovery.links,
-            SceneExecutor(worker, scene, lambda: panels),
+            SceneExecutor(worker, scene, lambda: views),
             on_opened=lambda: ticker.wake(),
             roster=roster,
         )
@@ -94,18 +94,14 @@ async def run(
             auth=AuthMiddleware(rules),
             recorded=RecordedPages(recordings, sessions.live) if recordings else None,
         )
-        panels = PanelManager(
+        views = ClientViews(
             server,
             scene,
-            sessions.on_panel,
-            sessions.select_robot,
             sessions.on_sphere_click,
             robot_of=sessions.robot_of,
-            on_view=sessions.on_view,
             view_of=sessions.view_of,
             frame_of=sessions.frame_of,
         )
-        scene.on_trails_cleared = sessions.on_trails_cleared
         discovery.on_change = sessions.on_robots_changed
 
         def on_status(robot_id: str) -> None:

@@ -37,7 +37,7 @@ class WheelSpeedRange:
     """Range of selectable speeds for continuously spinning wheels.
 
     It follows from rolling, v = r_w spin sin(tilt): faster wheels raise the top speed, and equally
-    the speed change per servo step. The page shows both (`static/wheel_speed.js`).
+    the speed change per servo step. The page shows both (`web/src/panel/`).
     """
 
     kinematics: SingularityKinematics

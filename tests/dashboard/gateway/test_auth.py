@@ -22,11 +22,10 @@ from tsd_twin.security.users import ABSOLUTE_S, LoginRateLimiter
 
 PAGE = "0123456789abcdef"
 OTHER = "fedcba9876543210"
-EVERYTHING = ["/healthz", "/static/main.js", "/static/page.css", f"/teleop?page={PAGE}"]
+EVERYTHING = ["/healthz", "/page.js", "/page.css", f"/teleop?page={PAGE}"]
 EVERYTHING += [
     f"/viser/{PAGE}",
     "/nothing",
-    "/static/",
     "/recordings",
     "/recordings/trash",
     "/recordings/a.mcap/path",
@@ -207,14 +206,22 @@ def test_a_viewer_may_stop_when_it_was_given(fresh: Site) -> None:
 
 def test_what_a_viewer_says_to_viser_has_no_effect(server: viser.ViserServer, served: Site) -> None:
     """Straight to the socket, as no page would: an operator's words as a measure."""
-    slider = server.gui.add_slider("secret", 0.0, 1.0, 0.1, 0.0)
-    heard: list[float] = []
+    ball = server.scene.add_icosphere("/w/r/secret/x", 0.1)
+    heard: list[str] = []
 
-    @slider.on_update
-    async def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
-        heard.append(event.target.value)
+    @ball.on_click
+    async def _(event: viser.SceneNodePointerEvent[viser.IcosphereHandle]) -> None:
+        heard.append(event.event)
 
-    for name, expected in (("guest", 0.0), ("alice", 0.5)):
+    click = {
+        "type": "SceneNodeClickMessage",
+        "name": "/w/r/secret/x",
+        "instance_index": None,
+        "ray_origin": [1.0, 0.0, 0.0],
+        "ray_direction": [-1.0, 0.0, 0.0],
+        "screen_pos": [0.5, 0.5],
+    }
+    for name, expected in (("guest", 0), ("alice", 1)):
         socket = connect(
             f"ws://127.0.0.1:{served.port}/viser/{OTHER}",
             subprotocols=[VISER],
@@ -223,11 +230,8 @@ def test_what_a_viewer_says_to_viser_has_no_effect(server: viser.ViserServer, se
         )
         viewer = ViserClient(socket)
         viewer.send(CAMERA)
-        viewer.until(lambda viewer=viewer: viewer.control("secret"))
-        uuid = viewer.control("secret").uuid
-        for updates in ({"disabled": True}, {"max": 9.0}, {"update_cb": []}, {"value": 0.5}):
-            viewer.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates})
-        viewer.send({"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": 0.5, "max": 9}})
+        viewer.until(lambda viewer=viewer: viewer.node("/w/r/secret/x"))
+        viewer.send(click)
         clients = server.get_clients()
         looking = CAMERA | {"position": [4.0, 4.0, 4.0]}
         viewer.send(looking)  # Once it arrives, all earlier messages have been read.
@@ -236,12 +240,9 @@ def test_what_a_viewer_says_to_viser_has_no_effect(server: viser.ViserServer, se
             assert time.monotonic() < end_s, "the camera of a viewer is heard"
             clients = server.get_clients()
             time.sleep(0.01)
-        assert slider.value == expected
-        assert not slider.disabled
-        assert slider.max == 1.0
         viewer.join()
-    assert heard == [0.5]
-    slider.remove()
+        assert len(heard) == expected
+    ball.remove()
 
 
 def test_the_page_of_one_login_is_not_that_of_another(served: Site) -> None:

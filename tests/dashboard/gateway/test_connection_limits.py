@@ -32,6 +32,7 @@ from tests.support.raw_http import (
 )
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
+from tsd_twin.dashboard.gateway.viewport_page import VIEWPORT_PATH
 from tsd_twin.security.web_access import server_tls_context
 
 PAGE = "0123456789abcdef"
@@ -166,7 +167,7 @@ def test_a_request_that_trickles_is_cut_off(fresh: Site, beginning: bytes) -> No
 def test_a_form_that_trickles_is_cut_off_with_a_sentence(
     fresh: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tsd_twin.dashboard.gateway.pages.READ_S", 0.3)
+    monkeypatch.setattr("tsd_twin.dashboard.gateway.login.READ_S", 0.3)
     with dial(fresh.port) as connection:
         connection.sendall(
             request(fresh.port, "POST", "/login", f"Content-Type: {FORM}", body=b"x" * 90)[:-80]
@@ -198,7 +199,8 @@ def test_a_browser_that_never_reads_is_cut_off(server: viser.ViserServer) -> Non
         with dial(served.port) as connection:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             # More than the system itself keeps for a connection.
-            connection.sendall(20 * request(served.port, "GET", "/", f"Cookie: {cookie}"))
+            page = f"{VIEWPORT_PATH}?parent=http://127.0.0.1:{served.port}"
+            connection.sendall(20 * request(served.port, "GET", page, f"Cookie: {cookie}"))
             lost = select.poll()
             lost.register(connection, select.POLLHUP)  # Looks without reading.
             assert not lost.poll(400)

@@ -82,25 +82,6 @@ def test_a_flood_of_fragments_that_never_become_a_message_is_cut_off(guarded: Si
         assert refused.value.response.status_code == 429
 
 
-def test_a_flood_of_wishes_to_spring_back_reaches_the_panel_a_few_times(served: Site) -> None:
-    with served.page() as page:
-        page.until(lambda: page.state)
-        served.released.clear()
-        at_once(page, *[FLOOD] * 200)
-        settle(page)
-        assert 1 <= len(served.released) <= TELEOP.kinds["panel_released"].burst + 5
-        assert page.closed is None
-
-
-def test_a_viewer_has_no_sliders_that_could_spring_back(guarded: Site) -> None:
-    cookie = cookie_of(guarded.port, "guest")
-    with guarded.page("00000000000000aa", user="guest", cookie=cookie) as page:
-        page.until(lambda: page.state)
-        page.send_raw(FLOOD)
-        settle(page)
-        assert guarded.released == []
-
-
 @pytest.mark.busy
 def test_while_viewers_flood_an_operator_drives_and_another_stops(guarded: Site) -> None:
     cookies = [cookie_of(guarded.port, "guest") for _ in range(4)]

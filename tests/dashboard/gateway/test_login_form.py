@@ -13,7 +13,7 @@ from tests.support.logins import ask, log_in, users
 from tests.support.page_client import Site, site
 from tests.support.raw_http import FORM, MALFORMED, answer, malformed, request
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
-from tsd_twin.dashboard.gateway.pages import LoginFormError, parse_login_form
+from tsd_twin.dashboard.gateway.login import LoginFormError, parse_login_form
 from tsd_twin.security.users import LoginRateLimiter
 
 

@@ -13,7 +13,6 @@ from playwright.sync_api import Browser, Frame, Page, Route, sync_playwright
 
 from tests.support.browser import CHEAP_FLAGS, executable
 from tests.support.page_client import Site, site
-from tsd_twin.dashboard.gateway.bundle_page import PAGE_PATH
 from tsd_twin.dashboard.gateway.viewport_page import VIEWPORT_PATH
 from tsd_twin.dashboard.scene import viser_compat
 
@@ -97,8 +96,8 @@ def open_page(browser: Browser, served: Site, query: str = "") -> tuple[Page, Fr
     def answer(route: Route) -> None:
         route.fulfill(body=script, content_type="text/javascript")
 
-    page.route(f"**{PAGE_PATH}page.js", answer)
-    page.goto(f"http://127.0.0.1:{served.port}{PAGE_PATH}{query}")
+    page.route("**/page.js", answer)
+    page.goto(f"http://127.0.0.1:{served.port}/{query}")
     until(page, lambda: page.evaluate("window.messages?.some(({ t }) => t === 'ready')"))
     (frame,) = [each for each in page.frames if VIEWPORT_PATH in each.url]
     return page, frame
@@ -197,5 +196,5 @@ def test_a_script_in_the_frame_can_neither_read_the_page_nor_drive(
     moved = f"top.location.href = 'http://127.0.0.1:{served.port}/login'"
     frame.evaluate(f"(() => {{ try {{ {moved} }} catch {{}} }})()")
     page.wait_for_timeout(200)
-    assert page.url.endswith(PAGE_PATH)
+    assert page.url.endswith("/")
     page.close()

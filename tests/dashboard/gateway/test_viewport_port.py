@@ -20,8 +20,8 @@ from tests.support.logins import ask, cookie_of, users
 from tests.support.page_client import PATIENCE_S, Site, site
 from tests.support.raw_http import dialled, is_closed, status_of
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
-from tsd_twin.dashboard.gateway.bundle_page import FILES, PAGE_PATH
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
+from tsd_twin.dashboard.gateway.page import FILES
 from tsd_twin.dashboard.gateway.server import HttpServer
 from tsd_twin.dashboard.gateway.viewport_page import BUNDLE, VIEWPORT_PATH
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
@@ -38,15 +38,13 @@ FRAMED = [("GET", VIEWPORT_PATH), ("GET", f"{VIEWPORT_PATH}frame.js"), ("GET", f
 """Routes of both ports."""
 MAIN = [
     ("GET", "/"),
-    ("GET", PAGE_PATH),
-    *(("GET", PAGE_PATH + name) for name in FILES),
+    *(("GET", "/" + name) for name in FILES),
     ("GET", f"/teleop?page={PAGE}"),
     ("GET", "/healthz"),
     ("GET", "/recordings"),
     ("GET", "/login"),
     ("POST", "/login"),
     ("POST", "/logout"),
-    ("GET", "/static/boot.js"),
 ]
 """Routes of the main port only."""
 
@@ -121,7 +119,7 @@ def test_a_socket_of_viser_connects_on_both_ports_with_the_same_login(guarded: S
                 assert status_of(connection) == expected
 
 
-@pytest.mark.parametrize("path", ["/", "/login", PAGE_PATH, VIEWPORT_PATH, "/teleop", "/nothing"])
+@pytest.mark.parametrize("path", ["/", "/login", VIEWPORT_PATH, "/teleop", "/nothing"])
 def test_the_port_of_the_viewport_has_no_login_page(guarded: Site, path: str) -> None:
     port = guarded.gateway.viewport_port
     assert ask(port, "GET", path)[0].status == 401
@@ -130,8 +128,8 @@ def test_the_port_of_the_viewport_has_no_login_page(guarded: Site, path: str) ->
 
 
 def test_without_a_login_the_page_leads_to_the_login_page(guarded: Site) -> None:
-    answer, _ = ask(guarded.port, "GET", PAGE_PATH)
-    assert (answer.status, answer.headers["Location"]) == (302, "../login")
+    answer, _ = ask(guarded.port, "GET", "/")
+    assert (answer.status, answer.headers["Location"]) == (302, "login")
 
 
 @pytest.mark.parametrize("listener", ["main", "viewport"])
@@ -170,7 +168,7 @@ def test_every_answer_of_both_ports_asks_for_a_process_of_its_own_and_forbids_ot
     served: Site,
 ) -> None:
     for port in (served.port, served.gateway.viewport_port):
-        for path in ("/", PAGE_PATH, VIEWPORT_PATH, f"{VIEWPORT_PATH}frame.js", "/nothing"):
+        for path in ("/", VIEWPORT_PATH, f"{VIEWPORT_PATH}frame.js", "/nothing"):
             headers = ask(port, "GET", path)[0].headers
             assert headers["Origin-Agent-Cluster"] == "?1"
             assert headers["Cross-Origin-Opener-Policy"] == "same-origin"
@@ -186,7 +184,7 @@ def test_parameters_that_lead_viser_elsewhere_are_stripped(served: Site) -> None
 
 
 def test_the_policy_of_the_page_allows_its_inline_texts_and_the_frame_only(served: Site) -> None:
-    answer, html = ask(served.port, "GET", PAGE_PATH)
+    answer, html = ask(served.port, "GET", "/")
     policy = sources(answer.headers["Content-Security-Policy"])
     assert "unsafe" not in answer.headers["Content-Security-Policy"]
     for kind in ("script", "style"):
@@ -201,7 +199,7 @@ def test_the_policy_of_the_page_allows_its_inline_texts_and_the_frame_only(serve
 
 def test_files_of_the_page_are_compressed_and_not_sent_again(served: Site) -> None:
     for name in FILES:
-        path, file = PAGE_PATH + name, (BUNDLE / name).read_bytes()
+        path, file = "/" + name, (BUNDLE / name).read_bytes()
         with socket.create_connection(("127.0.0.1", served.port), 10.0) as connection:
             head = [f"GET {path} HTTP/1.1", f"Host: 127.0.0.1:{served.port}"]
             head += ["Accept-Encoding: gzip", "Connection: close", "", ""]
@@ -307,7 +305,7 @@ def test_behind_a_proxy_the_page_names_the_origin_of_the_viewport() -> None:
         main = {**forwarded, "Host": "robot.example"}
         view = {**forwarded, "Host": "robot.example:8443"}
         cookie = cookie_of(made.port, "alice", Origin=parent, **main)
-        answer, html = ask(made.port, "GET", PAGE_PATH, Cookie=cookie, **main)
+        answer, html = ask(made.port, "GET", "/", Cookie=cookie, **main)
         assert f'<meta name="tsd-viewport" content="{origin}" />' in html
         policy = sources(answer.headers["Content-Security-Policy"])
         assert policy["frame-src"] == f"'self' {origin}"

@@ -11,7 +11,7 @@ import viser
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import ViserClient, viser_client
 from tsd_twin import robots
-from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.lie import SO3
 
@@ -25,22 +25,22 @@ def scene(server: viser.ViserServer) -> Generator[Scene]:
 
 
 @pytest.fixture
-def panels(server: viser.ViserServer, scene: Scene) -> PanelManager:
-    return PanelManager(server, scene, lambda *_: None, lambda *_: None, lambda *_: None)
+def views(server: viser.ViserServer, scene: Scene) -> ClientViews:
+    return ClientViews(server, scene)
 
 
 @pytest.fixture
 def viewers(
-    server: viser.ViserServer, panels: PanelManager
+    server: viser.ViserServer, views: ClientViews
 ) -> Generator[tuple[ViserClient, ViserClient]]:
-    del panels
+    del views
     port = server.get_port()
     with viser_client(port, PAGE) as asking, viser_client(port, OTHER) as other:
         yield asking, other
 
 
 def test_the_ghost_is_where_the_robot_was_and_says_so(
-    scene: Scene, panels: PanelManager, viewers: tuple[ViserClient, ViserClient]
+    scene: Scene, views: ClientViews, viewers: tuple[ViserClient, ViserClient]
 ) -> None:
     asking, other = viewers
     feed = RobotFeed()
@@ -53,7 +53,7 @@ def test_the_ghost_is_where_the_robot_was_and_says_so(
     scene.draw()
     asking.until(lambda: "/w/r/tsd/mchassis" in asking.shared)
     asking.until(lambda: np.allclose(asking.node("/w/r/tsd").position, (1.5, 0.4, 0.0)))
-    panels.show_past(PAGE, past, 2.5)
+    views.show_past(PAGE, past, 2.5)
     asking.until(lambda: asking.own["/w/h/n"].props["text"] == "tsd 2.5 s ago")
     ghost = asking.own["/w/h"]
     np.testing.assert_allclose(ghost.position, (0.5, -0.2, 0.0))
@@ -63,15 +63,15 @@ def test_the_ghost_is_where_the_robot_was_and_says_so(
     np.testing.assert_allclose(asking.node("/w/r/tsd").position, (1.5, 0.4, 0.0))
     assert "/w/h" not in other.own
     assert "/w/h" not in other.shared
-    panels.show_past(PAGE, feed.snapshot, 0.5)
+    views.show_past(PAGE, feed.snapshot, 0.5)
     asking.until(lambda: asking.own["/w/h/n"].props["text"] == "tsd 0.5 s ago")
     np.testing.assert_allclose(asking.own["/w/h"].position, (1.5, 0.4, 0.0))
-    panels.show_past(PAGE, None, 0.0)
+    views.show_past(PAGE, None, 0.0)
     asking.until(lambda: not asking.own["/w/h"].visible)
 
 
 def test_the_ghost_goes_when_another_robot_is_chosen(
-    scene: Scene, panels: PanelManager, viewers: tuple[ViserClient, ViserClient]
+    scene: Scene, views: ClientViews, viewers: tuple[ViserClient, ViserClient]
 ) -> None:
     asking, _ = viewers
     feed = RobotFeed()
@@ -79,14 +79,14 @@ def test_the_ghost_goes_when_another_robot_is_chosen(
         scene.add(each)
     feed.say(pose=np.zeros(3))
     scene.draw()
-    panels.show_past(PAGE, feed.snapshot, 1.0)
+    views.show_past(PAGE, feed.snapshot, 1.0)
     asking.until(lambda: "/w/h" in asking.own)
-    panels.select_robot(PAGE, "atlas")
+    views.select_robot(PAGE, "atlas")
     asking.until(lambda: "/w/h" not in asking.own)
 
 
 def test_the_ghost_of_a_sphere_is_beside_it(
-    scene: Scene, panels: PanelManager, viewers: tuple[ViserClient, ViserClient]
+    scene: Scene, views: ClientViews, viewers: tuple[ViserClient, ViserClient]
 ) -> None:
     asking, _ = viewers
     feed = RobotFeed("atlas", robots.load_robot("atlas"))
@@ -94,7 +94,7 @@ def test_the_ghost_of_a_sphere_is_beside_it(
     turn = SO3.exp(np.array([0.4, -0.3, 0.8]))
     feed.say(ball=turn, joints=np.zeros(len(feed.kinematics.joints)))
     scene.draw()
-    panels.show_past(PAGE, feed.snapshot, 1.0)
+    views.show_past(PAGE, feed.snapshot, 1.0)
     asking.until(lambda: "/w/h/sphere" in asking.own)
     reach_m = scene.visuals["atlas"].meshes.shape.reach_m
     assert asking.own["/w/h"].position[1] < -2.0 * reach_m

@@ -9,13 +9,13 @@ import pytest
 import viser
 from imageio.v3 import imread
 from playwright.sync_api import Browser, Page, expect, sync_playwright
+from tsd_twin.dashboard.gateway.pages import STATIC
 
 from tests.support.browser import CHEAP_FLAGS, executable
 from tests.support.robot_feed import RobotFeed
-from tsd_twin.dashboard.gateway.pages import STATIC
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.client_view import ClientView
-from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.lie import Array
 
@@ -39,7 +39,7 @@ class Desk:
     def __init__(self, server: viser.ViserServer, browser: Browser) -> None:
         self.server = server
         self.scene = Scene(server)
-        self.panels = PanelManager(server, self.scene, *[lambda *_: None] * 3)
+        self.views = ClientViews(server, self.scene)
         self.feed = RobotFeed()
         self.scene.add(self.feed)
         self.feed.say(pose=np.zeros(3))  # The camera moves when it becomes known.
@@ -60,7 +60,7 @@ class Desk:
         page.get_by_role("tab", name="Health").wait_for(timeout=1e3 * PATIENCE_S)
         until(page, lambda shown: orange(shown) > 20)
         (new,) = self.server.get_clients().keys() - before
-        return page, self.panels._panels[new]._view
+        return page, self.views._views[new]._view
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from tests.support.link_sockets import eventually
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import CAMERA, ViserClient, viser_client
 from tsd_twin.dashboard.scene.appearance import Theme
+from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.framing import CameraPose, Rectangle, pictured
-from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
 from tsd_twin.dashboard.wire.view import ViewSettings
@@ -25,19 +25,19 @@ FREE = Rectangle(0.2, 0.1, 0.9, 0.6)
 
 
 @pytest.fixture(scope="module")
-def panels(server: viser.ViserServer) -> Generator[PanelManager]:
+def views(server: viser.ViserServer) -> Generator[ClientViews]:
     scene = Scene(server)
     feed = RobotFeed()
     scene.add(feed)
     feed.say(pose=np.array([1.0, 2.0, 0.5]))
     scene.draw()
-    yield PanelManager(server, scene, *[lambda *_: None] * 3)
+    yield ClientViews(server, scene)
     server.scene.reset()
 
 
 @pytest.fixture
-def viewer(server: viser.ViserServer, panels: PanelManager) -> Generator[ViserClient]:
-    del panels
+def viewer(server: viser.ViserServer, views: ClientViews) -> Generator[ViserClient]:
+    del views
     with viser_client(server.get_port(), PAGE) as made:
         made.until(lambda: not made.camera["SetCameraLookAtMessage"]["initial"])
         yield made
@@ -52,9 +52,9 @@ def shown(viewer: ViserClient) -> set[tuple[str, Theme]]:
     }
 
 
-def test_a_client_sees_the_overlays_of_its_theme(panels: PanelManager, viewer: ViserClient) -> None:
+def test_a_client_sees_the_overlays_of_its_theme(views: ClientViews, viewer: ViserClient) -> None:
     for dark, theme in ((True, Theme.DARK), (False, Theme.LIGHT), (True, Theme.DARK)):
-        panels.set_view(PAGE, ViewSettings(dark=dark), look=False)
+        views.apply(PAGE, ViewSettings(dark=dark), look=False)
         expected = {(name, theme) for name in OVERLAYS}
         viewer.until(lambda expected=expected: shown(viewer) == expected)
 
@@ -70,10 +70,10 @@ def robot_in_picture(viewer: ViserClient, width: int = CAMERA["image_width"]) ->
 
 
 def test_the_robot_is_framed_in_the_free_rectangle_at_first_sight_and_when_it_changes(
-    panels: PanelManager, viewer: ViserClient
+    views: ClientViews, viewer: ViserClient
 ) -> None:
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), 0.5, atol=0.1))
-    panels.set_frame(PAGE, FREE)
+    views.set_frame(PAGE, FREE)
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), (0.55, 0.35), atol=0.07))
 
 
@@ -96,13 +96,13 @@ def test_the_robot_is_framed_again_in_a_narrower_window(
 
 
 def test_a_camera_that_somebody_has_moved_stays_until_home(
-    panels: PanelManager, viewer: ViserClient
+    views: ClientViews, viewer: ViserClient
 ) -> None:
-    (panel,) = panels._panels.values()
+    (panel,) = views._views.values()
     away = (3.0, 1.0, 1.0)
     viewer.send(CAMERA | {"position": list(away), "look_at": [2.0, 0.0, 0.0]})
     eventually(lambda: np.allclose(panel.client.camera.position, away))
-    panels.set_frame(PAGE, FREE)
+    views.set_frame(PAGE, FREE)
     np.testing.assert_allclose(panel.client.camera.position, away)
-    panels.set_view(PAGE, ViewSettings(), look=True)
+    views.apply(PAGE, ViewSettings(), look=True)
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), (0.55, 0.35), atol=0.07))

@@ -13,7 +13,7 @@ import viser
 from tests.support.page_client import Page, Site, site
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import ViserClient, viser_client
-from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.scene_executor import BackgroundWorker, SceneExecutor
 from tsd_twin.dashboard.sessions.map_data import TRAIL_POINTS, TRAIL_SPACING_M, MapTrail
@@ -34,9 +34,9 @@ class Stage:
 def stage(server: viser.ViserServer) -> Generator[Stage]:
     scene = Scene(server)
     scene.add(RobotFeed())
-    panels = PanelManager(server, scene, lambda *_: None, lambda *_: None, lambda *_: None)
+    views = ClientViews(server, scene)
     worker = BackgroundWorker("test")
-    executor = SceneExecutor(worker, scene, lambda: panels)
+    executor = SceneExecutor(worker, scene, lambda: views)
     with site(page_scene=executor) as made, viser_client(server.get_port(), None) as viewer:
         yield Stage(made, scene, viewer)
     worker.close()
@@ -101,10 +101,6 @@ def test_an_open_map_has_the_robots_where_they_are_and_where_they_have_been(stag
         for pose in (before, page.state["pose"]):
             apart = np.hypot(*(trail - pose[:2]).T).min()
             assert apart < 2.0 * TRAIL_SPACING_M
-        # One button of the panel clears the trails, everywhere.
-        stage.scene.on_trails_cleared = stage.site.sessions.on_trails_cleared
-        stage.scene.clear_trails()
-        page.until(lambda: len(page.last("map_lines")["trails"]["tsd"]) <= 1)
         page.send(t="map", on=False)
         page.until(lambda: page.state["map"] is None)
 

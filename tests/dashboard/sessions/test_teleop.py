@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 from collections.abc import Generator
 from typing import Any
 
@@ -136,18 +135,6 @@ def test_an_unknown_robot_is_refused(served: Site) -> None:
         assert refusal["why"] == {"code": "unknown_robot", "params": {"robot": "nobody"}}
 
 
-def test_a_panel_whose_choice_is_refused_turns_back_to_the_robot_that_it_drives(
-    served: Site,
-) -> None:
-    """Else its sliders would have the limits of one robot and move another."""
-    with served.page() as page:
-        page.until(lambda: page.last("robot"))
-        served.chosen.clear()
-        served.choose(page.name, "bob", "carol")  # The second while the first is under way.
-        page.until(lambda: len([m for m in page.all("reply") if m["to"] == "robot"]) == 2)
-        assert served.chosen == [(page.name, "tsd")] * 2
-
-
 def test_a_page_that_comes_back_takes_the_place_of_its_lost_socket(served: Site) -> None:
     with served.page() as lost:
         lost.make_ready()
@@ -166,36 +153,6 @@ def test_a_page_that_does_not_say_what_it_has_seen_gets_a_handful_of_states_only
         count = len(witness.all("state"))
         witness.until(lambda: len(witness.all("state")) > count + 2 * MAX_UNACKNOWLEDGED)
         assert len(page.all("state")) == MAX_UNACKNOWLEDGED
-
-
-def test_sliders_reach_their_own_page_only_and_from_any_thread(served: Site) -> None:
-    with served.page() as page, served.page(OTHER) as other:
-        page.until(lambda: page.state)
-        other.until(lambda: other.state)
-        arguments = (page.name, 0.1, 0.2, 0.3, "drive", True)
-        thread = threading.Thread(target=served.sessions.on_panel, args=arguments)
-        thread.start()
-        thread.join()
-        panel = page.until(lambda: page.last("panel_sliders"))
-        assert panel == {
-            "t": "panel_sliders",
-            "vx": 0.1,
-            "vy": 0.2,
-            "omega": 0.3,
-            "mode": "drive",
-            "latch": True,
-        }
-        settle(other)
-        assert other.all("panel_sliders") == []
-
-
-def test_sliders_that_are_let_go_are_told_to_spring_back(served: Site) -> None:
-    with served.page() as page:
-        page.until(lambda: page.state)
-        served.released.clear()
-        page.send(t="panel_released")
-        settle(page)
-        assert served.released == [page.name]
 
 
 def test_events_reach_those_who_watch_and_those_who_come_later(served: Site) -> None:

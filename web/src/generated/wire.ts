@@ -8,9 +8,7 @@ export type ServerMessage =
   | RobotInfo
   | RobotState
   | MapLines
-  | ViewChanged
   | SessionInfo
-  | PanelSliders
   | JointPreview
   | SphereClick
   | ControlsReleased
@@ -35,7 +33,6 @@ export type PageMessage =
   | FollowPlan
   | ReleaseControls
   | PreviewRequest
-  | PanelSlidersReleased
   | PageHeartbeat
   | LeaseAction
   | ArmRequest
@@ -743,41 +740,6 @@ export interface MapLines {
   trails: Record<string, ([number, number] | null)[]> | null;
 }
 
-/** View settings changed in the panel, which the page should store. */
-export interface ViewChanged {
-  t: "view";
-  settings: ViewSettings;
-}
-
-/** View settings stored by a page. */
-export interface ViewSettings {
-  camera: CameraPreset;
-  /** Whether the camera moves with the robot. */
-  follow: boolean;
-  /** At most 10 items. */
-  hidden: Layer[];
-  true_pose: TruePoseDisplay;
-  tilt: TiltFactor;
-  /** Dark or light colours; None follows the browser's preference. */
-  dark: boolean | null;
-}
-
-/** Camera presets; the values are the labels in the panel. */
-export const CAMERA_PRESETS = ["3-D", "top", "chase"] as const;
-export type CameraPreset = (typeof CAMERA_PRESETS)[number];
-
-/** Layers that clients can hide; the values are the labels in the panel. */
-export const LAYERS = ["set-point", "true pose", "other estimate", "trail", "planned path", "thrust arrows", "region of the pose", "predicted pose", "stop envelope", "labels"] as const;
-export type Layer = (typeof LAYERS)[number];
-
-/** When the true pose is displayed; the values are the labels in the panel. */
-export const TRUE_POSE_DISPLAYS = ["when it differs", "always", "never"] as const;
-export type TruePoseDisplay = (typeof TRUE_POSE_DISPLAYS)[number];
-
-/** Exaggeration of the displayed tilt; the values are the labels in the panel. */
-export const TILT_FACTORS = ["x1", "x3", "x5", "x10"] as const;
-export type TiltFactor = (typeof TILT_FACTORS)[number];
-
 /** Operator id and role of the page, and the list of robots. */
 export interface SessionInfo {
   t: "welcome";
@@ -803,16 +765,6 @@ export interface RobotName {
   title: string;
   /** Colour of the robot in the scene, as `#rrggbb`. */
   colour: string;
-}
-
-/** Positions of the sliders of the viser panel. */
-export interface PanelSliders {
-  t: "panel_sliders";
-  vx: number;
-  vy: number;
-  omega: number;
-  mode: "drive" | "preview";
-  latch: boolean;
 }
 
 /** Joints for a requested twist at the current wheel speed, without moving the robot. */
@@ -982,11 +934,6 @@ export interface PreviewRequest {
   twist: [number, number, number] | null;
 }
 
-/** The sliders of the panel have been released: reset them. */
-export interface PanelSlidersReleased {
-  t: "panel_released";
-}
-
 /** Heartbeat of the page; `sent_ms` on the page's clock is returned. */
 export interface PageHeartbeat {
   t: "heartbeat";
@@ -1063,6 +1010,35 @@ export interface SetView {
   /** Whether the camera turns to the robot even if its preset does not change. */
   look?: boolean;
 }
+
+/** View settings stored by a page. */
+export interface ViewSettings {
+  camera?: CameraPreset;
+  /** Whether the camera moves with the robot. */
+  follow?: boolean;
+  /** At most 10 items. */
+  hidden?: Layer[];
+  true_pose?: TruePoseDisplay;
+  tilt?: TiltFactor;
+  /** Dark or light colours; None follows the browser's preference. */
+  dark?: boolean | null;
+}
+
+/** Camera presets; the values are their names on the page. */
+export const CAMERA_PRESETS = ["3-D", "top", "chase"] as const;
+export type CameraPreset = (typeof CAMERA_PRESETS)[number];
+
+/** Layers that clients can hide; the values are their names on the page. */
+export const LAYERS = ["set-point", "true pose", "other estimate", "trail", "planned path", "thrust arrows", "region of the pose", "predicted pose", "stop envelope", "labels"] as const;
+export type Layer = (typeof LAYERS)[number];
+
+/** When the true pose is displayed; the values are their names on the page. */
+export const TRUE_POSE_DISPLAYS = ["when it differs", "always", "never"] as const;
+export type TruePoseDisplay = (typeof TRUE_POSE_DISPLAYS)[number];
+
+/** Exaggeration of the displayed tilt; the values are their names on the page. */
+export const TILT_FACTORS = ["x1", "x3", "x5", "x10"] as const;
+export type TiltFactor = (typeof TILT_FACTORS)[number];
 
 /**
  * Part of the picture that nothing of the page covers, where the camera frames the robot.

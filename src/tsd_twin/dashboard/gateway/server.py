@@ -18,10 +18,10 @@ from tsd_twin.dashboard.gateway.auth import (
     AuthMiddleware,
     is_proxy,
 )
-from tsd_twin.dashboard.gateway.bundle_page import PAGE_PATH, BundlePage
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quiet_log
 from tsd_twin.dashboard.gateway.listener import LISTENER, Listener
-from tsd_twin.dashboard.gateway.pages import STATIC, IndexPage, LoginRoutes
+from tsd_twin.dashboard.gateway.login import LoginRoutes
+from tsd_twin.dashboard.gateway.page import BundlePage
 from tsd_twin.dashboard.gateway.recordings import RecordingRoutes, json_response
 from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
@@ -54,18 +54,17 @@ class HttpServer:
         auth: AuthMiddleware | None = None,
         recorded: RecordedPages | None = None,
     ) -> None:
-        """Load viser's page; `recorded` serves the pages that show recordings.
+        """Load the pages; `recorded` serves the pages that show recordings.
 
         Without `auth`, all requests from this machine are accepted, and no others.
 
         Raises:
-            TwinError: If viser's page cannot be used.
+            TwinError: If a page cannot be used.
         """
         self.sessions = sessions
         """Sessions of the open pages."""
-        self._main = Listener(("/", PAGE_PATH), LOGIN_PATH)
+        self._main = Listener(("/",), LOGIN_PATH)
         self._viewport = Listener()
-        self._index = IndexPage()
         self._page = BundlePage()
         self._viewport_page = ViewportPage(self._main)
         self._auth = AuthMiddleware(AccessSettings()) if auth is None else auth
@@ -121,7 +120,6 @@ class HttpServer:
 
     def _make_app(self) -> web.Application:
         app = self._make_application(self._main)
-        app.router.add_get("/", self._index.serve)
         self._page.add_to(app.router)
         app.router.add_get("/healthz", self._serve_health)
         app.router.add_get("/teleop", self._serve_page_socket)
@@ -130,7 +128,6 @@ class HttpServer:
         else:
             self._recordings.add_to(app.router)
         self._login_routes.add_to(app.router)
-        app.router.add_static("/static", STATIC)
         return app
 
     def _make_application(self, listener: Listener) -> web.Application:
@@ -284,8 +281,6 @@ async def _serve_no_recordings(_request: web.Request) -> web.StreamResponse:
     return web.Response(status=204, headers={"Cache-Control": "no-store"})
 
 
-async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
+async def _add_headers(_request: web.Request, response: web.StreamResponse) -> None:
     if "Content-Security-Policy" not in response.headers:  # The login page has a stricter policy.
         response.headers.update(HEADERS)
-    if request.path.startswith("/static/"):
-        response.headers["Cache-Control"] = "no-cache"

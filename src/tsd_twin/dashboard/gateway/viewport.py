@@ -1,7 +1,7 @@
 """WebSocket proxy to viser, with a filter for messages from browsers.
 
-viser's protocol allows more than its page shows: set any property of a control, disable its
-callbacks, press disabled controls, click any node, upload files, request a public tunnel.
+viser's protocol allows more than the dashboard needs: click any node, upload files, request a
+public tunnel. Only the camera, and clicks on spheres, are forwarded.
 """
 
 from __future__ import annotations
@@ -23,11 +23,9 @@ from msgspec import Meta
 from tsd_twin.dashboard.gateway.socket_limits import VISER, SocketReader, limit_buffer
 from tsd_twin.dashboard.scene.viser_compat import (
     DARK_HEADER,
-    FRAME_HEADER,
     KEY_HEADER,
     PAGE_HEADER,
     PLAIN_HEADER,
-    ROLE_HEADER,
     access_key,
 )
 from tsd_twin.dashboard.sessions.principal import Principal
@@ -35,9 +33,8 @@ from tsd_twin.messages.errors import MessageError
 from tsd_twin.security import Role
 
 MAX_MESSAGE_BYTES = 16 * 2**10
-"""A camera message has 300 bytes, a control change fewer."""
+"""A camera message has 300 bytes."""
 _CAMERA_MESSAGE = "ViewerCameraMessage"
-_CONTROL_MESSAGE = "GuiUpdateMessage"
 _CLICK_MESSAGE = "SceneNodeClickMessage"
 _CLICK_TARGET = r"^/w/r/[a-z0-9_-]{1,32}/x\Z"
 """Clickable scene nodes, which are the spheres."""
@@ -50,6 +47,7 @@ _IGNORED_MESSAGES = frozenset(
         "GetRenderResponseMessage",
         "GuiButtonHoldMessage",
         "GuiFormSubmitMessage",
+        "GuiUpdateMessage",
         "LocalStorageGetItemResponseMessage",
         "SceneNodeDragMessage",
         "ScenePointerMessage",
@@ -63,8 +61,6 @@ _IGNORED_MESSAGES = frozenset(
 """Other messages of viser's page, which this dashboard does not use."""
 _OFF = 0.1
 """Tolerance of the length of a unit quaternion."""
-_LONGEST = 200
-"""Maximum length of a text value of a control."""
 _DECODER = msgspec.msgpack.Decoder(dict[str, Any])
 
 _Number: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
@@ -99,15 +95,6 @@ class _Camera(_FromBrowser, frozen=True, tag=_CAMERA_MESSAGE):
     up_direction: _Triple
 
 
-class _Updates(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    value: bool | _Number | Annotated[str, Meta(max_length=_LONGEST)]
-
-
-class _Control(_FromBrowser, frozen=True, tag=_CONTROL_MESSAGE):
-    uuid: Annotated[str, Meta(max_length=64)]
-    updates: _Updates
-
-
 class _Click(_FromBrowser, frozen=True, tag=_CLICK_MESSAGE):
     name: Annotated[str, Meta(pattern=_CLICK_TARGET)]
     ray_origin: _Triple
@@ -119,7 +106,7 @@ class _Click(_FromBrowser, frozen=True, tag=_CLICK_MESSAGE):
 
 
 _KINDS: Mapping[str, type[_FromBrowser]] = MappingProxyType(
-    {_CAMERA_MESSAGE: _Camera, _CONTROL_MESSAGE: _Control, _CLICK_MESSAGE: _Click}
+    {_CAMERA_MESSAGE: _Camera, _CLICK_MESSAGE: _Click}
 )
 
 
@@ -208,7 +195,7 @@ class ViserProxy:
     ) -> web.StreamResponse:
         """Answer `GET viser/<page>`, with the page's socket open within `holding`.
 
-        `port` selects the viser server of a recording, whose panel has no sliders.
+        `port` selects the viser server of a recording.
         """
         if self._client is None:
             self._client = ClientSession()
@@ -221,10 +208,8 @@ class ViserProxy:
                 headers={
                     KEY_HEADER: access_key(),
                     PAGE_HEADER: page_id,
-                    ROLE_HEADER: principal.identity.role if port is None else Role.VIEWER,
                     DARK_HEADER: _display_option(request, "dark"),
                     PLAIN_HEADER: _display_option(request, "plain"),
-                    FRAME_HEADER: _display_option(request, "frame"),
                 },
                 compress=0,
                 max_msg_size=_MAX_VISER_MESSAGE_BYTES,

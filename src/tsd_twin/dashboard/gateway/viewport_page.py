@@ -13,17 +13,14 @@ from aiohttp import web
 from tsd_twin.dashboard.gateway.auth import CLIENT_ADDRESS, CONTENT_SOURCES, HEADERS, policy_of
 from tsd_twin.dashboard.gateway.content import Content
 from tsd_twin.dashboard.gateway.listener import LISTENER, Listener
-from tsd_twin.dashboard.gateway.pages import (
-    BLOCKED_PARAMETERS,
-    with_scripts,
-    without_blocked_parameters,
-)
 from tsd_twin.errors import TwinError
 
 BUNDLE = Path(__file__).parents[1] / "bundle"
 """The page, built from `web/`."""
 VIEWPORT_PATH = "/viewport/"
 _FRAME_SCRIPT = "frame.js"
+BLOCKED_PARAMETERS = frozenset({"websocket", "playbackPath"})
+"""Query parameters with which a link could connect viser's client to a foreign server."""
 
 
 class ViewportPage:
@@ -38,9 +35,7 @@ class ViewportPage:
         self._main = main
         file = Path(viser.__file__).parent / "client" / "build" / "index.html"
         try:
-            html = with_scripts(
-                file.read_text(encoding="utf-8"), f'<script src="{_FRAME_SCRIPT}"></script>', ""
-            )
+            html = _with_script(file.read_text(encoding="utf-8"), _FRAME_SCRIPT)
             self._script = Content.of_file(BUNDLE / _FRAME_SCRIPT)
         except (OSError, ValueError) as error:
             raise TwinError(f"viser's page cannot be used: {error}") from error
@@ -53,7 +48,7 @@ class ViewportPage:
 
     async def _serve(self, request: web.Request) -> web.StreamResponse:
         if BLOCKED_PARAMETERS & request.query.keys():
-            return without_blocked_parameters(request)
+            return _without_blocked_parameters(request)
         parent = request.query.get("parent", "")
         host, secure = request.headers["Host"], request[CLIENT_ADDRESS].secure
         accepted = (
@@ -68,3 +63,20 @@ class ViewportPage:
 
     async def _serve_script(self, request: web.Request) -> web.StreamResponse:
         return self._script.respond(request)
+
+
+def _with_script(html: str, script: str) -> str:
+    """Return the page with `script` before all others.
+
+    Raises:
+        ValueError: If the page has no head.
+    """
+    start = html.index("<head>") + len("<head>")
+    return f'{html[:start]}<script src="{script}"></script>{html[start:]}'
+
+
+def _without_blocked_parameters(request: web.Request) -> web.Response:
+    """Return a redirect to the same page without the blocked parameters."""
+    kept = [(key, value) for key, value in request.query.items() if key not in BLOCKED_PARAMETERS]
+    address = "?" + request.url.with_query(kept).raw_query_string
+    return web.Response(status=302, headers={"Location": address})

@@ -113,8 +113,6 @@ class RecordedSession(PageSession):
         self._send(self._telemetry[view.robot_id].info())
         await self._send_timeline()
         view.on_shown = self._on_shown
-        view.on_robot = lambda robot_id: self._call_soon(partial(self.select_robot, robot_id))
-        view.on_view = lambda settings: self._call_soon(partial(self.on_view, settings))
 
     def close(self) -> None:
         """End the session."""

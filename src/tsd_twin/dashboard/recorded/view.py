@@ -16,8 +16,8 @@ from pathlib import Path
 
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.framing import Rectangle
-from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import STALE_S, Scene
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.errors import RecordingError
@@ -46,10 +46,6 @@ class RecordedView:
         self.playback = PlaybackCursor(self.player.duration_s, time.monotonic())
         self.on_shown: Callable[[bool], None] = _ignore
         """Called on the thread of the view after each frame, with whether its time has jumped."""
-        self.on_robot: Callable[[str], None] = _ignore
-        """Called on a thread of viser with the robot selected in the panel."""
-        self.on_view: Callable[[ViewSettings], None] = _ignore
-        """Called on a thread of viser with the settings changed in the panel."""
         self._requests: queue.SimpleQueue[Callable[[float], None]] = queue.SimpleQueue()
         self._stop = threading.Event()
         self._refreshed_s = 0.0
@@ -57,14 +53,10 @@ class RecordedView:
         self._server = viser_compat.start_server(path.name)
         try:
             self.scene = Scene(self._server, self.roster)
-            self.panels = PanelManager(
+            self.views = ClientViews(
                 self._server,
                 self.scene,
-                _ignore,
-                lambda _page, robot_id: self.on_robot(robot_id),
-                _ignore,
                 robot_of=lambda _page: self.robot_id,
-                on_view=lambda _page, settings: self.on_view(settings),
                 frame_of=lambda _page: self.frame,
             )
             for robot in self.player.robots.values():
@@ -91,25 +83,25 @@ class RecordedView:
 
     def disconnect(self) -> None:
         """Report nothing from now on."""
-        self.on_shown = self.on_robot = self.on_view = _ignore
+        self.on_shown = _ignore
 
     def request(self, work: Callable[[float], None]) -> None:
         """Call `work` with the monotonic time on the thread of the view; from any thread."""
         self._requests.put(work)
 
     def select_robot(self, page: str, robot_id: str) -> None:
-        """Show another robot of the recording in the panel of a page; from any thread."""
+        """Show another robot of the recording on a page; from any thread."""
         self.robot_id = robot_id
-        self.request(lambda _now_s: self.panels.select_robot(page, robot_id))
+        self.request(lambda _now_s: self.views.select_robot(page, robot_id))
 
     def set_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
         """Apply the view settings of a page; `look` turns its camera to the robot."""
-        self.request(lambda _now_s: self.panels.set_view(page, settings, look=look))
+        self.request(lambda _now_s: self.views.apply(page, settings, look=look))
 
     def set_frame(self, page: str, frame: Rectangle) -> None:
         """Set the part of a page's picture that nothing covers; from any thread."""
         self.frame = frame
-        self.request(lambda _now_s: self.panels.set_frame(page, frame))
+        self.request(lambda _now_s: self.views.set_frame(page, frame))
 
     # On the thread of the view.
 

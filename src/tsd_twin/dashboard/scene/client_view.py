@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 
 import numpy as np
 import viser
@@ -28,7 +27,7 @@ from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual, 
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.stage import add_ground, add_lights
 from tsd_twin.dashboard.scene.student_robot import StudentPose, StudentRobot
-from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
+from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD, set_theme
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
 from tsd_twin.lie import SE2, Array
 
@@ -52,7 +51,8 @@ class ClientView:
         self._no_gpu = plain
         self._prefers_dark = dark
         self._scene = scene
-        self._client = client
+        self.client = client
+        """Its viser client."""
         self._robot_id = scene.default_robot_id
         self._requested_id: str | None = None
         self._settings = ViewSettings()
@@ -74,19 +74,14 @@ class ClientView:
     # Selection and camera.
 
     @property
-    def lock(self) -> threading.RLock:
-        """Lock for a group of related changes."""
-        return self._scene.lock
+    def client_id(self) -> int:
+        """Number of its client."""
+        return self.client.client_id
 
     @property
     def robot_id(self) -> str | None:
         """Selected robot, which the camera follows."""
         return self._robot_id
-
-    @property
-    def robot_ids(self) -> tuple[str, ...]:
-        """All robots in the scene."""
-        return tuple(self._scene.visuals)
 
     @property
     def visual(self) -> RobotVisual | None:
@@ -117,17 +112,15 @@ class ClientView:
         if body is None:
             return
         at = self._world_pose @ SE2(body.pose)
-        with self._client.atomic():
+        with self.client.atomic():
             planar = body.kinematics.pose_type is SE2
             self._camera.place(body.meshes.shape, at, self._settings.camera, planar=planar)
             if body.drawn.odom is not None:
                 self._camera.placed_for = body.id
-            add_lights(
-                self._client.scene, self._theme, self._camera.heading_rad, plain=self._no_gpu
-            )
+            add_lights(self.client.scene, self._theme, self._camera.heading_rad, plain=self._no_gpu)
             self._labelled = None
             self._label_metres(body)
-        self._client.flush()
+        self.client.flush()
 
     def _place_at_first_sight(self, body: RobotVisual) -> None:
         """Frame a robot as soon as its pose is known."""
@@ -164,7 +157,7 @@ class ClientView:
 
     def pick_floor(self, shares: Array) -> Array:
         """Return floor points (m, 2) in `odom` at screen positions, see `floor_points`."""
-        camera = self._client.camera
+        camera = self.client.camera
         met = floor_points(camera.position, camera.wxyz, camera.fov, camera.aspect, shares)
         return self._world_pose.inverse().transform(met)
 
@@ -191,6 +184,8 @@ class ClientView:
             if settings.follow != before.follow:
                 self._fixed_world_xy = None if settings.follow else self._followed_world_xy
             self._settings = settings
+            if settings.dark != before.dark:
+                set_theme(self.client.gui, dark=self._theme is Theme.DARK)
             self.on_robots_changed()
             turns_otherwise = settings.camera is CameraPreset.CHASE and (
                 settings.follow != before.follow
@@ -211,8 +206,8 @@ class ClientView:
             body = self.visual
             if joints is None and body is not None and self._tilt.is_on(body):
                 self._tilt.update(body)
-                hide_links(self._client, body, body.id)  # Ending the preview has shown them.
-        self._client.flush()
+                hide_links(self.client, body, body.id)  # Ending the preview has shown them.
+        self.client.flush()
 
     def preview(self, robot_id: str, joints: Array | None) -> None:
         """Preview joints as in `set_preview`, unless another robot is selected."""
@@ -226,18 +221,18 @@ class ClientView:
             if self._student.set(pose):
                 self.on_robots_changed()
                 return
-            with self._client.atomic():
+            with self.client.atomic():
                 self._student.draw(self.visual, self._settings.tilt)
-        self._client.flush()
+        self.client.flush()
 
     # History.
 
     def show_past(self, past: Snapshot | None, ago_s: float) -> None:
         """Draw the past state of the selected robot for this client; None hides it."""
-        with self._scene.lock, self._client.atomic():
+        with self._scene.lock, self.client.atomic():
             self._past = past, ago_s
             self._ghost.draw(self.visual, *self._past)
-        self._client.flush()
+        self.client.flush()
 
     def _draw_preview(self) -> None:
         body, joints = self.visual, self._preview_joints
@@ -258,22 +253,22 @@ class ClientView:
             self._place_at_first_sight(body)
             self._label_metres(body)
         if body is not None and self._tilt.is_on(body) and self._preview_joints is None:
-            with self._client.atomic():
+            with self.client.atomic():
                 self._tilt.update(body)
         elif not moves_world:
             return
         if self._world is not None and moves_world:
             self._move_world(self._world)
-        self._client.flush()
+        self.client.flush()
 
     def on_robots_changed(self) -> None:
         """Rebuild this client's nodes after a change of robots or settings."""
-        own = self._client.scene
-        with self._client.atomic():
+        own = self.client.scene
+        with self.client.atomic():
             for body in self._scene.visuals.values():
                 self._preview.forget(body)
                 if self._tilt.is_on(body):
-                    hide_links(self._client, body, None)
+                    hide_links(self.client, body, None)
             self._student.clear(self._scene.visuals.values())
             own.reset()
             self._preview.palette = self._ghost.palette = self._student.palette = self._palette
@@ -304,7 +299,7 @@ class ClientView:
                 self._student.draw(body, self._settings.tilt)
             if body is not None:
                 self._place_at_first_sight(body)
-        self._client.flush()
+        self.client.flush()
 
     def _add_world(self, own: viser.SceneApi) -> viser.FrameHandle | None:
         """Add this client's world frame; once added, it is always kept.

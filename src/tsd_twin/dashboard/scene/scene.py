@@ -56,7 +56,6 @@ class Scene:
         """Called under the lock after robots were added or removed."""
         self.on_click: OnClick | None = None
         """Called on viser's thread if the sphere of a robot is clicked."""
-        self.on_trails_cleared: Callable[[], None] = lambda: None
         """Called on viser's thread."""
         server.scene.world_axes.visible = False  # They do not move with the world.
         for node in (TRUE_POSES, ALTERNATIVE_POSES, TRAILS, ROUTES):
@@ -141,7 +140,6 @@ class Scene:
         with self.lock:
             for body in self._visuals.values():
                 body.overlays.trail.clear()
-        self.on_trails_cleared()
 
     def envelope(self, robot_id: str) -> Array | None:
         """Return the displayed stop envelope (n, 2) in the robot's frame, or None at rest; never

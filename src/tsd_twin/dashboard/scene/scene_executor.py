@@ -9,8 +9,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 from tsd_twin.client.monitor import Snapshot
+from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.framing import Rectangle
-from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.student_robot import StudentPose
 from tsd_twin.dashboard.wire.view import ViewSettings
@@ -57,13 +57,13 @@ class SceneExecutor:
     """Scene operations of pages, one after the other on a worker thread; calls do not block."""
 
     def __init__(
-        self, worker: BackgroundWorker, scene: Scene, panels: Callable[[], PanelManager]
+        self, worker: BackgroundWorker, scene: Scene, views: Callable[[], ClientViews]
     ) -> None:
-        self._worker, self._scene, self._panels = worker, scene, panels
+        self._worker, self._scene, self._views = worker, scene, views
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:
         """Floor points (m, 2) in `odom` at screen positions `shares` of a page."""
-        return self._worker.submit(lambda: self._panels().pick_floor(page, shares))
+        return self._worker.submit(lambda: self._views().pick_floor(page, shares))
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
         """Show the planned path of a robot on all pages; None removes it."""
@@ -74,39 +74,35 @@ class SceneExecutor:
     def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
         """Apply the view settings of a page; `look` turns its camera to the robot."""
         self._worker.submit_latest(
-            ("view", page), lambda: self._panels().set_view(page, settings, look=look)
+            ("view", page), lambda: self._views().apply(page, settings, look=look)
         )
 
     def set_frame(self, page: str, frame: Rectangle) -> None:
         """Set the part of a page's picture that nothing covers."""
-        self._worker.submit_latest(("frame", page), lambda: self._panels().set_frame(page, frame))
+        self._worker.submit_latest(("frame", page), lambda: self._views().set_frame(page, frame))
 
     def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
         """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
         self._worker.submit_latest(
-            ("past", page), lambda: self._panels().show_past(page, past, ago_s)
+            ("past", page), lambda: self._views().show_past(page, past, ago_s)
         )
 
     def show_preview(self, page: str, robot_id: str, joints: Array | None) -> None:
         """Preview joints (n,) of a page's robot in its scene; None ends the preview."""
         self._worker.submit_latest(
-            ("preview", page), lambda: self._panels().show_preview(page, robot_id, joints)
+            ("preview", page), lambda: self._views().show_preview(page, robot_id, joints)
         )
 
     def show_student(self, page: str, pose: StudentPose | None) -> None:
         """Draw a robot in place of a page's robot in its scene; None ends that."""
         self._worker.submit_latest(
-            ("student", page), lambda: self._panels().show_student(page, pose)
+            ("student", page), lambda: self._views().show_student(page, pose)
         )
 
-    def reset_sliders(self, page: str) -> None:
-        """Centre the sliders of the panel of a page."""
-        self._worker.submit_latest(("reset", page), lambda: self._panels().reset_sliders(page))
-
     def select_robot(self, page: str, robot_id: str) -> None:
-        """Select a robot in the panel of a page."""
+        """Select a robot on a page."""
         self._worker.submit_latest(
-            ("choose", page), lambda: self._panels().select_robot(page, robot_id)
+            ("choose", page), lambda: self._views().select_robot(page, robot_id)
         )
 
     def envelope(self, robot_id: str) -> Array | None:

@@ -1,23 +1,18 @@
-"""Adaptations of viser 1.1.1, which is pinned because of its private API: patches and access
-control.
-
-Poses: each frame moves about six nodes, and viser calls `numpy.allclose` on three or four numbers
-for each. This took an eighth of the frame time.
+"""Adaptations of viser 1.1.1, which is pinned because of its private API: two patches.
 
 Queues: viser sets the event of a queue on the thread that fills it, and again on the loop that
 empties it. The first call is redundant, and fails if the loop starts or stops waiting at that
-moment ("deque mutated during iteration"), which loses the rest of the frame.
-
-Replay: every broadcast message gets the next id, and a message that supersedes an older one (a new
-pose of the same node) removes it, so only a few are kept. For each new client, viser tries all ids
-from zero, on the loop that serves all clients: at 1200 poses per second, the hundred million ids of
-a day freeze all pages for seconds. This patch visits only the kept messages.
+moment ("deque mutated during iteration"), which loses the rest of the frame. And every broadcast
+message gets the next id, while a message that supersedes an older one (a new pose of the same node)
+removes it, so only a few are kept; for each new client, viser tries all ids from zero, on the loop
+that serves all clients: at 1200 poses per second, the hundred million ids of a day freeze all pages
+for seconds. `MessageQueue` replaces viser's `AsyncMessageBuffer`.
 
 Access: the server listens on the loopback interface and requires a secret key that only the
 dashboard's HTTP server sends. Because viser has no authentication, another user of this machine
 could otherwise connect, and so could a foreign page in the operator's browser, which may open a
 WebSocket to any loopback port. Pages cannot set request headers of WebSockets, and only this
-process knows the key.
+process knows the key. `require_access_key` wraps the function with which viser starts its server.
 """
 
 from __future__ import annotations
@@ -30,7 +25,6 @@ import sys
 import threading
 from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from itertools import islice, takewhile
 from operator import attrgetter
 from typing import Any, TypeAlias
@@ -48,40 +42,6 @@ from websockets.http11 import Request, Response
 
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
-from tsd_twin.security import Role
-
-_SETTER_MODULE = sys.modules[viser.SceneNodeHandle.__module__]
-_SETTER = "_set_pose_vector"
-ORIGINAL_SETTER = getattr(_SETTER_MODULE, _SETTER)
-"""Replaced function."""
-_RELATIVE, _ABSOLUTE = 1e-5, 1e-8
-"""Tolerances of `numpy.allclose`."""
-
-
-def set_pose_vector(
-    current: np.ndarray[Any, Any],
-    value: Sequence[float] | np.ndarray[Any, Any],
-    length: int,
-    queue: Callable[[Any], None],
-    make_message: Callable[[Any], Any],
-) -> None:
-    """Write `value` (length,) into `current` and queue the message, unless it is unchanged."""
-    numbers = tuple(map(float, value))
-    if len(numbers) != length:
-        raise ValueError(f"{len(numbers)} numbers are given, {length} are needed")
-    if all(
-        abs(new - old) <= _ABSOLUTE + _RELATIVE * abs(old)
-        for new, old in zip(numbers, current.tolist(), strict=True)
-    ):
-        return
-    current[:] = numbers
-    queue(make_message(numbers))
-
-
-def install_fast_pose_setter() -> None:
-    """Install the fast pose setter for all nodes; idempotent."""
-    setattr(_SETTER_MODULE, _SETTER, set_pose_vector)
-
 
 _QUEUE_MODULE = sys.modules[viser.infra.WebsockServer.__module__]
 _QUEUE_CLASS = "AsyncMessageBuffer"
@@ -104,24 +64,28 @@ class LoopEvent(asyncio.Event):
             super().set()
 
 
-class ThreadSafeQueue(AsyncMessageBuffer):
-    """viser's message queue with a `LoopEvent`."""
+class MessageQueue(AsyncMessageBuffer):
+    """viser's message queue, filled from any thread, whose replay skips superseded messages."""
 
     def __init__(self, event_loop: asyncio.AbstractEventLoop, persistent_messages: bool) -> None:
         super().__init__(event_loop, persistent_messages)
         self.message_event = LoopEvent(event_loop)
 
+    def _window_loop(
+        self, client_id: int, backlog_last_id: int, backlog_done_message: Message | None
+    ) -> AsyncGenerator[Sequence[Message]]:
+        if not self.persistent_messages:  # A client's own queue starts at zero.
+            return super()._window_loop(client_id, backlog_last_id, backlog_done_message)
+        return message_windows(self, client_id, backlog_last_id, backlog_done_message)
 
-def install_thread_safe_queues() -> None:
-    """Make viser create `ThreadSafeQueue`s in the future; idempotent."""
-    setattr(_QUEUE_MODULE, _QUEUE_CLASS, ThreadSafeQueue)
+
+def install_message_queues() -> None:
+    """Make viser create `MessageQueue`s in the future; idempotent."""
+    setattr(_QUEUE_MODULE, _QUEUE_CLASS, MessageQueue)
 
 
 VISER_VERSION = "1.1.1"
 """Version of viser that the patches are written for."""
-
-_BROADCAST = attrgetter("_websock_server._broadcast_buffer")
-_WINDOW_METHOD = "_window_loop"
 
 
 def check_viser_version() -> None:
@@ -131,16 +95,6 @@ def check_viser_version() -> None:
             f"viser {viser.__version__} is installed, and the dashboard needs {VISER_VERSION}: "
             f"pip install viser=={VISER_VERSION}"
         )
-
-
-def install_bounded_replay(server: viser.ViserServer) -> None:
-    """Send new clients the kept messages in bounded time, skipping superseded ones.
-
-    Content and order of the messages do not change. Only the broadcast buffer of this server is
-    patched; each client also has a separate queue, which starts at zero.
-    """
-    buffer: AsyncMessageBuffer = _BROADCAST(server)
-    setattr(buffer, _WINDOW_METHOD, partial(message_windows, buffer))
 
 
 async def message_windows(
@@ -202,55 +156,15 @@ def next_message_window(
         return [kept[i] for i in ids], ids[-1] if full else newest_id
 
 
-_CONTROLS_BY_UUID = attrgetter("_gui_input_handle_from_uuid")
-_VALUE_SETTER = "_handle_gui_updates"
-ORIGINAL_UPDATE = getattr(viser.GuiApi, _VALUE_SETTER)
-"""Replaced method."""
-
-
-async def handle_gui_update(gui: Any, client_id: int, message: Any) -> None:
-    """Apply a client's value of a control, if the control allows it."""
-    handle = _CONTROLS_BY_UUID(gui).get(message.uuid)
-    value = message.updates.get("value")
-    if handle is not None and list(message.updates) == ["value"] and value_fits(handle, value):
-        await ORIGINAL_UPDATE(gui, client_id, message)
-
-
-def value_fits(handle: Any, value: object) -> bool:
-    """Return whether a user can select `value` in a control."""
-    if handle.disabled or not handle.visible:
-        return False
-    now = handle.value
-    if isinstance(now, bool) or isinstance(value, bool):
-        return isinstance(now, bool) and isinstance(value, bool)
-    if isinstance(now, float | int):
-        return isinstance(value, float | int)
-    options = getattr(handle, "options", None)
-    return type(value) is type(now) and (options is None or value in options)
-
-
-def install_strict_value_check() -> None:
-    """Make all new servers check values strictly; idempotent."""
-    setattr(viser.GuiApi, _VALUE_SETTER, handle_gui_update)
-
-
 PAGE_HEADER = "X-Tsd-Page"
 """Header added by the gateway to the request of a viser socket: its page."""
 DARK_HEADER = "X-Tsd-Dark"
 """Header added by the gateway: 1 or 0, whether the browser prefers dark colours."""
 PLAIN_HEADER = "X-Tsd-Plain"
 """Header added by the gateway: 1 or 0, whether the browser has no graphics card."""
-FRAME_HEADER = "X-Tsd-Frame"
-"""Header added by the gateway: 1 or 0, whether the client is in a frame, which hides its panel."""
-ROLE_HEADER = "X-Tsd-Role"
-"""Header added by the gateway: role of the login."""
-
 _SOCKET_SERVER = attrgetter("_websock_server")
 _LIVE_CONNECTIONS = attrgetter("_websock_server._live_connections")
 _SOCKET = attrgetter("_websock_connection")
-_LABEL_NAME = "_label"
-_LABEL = attrgetter(_LABEL_NAME)
-_REBUILD_TAB = attrgetter("_parent._rebuild_tab_props")
 
 
 def page_of(server: viser.ViserServer, client_id: int) -> str | None:
@@ -267,16 +181,6 @@ def prefers_dark(server: viser.ViserServer, client_id: int) -> bool | None:
 def has_no_gpu(server: viser.ViserServer, client_id: int) -> bool:
     """Return whether a client's browser has no graphics card."""
     return _header_of(server, client_id, PLAIN_HEADER) == "1"
-
-
-def is_in_frame(server: viser.ViserServer, client_id: int) -> bool:
-    """Return whether a client is in a frame of the page, which hides its panel."""
-    return _header_of(server, client_id, FRAME_HEADER) == "1"
-
-
-def is_viewer(server: viser.ViserServer, client_id: int) -> bool:
-    """Return whether a client belongs to a viewer, whose input is ignored."""
-    return _header_of(server, client_id, ROLE_HEADER) == Role.VIEWER
 
 
 def _header_of(server: viser.ViserServer, client_id: int, name: str) -> str | None:
@@ -304,13 +208,6 @@ def scale_instances(client: viser.ClientHandle, name: str, scales: Array) -> Non
     """
     update = messages.SceneNodeUpdateMessage(name, {"batched_scales": np.float32(scales)})
     _SOCKET(client).queue_message(update)
-
-
-def rename_tab(tab: viser.GuiTabHandle, label: str) -> None:
-    """Rename a tab, keeping its position and content."""
-    if _LABEL(tab) != label:
-        setattr(tab, _LABEL_NAME, label)
-        _REBUILD_TAB(tab)()
 
 
 KEY_HEADER = "X-Tsd-Key"
@@ -364,8 +261,6 @@ CAMERA_OFFSET_M = (-0.78, -0.58, 0.62)
 """Initial camera position relative to the robot: behind it to its right, so that it drives away."""
 LOOK_AT_M = (0.0, 0.0, 0.03)
 FIELD_OF_VIEW_RAD = 0.55
-PANEL_WIDTH_PX = 320
-"""Fits all tabs in one row, with the padding in `static/page.css`."""
 
 
 def start_server(title: str, *, dark: bool = True) -> viser.ViserServer:
@@ -378,24 +273,13 @@ def start_server(title: str, *, dark: bool = True) -> viser.ViserServer:
         TwinError: If the installed version of viser is not supported.
     """
     check_viser_version()
-    install_thread_safe_queues()
-    install_fast_pose_setter()
-    install_strict_value_check()
+    install_message_queues()
     # viser prints to standard output, where our programs print a single line.
     rich.get_console().quiet = True
     with require_access_key():
         server = viser.ViserServer(host=LOOPBACK, port=0, label=title, verbose=False)
     refuse_sharing(server)
-    install_bounded_replay(server)
     set_theme(server.gui, dark=dark)
-    server.gui.main_panel.dock_right()
-    server.gui.main_panel.set_width(PANEL_WIDTH_PX)
-
-    async def undock(client: viser.ClientHandle) -> None:
-        if is_in_frame(server, client.client_id):  # A docked panel takes space, also if hidden.
-            client.gui.main_panel.float(x=0.0, y=0.0)
-
-    server.on_client_connect(undock)
     server.scene.set_up_direction("+z")
     server.initial_camera.position = CAMERA_OFFSET_M
     server.initial_camera.look_at = LOOK_AT_M

@@ -1,4 +1,4 @@
-"""Views by robot kind: panel tab, telemetry, and parameters and wheels for the Student tab."""
+"""Views by robot kind: telemetry, and parameters and wheels for the Student tab."""
 
 from __future__ import annotations
 
@@ -88,8 +88,6 @@ SPHERE_KNOBS = (
 class RobotView:
     """Dashboard view of a robot kind."""
 
-    label: str
-    """Label of the panel tab that shows the actuators."""
     telemetry: Callable[[Any], ActuatorTelemetry]
     """Class or factory of the actuator telemetry, called with the description."""
     joint_fields: Callable[[Any, Any, Array], dict[str, Any]] = joint_rows
@@ -112,25 +110,20 @@ def _no_fields(_robot: Any, _drive: Any, _joints: Array) -> dict[str, Any]:
     return {}
 
 
-_JOINTS = RobotView("Joints", JointTelemetry)
+_JOINTS = RobotView(JointTelemetry)
 _VIEWS = KindTable(
     {
         SingularityDescription: RobotView(
-            "Gimbals",
             GimbalTelemetry,
             _gimbal_fields,
             SINGULARITY_KNOBS,
             GIMBAL_STUDY,
         ),
-        OmniDescription: RobotView(
-            "Wheels", WheelTelemetry, _wheel_fields, OMNI_KNOBS, ROLLER_STUDY
-        ),
-        SphereDescription: RobotView(
-            "Sphere", SphereTelemetry, _wheel_fields, SPHERE_KNOBS, SPHERE_STUDY
-        ),
-        ExternalDescription: RobotView("ROS", TwistTelemetry, _no_fields),
+        OmniDescription: RobotView(WheelTelemetry, _wheel_fields, OMNI_KNOBS, ROLLER_STUDY),
+        SphereDescription: RobotView(SphereTelemetry, _wheel_fields, SPHERE_KNOBS, SPHERE_STUDY),
+        ExternalDescription: RobotView(TwistTelemetry, _no_fields),
     },
-    lambda kind: None if kind.view is None else RobotView(_JOINTS.label, kind.view),
+    lambda kind: None if kind.view is None else RobotView(kind.view),
     _JOINTS,
 )
 

@@ -15,7 +15,7 @@ from tsd_twin.lie import SE2, Array
 
 TRAIL_SPACING_M = 0.05
 TRAIL_JUMP_M = 0.5
-"""A longer step means that the pose was set. `static/map_trail.js` uses the same two constants."""
+"""A longer step means that the pose was set. The map of the page uses the same two constants."""
 TRAIL_POINTS = 800
 """The last 40 m."""
 

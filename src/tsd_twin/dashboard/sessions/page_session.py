@@ -15,7 +15,6 @@ from tsd_twin.dashboard.wire.to_page import (
     ActionReply,
     RobotName,
     SessionInfo,
-    ViewChanged,
     encode_message,
 )
 from tsd_twin.dashboard.wire.view import ViewSettings
@@ -40,7 +39,7 @@ class PageSession:
         self.page = page
         self.principal = principal
         self.view: ViewSettings | None = None
-        """View settings, if the page or its panel has sent any."""
+        """View settings, if the page has sent any."""
         self.frame = Rectangle()
         """Part of the picture that the page leaves free."""
         self.send_queue = SendQueue()
@@ -71,11 +70,6 @@ class PageSession:
             self._live.feed.subscribe(self.send_queue)
         else:
             self._live.feed.unsubscribe(self.send_queue)
-
-    def on_view(self, settings: ViewSettings) -> None:
-        """Send view settings changed in the panel, which the page should store."""
-        self.view = settings
-        self._send(ViewChanged(settings=settings))
 
     def _send_welcome(self, role: Role, robots: Sequence[RobotName], robot: str | None) -> None:
         self._send(

@@ -32,7 +32,6 @@ from tsd_twin.dashboard.wire.from_page import (
     LookBack,
     PageHeartbeat,
     PageMessage,
-    PanelSlidersReleased,
     PreviewRequest,
     ReleaseControls,
     ResetRequest,
@@ -99,7 +98,6 @@ class Session(PageSession):
             self._lease_client,
             NavigationSession(page, executor, scene.pick_floor, map_data.show_route, self._send),
             self._send,
-            lambda: scene.reset_sliders(page),
         )
         self._student = StudentSession(
             executor, self._send, lambda pose: scene.show_student(page, pose)
@@ -133,7 +131,6 @@ class Session(PageSession):
         self._student.close()
         self._preview.end()
         await self._lease_client.close()
-        self._scene.reset_sliders(self.page)
 
     # Messages from the page.
 
@@ -187,9 +184,6 @@ class Session(PageSession):
                 self._rename(message)
             case PageHeartbeat():
                 self._on_heartbeat(message)
-            case PanelSlidersReleased():
-                if self._role is not Role.VIEWER:  # Viewers have no sliders.
-                    self._scene.reset_sliders(self.page)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, why=VIEWER_REFUSAL))
             case LeaseAction():
@@ -284,19 +278,11 @@ class Session(PageSession):
 
     def select_robot(self, robot_id: str) -> None:
         """Select another robot and release the lease of the previous one."""
-        if robot_id != self.robot_id and not self._lease_client.start_request(
-            "robot", self._select_robot(robot_id)
-        ):
-            self._restore_panel()
-
-    def _restore_panel(self) -> None:
-        """Restore the panel's robot selection."""
-        if self.robot_id is not None:
-            self._scene.select_robot(self.page, self.robot_id)
+        if robot_id != self.robot_id:
+            self._lease_client.start_request("robot", self._select_robot(robot_id))
 
     async def _select_robot(self, robot_id: str) -> Reply:
         if self._directory.robot(robot_id) is None:
-            self._restore_panel()
             return Reply.refused(because(Code.UNKNOWN_ROBOT, robot=robot_id))
         self._teleop.release(because(Code.OTHER_ROBOT_SHOWN))
         self._teleop.navigation.clear()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable, Mapping
-from typing import Literal
 
 from aiohttp import WSMessage, WSMsgType, web
 
@@ -21,7 +20,7 @@ from tsd_twin.dashboard.sessions.robot_directory import RobotDirectory
 from tsd_twin.dashboard.sessions.session import Session
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.wire.from_page import Message
-from tsd_twin.dashboard.wire.to_page import PanelSliders, SphereClick, encode_message
+from tsd_twin.dashboard.wire.to_page import SphereClick, encode_message
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
@@ -30,8 +29,8 @@ from tsd_twin.messages.events import Event
 class SessionManager:
     """Sessions of all connected pages, on one event loop.
 
-    `on_status` and `on_event` belong to that loop; `on_panel`, `on_sphere_click`, `on_view`,
-    `on_robots_changed`, `on_trails_cleared` and `select_robot` may be called from any thread.
+    `on_status` and `on_event` belong to that loop; `on_sphere_click` and
+    `on_robots_changed` may be called from any thread.
     """
 
     def __init__(
@@ -116,24 +115,6 @@ class SessionManager:
         for session in self._sessions.values():
             session.send_queue.put(encode_message(message))
 
-    def on_panel(
-        self,
-        page: str,
-        vx: float,
-        vy: float,
-        omega: float,
-        mode: Literal["preview", "drive"],
-        latch: bool,
-    ) -> None:
-        """Send a page the slider positions of its panel, m/s and rad/s; thread-safe.
-
-        The page sends them as commands, subject to the same dead-man switch as its stick.
-        """
-        message = PanelSliders(vx=vx, vy=vy, omega=omega, mode=mode, latch=latch)
-        self._with_session(
-            page, lambda session: session.send_queue.put_latest("panel", encode_message(message))
-        )
-
     def on_sphere_click(self, page: str, robot_id: str, at: tuple[float, float, float]) -> None:
         """Send a page the clicked point of a sphere; thread-safe.
 
@@ -141,10 +122,6 @@ class SessionManager:
         """
         message = SphereClick(robot=robot_id, at=at)
         self._with_session(page, lambda session: session.send_queue.put(encode_message(message)))
-
-    def on_view(self, page: str, settings: ViewSettings) -> None:
-        """Send a page the view settings changed in its panel; thread-safe."""
-        self._with_session(page, lambda session: session.on_view(settings))
 
     def on_robots_changed(self) -> None:
         """Send all pages the list of robots; thread-safe."""
@@ -154,14 +131,6 @@ class SessionManager:
                 session.on_robots_changed()
 
         self._call_soon(call)
-
-    def on_trails_cleared(self) -> None:
-        """Clear the trails on all maps; thread-safe."""
-        self._call_soon(self._clear_trails)
-
-    def select_robot(self, page: str, robot_id: str) -> None:
-        """Select a robot on a page, for its panel; thread-safe."""
-        self._with_session(page, lambda session: session.select_robot(robot_id))
 
     def _sessions_showing(self, robot_id: str) -> list[Session]:
         return [each for each in self._sessions.values() if each.robot_id == robot_id]
@@ -176,10 +145,6 @@ class SessionManager:
     def _on_map_lines(self, *, trails: bool = False) -> None:
         for session in self._sessions.values():
             session.send_map_lines(trails=trails)
-
-    def _clear_trails(self) -> None:
-        self._map_data.clear_trails()
-        self._on_map_lines(trails=True)
 
     def _call_soon(self, call: Callable[[], None]) -> None:
         if self._loop is not None:

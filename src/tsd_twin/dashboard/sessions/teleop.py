@@ -114,13 +114,10 @@ class TeleopController:
         lease_client: LeaseClient,
         navigation: NavigationSession,
         send_message: Callable[[Any], None],
-        on_released: Callable[[], None],
     ) -> None:
-        """`on_released` centres the controls outside the page."""
         self.navigation = navigation
         self._lease_client = lease_client
         self._send_message = send_message
-        self._on_released = on_released
         self._deadman = DeadmanSwitch()
         self._stops = ("", 0)
         self._watchdog: asyncio.TimerHandle | None = None
@@ -153,7 +150,6 @@ class TeleopController:
             self._send_zero(self._lease_client.lease, ZERO_REPEATS, None)
         if was_held and why is not None:
             self._send_message(ControlsReleased(why=why))
-            self._on_released()
 
     def close(self) -> None:
         """Stop the motion after the page has disconnected."""

@@ -90,10 +90,6 @@ class PreviewRequest(Message, frozen=True, tag="preview"):
     """As in `drive`, along the robot's axes; null ends the preview."""
 
 
-class PanelSlidersReleased(Message, frozen=True, tag="panel_released"):
-    """The sliders of the panel have been released: reset them."""
-
-
 class PageHeartbeat(Message, frozen=True, tag="heartbeat"):
     """Heartbeat of the page; `sent_ms` on the page's clock is returned."""
 
@@ -255,7 +251,6 @@ PageMessage: TypeAlias = (
     | FollowPlan
     | ReleaseControls
     | PreviewRequest
-    | PanelSlidersReleased
     | PageHeartbeat
     | LeaseAction
     | ArmRequest

@@ -9,7 +9,6 @@ import msgspec
 
 from tsd_twin.client.connection import Source
 from tsd_twin.dashboard.wire.from_page import Message, Triple
-from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.status import RobotStatus
 from tsd_twin.security import Role
@@ -287,12 +286,6 @@ class MapLines(Message, frozen=True, tag="map_lines"):
     """
 
 
-class ViewChanged(Message, frozen=True, tag="view"):
-    """View settings changed in the panel, which the page should store."""
-
-    settings: ViewSettings
-
-
 class RobotName(msgspec.Struct, frozen=True):
     """Entry of the robot menu."""
 
@@ -315,16 +308,6 @@ class SessionInfo(Message, frozen=True, tag="welcome"):
     may_stop: bool
     robots: Sequence[RobotName]
     robot: str | None
-
-
-class PanelSliders(Message, frozen=True, tag="panel_sliders"):
-    """Positions of the sliders of the viser panel."""
-
-    vx: float
-    vy: float
-    omega: float
-    mode: Literal["preview", "drive"]
-    latch: bool
 
 
 class JointPreview(Message, frozen=True, tag="preview"):

@@ -11,7 +11,7 @@ from msgspec import Meta
 
 
 class Layer(StrEnum):
-    """Layers that clients can hide; the values are the labels in the panel."""
+    """Layers that clients can hide; the values are their names on the page."""
 
     SETPOINT = "set-point"
     TRUTH = "true pose"
@@ -26,7 +26,7 @@ class Layer(StrEnum):
 
 
 class CameraPreset(StrEnum):
-    """Camera presets; the values are the labels in the panel."""
+    """Camera presets; the values are their names on the page."""
 
     ISO = "3-D"
     TOP = "top"
@@ -35,7 +35,7 @@ class CameraPreset(StrEnum):
 
 
 class TruePoseDisplay(StrEnum):
-    """When the true pose is displayed; the values are the labels in the panel."""
+    """When the true pose is displayed; the values are their names on the page."""
 
     DIFFERS = "when it differs"
     ALWAYS = "always"
@@ -43,7 +43,7 @@ class TruePoseDisplay(StrEnum):
 
 
 class TiltFactor(StrEnum):
-    """Exaggeration of the displayed tilt; the values are the labels in the panel."""
+    """Exaggeration of the displayed tilt; the values are their names on the page."""
 
     TRUE = "x1"
     THREE = "x3"

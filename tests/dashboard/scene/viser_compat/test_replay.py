@@ -169,10 +169,9 @@ bursts = st.builds(Burst, st.integers(0, 600), st.integers(1, 600), st.integers(
 
 async def told(loop_of: str, story: list[Burst], client: int) -> list[Note]:
     """What a client is sent by viser's loop or ours, when it comes after the first burst."""
-    buffer = AsyncMessageBuffer(asyncio.get_running_loop(), persistent_messages=True)
+    queue = viser_compat.MessageQueue if loop_of == "ours" else AsyncMessageBuffer
+    buffer = queue(asyncio.get_running_loop(), persistent_messages=True)
     buffer.window_duration_sec = 0.0
-    if loop_of == "ours":
-        buffer._window_loop = partial(viser_compat.message_windows, buffer)
     came: list[Note] = []
     windows: Loop | None = None
     for burst in story:
@@ -215,6 +214,15 @@ def test_nothing_is_sent_in_the_middle_of_an_atomic_block(server: viser.ViserSer
         )
     messages, _ = viser_compat.next_message_window(buffer, 0, -1, buffer.message_counter - 1)
     assert any(getattr(message, "name", None) == "/half" for message in messages)
+
+
+def test_viser_uses_the_queue_for_all_clients_and_for_each(server: viser.ViserServer) -> None:
+    assert type(server._websock_server._broadcast_buffer) is viser_compat.MessageQueue
+    with viser_client(server.get_port()) as viewer:
+        viewer.until(lambda: server.get_clients())
+        for client in server.get_clients().values():
+            queue = client._websock_connection.get_message_buffer()
+            assert type(queue) is viser_compat.MessageQueue
 
 
 KNOWN = {

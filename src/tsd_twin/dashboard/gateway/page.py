@@ -15,8 +15,6 @@ from tsd_twin.dashboard.gateway.viewport_page import BUNDLE
 from tsd_twin.errors import TwinError
 from tsd_twin.security.web_access import name_of_host
 
-PAGE_PATH = "/next/"
-"""Path of the page."""
 FILES = ("page.js", "page.css", "inter.woff2")
 _INLINE = re.compile(r"<(script|style)>(.*?)</\1>", re.DOTALL)
 
@@ -30,13 +28,11 @@ class BundlePage:
         Raises:
             TwinError: If a file is missing.
         """
-        root = "/".join([".."] * (PAGE_PATH.count("/") - 1)) or "."
         try:
-            html = (BUNDLE / "index.html").read_text(encoding="utf-8")
+            self._html = (BUNDLE / "index.html").read_text(encoding="utf-8")
             self._files = {name: Content.of_file(BUNDLE / name) for name in FILES}
         except OSError as error:
             raise TwinError(f"the page is not built: {error}") from error
-        self._html = html.replace("{{root}}", f"{root}/").replace("{{here}}", PAGE_PATH[1:])
         hashes: dict[str, list[str]] = {"script": [], "style": []}
         for kind, text in _INLINE.findall(self._html):
             hashes[kind].append(f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'")
@@ -60,9 +56,9 @@ class BundlePage:
 
     def add_to(self, router: web.UrlDispatcher) -> None:
         """Register the routes of the page and its files."""
-        router.add_get(PAGE_PATH, self._serve)
+        router.add_get("/", self._serve)
         for name, file in self._files.items():
-            router.add_get(PAGE_PATH + name, self._serve_file(file))
+            router.add_get(f"/{name}", self._serve_file(file))
 
     async def _serve(self, request: web.Request) -> web.StreamResponse:
         name, secure = name_of_host(request.headers["Host"]), request[CLIENT_ADDRESS].secure

@@ -1,4 +1,4 @@
-"""Index and login pages of the dashboard, their routes and the strict login form parser."""
+"""Login page of the dashboard, its routes and the strict parser of its form."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from hashlib import sha256
 from pathlib import Path
 from urllib.parse import parse_qsl
 
-import viser
 from aiohttp import web
 
 from tsd_twin.dashboard.gateway.auth import (
@@ -22,61 +21,7 @@ from tsd_twin.dashboard.gateway.auth import (
     AuthMiddleware,
     require_origin,
 )
-from tsd_twin.dashboard.gateway.content import Content
-from tsd_twin.errors import TwinError
 from tsd_twin.security.users import User, Users
-
-STATIC = Path(__file__).parents[1] / "static"
-"""Scripts and styles of the dashboard."""
-BLOCKED_PARAMETERS = frozenset({"websocket", "playbackPath"})
-"""Query parameters with which a link could connect viser's client to a foreign server."""
-
-_FIRST_SCRIPTS = (
-    '<script src="static/boot.js"></script><script src="static/render_throttle.js"></script>'
-)
-_LAST_SCRIPTS = '<script type="module" src="static/main.js"></script>'
-
-
-class IndexPage:
-    """viser's client page from the installed package with the dashboard's scripts added."""
-
-    def __init__(self) -> None:
-        """Read the page from the viser package.
-
-        Raises:
-            TwinError: If the page has no place to insert scripts.
-        """
-        file = Path(viser.__file__).parent / "client" / "build" / "index.html"
-        try:
-            html = with_scripts(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise TwinError(f"viser's page cannot be used: {error}") from error
-        self._page = Content(html.encode(), file.suffix)
-
-    async def serve(self, request: web.Request) -> web.StreamResponse:
-        """Answer `GET /`."""
-        if BLOCKED_PARAMETERS & request.query.keys():
-            return without_blocked_parameters(request)
-        return self._page.respond(request)
-
-
-def with_scripts(html: str, first: str = _FIRST_SCRIPTS, last: str = _LAST_SCRIPTS) -> str:
-    """Return the page with `first` before all scripts and `last` at the end of the head.
-
-    Raises:
-        ValueError: If the page has no head.
-    """
-    # Use the last `</head>`, because the client's inline code may contain another.
-    start, end = html.index("<head>") + len("<head>"), html.rindex("</head>")
-    return html[:start] + first + html[start:end] + last + html[end:]
-
-
-def without_blocked_parameters(request: web.Request) -> web.Response:
-    """Return a redirect to the same page without the blocked parameters."""
-    kept = [(key, value) for key, value in request.query.items() if key not in BLOCKED_PARAMETERS]
-    address = "?" + request.url.with_query(kept).raw_query_string
-    return web.Response(status=302, headers={"Location": address})
-
 
 _TYPE = "application/x-www-form-urlencoded"
 _FIELDS = ("name", "password")
@@ -147,8 +92,7 @@ class LoginRoutes:
     def __init__(self, auth: AuthMiddleware) -> None:
         self._auth = auth
         self._template = (_TEMPLATES / "login.html").read_text(encoding="utf-8")
-        styles = STATIC / "colours.css", _TEMPLATES / "login.css"
-        self._style = "\n".join(style.read_text(encoding="utf-8") for style in styles)
+        self._style = (_TEMPLATES / "login.css").read_text(encoding="utf-8")
         digest = b64encode(sha256(self._style.encode()).digest()).decode()
         self._headers = HEADERS | {
             "Content-Security-Policy": (

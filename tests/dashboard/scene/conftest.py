@@ -1,0 +1,47 @@
+"""A scene with views of its clients, for tests of the views."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import pytest
+
+from tests.support.robot_feed import RobotFeed
+from tests.support.view_desk import OTHER_PAGE, PAGE, ViewDesk
+from tests.support.viser_client import ViserClient
+from tsd_twin.dashboard.scene import viser_compat
+from tsd_twin.dashboard.scene.scene import Scene
+
+
+@pytest.fixture(scope="module")
+def module_desk() -> Generator[ViewDesk]:
+    server = viser_compat.start_server("test")
+    yield ViewDesk(server, Scene(server))
+    server.stop()
+
+
+@pytest.fixture
+def desk(module_desk: ViewDesk) -> Generator[ViewDesk]:
+    yield module_desk
+    module_desk.clear()
+
+
+@pytest.fixture
+def feed(desk: ViewDesk) -> RobotFeed:
+    robot = RobotFeed()
+    desk.scene.add(robot)
+    return robot
+
+
+@pytest.fixture
+def viewer(desk: ViewDesk, feed: RobotFeed) -> Generator[ViserClient]:
+    del feed  # The robot is there before the client.
+    with desk.opened(PAGE) as client:
+        yield client
+
+
+@pytest.fixture
+def onlooker(desk: ViewDesk, viewer: ViserClient) -> Generator[ViserClient]:
+    del viewer
+    with desk.opened(OTHER_PAGE) as client:
+        yield client
