@@ -6,6 +6,7 @@ import { Drive } from "./drive/drive";
 import { Gamepad } from "./drive/gamepad";
 import { Keyboard } from "./drive/keyboard";
 import { Stop } from "./drive/stop";
+import { FleetStore } from "./fleet/store";
 import { Layout } from "./store/layout";
 import { Link } from "./store/link";
 import { isText, remembered } from "./store/memory";
@@ -24,6 +25,7 @@ export class Session {
   readonly requests: Requests;
   readonly view: View;
   readonly layout = new Layout();
+  readonly fleet: FleetStore;
 
   constructor() {
     const recording = new URL(location.href).searchParams.get("recording");
@@ -34,7 +36,12 @@ export class Session {
     this.drive = new Drive(this.link);
     this.stop = new Stop(this.link, () => this.drive.release());
     const changed = () => this.drive.changed();
-    const press = () => this.stop.press();
+    this.fleet = new FleetStore(this.link, () => this.layout.screen.value === "fleet");
+    // The space bar presses the red button of the page: STOP, or STOP ALL on the page of all robots.
+    const press = () => {
+      if (this.layout.screen.peek() === "fleet") this.fleet.stopAll();
+      else this.stop.press();
+    };
     this.keyboard = new Keyboard(changed, press);
     this.gamepad = new Gamepad(changed, press);
     this.drive.add(this.keyboard);

@@ -27,13 +27,13 @@ export function nameOf(operator: string): string {
 }
 
 /** Return the text of a reason as part of a sentence; an unknown code is shown as its words. */
-export function words(reason: Reason): string {
-  return fill(reason).text;
+export function words(reason: Reason, named: Naming = nameOf): string {
+  return fill(reason, named).text;
 }
 
 /** Return the text of a reason with a capital, unless an id comes first, and a full stop. */
-export function sentence(reason: Reason): string {
-  const { text, keepsCase } = fill(reason);
+export function sentence(reason: Reason, named: Naming = nameOf): string {
+  const { text, keepsCase } = fill(reason, named);
   return `${keepsCase ? text : text.slice(0, 1).toUpperCase() + text.slice(1)}.`;
 }
 
@@ -42,17 +42,20 @@ export function refusalText(refusal: Refusal): string {
   return refusal.by === "page" ? texts().common.refusals[refusal.code] : sentence(refusal.reason);
 }
 
+/** Returns the name of an operator. */
+export type Naming = (operator: string) => string;
+
 interface Filled {
   text: string;
   keepsCase: boolean;
 }
 
-function fill({ code, params = {}, cause }: Reason): Filled {
+function fill({ code, params = {}, cause }: Reason, named: Naming): Filled {
   const types = PARAMETERS[code as Code] as Record<string, string> | undefined;
   if (types === undefined) return { text: code.replaceAll("_", " "), keepsCase: false };
-  const causes = cause ? fill(cause) : { text: "", keepsCase: false };
+  const causes = cause ? fill(cause, named) : { text: "", keepsCase: false };
   const shown = (name: string, sign = "", decimals = ""): string =>
-    name === "cause" ? causes.text : show(params[name] ?? "", types[name], sign, decimals);
+    name === "cause" ? causes.text : show(params[name] ?? "", named, types[name], sign, decimals);
   const { templates } = SENTENCES[language.value] ?? en;
   const template = templates[code as Code].replace(PART, (_, inside: string, instead = "") => {
     const used = [...inside.matchAll(SLOT)].map(([, name]) => name as string);
@@ -67,15 +70,15 @@ function fill({ code, params = {}, cause }: Reason): Filled {
   return { text, keepsCase: first === "cause" ? causes.keepsCase : isId };
 }
 
-function show(value: string | number, type = "", sign = "", decimals = ""): string {
-  if (typeof value === "string") return showText(value, type);
+function show(value: string | number, named: Naming, type = "", sign = "", decimals = ""): string {
+  if (typeof value === "string") return showText(value, type, named);
   if (sign === ",") return Math.round(value).toLocaleString(language.value);
   if (decimals === "") return String(value);
   return (value < 0 ? "−" : sign) + Math.abs(value).toFixed(Number(decimals));
 }
 
-function showText(value: string, type: string): string {
-  if (type === "operator") return nameOf(value);
+function showText(value: string, type: string, named: Naming): string {
+  if (type === "operator") return named(value);
   const lists = (SENTENCES[language.value] ?? en).words as Record<string, Record<string, string>>;
   if (type === "servos") {
     const word = lists["servos"]?.[value.includes(", ") ? "several" : "one"] ?? "";
