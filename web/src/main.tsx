@@ -1,5 +1,11 @@
 import { render } from "preact";
-import { signal } from "@preact/signals";
+import { App } from "./app/app";
+import { Session } from "./session";
+import { nameOperatorsBy } from "./text/reasons";
 import "./styles/tokens.css";
-const n = signal(1);
-render(<button onClick={() => n.value++}>{n}</button>, document.body);
+import "./styles/base.css";
+
+const session = new Session();
+nameOperatorsBy(session.link);
+render(<App session={session} />, document.getElementById("app")!);
+session.link.open();

@@ -1,0 +1,51 @@
+// The page: STOP is first in tab order, so the deck comes first in the document.
+
+import { useEffect } from "preact/hooks";
+import { Bar } from "../bar/bar";
+import { Deck } from "../deck/deck";
+import { Fleet } from "../fleet/fleet";
+import { Panel } from "../panel/panel";
+import { Scene } from "../scene/scene";
+import { type Session, SessionContext } from "../session";
+import type { Tab } from "../store/layout";
+import { language, texts } from "../text/text";
+import { Timeline } from "../timeline/timeline";
+import "./shell.css";
+
+/** Tabs that need more room than a column, in windows from 1,280 px. */
+const WIDTHS: Partial<Record<Tab, "wide" | "wider">> = { plots: "wide", student: "wider" };
+
+export function App({ session }: { session: Session }) {
+  const { layout, link } = session;
+  const robot = link.robot.value;
+  const { common } = texts();
+  const isFleet = layout.screen.value === "fleet";
+  useEffect(() => {
+    document.documentElement.lang = language.value;
+    document.title = isFleet ? common.fleet : robot ? common.title(robot.title) : "tsd-twin";
+  });
+  const width = layout.panelWidth.value ?? WIDTHS[layout.tab.value];
+  const classes = [
+    "app",
+    isFleet ? "fleet" : layout.panelOpen.value ? width : "folded",
+    link.recording !== null && "past",
+  ];
+  return (
+    <SessionContext.Provider value={session}>
+      <h1 class="sr">{robot ? common.title(robot.title) : "tsd-twin"}</h1>
+      <div class={classes.filter(Boolean).join(" ")}>
+        <Deck />
+        <Bar />
+        {isFleet ? (
+          <Fleet />
+        ) : (
+          <>
+            <Scene />
+            <Panel />
+            <Timeline />
+          </>
+        )}
+      </div>
+    </SessionContext.Provider>
+  );
+}

@@ -1,0 +1,3 @@
+export function Deck() {
+  return null;
+}

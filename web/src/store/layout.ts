@@ -1,0 +1,53 @@
+// Which parts of the page are open, and the kind of window that they have to fit in.
+
+import { computed, type Signal, signal } from "@preact/signals";
+import { isFlag, isOneOf, remembered } from "./memory";
+
+export const TABS = ["drive", "modules", "plots", "health", "view", "student"] as const;
+export type Tab = (typeof TABS)[number];
+
+/** Signal that follows a media query. */
+export function media(query: string): Signal<boolean> {
+  const list = matchMedia(query);
+  const matches = signal(list.matches);
+  list.addEventListener("change", () => (matches.value = list.matches));
+  return matches;
+}
+
+export class Layout {
+  readonly tab = remembered<Tab>("tsd-tab", "drive", isOneOf(TABS));
+  /** Whether the panel is folded away in a wide window. */
+  readonly folded = remembered("tsd-folded", false, isFlag);
+  /** Whether the panel is open as a drawer or, on a phone, as a sheet. */
+  readonly drawerOpen = signal(false);
+  /** Width that the open tab asks for, for example sliders beside their joints. */
+  readonly panelWidth = signal<"wide" | "wider" | null>(null);
+  readonly screen = signal<"robot" | "fleet">(location.hash === "#fleet" ? "fleet" : "robot");
+  /** Below 900 px of width the panel is a drawer. */
+  readonly narrow = media("(max-width: 899px)");
+  /** Phone held upright: bar, scene, figures, deck, tabs. */
+  readonly phone = media("(max-width: 599px)");
+  /** Phone held sideways: the controls lie on the scene. */
+  readonly sideways = media("(max-height: 599px) and (pointer: coarse)");
+  readonly panelOpen = computed(() =>
+    this.narrow.value || this.sideways.value ? this.drawerOpen.value : !this.folded.value,
+  );
+
+  constructor() {
+    addEventListener("hashchange", () => {
+      this.screen.value = location.hash === "#fleet" ? "fleet" : "robot";
+    });
+  }
+
+  /** Open a tab of the panel, or fold the panel if that tab is open. */
+  open(tab: Tab): void {
+    this.tab.value = tab;
+    this.folded.value = false;
+    this.drawerOpen.value = true;
+  }
+
+  fold(): void {
+    if (this.narrow.peek() || this.sideways.peek()) this.drawerOpen.value = false;
+    else this.folded.value = true;
+  }
+}

@@ -1,0 +1,44 @@
+// Settings kept in the browser. Without storage, as in some private windows, nothing is kept.
+
+import { effect, type Signal, signal } from "@preact/signals";
+
+/** Signal kept under `key`; `accepts` checks a stored value, which may be from an older page. */
+export function remembered<T>(
+  key: string,
+  initial: T,
+  accepts: (stored: unknown) => stored is T,
+): Signal<T> {
+  const value = signal(recall(key, accepts) ?? initial);
+  let first = true;
+  effect(() => {
+    const json = JSON.stringify(value.value);
+    if (!first) keep(key, json);
+    first = false;
+  });
+  return value;
+}
+
+export const isText = (stored: unknown): stored is string => typeof stored === "string";
+export const isFlag = (stored: unknown): stored is boolean => typeof stored === "boolean";
+
+/** Check that a stored value is one of `choices`. */
+export function isOneOf<T extends string>(choices: readonly T[]) {
+  return (stored: unknown): stored is T => choices.includes(stored as T);
+}
+
+function recall<T>(key: string, accepts: (stored: unknown) => stored is T): T | null {
+  try {
+    const stored: unknown = JSON.parse(localStorage.getItem(key) ?? "null");
+    return accepts(stored) ? stored : null;
+  } catch {
+    return null;
+  }
+}
+
+function keep(key: string, json: string): void {
+  try {
+    localStorage.setItem(key, json);
+  } catch {
+    // Not kept for the next page.
+  }
+}

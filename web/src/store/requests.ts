@@ -1,0 +1,49 @@
+// Requests of the page to the robot, each until its answer; "no answer" is one too.
+
+import { effect, signal } from "@preact/signals";
+import type { PageMessage, Reason } from "../generated/wire";
+import type { Link } from "./link";
+
+const ANSWER_MS = 2000;
+
+type Request = Extract<PageMessage, { t: "lease" | "arm" | "disarm" | "reset" | "wheel_speed" }>;
+
+/** How a request ended: `null` while it is under way. */
+export type Outcome = { ok: true } | { ok: false; why: Reason | null } | "no_answer";
+
+export class Requests {
+  /** Request under way, by the kind that its reply names. */
+  readonly pending = signal<{ request: Request; sinceMs: number } | null>(null);
+  /** Called with each refusal and each request without an answer. */
+  onFailed: (request: Request, outcome: Exclude<Outcome, { ok: true }>) => void = () => {};
+  readonly #link: Link;
+
+  constructor(link: Link) {
+    this.#link = link;
+    link.on("reply", ({ to, ok, why }) => {
+      const pending = this.pending.peek();
+      if (pending?.request.t === to) this.#end(ok ? { ok } : { ok, why });
+    });
+    link.on("robot", () => (this.pending.value = null)); // The answer is about another robot.
+    effect(() => {
+      const pending = link.beat.value >= 0 ? this.pending.peek() : null;
+      if (pending && performance.now() - pending.sinceMs > ANSWER_MS) this.#end("no_answer");
+    });
+  }
+
+  /** Send a request; the one under way, if any, is no longer followed. */
+  send(request: Request): void {
+    this.pending.value = { request, sinceMs: performance.now() };
+    if (!this.#link.send(request)) this.#end("no_answer");
+  }
+
+  isPending(kind: Request["t"]): boolean {
+    return this.pending.value?.request.t === kind;
+  }
+
+  #end(outcome: Outcome): void {
+    const request = this.pending.peek()?.request;
+    this.pending.value = null;
+    if (request && (outcome === "no_answer" || !outcome.ok)) this.onFailed(request, outcome);
+  }
+}

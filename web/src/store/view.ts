@@ -1,0 +1,47 @@
+// How the scene looks on this page: camera, layers, exaggerated tilt, colours. The dashboard applies
+// the settings and may change them, for example when a camera preset is left by hand.
+
+import { effect, signal } from "@preact/signals";
+import { CAMERA_PRESETS, type ViewSettings } from "../generated/wire";
+import type { Link } from "./link";
+import { remembered } from "./memory";
+
+const INITIAL: ViewSettings = {
+  camera: "3-D",
+  follow: true,
+  hidden: [],
+  true_pose: "when it differs",
+  tilt: "x3",
+  dark: null,
+};
+
+function isView(stored: unknown): stored is ViewSettings {
+  const view = stored as ViewSettings | null;
+  return typeof view === "object" && view !== null && CAMERA_PRESETS.includes(view.camera);
+}
+
+export class View {
+  readonly settings = remembered("tsd-view", INITIAL, isView);
+  /** Whether dark colours are shown now. */
+  readonly dark = signal(true);
+  readonly #link: Link;
+
+  constructor(link: Link) {
+    this.#link = link;
+    link.on("welcome", () => link.send({ t: "view", settings: this.settings.peek() }));
+    link.on("view", ({ settings }) => (this.settings.value = settings));
+    const prefersDark = matchMedia("(prefers-color-scheme: dark)");
+    const system = signal(prefersDark.matches);
+    prefersDark.addEventListener("change", () => (system.value = prefersDark.matches));
+    effect(() => {
+      this.dark.value = this.settings.value.dark ?? system.value;
+      document.documentElement.dataset["theme"] = this.dark.value ? "dark" : "light";
+    });
+  }
+
+  /** Change settings; `look` turns the camera to the robot again. */
+  set(change: Partial<ViewSettings>, look = false): void {
+    this.settings.value = { ...this.settings.peek(), ...change };
+    this.#link.send({ t: "view", settings: this.settings.peek(), look });
+  }
+}

@@ -1,0 +1,84 @@
+// A button that opens a list of actions or choices.
+
+import type { ComponentChildren } from "preact";
+import { useEffect, useRef, useState } from "preact/hooks";
+
+export interface MenuItem {
+  text: ComponentChildren;
+  /** Whether it is the one that holds, for choices; undefined for actions. */
+  checked?: boolean;
+  refused?: string | null;
+  onChoose: () => void;
+}
+
+interface MenuProps {
+  /** Accessible name of the button. */
+  label: string;
+  button: ComponentChildren;
+  items: readonly MenuItem[];
+  class?: string;
+}
+
+export function Menu({ label, button, items, class: classes = "" }: MenuProps) {
+  const [open, setOpen] = useState(false);
+  const box = useRef<HTMLSpanElement>(null);
+  const close = (refocus: boolean) => {
+    setOpen(false);
+    if (refocus) box.current?.querySelector("button")?.focus();
+  };
+  useEffect(() => {
+    if (!open) return undefined;
+    box.current?.querySelector<HTMLElement>("[role^=menuitem]")?.focus();
+    const outside = (event: Event) => box.current?.contains(event.target as Node) || setOpen(false);
+    addEventListener("pointerdown", outside);
+    return () => removeEventListener("pointerdown", outside);
+  }, [open]);
+  const move = (event: KeyboardEvent) => {
+    if (!open) return;
+    const list = [...(box.current?.querySelectorAll<HTMLElement>("[role^=menuitem]") ?? [])];
+    const at = list.indexOf(document.activeElement as HTMLElement);
+    const to = { ArrowDown: at + 1, ArrowUp: at - 1, Home: 0, End: -1 }[event.code];
+    if (event.code === "Escape") close(true);
+    else if (to === undefined) return;
+    else list.at(to % list.length)?.focus();
+    event.preventDefault();
+    event.stopPropagation();
+  };
+  return (
+    <span class={`menu ${classes}`} ref={box} onKeyDown={move}>
+      <button
+        type="button"
+        class="btn"
+        aria-label={label}
+        aria-haspopup="menu"
+        aria-expanded={open}
+        onClick={() => setOpen(!open)}
+      >
+        {button}
+      </button>
+      {open && (
+        <div class="items" role="menu" aria-label={label}>
+          {items.map((item, i) => (
+            <button
+              key={i}
+              type="button"
+              role={item.checked === undefined ? "menuitem" : "menuitemradio"}
+              aria-checked={item.checked}
+              aria-disabled={item.refused ? true : undefined}
+              title={item.refused ?? undefined}
+              class="btn"
+              tabIndex={-1}
+              onClick={() => {
+                if (item.refused) return;
+                close(true);
+                item.onChoose();
+              }}
+            >
+              {item.text}
+            </button>
+          ))}
+        </div>
+      )}
+    </span>
+  );
+}
