@@ -1,0 +1,90 @@
+// STOP: acts when it is touched, in every state; the line below it says what comes of it.
+
+import { useId, useRef } from "preact/hooks";
+import type { JSX } from "preact";
+import { type Session, useSession } from "../session";
+import { freshness } from "../store/freshness";
+import { isLatched, whyNotStop } from "../store/permission";
+import { refusalText } from "../text/reasons";
+import { texts } from "../text/text";
+import { Icon } from "../ui/icon";
+
+export function StopCell() {
+  const session = useSession();
+  const { link, stop, layout } = session;
+  const { deck } = texts();
+  const hint = useId();
+  const touched = useRef(false);
+  void link.beat.value;
+  const said = hintOf(session);
+  const isHollow = isLatched(link) && freshness(link).kind === "live";
+  // Where fingers drive there are no keys to name, and the button itself has room for the rest.
+  const isTouch = layout.phone.value || layout.sideways.value;
+  const line = (
+    <span id={hint} class={said === null ? "hint" : "hint says"}>
+      {said ?? (!isTouch && <Keys />)}
+    </span>
+  );
+  // A click would wait for the finger to come up, and a second finger would not click at all.
+  const down = (event: PointerEvent) => {
+    event.preventDefault();
+    touched.current = true;
+    stop.press();
+  };
+  // Keys and assistive technology click without a pointer.
+  const click = ({ detail }: MouseEvent) => {
+    if (detail === 0 || !touched.current) stop.press();
+    touched.current = false;
+  };
+  const forget = () => (touched.current = false);
+  return (
+    <div class="stopcell mid">
+      <button
+        type="button"
+        class={isHollow ? "stop latched" : "stop"}
+        aria-describedby={hint}
+        aria-disabled={whyNotStop(link) !== null || undefined}
+        title={deck.stop.help}
+        onPointerDown={down}
+        onPointerLeave={forget}
+        onPointerCancel={forget}
+        onClick={click}
+        onContextMenu={(event) => event.preventDefault()}
+      >
+        <Icon name="stopsign" />
+        <span>STOP</span>
+        {isTouch && line}
+      </button>
+      {!isTouch && line}
+    </div>
+  );
+}
+
+function Keys(): JSX.Element {
+  const { stop } = texts().deck;
+  return (
+    <>
+      <kbd>{stop.space}</kbd> {stop.gamepad} <kbd>B</kbd>
+    </>
+  );
+}
+
+/** What must be known about STOP now, or null: then its keys can be named. */
+function hintOf({ link, stop }: Session): string | null {
+  const { deck } = texts();
+  const refusal = whyNotStop(link);
+  if (refusal !== null) return refusalText(refusal);
+  if (stop.unconfirmed.value) return deck.stop.unconfirmed;
+  switch (freshness(link).kind) {
+    case "starting":
+      return link.connected.value ? null : deck.stop.noLinkYet;
+    case "offline":
+      return deck.stop.noLink;
+    case "silent":
+      return deck.stop.silent;
+    case "recorded":
+      return deck.stop.recorded;
+    default:
+      return isLatched(link) ? deck.stop.latched : null;
+  }
+}

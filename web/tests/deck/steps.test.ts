@@ -1,0 +1,192 @@
+import { beforeEach, expect, test } from "vitest";
+import type { PathToGo } from "../../src/deck/steps";
+import { stepOf } from "../../src/deck/steps";
+import type { RouteState } from "../../src/generated/wire";
+import { fakeBrowser, LEASE, openPage } from "../support/page";
+
+beforeEach(fakeBrowser);
+
+const FREE = { ...LEASE, holder: null };
+const BOBS = { ...LEASE, holder: "bob" };
+const OTHERS = { has_control: false };
+const STOPPED_BY = (by: string) => ({
+  mode: "stopped",
+  stop: { code: "stop_requested", params: { by } },
+});
+
+/** State of the robot, then the state of the slot, its sentence and its filled button. */
+const TABLE: [string, object, object, string, string | undefined, string | undefined][] = [
+  [
+    "is free",
+    { mode: "disarmed", lease: FREE },
+    OTHERS,
+    "free",
+    "Control is free.",
+    "Take control",
+  ],
+  [
+    "is kept for you",
+    { mode: "disarmed", lease: { ...FREE, reserved_for: "ann" } },
+    OTHERS,
+    "free",
+    "Control is kept for you.",
+    "Take control",
+  ],
+  ["is yours", { mode: "disarmed" }, {}, "disarmed", "You have control.", "Arm"],
+  [
+    "is arming",
+    { mode: "arming", arming: { phase: "spin_up", progress: 0.4 } },
+    {},
+    "arming",
+    "Spinning the wheels up",
+    undefined,
+  ],
+  ["is ready", {}, {}, "speed", undefined, undefined],
+  ["drives", { mode: "driving" }, {}, "speed", undefined, undefined],
+  ["comes to rest", { mode: "stopping" }, {}, "speed", undefined, undefined],
+  ["was stopped", STOPPED_BY("ann"), {}, "stopped", "You pressed STOP", "Hold to reset"],
+  ["was stopped by another", STOPPED_BY("bob"), {}, "stopped", "Bob pressed STOP", "Hold to reset"],
+  [
+    "has a fault",
+    { mode: "fault", stop: { code: "joints_silent", params: { ms: 80 } } },
+    {},
+    "fault",
+    "The joints have not been measured for 80 ms",
+    "Hold to reset",
+  ],
+  [
+    "was stopped, and nobody has control",
+    { ...STOPPED_BY("ann"), lease: FREE },
+    OTHERS,
+    "stopped",
+    "You pressed STOP",
+    "Take control",
+  ],
+  [
+    "was stopped, and another has control",
+    { ...STOPPED_BY("ann"), lease: BOBS },
+    OTHERS,
+    "stopped",
+    "You pressed STOP",
+    "Ask for control",
+  ],
+  [
+    "is driven by another",
+    { mode: "driving", lease: BOBS },
+    { ...OTHERS, twist: [0.3, 0.4, 1] },
+    "other",
+    "Bob drives at 0.50 m/s.",
+    "Ask for control",
+  ],
+  [
+    "is another's, at rest",
+    { mode: "ready", lease: BOBS },
+    OTHERS,
+    "other",
+    "Bob has control.",
+    "Ask for control",
+  ],
+  [
+    "is asked for by you",
+    { lease: { ...BOBS, requested_by: "ann", request_expires_in_s: 7.2 } },
+    OTHERS,
+    "waiting",
+    "You asked Bob for control.",
+    undefined,
+  ],
+  [
+    "is asked for by another",
+    { mode: "driving", lease: { ...LEASE, requested_by: "bob", request_expires_in_s: 7.2 } },
+    {},
+    "asked",
+    "Bob asks for control.",
+    "Hand over",
+  ],
+  [
+    "is a replay",
+    {},
+    { source: "recording" },
+    "replay",
+    "This is a replay of a recording: it cannot be driven.",
+    undefined,
+  ],
+];
+
+test.each(TABLE)("a robot that %s", (_, status, fields, id, title, next) => {
+  const { session, state } = openPage();
+  state(status, fields);
+  const step = stepOf(session);
+  expect([step.id, step.title, step.next?.text]).toEqual([id, title, next]);
+});
+
+test("why the next step is refused is the robot's reason", () => {
+  const { session, state } = openPage();
+  const reason = { code: "at_rest_only" };
+  for (const [request, mode] of [
+    ["arm", "disarmed"],
+    ["reset", "stopped"],
+  ] as const) {
+    state({ mode, refusals: { why: { [request]: reason } } });
+    expect(stepOf(session).next?.refused).toEqual({ by: "robot", reason });
+  }
+  state({ lease: { ...BOBS, requested_by: "eva" } }, OTHERS);
+  expect(stepOf(session).next?.refused).toMatchObject({ reason: { code: "other_request" } });
+});
+
+test("a viewer sees who drives and has no next step", () => {
+  const { session, say, state, welcome } = openPage();
+  say({ ...welcome, role: "viewer" });
+  state({ mode: "driving", lease: BOBS }, OTHERS);
+  const step = stepOf(session);
+  expect([step.id, step.title, step.detail, step.next]).toEqual([
+    "viewer",
+    "Bob drives at 0.00 m/s.",
+    "You may look, not drive.",
+    undefined,
+  ]);
+});
+
+test("without a link, seconds are counted and nothing is known of the robot", () => {
+  const { session, socket, pass } = openPage();
+  pass(2500);
+  expect(stepOf(session)).toMatchObject({
+    id: "silent",
+    title: "No signal from the robot for 2 s.",
+  });
+  socket.readyState = 3;
+  socket.onclose();
+  pass(400);
+  expect(stepOf(session)).toMatchObject({ id: "offline", title: "No connection for 0 s." });
+});
+
+test("a stop that nobody confirms comes before all else, and can be acknowledged", () => {
+  const { session, pass } = openPage();
+  session.stop.press();
+  pass(700, {});
+  const { id, quiet } = stepOf(session);
+  expect(id).toBe("unconfirmed");
+  (quiet?.does as () => void)();
+  expect(stepOf(session).id).toBe("speed");
+});
+
+test("a planned path is the next step until it is driven by hand, and a held one outlasts a request", () => {
+  const { session, state } = openPage();
+  const going = { value: false };
+  const route = { value: { phase: "planned", length_m: 3, time_s: 8, done_m: 0 } as RouteState };
+  const path: PathToGo = {
+    going,
+    route,
+    whyNotGo: () => null,
+    hold: () => true,
+    letGo: () => {},
+  };
+  expect(stepOf(session, path)).toMatchObject({ id: "path", detail: "3.0 m in 8 s." });
+  going.value = true;
+  route.value = { ...route.value, phase: "going", done_m: 1.5 };
+  state({ mode: "driving", lease: { ...LEASE, requested_by: "bob" } });
+  expect(stepOf(session, path)).toMatchObject({ id: "going", progress: 0.5 });
+  going.value = false;
+  expect(stepOf(session, path).id).toBe("asked");
+  state({ mode: "disarmed" });
+  expect(stepOf(session, path).id).toBe("disarmed");
+});

@@ -1,0 +1,28 @@
+// The deck on a page, with what a hand does to it.
+
+import { render } from "preact";
+import { act } from "preact/test-utils";
+import { Deck } from "../../src/deck/deck";
+import type { PathToGo } from "../../src/deck/steps";
+import { SessionContext } from "../../src/session";
+import { openPage } from "./page";
+
+/** Open a page and draw its deck; what `does` changes is drawn on return. */
+export function openDeck(path?: PathToGo) {
+  const page = openPage();
+  const box = document.body.appendChild(document.createElement("div"));
+  const deck = (
+    <SessionContext.Provider value={page.session}>
+      <Deck path={path} />
+    </SessionContext.Provider>
+  );
+  const does = (change: () => void) => void act(change);
+  does(() => render(deck, box));
+  const find = (selector: string) => box.querySelector<HTMLElement>(selector);
+  const text = (selector: string) =>
+    (find(selector)?.textContent ?? "").replace(/\s+/g, " ").trim();
+  const state = (...args: Parameters<typeof page.state>) => does(() => page.state(...args));
+  const pass = (...args: Parameters<typeof page.pass>) => does(() => page.pass(...args));
+  const say = (message: object) => does(() => page.say(message));
+  return { ...page, box, does, find, text, state, pass, say };
+}
