@@ -9,6 +9,7 @@ import { Stop } from "./drive/stop";
 import { Layout } from "./store/layout";
 import { Link } from "./store/link";
 import { isText, remembered } from "./store/memory";
+import { News } from "./store/news";
 import { Notice } from "./store/notice";
 import { Requests } from "./store/requests";
 import { View } from "./store/view";
@@ -41,6 +42,7 @@ export class Session {
     this.drive.add(this.gamepad);
     this.notice = new Notice(this.link);
     this.requests = new Requests(this.link);
+    new News(this);
     this.view = new View(this.link);
   }
 
