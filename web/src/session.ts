@@ -48,7 +48,7 @@ export class Session {
 
   /** Change the display name of the operator. */
   rename(name: string): void {
-    this.name.value = name.normalize("NFC").slice(0, 40);
+    this.name.value = [...name.normalize("NFC")].slice(0, 40).join("");
     this.link.rename(this.name.peek());
   }
 }

@@ -33,10 +33,7 @@ export interface Source {
 }
 
 /** Why a motion ended although a control was held, or did not begin at all. */
-export type Ended =
-  | { refusal: Refusal; atStart: boolean }
-  | { released: Reason }
-  | { lost: true };
+export type Ended = { refusal: Refusal; atStart: boolean } | { released: Reason } | { lost: true };
 
 const PERIOD_MS = 20;
 const MIN_SEND_INTERVAL_MS = 9.5; // Timers may fire a few tenths of a millisecond early.

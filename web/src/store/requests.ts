@@ -3,6 +3,7 @@
 import { effect, signal } from "@preact/signals";
 import type { PageMessage, Reason } from "../generated/wire";
 import type { Link } from "./link";
+import { roundTripMs } from "./quality";
 
 const ANSWER_MS = 2000;
 
@@ -10,6 +11,14 @@ type Request = Extract<PageMessage, { t: "lease" | "arm" | "disarm" | "reset" | 
 
 /** How a request ended: `null` while it is under way. */
 export type Outcome = { ok: true } | { ok: false; why: Reason | null } | "no_answer";
+
+const FAR_MS = 120; // Above this round trip, commands often exceed the default age limit.
+
+/** Terms of control over a slow link: commands may be older, so the robot limits its speed. */
+export function controlTerms(link: Link): { max_age_s: number | null } {
+  const tripMs = roundTripMs(link) ?? 0;
+  return { max_age_s: tripMs > FAR_MS ? Math.min(10, (2 * tripMs + 100) / 1000) : null };
+}
 
 export class Requests {
   /** Request under way, by the kind that its reply names. */
