@@ -72,7 +72,8 @@ export class News {
     if ("lost" in ended) {
       this.#tell(plain(news.connectionLost), () => !link.connected.value);
     } else if ("released" in ended) {
-      if (!isToldElsewhere(ended.released)) this.#tell(retry(ended.released), this.#unlessLatched());
+      if (!isToldElsewhere(ended.released))
+        this.#tell(retry(ended.released), this.#unlessLatched());
     } else {
       const { refusal, atStart } = ended;
       const told = atStart ? plain(refusalText(refusal)) : noticeOfRefusal(refusal);
