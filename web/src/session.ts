@@ -10,6 +10,7 @@ import { FleetStore } from "./fleet/store";
 import { Layout } from "./store/layout";
 import { Link } from "./store/link";
 import { isText, remembered } from "./store/memory";
+import { News } from "./store/news";
 import { Notice } from "./store/notice";
 import { Requests } from "./store/requests";
 import { View } from "./store/view";
@@ -48,12 +49,13 @@ export class Session {
     this.drive.add(this.gamepad);
     this.notice = new Notice(this.link);
     this.requests = new Requests(this.link);
+    new News(this);
     this.view = new View(this.link);
   }
 
   /** Change the display name of the operator. */
   rename(name: string): void {
-    this.name.value = name.normalize("NFC").slice(0, 40);
+    this.name.value = [...name.normalize("NFC")].slice(0, 40).join("");
     this.link.rename(this.name.peek());
   }
 }

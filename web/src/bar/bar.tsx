@@ -1,3 +1,105 @@
+// Bar: which robot, what it does, who drives, and how good link and battery are.
+
+import { type Signal, useSignal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import { useSession } from "../session";
+import { texts } from "../text/text";
+import { Button } from "../ui/button";
+import { Icon } from "../ui/icon";
+import { Menu } from "../ui/menu";
+import { NameDialog, OwnName, useLogin } from "./account";
+import { Actions, Question, TakeOver, Who } from "./driver";
+import { Battery, FleetLink, GamepadFact, LinkFact, Mode } from "./facts";
+import { GamepadDialog, Sheet } from "./sheet";
+import "./bar.css";
+
+/** The dialog of the bar that is open. */
+export type Opened = Signal<"sheet" | "name" | "gamepad" | "take over" | null>;
+
 export function Bar() {
-  return null;
+  const { layout, link, keyboard } = useSession();
+  const opened: Opened = useSignal(null);
+  const { bar } = texts();
+  useLogin(link);
+  const toggle = () => (opened.value = opened.peek() === "sheet" ? null : "sheet");
+  useEffect(() => keyboard.bind("?", toggle), [keyboard]);
+  const isFleet = layout.screen.value === "fleet";
+  return (
+    <header class="bar">
+      {isFleet ? <FleetTitle /> : <OfRobot opened={opened} />}
+      <Button class="roomy" onPress={() => (opened.value = "name")}>
+        <OwnName />
+      </Button>
+      {!isFleet && <FleetLink class="btn roomy" />}
+      <Button icon="help" label={bar.help} onPress={toggle} />
+      <Dialogs opened={opened} />
+    </header>
+  );
+}
+
+function OfRobot({ opened }: { opened: Opened }) {
+  const { layout, link } = useSession();
+  return (
+    <>
+      <RobotMenu />
+      <Mode />
+      {link.recording !== null && <bdi class="fact roomy">{link.recording}</bdi>}
+      {!layout.phone.value && <Who />}
+      {!layout.phone.value && <Actions opened={opened} />}
+      <Question />
+      <span class="spacer" />
+      <GamepadFact onPress={() => (opened.value = "gamepad")} />
+      <LinkFact />
+      <Battery />
+    </>
+  );
+}
+
+function FleetTitle() {
+  const id = useSession().link.robot.value?.id;
+  const { bar } = texts();
+  return (
+    <>
+      <span class="who">{bar.fleet}</span>
+      <a class="btn edge" href="#">
+        {id === undefined ? bar.backToRobot : bar.back(id)}
+      </a>
+      <span class="spacer" />
+    </>
+  );
+}
+
+function RobotMenu() {
+  const { link } = useSession();
+  const { bar } = texts();
+  const robots = link.welcome.value?.robots ?? [];
+  const robot = link.robot.value;
+  if (robot === null) return null;
+  const named = (id: string) => (
+    <>
+      <span class="dot" style={{ "--c": robots.find((each) => each.id === id)?.colour }} />
+      <bdi>{id}</bdi>
+    </>
+  );
+  if (robots.length < 2)
+    return (
+      <span class="who" title={robot.title}>
+        {named(robot.id)}
+      </span>
+    );
+  const items = robots.map(({ id, title }) => ({
+    text: [named(id), <span class="note">{title}</span>],
+    checked: id === robot.id,
+    onChoose: () => id !== robot.id && link.choose(id),
+  }));
+  const button = [named(robot.id), <Icon name="down" />];
+  return <Menu class="who" label={bar.chooseRobot(robot.id)} button={button} items={items} />;
+}
+
+function Dialogs({ opened }: { opened: Opened }) {
+  const close = () => (opened.value = null);
+  if (opened.value === "sheet") return <Sheet opened={opened} />;
+  if (opened.value === "name") return <NameDialog onClose={close} />;
+  if (opened.value === "gamepad") return <GamepadDialog onClose={close} />;
+  return opened.value && <TakeOver onClose={close} />;
 }

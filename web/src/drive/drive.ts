@@ -32,8 +32,8 @@ export interface Source {
   cancel(): void;
 }
 
-/** Why a motion ended although a control was held. */
-export type Ended = { refusal: Refusal } | { released: Reason } | { lost: true };
+/** Why a motion ended although a control was held, or did not begin at all. */
+export type Ended = { refusal: Refusal; atStart: boolean } | { released: Reason } | { lost: true };
 
 const PERIOD_MS = 20;
 const MIN_SEND_INTERVAL_MS = 9.5; // Timers may fire a few tenths of a millisecond early.
@@ -177,7 +177,7 @@ export class Drive {
     if (refusal !== null) {
       for (const source of this.#sources) source.cancel();
       this.changed();
-      this.onEnded({ refusal });
+      this.onEnded({ refusal, atStart: true });
       return;
     }
     this.#timer = setInterval(() => this.#send(), PERIOD_MS);
@@ -194,7 +194,7 @@ export class Drive {
     const refusal = untracked(() => whyNotDrive(this.link));
     if (refusal !== null) {
       this.release();
-      this.onEnded({ refusal });
+      this.onEnded({ refusal, atStart: false });
       return;
     }
     const now = performance.now();
@@ -226,7 +226,7 @@ export class Drive {
     if (refusal === null) return;
     const latched = untracked(() => isLatched(this.link));
     this.release();
-    if (!latched) this.onEnded({ refusal }); // A latched stop is explained beside STOP.
+    if (!latched) this.onEnded({ refusal, atStart: false }); // A latched stop is explained beside STOP.
   }
 }
 

@@ -97,14 +97,11 @@ export class Link {
     setInterval(() => this.#sendHeartbeat(), HEARTBEAT_MS);
   }
 
-  /** Reconnect under another display name. */
+  /** Change the display name; the operator and their control stay as they are. */
   rename(name: string): void {
     if (name === this.#options.name) return;
-    this.#options.name = name;
-    const socket = this.#socket;
-    if (socket === null) return; // The next connection uses it.
-    this.#onClose();
-    socket.close();
+    this.#options.name = name; // For the next connection.
+    if (this.recording === null) this.send({ t: "name", name });
   }
 
   /** Send a message without queueing; return whether it was sent. */

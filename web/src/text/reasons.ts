@@ -72,13 +72,25 @@ function fill({ code, params = {}, cause }: Reason, named: Naming): Filled {
 
 function show(value: string | number, named: Naming, type = "", sign = "", decimals = ""): string {
   if (typeof value === "string") return showText(value, type, named);
-  if (sign === ",") return Math.round(value).toLocaleString(language.value);
-  if (decimals === "") return String(value);
-  return (value < 0 ? "−" : sign) + Math.abs(value).toFixed(Number(decimals));
+  const whole = sign === "," ? 0 : undefined;
+  const fixed = decimals === "" ? whole : Number(decimals);
+  const digits = Math.abs(value).toLocaleString(language.value, {
+    useGrouping: sign === ",",
+    minimumFractionDigits: fixed,
+    maximumFractionDigits: fixed ?? 10,
+  });
+  return (value < 0 ? "−" : sign.replace(",", "")) + digits;
+}
+
+const RIGHT_TO_LEFT = /[\p{Script=Hebrew}\p{Script=Arabic}\p{Script=Syriac}\p{Script=Thaana}]/u;
+
+/** Return a name for use within a sentence, which it must not turn around. */
+export function isolated(name: string): string {
+  return RIGHT_TO_LEFT.test(name) ? `\u2068${name}\u2069` : name;
 }
 
 function showText(value: string, type: string, named: Naming): string {
-  if (type === "operator") return named(value);
+  if (type === "operator") return isolated(named(value));
   const lists = (SENTENCES[language.value] ?? en).words as Record<string, Record<string, string>>;
   if (type === "servos") {
     const word = lists["servos"]?.[value.includes(", ") ? "several" : "one"] ?? "";

@@ -28,7 +28,7 @@ export function Dialog({ title, children, onClose }: DialogProps) {
   return (
     <div class="shade" onPointerDown={(event) => event.target === event.currentTarget && onClose()}>
       <div ref={box} class="dialog" role="dialog" aria-label={title} tabIndex={-1} onKeyDown={key}>
-        <header>
+        <header role="presentation">
           <h2 class="t">{title}</h2>
           <Button icon="close" label={texts().common.close} onPress={onClose} />
         </header>

@@ -2,8 +2,9 @@ import { expect, test } from "vitest";
 
 import { PARAMETERS, type Code } from "../../src/generated/codes";
 import { en, type Sentences } from "../../src/generated/sentences";
+import { de } from "../../src/text/de/sentences";
 
-const LANGUAGES: Record<string, Sentences> = { en };
+const LANGUAGES: Record<string, Sentences> = { en, de };
 const SLOT = /\{(\w+)(?::[+,]?(?:\.\d)?)?\}/g;
 
 function slots(template: string): string[] {
