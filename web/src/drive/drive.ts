@@ -83,6 +83,15 @@ export class Drive {
         this.onEnded({ lost: true });
       }
     });
+    // When the speed limit changes, here or at the robot, a held deflection means another speed.
+    const limits = [computed(() => this.scale.value.speed), computed(() => this.scale.value.turn)];
+    effect(() => {
+      for (const limit of limits) void limit.value;
+      untracked(() => this.#add());
+    });
+    // Some systems report no key-up while this key is down.
+    const release = ({ key }: KeyboardEvent) => key === "Meta" && this.release();
+    addEventListener("keydown", release, { capture: true });
     addEventListener("blur", () => this.release());
     addEventListener("pagehide", () => this.release());
     document.addEventListener("visibilitychange", () => this.release());
@@ -104,13 +113,7 @@ export class Drive {
     const yields = ({ alone, follow }: Source) => alone || follow !== undefined;
     const byHand = this.#sources.some((source) => source.held && !yields(source));
     if (byHand) for (const source of this.#sources) if (yields(source)) source.cancel();
-    batch(() => {
-      const acting = this.#sources.filter(({ held }) => held);
-      this.looksOnly.value = acting.length > 0 && acting.every((source) => source.looksOnly);
-      this.alone.value = acting.some(({ alone }) => alone);
-      this.asked.value = this.#sum(acting);
-      this.held.value = acting.length > 0;
-    });
+    this.#add();
     const drives = this.held.peek() && !this.looksOnly.peek();
     this.#preview();
     if (drives && this.#timer === 0) this.#start();
@@ -139,6 +142,17 @@ export class Drive {
     const own = deflectionOf(this.link.robot.value, state.commanded as Twist);
     return this.frame.value === "odom" ? rotated(own, state.pose?.[2] ?? 0) : own;
   });
+
+  /** Add up what the held controls ask for. */
+  #add(): void {
+    batch(() => {
+      const acting = this.#sources.filter(({ held }) => held);
+      this.looksOnly.value = acting.length > 0 && acting.every((source) => source.looksOnly);
+      this.alone.value = acting.some(({ alone }) => alone);
+      this.asked.value = acting.length > 0 ? this.#sum(acting) : CENTRED;
+      this.held.value = acting.length > 0;
+    });
+  }
 
   #sum(acting: readonly Source[]): Deflection {
     const { speed, turn } = this.scale.peek();

@@ -49,7 +49,8 @@ export class SprungControl implements Source {
       gone: () => this.#place(this.#ofKeys()),
     });
     const pressed = (event: KeyboardEvent) => this.#press(event);
-    const left = () => this.#keys.cancel() && this.#place(CENTRED);
+    // A pointer stays: another finger, on another control, takes the focus.
+    const left = () => this.#keys.cancel() && !this.#pointer?.down && this.#place(CENTRED);
     node.addEventListener("keydown", pressed);
     node.addEventListener("keyup", pressed);
     node.addEventListener("blur", left);
@@ -70,13 +71,16 @@ export class SprungControl implements Source {
   }
 
   #press(event: KeyboardEvent): void {
+    if (event.target !== event.currentTarget) return; // Typed on a control inside.
     if (event.code === "Home" && event.type === "keydown") {
       event.preventDefault();
       this.cancel();
       this.#drive.changed();
       return;
     }
-    if (!(event.code in this.#arrows) || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (!(event.code in this.#arrows)) return;
+    // A key-up counts also with a modifier; else the key would stay held.
+    if (event.type === "keydown" && (event.ctrlKey || event.metaKey || event.altKey)) return;
     event.preventDefault();
     if (this.#keys.take(event) && !(this.#pointer?.down ?? false)) this.#place(this.#ofKeys());
   }

@@ -3,6 +3,7 @@
 import { effect, signal } from "@preact/signals";
 import type { PageMessage, Reason } from "../generated/wire";
 import type { Link } from "./link";
+import { roundTripMs } from "./quality";
 
 const ANSWER_MS = 2000;
 
@@ -11,9 +12,19 @@ type Request = Extract<PageMessage, { t: "lease" | "arm" | "disarm" | "reset" | 
 /** How a request ended: `null` while it is under way. */
 export type Outcome = { ok: true } | { ok: false; why: Reason | null } | "no_answer";
 
+const FAR_MS = 120; // Above this round trip, commands often exceed the default age limit.
+
+/** Terms of control over a slow link: commands may be older, so the robot limits its speed. */
+export function controlTerms(link: Link): { max_age_s: number | null } {
+  const tripMs = roundTripMs(link) ?? 0;
+  return { max_age_s: tripMs > FAR_MS ? Math.min(10, (2 * tripMs + 100) / 1000) : null };
+}
+
 export class Requests {
   /** Request under way, by the kind that its reply names. */
   readonly pending = signal<{ request: Request; sinceMs: number } | null>(null);
+  /** Kind of the latest request, if it had no answer. */
+  readonly unanswered = signal<Request["t"] | null>(null);
   /** Called with each refusal and each request without an answer. */
   onFailed: (request: Request, outcome: Exclude<Outcome, { ok: true }>) => void = () => {};
   readonly #link: Link;
@@ -33,6 +44,7 @@ export class Requests {
 
   /** Send a request; the one under way, if any, is no longer followed. */
   send(request: Request): void {
+    this.unanswered.value = null;
     this.pending.value = { request, sinceMs: performance.now() };
     if (!this.#link.send(request)) this.#end("no_answer");
   }
@@ -44,6 +56,7 @@ export class Requests {
   #end(outcome: Outcome): void {
     const request = this.pending.peek()?.request;
     this.pending.value = null;
+    if (outcome === "no_answer") this.unanswered.value = request?.t ?? null;
     if (request && (outcome === "no_answer" || !outcome.ok)) this.onFailed(request, outcome);
   }
 }

@@ -1,7 +1,7 @@
 // Buttons. A disabled one stays focusable and says why.
 
 import type { ComponentChildren } from "preact";
-import { useId, useRef, useState } from "preact/hooks";
+import { useEffect, useId, useRef, useState } from "preact/hooks";
 import { Icon, type IconName } from "./icon";
 
 export interface ButtonProps {
@@ -57,29 +57,43 @@ export interface NextStepProps {
   onPress: () => void;
 }
 
-/** The one filled button of a page: the next step. */
-export function NextStep({ children, refused = null, hold, busy, onPress }: NextStepProps) {
+/**
+ * The one filled button of a page: the next step. Give each step its own `key`: a press that begins
+ * on one step must not end on the next.
+ */
+export function NextStep(props: NextStepProps) {
+  const { children, refused = null, hold = false, busy = false } = props;
+  const latest = useRef(props); // What is allowed may change during a hold.
+  latest.current = props;
   const [holding, setHolding] = useState(false);
   const timer = useRef(0);
   const why = useId();
+  const act = () => {
+    const { refused: refusal = null, busy: pending, onPress } = latest.current;
+    if (refusal === null && !pending) onPress();
+  };
   const end = () => {
     clearTimeout(timer.current);
     setHolding(false);
   };
   const begin = () => {
-    if (!hold || refused !== null || holding) return;
+    if (!hold) return;
+    clearTimeout(timer.current);
     setHolding(true);
     timer.current = window.setTimeout(() => {
       setHolding(false);
-      onPress();
+      act();
     }, HOLD_MS);
   };
   const key = (event: KeyboardEvent) => {
-    if (event.code !== "Enter" || !hold) return;
+    if (event.key !== "Enter" || !hold) return;
     event.preventDefault();
     if (event.type === "keyup") end();
     else if (!event.repeat) begin();
   };
+  // Assistive technology cannot hold: its click counts, with neither key nor pointer before it.
+  const click = (event: MouseEvent) => (!hold || event.detail === 0) && act();
+  useEffect(() => () => clearTimeout(timer.current), []);
   return (
     <button
       type="button"
@@ -88,7 +102,7 @@ export function NextStep({ children, refused = null, hold, busy, onPress }: Next
       aria-busy={busy || undefined}
       aria-describedby={refused === null ? undefined : why}
       title={refused ?? undefined}
-      onClick={() => !hold && refused === null && onPress()}
+      onClick={click}
       onPointerDown={(event) => event.button === 0 && begin()}
       onPointerUp={end}
       onPointerLeave={end}

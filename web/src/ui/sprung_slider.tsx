@@ -23,10 +23,10 @@ export interface SprungSliderProps {
   mirrored?: boolean;
   ends?: readonly [string, string];
   off?: boolean;
+  /** Why it does not act now, or null. */
+  refused?: string | null;
   looksOnly?: boolean;
 }
-
-const THUMB_PX = 72;
 
 /** Return a control for one component of the command. */
 export function useSprungSlider(drive: Drive, axis: keyof Deflection, mirrored = false) {
@@ -40,8 +40,11 @@ export function useSprungSlider(drive: Drive, axis: keyof Deflection, mirrored =
       const { x, y, turn } = along(share);
       return [x, y, turn];
     };
-    const read = (event: PointerEvent, box: DOMRect) =>
-      along((2 * (event.clientX - box.left) - box.width) / Math.max(1, box.width - THUMB_PX));
+    const read = (event: PointerEvent, box: DOMRect) => {
+      const track = event.currentTarget as HTMLElement;
+      const thumb = track.querySelector<HTMLElement>(".thumb")?.offsetWidth ?? 0;
+      return along((2 * (event.clientX - box.left) - box.width) / Math.max(1, box.width - thumb));
+    };
     return new SprungControl(drive, read, {
       ArrowRight: arrow(1),
       ArrowLeft: arrow(-1),
@@ -76,6 +79,7 @@ export function SprungSlider(props: SprungSliderProps) {
       tabIndex={0}
       aria-label={label}
       aria-disabled={off || undefined}
+      title={props.refused ?? undefined}
       aria-valuemin={-most}
       aria-valuemax={most}
       aria-valuenow={asked}
