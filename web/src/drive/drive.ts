@@ -88,6 +88,7 @@ export class Drive {
     effect(() => {
       for (const limit of limits) void limit.value;
       untracked(() => this.#add());
+      untracked(() => this.#preview());
     });
     // Some systems report no key-up while this key is down.
     const release = ({ key }: KeyboardEvent) => key === "Meta" && this.release();
@@ -146,8 +147,10 @@ export class Drive {
   /** Add up what the held controls ask for. */
   #add(): void {
     batch(() => {
-      const acting = this.#sources.filter(({ held }) => held);
-      this.looksOnly.value = acting.length > 0 && acting.every((source) => source.looksOnly);
+      const held = this.#sources.filter((source) => source.held);
+      const driving = held.filter((source) => !source.looksOnly);
+      const acting = driving.length > 0 ? driving : held; // What only looks moves no robot.
+      this.looksOnly.value = held.length > 0 && driving.length === 0;
       this.alone.value = acting.some(({ alone }) => alone);
       this.asked.value = acting.length > 0 ? this.#sum(acting) : CENTRED;
       this.held.value = acting.length > 0;
@@ -217,7 +220,9 @@ export class Drive {
     const shows = this.held.peek() && this.looksOnly.peek();
     if (!shows && !this.#previewed) return;
     this.#previewed = shows;
-    const twist = shows ? twistOf(this.link.robot.peek(), this.asked.peek()) : null;
+    const heading = this.frame.peek() === "odom" ? (this.link.state.peek()?.pose?.[2] ?? 0) : 0;
+    const own = rotated(this.asked.peek(), -heading); // A preview is along the robot's axes.
+    const twist = shows ? twistOf(this.link.robot.peek(), own) : null;
     this.link.send({ t: "preview", twist: twist as [number, number, number] | null });
   }
 
