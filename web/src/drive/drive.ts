@@ -88,6 +88,7 @@ export class Drive {
     effect(() => {
       for (const limit of limits) void limit.value;
       untracked(() => this.#add());
+      untracked(() => this.#preview());
     });
     // Some systems report no key-up while this key is down.
     const release = ({ key }: KeyboardEvent) => key === "Meta" && this.release();
@@ -109,8 +110,10 @@ export class Drive {
 
   /** Take over what the controls ask for now. */
   changed(): void {
-    const byHand = this.#sources.some(({ held, alone }) => held && !alone);
-    if (byHand) for (const source of this.#sources) if (source.alone) source.cancel();
+    // A path is held too, but cannot be followed while another hand drives.
+    const yields = ({ alone, follow }: Source) => alone || follow !== undefined;
+    const byHand = this.#sources.some((source) => source.held && !yields(source));
+    if (byHand) for (const source of this.#sources) if (yields(source)) source.cancel();
     this.#add();
     const drives = this.held.peek() && !this.looksOnly.peek();
     this.#preview();
@@ -144,8 +147,10 @@ export class Drive {
   /** Add up what the held controls ask for. */
   #add(): void {
     batch(() => {
-      const acting = this.#sources.filter(({ held }) => held);
-      this.looksOnly.value = acting.length > 0 && acting.every((source) => source.looksOnly);
+      const held = this.#sources.filter((source) => source.held);
+      const driving = held.filter((source) => !source.looksOnly);
+      const acting = driving.length > 0 ? driving : held; // What only looks moves no robot.
+      this.looksOnly.value = held.length > 0 && driving.length === 0;
       this.alone.value = acting.some(({ alone }) => alone);
       this.asked.value = acting.length > 0 ? this.#sum(acting) : CENTRED;
       this.held.value = acting.length > 0;
@@ -215,7 +220,9 @@ export class Drive {
     const shows = this.held.peek() && this.looksOnly.peek();
     if (!shows && !this.#previewed) return;
     this.#previewed = shows;
-    const twist = shows ? twistOf(this.link.robot.peek(), this.asked.peek()) : null;
+    const heading = this.frame.peek() === "odom" ? (this.link.state.peek()?.pose?.[2] ?? 0) : 0;
+    const own = rotated(this.asked.peek(), -heading); // A preview is along the robot's axes.
+    const twist = shows ? twistOf(this.link.robot.peek(), own) : null;
     this.link.send({ t: "preview", twist: twist as [number, number, number] | null });
   }
 

@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { CENTRED, type Deflection } from "./axes";
-import type { Drive, Source } from "./drive";
+import type { Source } from "./drive";
 import { HeldKeys, HeldPointer } from "./held";
 
 /** Deflection of a pointer, from its place in the box of the control. */
@@ -10,16 +10,22 @@ export type Reading = (event: PointerEvent, box: DOMRect) => Deflection;
 /** Deflection of each arrow key, as ahead, left and turning left. */
 export type Arrows = Record<string, readonly [number, number, number]>;
 
+/** What a control reports to: the command, or a group of controls that are one part of it. */
+export interface Holder {
+  add(control: SprungControl): () => void;
+  changed(): void;
+}
+
 export class SprungControl implements Source {
   /** What the hand asks for, as shares of the speed limit. */
   readonly deflection = signal<Deflection>(CENTRED);
-  readonly #drive: Drive;
+  readonly #drive: Holder;
   readonly #read: Reading;
   readonly #arrows: Arrows;
   readonly #keys = new HeldKeys();
   #pointer: HeldPointer | null = null;
 
-  constructor(drive: Drive, read: Reading, arrows: Arrows) {
+  constructor(drive: Holder, read: Reading, arrows: Arrows) {
     this.#drive = drive;
     this.#read = read;
     this.#arrows = arrows;

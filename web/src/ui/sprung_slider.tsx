@@ -2,8 +2,7 @@
 
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { CENTRED, type Deflection } from "../drive/axes";
-import type { Drive } from "../drive/drive";
-import { SprungControl } from "../drive/sprung";
+import { type Holder, SprungControl } from "../drive/sprung";
 import { figure } from "../text/numbers";
 
 export interface SprungSliderProps {
@@ -29,7 +28,7 @@ export interface SprungSliderProps {
 }
 
 /** Return a control for one component of the command. */
-export function useSprungSlider(drive: Drive, axis: keyof Deflection, mirrored = false) {
+export function useSprungSlider(drive: Holder, axis: keyof Deflection, mirrored = false) {
   return useMemo(() => {
     const way = mirrored ? -1 : 1;
     const along = (share: number): Deflection => ({
