@@ -667,6 +667,7 @@ interface TimelineEvent {
   kind: string;
   text: string;
   count: number;
+  why: Reason | null;
 }
 
 interface Timeline {
