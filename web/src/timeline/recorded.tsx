@@ -1,0 +1,144 @@
+// A recording: playback controls and lanes for mode, driver, speed, link and events.
+
+import { useEffect, useRef, useState } from "preact/hooks";
+import { useSession } from "../session";
+import { figure } from "../text/numbers";
+import { sentence } from "../text/reasons";
+import { texts } from "../text/text";
+import { Button } from "../ui/button";
+import { Icon } from "../ui/icon";
+import { Menu } from "../ui/menu";
+import { Lanes } from "./lanes";
+import { recordingsOpen } from "./library";
+import { addressOf, backToLive, copy } from "./past";
+import { type Playback, playbackOf, SPEEDS } from "./playback";
+
+const NOTE_LENGTH = 200;
+
+export function Recorded() {
+  const { link, keyboard, notice } = useSession();
+  const playback = playbackOf(link);
+  const [noting, setNoting] = useState(false);
+  const mark = () => {
+    playback.pause(); // The note belongs to this time.
+    setNoting(true);
+  };
+  useEffect(() => {
+    const ends = [
+      keyboard.bind("KeyL", backToLive),
+      keyboard.bind("KeyK", () => playback.toggle()),
+      keyboard.bind("KeyM", mark),
+      // With Shift, one status instead of an event, on any keyboard layout.
+      keyboard.bind("Comma", ({ key }) => (key === "," ? playback.jump(-1) : playback.step(-1))),
+      keyboard.bind("Period", ({ key }) => (key === "." ? playback.jump(1) : playback.step(1))),
+      link.on("reply", ({ to, ok, why }) => {
+        if (to === "mark" && !ok && why) notice.say(sentence(why));
+      }),
+    ];
+    return () => ends.forEach((end) => end());
+  }, [playback]);
+  return (
+    <footer class="time past" aria-label={texts().timeline.name}>
+      <div class="head">
+        <Controls playback={playback} />
+        <span class="spacer" />
+        {noting ? (
+          <Note playback={playback} onClose={() => setNoting(false)} />
+        ) : (
+          <Actions playback={playback} onMark={mark} />
+        )}
+      </div>
+      <Lanes playback={playback} />
+    </footer>
+  );
+}
+
+function Controls({ playback }: { playback: Playback }) {
+  const { timeline } = texts();
+  const { playing } = playback.cursor.value;
+  const times = (speed: number) =>
+    timeline.times(figure(speed, speed < 1 ? (speed === 0.25 ? 2 : 1) : 0));
+  return (
+    <>
+      <Button icon="previous" label={timeline.previousEvent} onPress={() => playback.jump(-1)} />
+      <Button
+        class="turned"
+        icon="right"
+        label={timeline.stepBack}
+        onPress={() => playback.step(-1)}
+      />
+      <Button
+        edge
+        icon={playing ? "pause" : "play"}
+        label={playing ? timeline.pause : timeline.play}
+        onPress={() => playback.toggle()}
+      />
+      <Button icon="right" label={timeline.stepOn} onPress={() => playback.step(1)} />
+      <Button icon="next" label={timeline.nextEvent} onPress={() => playback.jump(1)} />
+      <Menu
+        label={`${timeline.speed}, ${times(playback.speed.value)}`}
+        button={times(playback.speed.value)}
+        items={SPEEDS.map((speed) => ({
+          text: times(speed),
+          checked: speed === playback.speed.value,
+          onChoose: () => playback.setSpeed(speed),
+        }))}
+      />
+    </>
+  );
+}
+
+function Actions({ playback, onMark }: { playback: Playback; onMark: () => void }) {
+  const { link, notice } = useSession();
+  const { timeline } = texts();
+  const share = async () => {
+    const address = addressOf(link.recording!, playback.cursor.peek().t_s).href;
+    notice.say((await copy(address)) ? timeline.copied : `${timeline.copyYourself} ${address}`);
+  };
+  return (
+    <>
+      <Button icon="flag" onPress={onMark}>
+        {timeline.mark}
+      </Button>
+      <Button icon="share" onPress={() => void share()}>
+        {timeline.share}
+      </Button>
+      <Button expanded={recordingsOpen.value} onPress={() => (recordingsOpen.value = true)}>
+        {timeline.recordings}
+      </Button>
+    </>
+  );
+}
+
+function Note({ playback, onClose }: { playback: Playback; onClose: () => void }) {
+  const { timeline, common } = texts();
+  const input = useRef<HTMLInputElement>(null);
+  useEffect(() => input.current?.focus(), []);
+  const send = (event: Event) => {
+    event.preventDefault();
+    const note = input.current?.value.trim() ?? "";
+    if (note !== "") playback.mark(note);
+    onClose();
+  };
+  return (
+    <form
+      class="note-form"
+      onSubmit={send}
+      onKeyDown={(event) => event.code === "Escape" && onClose()}
+    >
+      <label class="field">
+        <Icon name="flag" />
+        <input
+          ref={input}
+          maxLength={NOTE_LENGTH}
+          placeholder={timeline.markHint}
+          aria-label={timeline.mark}
+        />
+      </label>
+      <button type="submit" class="btn edge">
+        {timeline.mark}
+      </button>
+      <Button icon="close" label={common.cancel} onPress={onClose} />
+    </form>
+  );
+}
