@@ -2,12 +2,13 @@
 
 import { useEffect } from "preact/hooks";
 import { useSession } from "../session";
-import { freshness } from "../store/freshness";
+import { freshness, isCurrent } from "../store/freshness";
 import type { Link } from "../store/link";
 import { duration, figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
+import { Icon } from "../ui/icon";
 import { type Happening, Happenings, kindOf, useWidth } from "./happenings";
 import { type Library, recordingsOpen } from "./library";
 import { BACK_S, type LookBack } from "./look_back";
@@ -32,8 +33,7 @@ export function Live({ back, library }: { back: LookBack; library: Library }) {
       <State back={back} />
       {!phone && <span class="note">{timeline.last(figure(BACK_S))}</span>}
       <Lane back={back} />
-      <PastFigures back={back} />
-      <Written library={library} />
+      <Side back={back} library={library} />
       <Button
         icon={phone ? "search" : undefined}
         label={phone ? timeline.recordings : undefined}
@@ -46,24 +46,32 @@ export function Live({ back, library }: { back: LookBack; library: Library }) {
   );
 }
 
+/** What is shown; while it is the past, a button back to now. */
 function State({ back }: { back: LookBack }) {
   const { link } = useSession();
   const { timeline } = texts();
-  const { kind } = link.beat.value >= 0 ? freshness(link) : freshness(link);
+  void link.beat.value;
+  const { kind } = freshness(link);
   const ago = back.agoS.value;
-  const text = ago === null ? timeline.states[kind] : timeline.ago(figure(ago, 1));
   return (
-    <>
-      <span class={`shown ${ago === null ? kind : "back"}`} role="status">
-        <i class={ago === null && kind === "live" ? "dot" : "dot hollow"} />
-        {text}
-      </span>
-      {ago !== null && (
-        <Button edge label={timeline.backToNow} onPress={() => back.live()}>
-          {timeline.live}
-        </Button>
+    <span role="status">
+      {ago === null ? (
+        <span class={`shown ${kind}`}>
+          <i class={kind === "live" ? "dot" : "dot hollow"} />
+          {timeline.states[kind]}
+        </span>
+      ) : (
+        <button
+          type="button"
+          class="shown back"
+          title={timeline.backToNow}
+          onClick={() => back.live()}
+        >
+          <Icon name="close" />
+          {timeline.ago(figure(ago, 1))}
+        </button>
       )}
-    </>
+    </span>
   );
 }
 
@@ -124,34 +132,31 @@ function recent(link: Link): (Happening & { agoS: number })[] {
   });
 }
 
-/** What the drawn past state was. */
-function PastFigures({ back }: { back: LookBack }) {
+/** The past state that is drawn, or how long the recorder has been writing. */
+function Side({ back, library }: { back: LookBack; library: Library }) {
   const { link } = useSession();
   const { common, timeline } = texts();
-  if (back.agoS.value === null) return null;
-  const past = back.past.value;
-  const [vx, vy] = past?.twist ?? [];
-  const onFloor = link.robot.value?.space === "floor" && vx !== undefined && vy !== undefined;
-  return (
-    <span class="then">
-      {past ? (common.modes[past.mode] ?? past.mode) : timeline.nothingKept}
-      {onFloor && ` ${figure(Math.hypot(vx, vy), 2)} m/s`}
-    </span>
-  );
-}
-
-/** How long the recorder has been writing. */
-function Written({ library }: { library: Library }) {
-  const { link } = useSession();
-  const written = library.written.value;
-  const robot = link.robot.value?.id;
   void link.beat.value;
-  if (written === null || robot === undefined || !written.row.robots.includes(robot)) return null;
+  const robot = link.robot.value;
+  const written = library.written.value;
+  if (back.agoS.value !== null) {
+    const past = back.past.value;
+    const [vx, vy] = past?.twist ?? [];
+    const onFloor = robot?.space === "floor" && vx !== undefined && vy !== undefined;
+    return (
+      <span class="side warn">
+        {past ? (common.modes[past.mode] ?? past.mode) : timeline.nothingKept}
+        {onFloor && ` ${figure(Math.hypot(vx, vy), 2)} m/s`}
+      </span>
+    );
+  }
+  if (written === null || robot === null || !isCurrent(freshness(link))) return null;
+  if (!written.row.robots.includes(robot.id)) return null;
   const lengthS = written.row.duration_s + (performance.now() - written.atMs) / 1000;
   return (
-    <span class="written">
+    <span class="side">
       <i class="dot" />
-      {texts().timeline.recording(duration(lengthS))}
+      {timeline.recording(duration(lengthS))}
     </span>
   );
 }

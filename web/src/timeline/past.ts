@@ -1,5 +1,7 @@
 // Addresses of the live page and of recordings. Each is a page load, so that nothing held is sent.
 
+import { texts } from "../text/text";
+
 /** Leave the recording; no control moves a robot after it. */
 export function backToLive(): void {
   location.assign(liveAddress());
@@ -31,8 +33,15 @@ export function timeInAddress(): number | null {
   return text !== "" && tS >= 0 && Number.isFinite(tS) ? tS : null;
 }
 
-/** Copy a text; return whether it worked. Pages without TLS have no clipboard interface. */
-export async function copy(text: string): Promise<boolean> {
+/** Copy the address of a recording, and return what to tell about it. */
+export async function shared(name: string, tS?: number): Promise<string> {
+  const { copied, copyYourself } = texts().timeline;
+  const { href } = addressOf(name, tS);
+  return (await copy(href)) ? copied : `${copyYourself} ${href}`;
+}
+
+/** Pages without TLS have no clipboard interface. */
+async function copy(text: string): Promise<boolean> {
   try {
     await navigator.clipboard.writeText(text);
     return true;

@@ -1,16 +1,16 @@
 // A recording: playback controls and lanes for mode, driver, speed, link and events.
 
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { useSession } from "../session";
 import { figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
-import { Icon } from "../ui/icon";
 import { Menu } from "../ui/menu";
 import { Lanes } from "./lanes";
 import { recordingsOpen } from "./library";
-import { addressOf, backToLive, copy } from "./past";
+import { LineForm } from "./line_form";
+import { backToLive, shared } from "./past";
 import { type Playback, playbackOf, SPEEDS } from "./playback";
 
 const NOTE_LENGTH = 200;
@@ -19,6 +19,7 @@ export function Recorded() {
   const { link, keyboard, notice } = useSession();
   const playback = playbackOf(link);
   const [noting, setNoting] = useState(false);
+  const { timeline } = texts();
   const mark = () => {
     playback.pause(); // The note belongs to this time.
     setNoting(true);
@@ -38,12 +39,18 @@ export function Recorded() {
     return () => ends.forEach((end) => end());
   }, [playback]);
   return (
-    <footer class="time past" aria-label={texts().timeline.name}>
+    <footer class="time past" aria-label={timeline.name}>
       <div class="head">
         <Controls playback={playback} />
         <span class="spacer" />
         {noting ? (
-          <Note playback={playback} onClose={() => setNoting(false)} />
+          <LineForm
+            label={timeline.mark}
+            hint={timeline.markHint}
+            most={NOTE_LENGTH}
+            onSend={(note) => note !== "" && playback.mark(note)}
+            onClose={() => setNoting(false)}
+          />
         ) : (
           <Actions playback={playback} onMark={mark} />
         )}
@@ -91,10 +98,7 @@ function Controls({ playback }: { playback: Playback }) {
 function Actions({ playback, onMark }: { playback: Playback; onMark: () => void }) {
   const { link, notice } = useSession();
   const { timeline } = texts();
-  const share = async () => {
-    const address = addressOf(link.recording!, playback.cursor.peek().t_s).href;
-    notice.say((await copy(address)) ? timeline.copied : `${timeline.copyYourself} ${address}`);
-  };
+  const share = async () => notice.say(await shared(link.recording!, playback.cursor.peek().t_s));
   return (
     <>
       <Button icon="flag" onPress={onMark}>
@@ -107,38 +111,5 @@ function Actions({ playback, onMark }: { playback: Playback; onMark: () => void 
         {timeline.recordings}
       </Button>
     </>
-  );
-}
-
-function Note({ playback, onClose }: { playback: Playback; onClose: () => void }) {
-  const { timeline, common } = texts();
-  const input = useRef<HTMLInputElement>(null);
-  useEffect(() => input.current?.focus(), []);
-  const send = (event: Event) => {
-    event.preventDefault();
-    const note = input.current?.value.trim() ?? "";
-    if (note !== "") playback.mark(note);
-    onClose();
-  };
-  return (
-    <form
-      class="note-form"
-      onSubmit={send}
-      onKeyDown={(event) => event.code === "Escape" && onClose()}
-    >
-      <label class="field">
-        <Icon name="flag" />
-        <input
-          ref={input}
-          maxLength={NOTE_LENGTH}
-          placeholder={timeline.markHint}
-          aria-label={timeline.mark}
-        />
-      </label>
-      <button type="submit" class="btn edge">
-        {timeline.mark}
-      </button>
-      <Button icon="close" label={common.cancel} onPress={onClose} />
-    </form>
   );
 }

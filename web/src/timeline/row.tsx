@@ -1,6 +1,6 @@
 // A recording in the list; the selected one has actions.
 
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 import type { RecordedPath, RecordingRow } from "../generated/wire";
 import { useSession } from "../session";
 import { duration } from "../text/numbers";
@@ -10,7 +10,8 @@ import { Button } from "../ui/button";
 import { day, iso, megabytes } from "./clock";
 import { Export } from "./export";
 import type { Library } from "./library";
-import { addressOf, copy, openRecording } from "./past";
+import { LineForm } from "./line_form";
+import { openRecording, shared } from "./past";
 import { type Result, titleOf } from "./recordings";
 import { answer } from "./request";
 import { playbackOf } from "./playback";
@@ -87,10 +88,13 @@ function Actions({ row, library, run }: RowProps) {
   };
   const share = async () => {
     const tS = row.name === link.recording ? playbackOf(link).cursor.peek().t_s : undefined;
-    const address = addressOf(row.name, tS).href;
-    const copied = await copy(address);
-    return { text: copied ? timeline.copied : `${timeline.copyYourself} ${address}` };
+    return { text: await shared(row.name, tS) };
   };
+  const rename = (title: string) =>
+    void run(async () => {
+      await library.rename(row.name, title);
+      return null;
+    });
   const remove = async () => {
     const undo = await library.delete(row.name);
     return { text: `${timeline.deleted} ${titleOf(row)}`, undo };
@@ -98,7 +102,14 @@ function Actions({ row, library, run }: RowProps) {
   return (
     <div class="actions">
       {renaming ? (
-        <Rename row={row} library={library} run={run} onClose={() => setRenaming(false)} />
+        <LineForm
+          label={timeline.rename}
+          hint={timeline.renameHint}
+          most={TITLE_LENGTH}
+          initial={row.title}
+          onSend={rename}
+          onClose={() => setRenaming(false)}
+        />
       ) : (
         <div class="a">
           {row.name !== link.recording && (
@@ -135,43 +146,6 @@ function Actions({ row, library, run }: RowProps) {
         </>
       )}
     </div>
-  );
-}
-
-function Rename({ row, library, run, onClose }: RowProps & { onClose: () => void }) {
-  const { timeline, common } = texts();
-  const input = useRef<HTMLInputElement>(null);
-  useEffect(() => input.current?.select(), []);
-  const send = (event: Event) => {
-    event.preventDefault();
-    const title = input.current?.value.trim() ?? "";
-    void run(async () => {
-      await library.rename(row.name, title);
-      onClose();
-      return null;
-    });
-  };
-  const key = (event: KeyboardEvent) => {
-    if (event.code !== "Escape") return;
-    event.stopPropagation(); // It ends the renaming, not the list.
-    onClose();
-  };
-  return (
-    <form class="a" onSubmit={send} onKeyDown={key}>
-      <label class="field">
-        <input
-          ref={input}
-          maxLength={TITLE_LENGTH}
-          defaultValue={row.title}
-          placeholder={timeline.renameHint}
-          aria-label={timeline.rename}
-        />
-      </label>
-      <button type="submit" class="btn edge">
-        {timeline.rename}
-      </button>
-      <Button icon="close" label={common.cancel} onPress={onClose} />
-    </form>
   );
 }
 

@@ -2,7 +2,6 @@ import type { Texts } from "../text";
 
 export const timeline: Texts["timeline"] = {
   name: "Zeitleiste",
-  live: "Live",
   states: {
     live: "Live",
     starting: "Startet",
@@ -38,8 +37,6 @@ export const timeline: Texts["timeline"] = {
     events: "Ereignisse",
   },
   silent: (length) => `${length} lang kein Status`,
-  dropped: "Befehle verworfen",
-  noEvents: "keine Ereignisse",
   kinds: {
     stop: "Stopp",
     fault: "Störung",
@@ -81,7 +78,6 @@ export const timeline: Texts["timeline"] = {
   exports: { html: "Seite", mcap: "MCAP", csv: "Tabellen" },
   from: "von",
   to: "bis",
-  timeHint: "m:ss",
   robot: "Roboter",
   allRobots: "Alle Roboter",
   export: "Exportieren",

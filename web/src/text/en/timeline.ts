@@ -1,7 +1,6 @@
 /** Texts of the timeline and of the list of recordings. */
 export const timeline = {
   name: "Timeline",
-  live: "Live",
   states: {
     live: "Live",
     starting: "Starting",
@@ -32,8 +31,6 @@ export const timeline = {
   markHint: "Note for this time, then Enter; Space types here",
   lanes: { mode: "mode", driver: "driver", speed: "speed", link: "link", events: "events" },
   silent: (length: string) => `no state for ${length}`,
-  dropped: "commands dropped",
-  noEvents: "no events",
   kinds: {
     stop: "Stop",
     fault: "Fault",
@@ -76,7 +73,6 @@ export const timeline = {
   exports: { html: "Page", mcap: "MCAP", csv: "Tables" },
   from: "from",
   to: "to",
-  timeHint: "m:ss",
   robot: "Robot",
   allRobots: "All robots",
   export: "Export",
