@@ -1,6 +1,7 @@
 // Labels on a lane that never overlap: those that would are merged into one with a count.
 
 const GAP_PX = 4;
+const LEAST_PX = 72;
 
 export interface Group<T> {
   items: readonly T[];
@@ -9,8 +10,8 @@ export interface Group<T> {
 }
 
 /**
- * Place labels on a lane of `roomPx`, each from `atPx` of its item to the right; a label at the end
- * is moved to the left, so that it ends inside. `items` are sorted by position.
+ * Place labels on a lane of `roomPx`, each from `atPx` of its item to the right. At the end they are
+ * cut off, or moved to the left if little would remain. `items` are sorted by position.
  */
 export function grouped<T>(
   items: readonly T[],
@@ -19,8 +20,10 @@ export function grouped<T>(
   labelPx: (items: readonly T[]) => number,
 ): Group<T>[] {
   const place = (merged: readonly T[]): Group<T> => {
-    const widthPx = Math.min(labelPx(merged), roomPx);
-    const leftPx = Math.max(0, Math.min(atPx(merged[0] as T), roomPx - widthPx));
+    const wantedPx = labelPx(merged);
+    const lastPx = Math.max(0, roomPx - Math.min(wantedPx, LEAST_PX));
+    const leftPx = Math.max(0, Math.min(atPx(merged[0] as T), lastPx));
+    const widthPx = Math.min(wantedPx, roomPx - leftPx);
     return { items: merged, leftPx, widthPx };
   };
   const groups: Group<T>[] = [];

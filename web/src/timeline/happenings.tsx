@@ -1,8 +1,8 @@
 // Events on a lane: an icon and a label each, merged into a count where they would overlap.
 
 import { useEffect, useRef, useState } from "preact/hooks";
-import type { Reason, RobotEvent, TimelineEvent } from "../generated/wire";
-import { sentence, words } from "../text/reasons";
+import type { RobotEvent, TimelineEvent } from "../generated/wire";
+import { sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { Icon, type IconName } from "../ui/icon";
 import { grouped, textPx } from "./groups";
@@ -43,9 +43,8 @@ export function textOf({ why, text, kind }: TimelineEvent): string {
 
 /** A few words for a label: the cause of a stop rather than the change of the mode. */
 export function labelOf(event: TimelineEvent): string {
-  const why: Reason | null | undefined = event.why?.cause ?? event.why;
-  const text = why ? words(why) : textOf(event);
-  const label = text.slice(0, 1).toUpperCase() + text.slice(1);
+  const why = event.why?.cause ?? event.why;
+  const label = why ? sentence(why).slice(0, -1) : textOf(event);
   return event.count > 1 ? `${label} × ${event.count}` : label;
 }
 

@@ -115,6 +115,7 @@ function Rail({ playback, timeline, lanes }: RailProps) {
   const tS = playback.cursor.value.t_s;
   const { duration_s: durationS, start_ms: startMs } = timeline;
   const shownMs = startMs + 1000 * tS;
+  const percent = durationS > 0 ? (100 * tS) / durationS : 0;
   const handlers = sliderHandlers(
     (share) => playback.seek(share * durationS),
     (seconds) => playback.move(seconds),
@@ -129,8 +130,12 @@ function Rail({ playback, timeline, lanes }: RailProps) {
       aria-valuenow={tS}
       aria-valuetext={[clock(shownMs), ...(lanes ? told(lanes, tS) : [])].join(", ")}
     >
-      <i class="cursor" style={{ left: `${durationS > 0 ? (100 * tS) / durationS : 0}%` }}>
-        <time dateTime={iso(shownMs)} title={iso(shownMs)}>
+      <i class="cursor" style={{ left: `${percent}%` }}>
+        <time
+          dateTime={iso(shownMs)}
+          title={iso(shownMs)}
+          style={{ translate: `${-percent}%` }} // It stays inside at both ends.
+        >
           {clock(shownMs)}
         </time>
       </i>

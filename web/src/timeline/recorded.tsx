@@ -6,6 +6,7 @@ import { figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
+import type { IconName } from "../ui/icon";
 import { Menu } from "../ui/menu";
 import { Lanes } from "./lanes";
 import { recordingsOpen } from "./library";
@@ -69,7 +70,7 @@ function Controls({ playback }: { playback: Playback }) {
     <>
       <Button icon="previous" label={timeline.previousEvent} onPress={() => playback.jump(-1)} />
       <Button
-        class="turned"
+        class="step turned"
         icon="right"
         label={timeline.stepBack}
         onPress={() => playback.step(-1)}
@@ -80,7 +81,7 @@ function Controls({ playback }: { playback: Playback }) {
         label={playing ? timeline.pause : timeline.play}
         onPress={() => playback.toggle()}
       />
-      <Button icon="right" label={timeline.stepOn} onPress={() => playback.step(1)} />
+      <Button class="step" icon="right" label={timeline.stepOn} onPress={() => playback.step(1)} />
       <Button icon="next" label={timeline.nextEvent} onPress={() => playback.jump(1)} />
       <Menu
         label={`${timeline.speed}, ${times(playback.speed.value)}`}
@@ -96,20 +97,24 @@ function Controls({ playback }: { playback: Playback }) {
 }
 
 function Actions({ playback, onMark }: { playback: Playback; onMark: () => void }) {
-  const { link, notice } = useSession();
+  const { layout, link, notice } = useSession();
   const { timeline } = texts();
   const share = async () => notice.say(await shared(link.recording!, playback.cursor.peek().t_s));
+  const phone = layout.phone.value;
+  const button = (icon: IconName | undefined, label: string, onPress: () => void) => (
+    <Button icon={icon} label={phone ? label : undefined} onPress={onPress}>
+      {phone ? undefined : label}
+    </Button>
+  );
   return (
     <>
-      <Button icon="flag" onPress={onMark}>
-        {timeline.mark}
-      </Button>
-      <Button icon="share" onPress={() => void share()}>
-        {timeline.share}
-      </Button>
-      <Button expanded={recordingsOpen.value} onPress={() => (recordingsOpen.value = true)}>
-        {timeline.recordings}
-      </Button>
+      {button("flag", timeline.mark, onMark)}
+      {button("share", timeline.share, () => void share())}
+      {button(
+        phone ? "search" : undefined,
+        timeline.recordings,
+        () => (recordingsOpen.value = true),
+      )}
     </>
   );
 }
