@@ -23,7 +23,7 @@ export function exportQuery(kind: Kind, from: string, to: string, robot: string)
   return query.toString();
 }
 
-export function Export({ row, run }: Omit<RowProps, "library">) {
+export function Export({ row, run }: RowProps) {
   const { timeline } = texts();
   const [kind, setKind] = useState<Kind>("html");
   const [robot, setRobot] = useState("");

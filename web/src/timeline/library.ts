@@ -48,18 +48,6 @@ export class Library {
     this.#timer = window.setTimeout(() => void this.#fetch(), typed);
   }
 
-  async delete(name: string): Promise<TrashRow> {
-    return request<TrashRow>("DELETE", encodeURIComponent(name));
-  }
-
-  async restore(id: string): Promise<void> {
-    await answer("POST", `trash/${encodeURIComponent(id)}/restore`);
-  }
-
-  async rename(name: string, title: string): Promise<void> {
-    await answer("PUT", `${encodeURIComponent(name)}/title`, { title });
-  }
-
   async #fetch(): Promise<void> {
     this.#timer = 0;
     this.#fetchedMs = performance.now();

@@ -4,7 +4,7 @@
 import { signal } from "@preact/signals";
 import type { PastState } from "../generated/wire";
 import type { Link } from "../store/link";
-import { Throttle } from "./throttle";
+import { throttled } from "./throttle";
 
 export const BACK_S = 30;
 const LEAST_S = 0.1;
@@ -23,10 +23,12 @@ export class LookBack {
   readonly past = signal<PastState | null>(null);
   /** Modes since the page shows the robot, oldest first, with gaps where no state arrived. */
   readonly modes: ModeSpan[] = [];
-  readonly #throttle: Throttle;
+  readonly #send: (agoS: number | null) => void;
 
   constructor(link: Link) {
-    this.#throttle = new Throttle(link);
+    this.#send = throttled((history_offset_s) => {
+      if (history_offset_s === this.agoS.peek()) link.send({ t: "look_back", history_offset_s });
+    });
     link.on("state", ({ past, status }) => {
       this.past.value = this.agoS.peek() === null ? null : past;
       this.#record(status.mode, performance.now());
@@ -41,7 +43,7 @@ export class LookBack {
     if (wanted === this.agoS.peek()) return;
     this.agoS.value = wanted;
     this.past.value = null;
-    this.#throttle.send({ t: "look_back", history_offset_s: wanted });
+    this.#send(wanted);
   }
 
   /** Return to the live robot. */
@@ -50,7 +52,6 @@ export class LookBack {
   }
 
   #end(): void {
-    this.#throttle.cancel();
     this.agoS.value = this.past.value = null;
   }
 

@@ -5,7 +5,7 @@ import type { Cursor, RecordedLanes, Timeline, TimelineEvent } from "../generate
 import type { Link } from "../store/link";
 import { timeInAddress } from "./past";
 import { request } from "./request";
-import { Throttle } from "./throttle";
+import { throttled } from "./throttle";
 
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16];
 const NEAR_S = 0.05;
@@ -35,12 +35,12 @@ export class Playback {
     return timeline && timeline.start_ms + 1000 * this.cursor.value.t_s;
   });
   readonly #link: Link;
-  readonly #throttle: Throttle;
+  readonly #seek: (tS: number) => void;
   #seekS = timeInAddress();
 
   constructor(link: Link) {
     this.#link = link;
-    this.#throttle = new Throttle(link);
+    this.#seek = throttled((t_s) => link.send({ t: "seek", t_s }));
     link.on("welcome", () => {
       if (this.timeline.peek() !== null) this.#seekS = this.cursor.peek().t_s; // Connected again.
     });
@@ -53,7 +53,7 @@ export class Playback {
 
   seek(tS: number): void {
     const durationS = this.timeline.peek()?.duration_s ?? 0;
-    this.#throttle.send({ t: "seek", t_s: Math.max(0, Math.min(durationS, tS)) });
+    this.#seek(Math.max(0, Math.min(durationS, tS)));
   }
 
   /** Move by some seconds. */

@@ -12,7 +12,7 @@ import { Icon } from "../ui/icon";
 import { day, megabytes } from "./clock";
 import { type Library, recordingsOpen } from "./library";
 import { Row } from "./row";
-import { problem } from "./request";
+import { answer, problem } from "./request";
 
 const SHOWN = 40; // Rows drawn at first, of a list that may have hundreds.
 const QUERY_LENGTH = 100;
@@ -42,7 +42,7 @@ export function Recordings({ library }: { library: Library }) {
   };
   const restore = (row: TrashRow) =>
     void run(async () => {
-      await library.restore(row.id);
+      await answer("POST", `trash/${encodeURIComponent(row.id)}/restore`);
       select(row.name);
       return null;
     });
@@ -71,7 +71,6 @@ export function Recordings({ library }: { library: Library }) {
             row={row}
             open={row.name === selected}
             onSelect={() => select(row.name === selected ? null : row.name)}
-            library={library}
             run={run}
           />
         ))}

@@ -1,7 +1,7 @@
 // A recording in the list; the selected one has actions.
 
 import { useState } from "preact/hooks";
-import type { RecordedPath, RecordingRow } from "../generated/wire";
+import type { RecordedPath, RecordingRow, TrashRow } from "../generated/wire";
 import { useSession } from "../session";
 import { duration } from "../text/numbers";
 import { nameOf } from "../text/reasons";
@@ -9,18 +9,16 @@ import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { day, iso, megabytes } from "./clock";
 import { Export } from "./export";
-import type { Library } from "./library";
 import { LineForm } from "./line_form";
 import { openRecording, shared } from "./past";
 import { type Result, titleOf } from "./recordings";
-import { answer } from "./request";
+import { answer, request } from "./request";
 import { playbackOf } from "./playback";
 
 const TITLE_LENGTH = 40;
 
 export interface RowProps {
   row: RecordingRow;
-  library: Library;
   /** Do something, and tell how it ended. */
   run: (work: () => Promise<Result | null>) => Promise<void>;
 }
@@ -75,15 +73,15 @@ function Facts({ row }: { row: RecordingRow }) {
   );
 }
 
-function Actions({ row, library, run }: RowProps) {
+function Actions({ row, run }: RowProps) {
   const { link } = useSession();
   const { timeline } = texts();
   const [renaming, setRenaming] = useState(false);
   const [more, setMore] = useState(false);
+  const file = encodeURIComponent(row.name);
   const download = async () => {
-    const path = `${encodeURIComponent(row.name)}/download`;
-    await answer("HEAD", path); // A refusal becomes a sentence instead of a file.
-    save(new URL(`recordings/${path}`, document.baseURI).href, row.name);
+    await answer("HEAD", `${file}/download`); // A refusal becomes a sentence instead of a file.
+    save(`recordings/${file}/download`, row.name);
     return null;
   };
   const share = async () => {
@@ -92,11 +90,11 @@ function Actions({ row, library, run }: RowProps) {
   };
   const rename = (title: string) =>
     void run(async () => {
-      await library.rename(row.name, title);
+      await answer("PUT", `${file}/title`, { title });
       return null;
     });
   const remove = async () => {
-    const undo = await library.delete(row.name);
+    const undo = await request<TrashRow>("DELETE", file);
     return { text: `${timeline.deleted} ${titleOf(row)}`, undo };
   };
   return (
