@@ -19,7 +19,7 @@ import msgspec
 
 from tsd_twin.errors import RecordingError
 from tsd_twin.messages import topics
-from tsd_twin.messages.codes import Code
+from tsd_twin.messages.codes import Code, Reason
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.modes import Mode
@@ -51,6 +51,8 @@ class RecordedEvent:
     text: str
     count: int = 1
     """Number of merged events."""
+    why: Reason | None = None
+    """Code and parameters behind `text`, unless they are too long."""
 
 
 _KINDS = {
@@ -62,6 +64,7 @@ STOPS = frozenset({Mode.STOPPING, Mode.STOPPED})
 """Modes of a stopped robot."""
 _MERGED_S = 2.0
 """Events with the same code within this time are merged."""
+_REASON_BYTES = 400
 
 
 def read_events(index: RecordingIndex) -> list[RecordedEvent]:
@@ -82,7 +85,7 @@ def read_events(index: RecordingIndex) -> list[RecordedEvent]:
             at = len(found)
             is_old = event.kind == "mode" and event.why is None
             kind = _of_mode(_mode_after(index, robot, entry.log_ns)) if is_old else kind_of(event)
-            found.append(RecordedEvent(t_s, robot, kind, event.text))
+            found.append(RecordedEvent(t_s, robot, kind, event.text, why=_short(event.why)))
         latest[key] = at, t_s
     return found
 
@@ -132,6 +135,10 @@ def _mode_after(index: RecordingIndex, robot: str, at_ns: int) -> str:
         return "" if entry is None else decode_status(entry.data).mode
     except MessageError:
         return ""
+
+
+def _short(why: Reason | None) -> Reason | None:
+    return why if len(msgspec.json.encode(why)) <= _REASON_BYTES else None
 
 
 def _same(event: Event) -> str:

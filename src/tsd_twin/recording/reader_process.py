@@ -18,6 +18,7 @@ import msgspec
 
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.details import read_details
+from tsd_twin.recording.lanes import read_lanes
 from tsd_twin.recording.reader import FolderReader, RecordingReader
 from tsd_twin.recording.remote import MOST_ANSWER_BYTES, receive, send
 
@@ -44,6 +45,10 @@ class _Reader:
             path, points = arguments
             with contextlib.closing(RecordingReader(Path(path))) as recording:
                 return read_details(recording, points)
+        if name == "lanes":
+            path, count = arguments
+            with contextlib.closing(RecordingReader(Path(path))) as recording:
+                return read_lanes(recording, count)
         if name == "open":
             self._open = RecordingReader(Path(arguments[0]))
             return None

@@ -22,6 +22,7 @@ import msgspec
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.details import RecordingDetails
 from tsd_twin.recording.events import Annotation, RecordedEvent
+from tsd_twin.recording.lanes import RobotLanes
 from tsd_twin.recording.reader import Contents, RecordingSummary, RobotStates
 
 MOST_ANSWER_BYTES = 2 << 20
@@ -107,6 +108,10 @@ class RemoteFolderReader:
     def details(self, path: Path, points: int) -> RecordingDetails:
         """See `read_details`."""
         return self._ask(path, "details", RecordingDetails, points)
+
+    def lanes(self, path: Path, count: int) -> tuple[float, dict[str, RobotLanes]]:
+        """See `read_lanes`."""
+        return self._ask(path, "lanes", tuple[float, dict[str, RobotLanes]], count)
 
     def _ask(self, path: Path, name: str, kind: type[T], *arguments: Any) -> T:
         if self._connection is None or self._connection.has_ended:

@@ -141,6 +141,10 @@ def test_a_row_has_what_happened_in_the_recording(
     assert (row["is_whole"], row["writing"], row["title"]) == (True, False, "")
     assert row["size_bytes"] == (folder / NAME).stat().st_size
     assert details["paths"] == guest.ask("GET", at(NAME, "/path"))[1]
+    (lanes,) = guest.ask("GET", at(NAME, "/lanes"))[1]
+    assert lanes["end_s"] == pytest.approx(row["duration_s"], abs=0.06)
+    assert {"alice", None} == set(lanes["drivers"])
+    assert {"ready", "driving", "stopped"} <= set(lanes["modes"])
 
 
 def test_details_are_not_read_again_while_the_file_is_unchanged(
@@ -292,6 +296,7 @@ def test_hostile_names_reach_no_file(alice: Client, folder: Path, name: str) -> 
     shutil.copy(folder / NAME, outside)
     for method, path, body in (
         ("GET", at(name, "/path"), None),
+        ("GET", at(name, "/lanes"), None),
         ("GET", at(name, "/download"), None),
         ("GET", at(name, "/export?as=mcap"), None),
         ("PUT", at(name, "/title"), b'{"title": "x"}'),

@@ -860,6 +860,8 @@ export interface TimelineEvent {
   kind: string;
   text: string;
   count: number;
+  /** Null for notes and old recordings. */
+  why: Reason | null;
 }
 
 /** States before the current time of the recording, sent after a jump for the plots. */
@@ -1164,6 +1166,17 @@ export interface RecordedPath {
   colour: string;
   /** Positions at equal time intervals in `odom`; empty for a sphere. */
   points: [number, number][];
+}
+
+/** Values of a robot at evenly spaced times from the start to `end_s`; null while silent. */
+export interface RecordedLanes {
+  robot: string;
+  end_s: number;
+  modes: (string | null)[];
+  /** Display name of the lease holder, or its id without one; null also without a holder. */
+  drivers: (string | null)[];
+  /** Estimated speed in m/s, or rad/s for a sphere. */
+  speeds: (number | null)[];
 }
 
 /** Recording in the list. */

@@ -61,6 +61,7 @@ class RecordingRoutes:
         router.add_delete("/recordings/{name}", _refusing(self._delete))
         router.add_put("/recordings/{name}/title", _refusing(self._set_title))
         router.add_get("/recordings/{name}/path", _refusing(self._path))
+        router.add_get("/recordings/{name}/lanes", _refusing(self._lanes))
         router.add_get("/recordings/{name}/download", _refusing(self._download))
         router.add_get("/recordings/{name}/export", _refusing(self._export))
 
@@ -90,6 +91,12 @@ class RecordingRoutes:
         except RecordingError as error:
             raise FolderError("no_recording", "this recording cannot be shown") from error
         return json_response(msgspec.json.encode(found))
+
+    async def _lanes(self, request: web.Request) -> web.StreamResponse:
+        path = self._library.file(request.match_info["name"])
+        response = json_response(msgspec.json.encode(await self._library.lanes(path)))
+        response.enable_compression()
+        return response
 
     # Changes.
 

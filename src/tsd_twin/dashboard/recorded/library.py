@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.wire.recordings import RecordingRow, RowDetails, TrashRow
+from tsd_twin.dashboard.wire.recordings import RecordedLanes, RecordingRow, RowDetails, TrashRow
 from tsd_twin.dashboard.wire.to_page import RecordedPath
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.details import RecordingDetails
@@ -30,6 +30,8 @@ from tsd_twin.recording.trash import KEEP_S, UNDO_S, Deletion, Trash
 
 PATH_POINTS = 65
 """Positions of each robot in a path preview."""
+LANE_SAMPLES = 300
+"""Values of each robot in the lanes of a timeline."""
 _GROWTH_BYTES = 1 << 20
 """Growth after which the details of an unfinished recording are read again."""
 _GROWING_S = 10.0
@@ -123,6 +125,19 @@ class RecordingLibrary:
         if details is None:
             raise RecordingError(f"{path} cannot be shown")
         return _paths(details)
+
+    async def lanes(self, path: Path) -> list[RecordedLanes]:
+        """Return mode, driver and speed of each robot over time.
+
+        Raises:
+            RecordingError: If it cannot be read.
+        """
+        async with self._reading:
+            end_s, found = await asyncio.to_thread(self._reader.lanes, path, LANE_SAMPLES)
+        return [
+            RecordedLanes(each, end_s, lanes.modes, lanes.drivers, lanes.speeds)
+            for each, lanes in found.items()
+        ]
 
     async def trash(self) -> list[TrashRow]:
         """Return the deletions that can be undone, latest first."""

@@ -244,7 +244,7 @@ class RecordedSession(PageSession):
                 start_ms=player.start_ns // 1_000_000,
                 duration_s=player.duration_s,
                 events=[
-                    TimelineEvent(each.t_s, each.robot, each.kind, each.text, each.count)
+                    TimelineEvent(each.t_s, each.robot, each.kind, each.text, each.count, each.why)
                     for each in events
                 ]
                 + [

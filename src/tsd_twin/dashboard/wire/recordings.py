@@ -21,6 +21,18 @@ class RowDetails(msgspec.Struct, frozen=True):
     paths: Sequence[RecordedPath]
 
 
+class RecordedLanes(msgspec.Struct, frozen=True):
+    """Values of a robot at evenly spaced times from the start to `end_s`; null while silent."""
+
+    robot: str
+    end_s: float
+    modes: Sequence[str | None]
+    drivers: Sequence[str | None]
+    """Display name of the lease holder, or its id without one; null also without a holder."""
+    speeds: Sequence[float | None]
+    """Estimated speed in m/s, or rad/s for a sphere."""
+
+
 class RecordingRow(msgspec.Struct, frozen=True):
     """Recording in the list."""
 

@@ -386,6 +386,8 @@ class TimelineEvent(msgspec.Struct, frozen=True):
     kind: str
     text: str
     count: int
+    why: Reason | None = None
+    """Null for notes and old recordings."""
 
 
 class Timeline(Message, frozen=True, tag="timeline"):
