@@ -6,6 +6,7 @@ import { Drive } from "./drive/drive";
 import { Gamepad } from "./drive/gamepad";
 import { Keyboard } from "./drive/keyboard";
 import { Stop } from "./drive/stop";
+import { Recorder } from "./plots/recorder";
 import { Layout } from "./store/layout";
 import { Link } from "./store/link";
 import { isText, remembered } from "./store/memory";
@@ -23,6 +24,7 @@ export class Session {
   readonly notice: Notice;
   readonly requests: Requests;
   readonly view: View;
+  readonly recorder: Recorder;
   readonly layout = new Layout();
 
   constructor() {
@@ -42,6 +44,7 @@ export class Session {
     this.notice = new Notice(this.link);
     this.requests = new Requests(this.link);
     this.view = new View(this.link);
+    this.recorder = new Recorder(this.link);
   }
 
   /** Change the display name of the operator. */
