@@ -9,6 +9,7 @@ import { Path } from "./drive/path";
 import { SphereTurn } from "./drive/sphere";
 import { Stop } from "./drive/stop";
 import { FleetStore } from "./fleet/store";
+import { Recorder } from "./plots/recorder";
 import { Layout } from "./store/layout";
 import { Link } from "./store/link";
 import { isText, remembered } from "./store/memory";
@@ -29,6 +30,7 @@ export class Session {
   readonly notice: Notice;
   readonly requests: Requests;
   readonly view: View;
+  readonly recorder: Recorder;
   readonly layout = new Layout();
   readonly fleet: FleetStore;
 
@@ -57,6 +59,7 @@ export class Session {
     this.requests = new Requests(this.link);
     new News(this);
     this.view = new View(this.link);
+    this.recorder = new Recorder(this.link);
   }
 
   /** Change the display name of the operator. */

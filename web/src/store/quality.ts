@@ -4,10 +4,10 @@ import { freshness } from "./freshness";
 import type { Link } from "./link";
 
 // Relative to the maximum command age.
-const GOOD = 0.4;
-const FAIR = 0.8;
-const GOOD_LOSS = 0.05;
-const FAIR_LOSS = 0.2;
+export const GOOD = 0.4;
+export const FAIR = 0.8;
+export const GOOD_LOSS = 0.05;
+export const FAIR_LOSS = 0.2;
 
 export interface Quality {
   grade: "good" | "uneven" | "slow" | "lossy" | "none";

@@ -1,0 +1,180 @@
+// One plot: a uPlot canvas for fields of a buffer.
+
+import uPlot from "uplot";
+import type { PlotField } from "./fields";
+import type { PlotView } from "./view";
+
+const GUTTER_PX = 46;
+const HEIGHT_PX = 104;
+const AXIS_PX = 26;
+const EDGE_PX = 18; // Half of the last time label.
+const GAP_S = 0.3; // Longer gaps interrupt the line.
+const ROUND = [1, 2, 5, 10];
+const WIDTHS = { set: 1, measured: 2.25, other: 1.5 };
+/** Each part of a plot has a hue and a pattern, so that colour is not the only difference. */
+const HUES = ["--estimate", "--plan", "--command", "--caution", "--ink-2"];
+const PATTERNS = [[], [9, 4], [2, 3], [9, 3, 2, 3], [5, 3]];
+/** Minimum end of the value axis, by unit. */
+const LEAST: Record<string, number> = { "m/s": 0.2, "rad/s": 0.5, "°": 5, rpm: 20, ms: 20 };
+const LEAST_OF_ALL = 0.02;
+
+export interface LineStyle {
+  hue: string;
+  dash: number[];
+  width: number;
+}
+
+/** Styles of the lines of a plot; set-point and measured value differ by width only. */
+export function stylesOf(fields: readonly PlotField[]): LineStyle[] {
+  const key = ({ part, line, unit }: PlotField) => `${part} ${unit} ${line === "other"}`;
+  const parts = [...new Set(fields.map(({ part }) => part))];
+  const keys = [...new Set(fields.map(key))];
+  return fields.map((field) => ({
+    hue: HUES[parts.indexOf(field.part) % HUES.length]!,
+    dash: PATTERNS[keys.indexOf(key(field)) % PATTERNS.length]!,
+    width: WIDTHS[field.line],
+  }));
+}
+
+export class PlotChart {
+  readonly plot: uPlot;
+  readonly #fields: readonly PlotField[];
+  readonly #view: PlotView;
+  readonly #place: HTMLElement;
+  readonly #ends = new Map<string, number>(); // Of the value axes, by unit.
+
+  constructor(place: HTMLElement, fields: readonly PlotField[], view: PlotView, isLast: boolean) {
+    this.#fields = fields;
+    this.#view = view;
+    this.#place = place;
+    this.plot = new uPlot(this.#options(isLast), this.#data(), place);
+  }
+
+  draw(): void {
+    const { clientWidth: width } = this.#place;
+    if (this.plot.width !== width) this.plot.setSize({ width, height: this.plot.height });
+    this.plot.setData(this.#data());
+  }
+
+  #data(): uPlot.AlignedData {
+    const { buffer } = this.#view.recorder;
+    return [buffer.times, ...this.#fields.map(({ name }) => buffer.values(name))];
+  }
+
+  #options(isLast: boolean): uPlot.Options {
+    const view = this.#view;
+    const units = [...new Set(this.#fields.map(({ unit }) => unit))];
+    // Read at each draw, because colours may change.
+    const colour = (token: string) => getComputedStyle(this.#place).getPropertyValue(token);
+    const font = `12px ${getComputedStyle(this.#place).fontFamily}`;
+    const axis = { stroke: () => colour("--ink-3"), font, ticks: { show: false } };
+    const grid = { stroke: () => colour("--line"), width: 1 };
+    const styles = stylesOf(this.#fields);
+    return {
+      width: 2 * GUTTER_PX, // Until the first draw.
+      height: HEIGHT_PX + (isLast ? AXIS_PX : 0),
+      padding: [7, units.length > 1 ? 0 : EDGE_PX, isLast ? 0 : 7, 0],
+      legend: { show: false },
+      cursor: {
+        y: false,
+        drag: { x: false, y: false },
+        sync: { key: "tsd-plots" },
+        points: { show: false },
+        bind: { dblclick: () => null },
+      },
+      scales: {
+        x: { time: false, range: () => view.span() },
+        ...Object.fromEntries(
+          units.map((unit) => [`y ${unit}`, { range: () => this.#range(unit) }]),
+        ),
+      },
+      axes: [
+        {
+          ...axis,
+          grid,
+          size: isLast ? AXIS_PX : 0,
+          gap: 7, // Below the lowest number of the other axis.
+          space: 76,
+          splits: (_plot, _axis, fromS, toS, stepS) => view.splits(fromS, toS, stepS),
+          values: (_plot, at) => at.map((s) => (isLast ? view.timeText(s) : "")),
+        },
+        ...units.map((unit, i) => ({
+          ...axis,
+          scale: `y ${unit}`,
+          side: (i === 0 ? 3 : 1) as uPlot.Axis.Side,
+          grid: i === 0 ? grid : { show: false },
+          size: GUTTER_PX,
+          gap: 4,
+          space: 24,
+          values: (_plot: uPlot, at: number[]) => at.map(tick),
+        })),
+      ],
+      series: [
+        {},
+        ...this.#fields.map(({ unit }, i) => ({
+          scale: `y ${unit}`,
+          width: styles[i]!.width,
+          dash: styles[i]!.dash,
+          stroke: () => colour(styles[i]!.hue),
+          points: { show: false },
+          gaps: gapsOf,
+        })),
+      ],
+      hooks: {
+        setCursor: [
+          ({ cursor: { left = -1 } }) =>
+            (view.cursorS.value = left < 0 ? null : this.plot.posToVal(left, "x")),
+        ],
+      },
+    };
+  }
+
+  /**
+   * Range of a value axis: includes zero unless values are far from it, ends at a round number,
+   * and shrinks only if there is ample room.
+   */
+  #range(unit: string): [number, number] {
+    const least = LEAST[unit] ?? LEAST_OF_ALL;
+    const { buffer } = this.#view.recorder;
+    const [from, to] = buffer.places(...this.#view.span());
+    let [low, high] = [Infinity, -Infinity];
+    for (const { name } of this.#fields.filter((field) => field.unit === unit)) {
+      for (const value of buffer.values(name).subarray(from, to)) {
+        if (value < low) low = value;
+        if (value > high) high = value;
+      }
+    }
+    if (low > high / 2 && high > least) {
+      const [bottom, top] = uPlot.rangeNum(low, high, 0.1, true);
+      return [bottom ?? low, top ?? high];
+    }
+    const end = roundEnd(Math.max(least, -low, high), this.#ends.get(unit) ?? 0);
+    this.#ends.set(unit, end);
+    return [low < 0 ? -end : 0, end];
+  }
+}
+
+function roundEnd(most: number, before: number): number {
+  const power = 10 ** Math.floor(Math.log10(most));
+  const round = power * (ROUND.find((step) => power * step >= most * 0.999) ?? NaN);
+  return round > before || most < 0.4 * before ? round : before;
+}
+
+/** Return the ranges without data, in canvas pixels. */
+export function gapsOf(plot: uPlot, series: number, from: number, to: number): [number, number][] {
+  const [times, values] = [plot.data[0], plot.data[series]!];
+  const gaps: [number, number][] = [];
+  let before = from;
+  for (let i = from; i <= to; i += 1) {
+    if (Number.isNaN(values[i])) continue;
+    const [startS, endS] = [times[before]!, times[i]!];
+    if (endS - startS > GAP_S)
+      gaps.push([plot.valToPos(startS, "x", true), plot.valToPos(endS, "x", true)]);
+    before = i;
+  }
+  return gaps;
+}
+
+function tick(value: number): string {
+  return Number(value.toPrecision(6)).toString().replace("-", "−");
+}

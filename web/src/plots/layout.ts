@@ -1,0 +1,93 @@
+// Which fields are plotted in which pane, and over which time; as text for storage and links.
+
+import type { RobotInfo } from "../generated/wire";
+import type { PlotField } from "./fields";
+
+export const MAX_FIELDS = 16;
+const MAX_UNITS = 2; // An axis on the left and one on the right.
+const USUAL_WINDOW_S = 20;
+const [MIN_WINDOW_S, MAX_WINDOW_S] = [1, 600];
+
+export type Panes = readonly (readonly string[])[];
+
+export interface PlotLayout {
+  windowS: number;
+  /** Names of fields; the robot may not have all of them. */
+  panes: Panes;
+}
+
+export function usualLayout({ panel, twist_axes, modules, wheels }: RobotInfo): PlotLayout {
+  const twists = [...Map.groupBy(twist_axes, ({ unit }) => unit).values()].map((axes) =>
+    ["commanded", "twist"].flatMap((twist) => axes.map(({ name }) => `${twist}.${name}`)),
+  );
+  const speeds = ["rpm_setpoint", "rpm"].flatMap((speed) =>
+    wheels.map((name) => `wheels.${name}.${speed}`),
+  );
+  const own: Record<RobotInfo["panel"], string[]> = {
+    gimbals: modules.map((name) => `modules.${name}.tilt`),
+    wheels: speeds,
+    sphere: speeds,
+    twist: [],
+    joints: [],
+  };
+  const error = { twist: [], sphere: ["sphere.angle_deg"] } as Record<string, string[]>;
+  const residual = error[panel] ?? ["status.consistency.residual_mps"];
+  const panes = [...twists, own[panel], residual, ["link.round_trip_ms"]];
+  return { windowS: USUAL_WINDOW_S, panes: limited(panes) };
+}
+
+export function limitedWindow(seconds: number): number {
+  return Math.max(MIN_WINDOW_S, Math.min(MAX_WINDOW_S, seconds));
+}
+
+/** Drop repeated fields, those above the limit, and empty panes. */
+function limited(panes: Panes): Panes {
+  const seen = new Set<string>();
+  const take = (name: string) => !seen.has(name) && seen.size < MAX_FIELDS && seen.add(name);
+  return panes.map((pane) => pane.filter(take)).filter((pane) => pane.length > 0);
+}
+
+/** Put a field into the pane `to`, after the last one into a new pane; null removes it. */
+export function moved(panes: Panes, name: string, to: number | null): Panes {
+  const without = panes.map((pane) => pane.filter((each) => each !== name));
+  if (to === null) return limited(without);
+  return limited(
+    to < panes.length
+      ? without.map((pane, i) => (i === to ? [...pane, name] : pane))
+      : [...without, [name]],
+  );
+}
+
+/** Whether a pane has an axis for a field: it has one on either side. */
+export function fits(pane: readonly string[], of: PlotField, known: Fields): boolean {
+  const units = new Set([of.unit, ...pane.flatMap((name) => known.get(name)?.unit ?? [])]);
+  return units.size <= MAX_UNITS;
+}
+
+/** Return the pane with fields like this one, or else a new one. */
+export function homeOf(panes: Panes, { title, unit }: PlotField, known: Fields): number {
+  const alike = (name: string) => known.get(name)?.title === title;
+  const at = panes.findIndex((pane) => pane.some((n) => alike(n) && known.get(n)?.unit === unit));
+  return at < 0 ? panes.length : at;
+}
+
+type Fields = ReadonlyMap<string, PlotField>;
+
+/** Return a layout as text: `20:twist.vx,twist.vy;link.round_trip_ms`. */
+export function encode({ windowS, panes }: PlotLayout): string {
+  const pane = (names: readonly string[]) => names.map(encodeURIComponent).join(",");
+  return `${Math.round(10 * windowS) / 10}:${panes.map(pane).join(";")}`;
+}
+
+/** Return the layout in a text from a link or an older page, or null. */
+export function decode(text: unknown): PlotLayout | null {
+  const [, seconds, panes] = /^([\d.]+):(.*)$/.exec(typeof text === "string" ? text : "") ?? [];
+  const windowS = Number(seconds);
+  if (panes === undefined || limitedWindow(windowS) !== windowS) return null;
+  try {
+    const names = panes.split(";").map((pane) => pane.split(",").filter((name) => name !== ""));
+    return { windowS, panes: limited(names.map((pane) => pane.map(decodeURIComponent))) };
+  } catch {
+    return null; // A damaged link.
+  }
+}

@@ -1,0 +1,129 @@
+// Records the selected fields from page load or selection, even if the tab is closed.
+
+import { signal } from "@preact/signals";
+import type { RobotInfo, RobotState } from "../generated/wire";
+import { STALE_MS } from "../store/freshness";
+import type { Link } from "../store/link";
+import { remembered } from "../store/memory";
+import { jitterMs, roundTripMs } from "../store/quality";
+import { PlotBuffer } from "./buffer";
+import { fieldsOf, type PlotField, valueOf } from "./fields";
+import { decode, encode, type PlotLayout, usualLayout } from "./layout";
+
+const RETRY_MS = 1000;
+const EMPTY: PlotLayout = { windowS: 20, panes: [] };
+
+/** Layouts as text by robot id or by name. */
+type Layouts = Record<string, string>;
+
+function isLayouts(stored: unknown): stored is Layouts {
+  if (typeof stored !== "object" || stored === null || Array.isArray(stored)) return false;
+  return Object.values(stored).every((text) => decode(text) !== null);
+}
+
+export class Recorder {
+  readonly buffer = new PlotBuffer();
+  readonly layout = signal(EMPTY);
+  /** All fields, by name. */
+  readonly known = signal<ReadonlyMap<string, PlotField>>(new Map());
+  readonly saved = remembered<Layouts>("tsd-plot-layouts", {}, isLayouts);
+  /** Recorded robot. */
+  robot: RobotInfo | null = null;
+  /** Seconds to add to robot time for time in the recording, or for the clock of this page. */
+  offsetS = NaN;
+  readonly #kept = remembered<Layouts>("tsd-plots", {}, isLayouts);
+  readonly #link: Link;
+  #shared = decode(new URL(location.href).searchParams.get("plots"));
+  #sample: object = {};
+  #arrivedMs = 0;
+  #cursorS = NaN;
+  #searchedMs = -Infinity;
+  #requestedMs = -Infinity;
+
+  constructor(link: Link) {
+    this.#link = link;
+    link.on("state", (state) => this.#take(state));
+    link.on("robot", (robot) => this.#begin(robot));
+    link.on("cursor", ({ t_s }) => (this.#cursorS = t_s));
+    link.on("past", ({ states }) => {
+      this.buffer.clear(); // The cursor of a recording has jumped.
+      for (const state of states) this.#take(state);
+    });
+  }
+
+  /** Names of the plotted fields; the robot may not have sent all of them yet. */
+  get names(): string[] {
+    return this.layout.value.panes.flat();
+  }
+
+  /** Plotted fields that the robot has. */
+  get fields(): PlotField[] {
+    return this.names.flatMap((name) => this.known.value.get(name) ?? []);
+  }
+
+  /** Estimated current robot time; it stops with the states. */
+  nowS(): number {
+    const sinceMs = this.#link.recording === null ? performance.now() - this.#arrivedMs : 0;
+    return this.buffer.newestS + Math.min(sinceMs, STALE_MS) / 1000;
+  }
+
+  /** Plot this layout, or the usual one; kept for this robot. */
+  choose(layout: PlotLayout | null): void {
+    if (this.robot === null) return;
+    const { [this.robot.id]: _, ...others } = this.#kept.peek();
+    this.#kept.value = layout ? { ...others, [this.robot.id]: encode(layout) } : others;
+    this.#shared = null;
+    this.#select();
+  }
+
+  /** Add the fields of the latest state to the known ones. */
+  search(): void {
+    if (this.robot === null) return;
+    this.known.value = new Map([...this.known.peek(), ...fieldsOf(this.robot, this.#sample)]);
+    this.#searchedMs = performance.now();
+  }
+
+  #select(): void {
+    if (this.robot === null) return;
+    const kept = decode(this.#kept.peek()[this.robot.id]);
+    this.layout.value = this.#shared ?? kept ?? usualLayout(this.robot);
+    this.buffer.select(this.names);
+    this.#requestedMs = -Infinity;
+  }
+
+  #begin(robot: RobotInfo): void {
+    if (this.robot?.id !== robot.id) this.buffer.clear();
+    this.robot = robot; // The same robot may have a new description.
+    this.known.value = new Map();
+    this.#searchedMs = -Infinity;
+    this.#select();
+  }
+
+  #take(state: RobotState): void {
+    if (this.robot === null) return;
+    const link = {
+      round_trip_ms: roundTripMs(this.#link),
+      jitter_ms: jitterMs(this.#link),
+      lost_percent: 100 * this.#link.lost,
+    };
+    this.#sample = { ...state, link };
+    this.#arrivedMs = performance.now();
+    const isMissing = this.names.some((name) => !this.known.peek().has(name)); // Null until measured.
+    if (isMissing && this.#arrivedMs - this.#searchedMs >= RETRY_MS) this.search();
+    this.#request(state);
+    if (state.robot_s < this.buffer.newestS) this.buffer.clear(); // The robot has restarted.
+    const known = this.known.peek();
+    this.buffer.add(state.robot_s, (name) => valueOf(known.get(name), this.#sample));
+    const clockS = this.#link.recording === null ? Date.now() / 1000 : this.#cursorS;
+    this.offsetS = clockS - state.robot_s;
+  }
+
+  /** Request fields that are not in every state until they arrive. */
+  #request({ plot }: RobotState): void {
+    const offered = this.robot?.plot_fields ?? [];
+    const names = this.names.filter((name) => offered.includes(name));
+    const isSent = Object.keys(plot).length === names.length && names.every((name) => name in plot);
+    if (isSent || this.#arrivedMs - this.#requestedMs < RETRY_MS) return;
+    if (this.#link.send({ t: "plot_fields", names })) this.#requestedMs = this.#arrivedMs;
+  }
+}
