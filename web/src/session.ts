@@ -5,6 +5,8 @@ import { useContext } from "preact/hooks";
 import { Drive } from "./drive/drive";
 import { Gamepad } from "./drive/gamepad";
 import { Keyboard } from "./drive/keyboard";
+import { Path } from "./drive/path";
+import { SphereTurn } from "./drive/sphere";
 import { Stop } from "./drive/stop";
 import { Layout } from "./store/layout";
 import { Link } from "./store/link";
@@ -20,6 +22,8 @@ export class Session {
   readonly stop: Stop;
   readonly keyboard: Keyboard;
   readonly gamepad: Gamepad;
+  readonly path: Path;
+  readonly sphere: SphereTurn;
   readonly notice: Notice;
   readonly requests: Requests;
   readonly view: View;
@@ -39,6 +43,8 @@ export class Session {
     this.gamepad = new Gamepad(changed, press);
     this.drive.add(this.keyboard);
     this.drive.add(this.gamepad);
+    this.path = new Path(this.link, this.drive, this.keyboard);
+    this.sphere = new SphereTurn(this.link, this.drive);
     this.notice = new Notice(this.link);
     this.requests = new Requests(this.link);
     this.view = new View(this.link);

@@ -100,8 +100,10 @@ export class Drive {
 
   /** Take over what the controls ask for now. */
   changed(): void {
-    const byHand = this.#sources.some(({ held, alone }) => held && !alone);
-    if (byHand) for (const source of this.#sources) if (source.alone) source.cancel();
+    // A path is held too, but cannot be followed while another hand drives.
+    const yields = ({ alone, follow }: Source) => alone || follow !== undefined;
+    const byHand = this.#sources.some((source) => source.held && !yields(source));
+    if (byHand) for (const source of this.#sources) if (yields(source)) source.cancel();
     batch(() => {
       const acting = this.#sources.filter(({ held }) => held);
       this.looksOnly.value = acting.length > 0 && acting.every((source) => source.looksOnly);

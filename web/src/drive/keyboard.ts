@@ -25,9 +25,15 @@ export interface Key {
 
 type Command = (key: Key) => void;
 
+interface Binding {
+  readonly pressed: Command;
+  /** For a key that is held: called at its key-up, wherever the focus is then. */
+  readonly released?: Command;
+}
+
 export class Keyboard implements Source {
   readonly #keys = new HeldKeys();
-  readonly #commands = new Map<string, Command>();
+  readonly #commands = new Map<string, Binding>();
   readonly #changed: () => void;
   readonly #stop: () => void;
 
@@ -52,17 +58,21 @@ export class Keyboard implements Source {
     this.#keys.cancel();
   }
 
-  /** Call `command` when a key is pressed that nothing with the focus takes. */
-  bind(code: string, command: Command): () => void {
-    this.#commands.set(code, command);
+  /**
+   * Call `pressed` when a key is pressed that nothing with the focus takes, and `released` when it
+   * comes up.
+   */
+  bind(code: string, pressed: Command, released?: Command): () => void {
+    const binding = { pressed, released };
+    this.#commands.set(code, binding);
     return () => {
-      if (this.#commands.get(code) === command) this.#commands.delete(code);
+      if (this.#commands.get(code) === binding) this.#commands.delete(code);
     };
   }
 
-  /** Take a key of the frame; nothing there has a use for it. */
+  /** Take a key of the frame, where nothing has a use for it. Held keys must be typed here. */
   takeForwarded(key: Key): void {
-    this.#use(key);
+    if (!(key.code in DRIVE) && !this.#commands.get(key.code)?.released) this.#use(key);
   }
 
   #take(event: KeyboardEvent): void {
@@ -70,7 +80,9 @@ export class Keyboard implements Source {
     const modified = event.ctrlKey || event.metaKey || event.altKey;
     const target = event.composedPath()[0];
     const own = { type: type as Key["type"], code, key, repeat, modified };
-    if (type === "keyup" && this.#keys.take(event)) this.#changed(); // Wherever the focus is now.
+    // Wherever the focus is now.
+    if (type === "keyup" && this.#keys.take(event)) this.#changed();
+    if (type === "keyup") this.#commands.get(code)?.released?.(own);
     if (type === "keydown" && modified) return;
     if (code === "Space" ? takesSpaces(target) : takesText(target)) return;
     if (takeEnter(event, target)) return;
@@ -93,7 +105,7 @@ export class Keyboard implements Source {
     }
     const command = this.#commands.get(key.code) ?? this.#commands.get(key.key);
     if (command === undefined || key.modified) return false;
-    if (pressed) command(key);
+    if (pressed) command.pressed(key);
     return true;
   }
 }

@@ -17,7 +17,9 @@ export type PageCode =
   | "recording_shown"
   | "replay_shown"
   | "viewer_only"
-  | "viewer_cannot_stop";
+  | "viewer_cannot_stop"
+  | "still_moves"
+  | "no_path";
 
 export type Refusal = { by: "page"; code: PageCode } | { by: "robot"; reason: Reason };
 

@@ -21,6 +21,8 @@ export const common: Texts["common"] = {
     replay_shown: "Hier läuft eine Aufzeichnung: Sie lässt sich nicht fahren.",
     viewer_only: "Sie dürfen zusehen, nicht fahren.",
     viewer_cannot_stop: "Sie dürfen zusehen, nicht stoppen.",
+    still_moves: "Der Roboter bewegt sich noch: Lassen Sie die anderen Bedienelemente los.",
+    no_path: "Es gibt keinen Weg: Klicken Sie zuerst auf den Boden.",
   },
   cancel: "Abbrechen",
   close: "Schließen",

@@ -22,6 +22,8 @@ export const common = {
     replay_shown: "This is a replay of a recording: it cannot be driven.",
     viewer_only: "You may look, not drive.",
     viewer_cannot_stop: "You may look, not stop.",
+    still_moves: "The robot still moves: release the other controls.",
+    no_path: "There is no path: click on the floor first.",
   } satisfies Record<PageCode, string> as Record<PageCode, string>,
   cancel: "Cancel",
   close: "Close",

@@ -1,0 +1,90 @@
+// Motion of a sphere that brings a point to its top: after a click on the sphere, or by name. Any
+// other control, or release, ends it.
+
+import type { SphereClick } from "../generated/wire";
+import type { Link } from "../store/link";
+import { CENTRED, type Deflection, deflectionOf } from "./axes";
+import type { Drive, Source } from "./drive";
+
+type Vector = readonly [number, number, number];
+type Quaternion = readonly [number, number, number, number];
+
+const CLICK_MS = 3000; // Allows for the delay of the server's message.
+const TIMEOUT_MS = 30_000;
+const NEAR_RAD = 0.01;
+const APPROACH_PER_S = 2;
+
+export class SphereTurn implements Source {
+  readonly alone = true;
+  readonly #link: Link;
+  readonly #drive: Drive;
+  #goal: { at: Vector; untilMs: number } | null = null;
+  #clickedMs = -Infinity;
+
+  constructor(link: Link, drive: Drive) {
+    this.#link = link;
+    this.#drive = drive;
+    drive.add(this);
+    link.on("sphere_click", (click) => this.#take(click));
+    link.on("robot", () => this.cancel());
+    link.on("state", () => this.#check());
+  }
+
+  get held(): boolean {
+    return this.#goal !== null;
+  }
+
+  /** Rate of the shortest rotation that brings the point up, within the speed limit. */
+  get speed(): Deflection {
+    const way = this.#rotation();
+    if (way === null) return CENTRED;
+    const rate = Math.min(APPROACH_PER_S * way.angle, this.#drive.scale.peek().speed);
+    return deflectionOf(this.#link.robot.peek(), [rate * way.axis[0], rate * way.axis[1], 0]);
+  }
+
+  /** Bring a point up, given as a unit vector along the axes painted on the sphere. */
+  bring(at: Vector): void {
+    this.#goal = { at, untilMs: performance.now() + TIMEOUT_MS };
+    this.#drive.changed();
+  }
+
+  cancel(): void {
+    this.#goal = null;
+  }
+
+  /** Note that this page has clicked on the scene; clicks of other pages move nothing. */
+  clicked(): void {
+    this.#clickedMs = performance.now();
+  }
+
+  #take({ robot, at }: SphereClick): void {
+    const isOwn = performance.now() - this.#clickedMs < CLICK_MS;
+    this.#clickedMs = -Infinity; // One motion per click.
+    if (isOwn && robot === this.#link.robot.peek()?.id) this.bring(at);
+  }
+
+  #check(): void {
+    if (this.#goal === null) return;
+    const way = this.#rotation();
+    const ended = way === null || way.angle < NEAR_RAD || performance.now() > this.#goal.untilMs;
+    if (ended) this.cancel();
+    this.#drive.changed();
+  }
+
+  /** Remaining rotation: about a horizontal axis, by the angle of the point from the top. */
+  #rotation(): { angle: number; axis: readonly [number, number] } | null {
+    const sphere = this.#link.state.peek()?.sphere;
+    if (!sphere || this.#goal === null) return null;
+    const [x, y, z] = turned(sphere.wxyz, this.#goal.at);
+    const level = Math.hypot(x, y);
+    const angle = Math.atan2(level, z);
+    if (level < 1e-6) return { angle: z > 0 ? 0 : angle, axis: [0, 1] };
+    return { angle, axis: [y / level, -x / level] };
+  }
+}
+
+/** Rotate a vector by a unit quaternion w, x, y, z. */
+export function turned([w, x, y, z]: Quaternion, [a, b, c]: Vector): Vector {
+  const [p, q, r] = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
+  return [a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p];
+}
