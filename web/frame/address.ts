@@ -3,8 +3,11 @@
 const SOFTWARE_PIXELS = 230_000; // Scene pixels for software rendering.
 const LEAST_DPR = 0.3;
 
-/** Route viser's socket through the gateway, and set its colours and sharpness. */
-export function setParameters(address: URL): void {
+/**
+ * Route viser's socket through the gateway, and set its colours and sharpness; return whether it
+ * draws in software.
+ */
+export function setParameters(address: URL): boolean {
   const given = address.searchParams;
   const recording = given.get("recording") ?? "";
   const path = recording === "" ? "viser" : `recorded/${encodeURIComponent(recording)}`;
@@ -19,6 +22,7 @@ export function setParameters(address: URL): void {
   if (colours === "dark") given.set("darkMode", "");
   if (inSoftware && !given.has("fixedDpr")) given.set("fixedDpr", softwareDpr().toFixed(2));
   history.replaceState(history.state, "", address);
+  return inSoftware;
 }
 
 function drawsInSoftware(): boolean {

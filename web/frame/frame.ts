@@ -14,7 +14,7 @@ const pageOrigin = new URL(location.href).searchParams.get("parent") ?? location
 
 // viser reconnects only while the page has the focus, which the dashboard's page usually has.
 document.hasFocus = () => true;
-setParameters(new URL(location.href));
+const software = setParameters(new URL(location.href));
 showSceneOnly();
 
 let isReady = false;
@@ -38,7 +38,7 @@ addEventListener("pointerdown", forwardPointer, true);
 addEventListener("mousedown", (event) => event.preventDefault(), true);
 
 watchStalls();
-send({ tsd: 1, t: "loaded" });
+send({ tsd: 1, t: "loaded", software });
 
 function send(message: FromFrame): void {
   if (parent !== window) parent.postMessage(message, pageOrigin);

@@ -8,4 +8,5 @@ import "./styles/base.css";
 const session = new Session();
 nameOperatorsBy(session.link);
 render(<App session={session} />, document.getElementById("app")!);
+document.getElementById("splash")?.remove(); // The view shows the start from now on.
 session.link.open();

@@ -54,7 +54,7 @@ test("If the second port stays silent, the view comes from the page's origin.", 
 
 test("If the second port answers in time, the view stays there.", () => {
   const { viewport, frame, hear } = open();
-  hear({ tsd: 1, t: "loaded" });
+  hear({ tsd: 1, t: "loaded", software: false });
   vi.advanceTimersByTime(60_000);
   expect(new URL(frame.src).port).toBe("8090");
   expect(viewport.ready.value).toBe(false);
@@ -71,7 +71,7 @@ test("Messages of other origins and windows are ignored.", () => {
 
 test("A view that falls silent counts as stalled.", () => {
   const { viewport, hear } = open();
-  hear({ tsd: 1, t: "loaded" });
+  hear({ tsd: 1, t: "loaded", software: false });
   hear({ tsd: 1, t: "stalled", ms: 12 });
   expect(viewport.stalledMs.value).toBe(12);
   vi.advanceTimersByTime(3_000);

@@ -36,11 +36,11 @@ export function App({ session }: { session: Session }) {
       <div class={classes.filter(Boolean).join(" ")}>
         <Deck />
         <Bar />
+        <Scene />
         {isFleet ? (
           <Fleet />
         ) : (
           <>
-            <Scene />
             <Panel />
             <Timeline />
           </>

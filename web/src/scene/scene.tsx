@@ -1,3 +1,143 @@
+// The main view: the 3D picture in its frame, and what lies in its corners. It stays behind the page
+// of all robots, because the picture takes seconds to start.
+
+import { signal } from "@preact/signals";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+import { type Session, useSession } from "../session";
+import { freshness, isCurrent } from "../store/freshness";
+import { refusalText } from "../text/reasons";
+import { figure } from "../text/numbers";
+import { texts } from "../text/text";
+import { createViewport, type FrameKey, type Viewport } from "../viewport/frame";
+import { Cameras, Legend, Modes } from "./corners";
+import { FloorPicker } from "./floor_picker";
+import { type Box, type SetFrame, watchFreeRectangle } from "./free_rectangle";
+import { FloorMap, MapInset } from "./map";
+import { Splash } from "./splash";
+import "./scene.css";
+
+const CAMERA_KEYS = [
+  ["1", "3-D"],
+  ["2", "top"],
+  ["3", "chase"],
+] as const;
+
+const hidden = signal(document.hidden);
+document.addEventListener("visibilitychange", () => (hidden.value = document.hidden));
+
 export function Scene() {
-  return null;
+  const session = useSession();
+  const view = useRef<HTMLElement>(null);
+  const map = useMemo(() => new FloorMap(session), [session]);
+  const isCovered = session.layout.screen.value === "fleet";
+  useEffect(() => bindKeys(session, map), [session, map]);
+  useEffect(() => {
+    session.path.onRefused = (refusal, holds) => session.notice.say(refusalText(refusal), holds);
+  }, [session]);
+  useEffect(() => watchFreeRectangle(view.current!, reportTo(session)), [session]);
+  return (
+    <main
+      ref={view}
+      class={isCovered ? "view scene-view covered" : "view scene-view"}
+      aria-label={texts().scene.region}
+      aria-hidden={isCovered || undefined}
+    >
+      <Picture isCovered={isCovered} />
+      <FloorPicker />
+      <Modes />
+      <Cameras />
+      <MapInset map={map} />
+      <Legend />
+      <NoticeLine />
+    </main>
+  );
+}
+
+/** The frame of the picture; grey and with its age once it is not current. */
+function Picture({ isCovered }: { isCovered: boolean }) {
+  const session = useSession();
+  const host = useRef<HTMLDivElement>(null);
+  const [viewport, setViewport] = useState<Viewport | null>(null);
+  useEffect(() => {
+    const { link, view, keyboard, sphere } = session;
+    const made = createViewport(host.current!, {
+      page: link.page,
+      recording: link.recording,
+      dark: view.dark.peek(),
+      title: texts().scene.picture,
+      onKey: ({ code, key, mods }: FrameKey) => {
+        const modified = mods.ctrl || mods.alt || mods.meta;
+        keyboard.takeForwarded({ type: "keydown", code, key, repeat: false, modified });
+      },
+      onPointer: () => sphere.clicked(),
+    });
+    setViewport(made);
+    return () => made.dispose();
+  }, [session]);
+  const rests = isCovered || hidden.value;
+  useEffect(() => viewport?.pause(rests), [viewport, rests]);
+  const isOld = useIsOld() && (viewport?.ready.value ?? false);
+  return (
+    <>
+      <div ref={host} class={isOld ? "picture-host old" : "picture-host"} />
+      {viewport && !viewport.ready.value && <Splash viewport={viewport} />}
+      {isOld && <Lost />}
+    </>
+  );
+}
+
+function useIsOld(): boolean {
+  const { link } = useSession();
+  const fresh = link.beat.value >= 0 ? freshness(link) : null;
+  return fresh !== null && !isCurrent(fresh) && fresh.kind !== "starting";
+}
+
+/** How long the robot has not been heard, over its last picture. */
+function Lost() {
+  const { link } = useSession();
+  const fresh = link.beat.value >= 0 ? freshness(link) : null;
+  const { scene, common } = texts();
+  if (fresh === null || fresh.kind === "no_robot")
+    return <p class="lost">{common.refusals.no_robot}</p>;
+  if (fresh.kind !== "offline" && fresh.kind !== "silent") return null;
+  const seconds = Number.isFinite(fresh.forMs) ? fresh.forMs / 1000 : null;
+  return (
+    <p class="lost">
+      <strong>{scene.noSignal(figure(seconds, seconds !== null && seconds < 10 ? 1 : 0))}</strong>
+      {scene.oldPicture}
+    </p>
+  );
+}
+
+function NoticeLine() {
+  const { notice } = useSession();
+  return (
+    <div class="notice-line" role="status">
+      {notice.text.value !== null && <p class="notice">{notice.text.value}</p>}
+    </div>
+  );
+}
+
+function bindKeys({ keyboard, view }: Session, map: FloorMap): () => void {
+  const unbind = CAMERA_KEYS.flatMap(([digit, camera]) =>
+    [`Digit${digit}`, `Numpad${digit}`].map((code) =>
+      keyboard.bind(code, () => view.set({ camera }, true)),
+    ),
+  );
+  unbind.push(keyboard.bind("KeyN", () => map.toggle()));
+  return () => unbind.forEach((end) => end());
+}
+
+/** Send the free rectangle when it changes, and to each new connection. */
+function reportTo({ link, layout }: Session): (free: Box) => void {
+  let sent = "";
+  let to: unknown = null;
+  return (free) => {
+    const connection = link.welcome.peek();
+    const text = JSON.stringify(free);
+    if (connection === null || layout.screen.peek() === "fleet") return;
+    if (text === sent && connection === to) return;
+    const message: SetFrame = { t: "frame", ...free };
+    if (link.send(message as never)) [sent, to] = [text, connection];
+  };
 }

@@ -31,6 +31,8 @@ export interface ViewportOptions {
 }
 
 export interface Viewport {
+  /** Whether the frame's script runs. */
+  loaded: ReadonlySignal<boolean>;
   /** Whether the first frame has been drawn. */
   ready: ReadonlySignal<boolean>;
   /** How long the frame's thread was blocked in the last second, or has been silent, in ms. */
@@ -63,6 +65,7 @@ export function createViewport(host: HTMLElement, options: ViewportOptions): Vie
 }
 
 class FrameViewport implements Viewport {
+  readonly loaded = signal(false);
   readonly ready = signal(false);
   readonly stalledMs = signal(0);
   readonly shared = signal(false);
@@ -70,9 +73,11 @@ class FrameViewport implements Viewport {
   readonly #frame = document.createElement("iframe");
   readonly #watch: number;
   #origin = "";
-  #loaded = false;
+  #paused = false;
+  #area = 0; // Of the frame in pixels when its sharpness was chosen, for software rendering.
   #heardMs = 0;
   #unreached = 0;
+  readonly #resized = new ResizeObserver(() => this.#limitArea());
 
   constructor(host: HTMLElement, options: ViewportOptions) {
     this.#options = options;
@@ -89,11 +94,13 @@ class FrameViewport implements Viewport {
     const meta = document.querySelector<HTMLMetaElement>('meta[name="tsd-viewport"]');
     this.#show(meta?.content ?? "");
     host.append(frame);
+    this.#resized.observe(host);
   }
 
   pause(on: boolean): void {
+    this.#paused = on;
     const message: ToFrame = { tsd: 1, t: "pause", on };
-    if (this.#loaded) this.#frame.contentWindow?.postMessage(message, this.#origin);
+    if (this.loaded.peek()) this.#frame.contentWindow?.postMessage(message, this.#origin);
   }
 
   setSharpness(share: number): void {
@@ -102,7 +109,15 @@ class FrameViewport implements Viewport {
     style.transform = share === 1 ? "" : `scale(${1 / share})`;
   }
 
+  /** Keep the number of pixels that the frame chose for software rendering when it grows. */
+  readonly #limitArea = (): void => {
+    const { clientWidth, clientHeight } = this.#frame.parentElement ?? this.#frame;
+    const area = clientWidth * clientHeight;
+    if (this.#area > 0 && area > 0) this.setSharpness(Math.min(1, Math.sqrt(this.#area / area)));
+  };
+
   dispose(): void {
+    this.#resized.disconnect();
     clearInterval(this.#watch);
     clearTimeout(this.#unreached);
     removeEventListener("message", this.#receive);
@@ -130,7 +145,7 @@ class FrameViewport implements Viewport {
 
   /** The load event also follows an error page of the browser. */
   readonly #onLoad = (): void => {
-    if (!this.#loaded && !this.shared.peek()) this.#fallBackIn(AFTER_LOAD_MS);
+    if (!this.loaded.peek() && !this.shared.peek()) this.#fallBackIn(AFTER_LOAD_MS);
   };
 
   readonly #receive = (event: MessageEvent): void => {
@@ -142,8 +157,11 @@ class FrameViewport implements Viewport {
   #handle(message: FromFrame): void {
     this.#heardMs = performance.now();
     if (message.t === "loaded") {
-      this.#loaded = true;
+      this.loaded.value = true;
       clearTimeout(this.#unreached);
+      this.pause(this.#paused);
+      const { clientWidth, clientHeight } = this.#frame.parentElement ?? this.#frame;
+      this.#area = message.software ? clientWidth * clientHeight : 0;
     } else if (message.t === "ready") {
       this.ready.value = true;
       this.#frame.dataset["ready"] = "";
@@ -160,6 +178,6 @@ class FrameViewport implements Viewport {
 
   #checkSilence(): void {
     const silentMs = performance.now() - this.#heardMs;
-    if (this.#loaded && silentMs > SILENT_MS) this.stalledMs.value = Math.round(silentMs);
+    if (this.loaded.peek() && silentMs > SILENT_MS) this.stalledMs.value = Math.round(silentMs);
   }
 }

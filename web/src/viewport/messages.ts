@@ -19,8 +19,8 @@ export interface FrameKey {
 }
 
 export type FromFrame =
-  /** The frame's script runs, so its port can be reached. */
-  | { tsd: 1; t: "loaded" }
+  /** The frame's script runs, so its port can be reached; `software` draws without graphics card. */
+  | { tsd: 1; t: "loaded"; software: boolean }
   /** The first frame has been drawn. */
   | { tsd: 1; t: "ready" }
   /** Longest delay of the frame's thread in the last second; sent four times a second. */

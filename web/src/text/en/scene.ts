@@ -1,2 +1,65 @@
-/** Texts of this area. */
-export const scene = {};
+import type { CameraPreset } from "../../generated/wire";
+
+/** Texts of the view: scene, corners, map, paths. */
+export const scene = {
+  region: "Scene",
+  picture: "3D view of the robot",
+  modes: { label: "How to drive", stick: "Stick", to: "Go to", draw: "Draw" },
+  cameras: { label: "View", "3-D": "3-D", top: "Top", chase: "Chase" } satisfies Record<
+    CameraPreset | "label",
+    string
+  >,
+  home: "Bring the robot into view",
+  legend: "Colours of the scene",
+  push: "push",
+  axle: "axle",
+  trail: "trail",
+  truth: "true pose",
+  stopsWithin: "stops within",
+  planned: "path",
+  tilt: "Tilt drawn",
+  times: (factor: string) => `× ${factor}`,
+  noSignal: (seconds: string) => `No signal for ${seconds} s`,
+  oldPicture: "The picture shows the last known state.",
+  splash: {
+    label: "Start",
+    connecting: "Connecting to the dashboard",
+    robot: "Waiting for the robot",
+    loading: "Loading the 3D view",
+    drawing: "Drawing the first picture",
+    slow: "The 3D view does not appear. Controls, map and STOP work without it.",
+  },
+  map: {
+    label: "Map",
+    picture: "Map from above, x up",
+    larger: "Larger map",
+    smaller: "Smaller map",
+    close: "Close the map",
+    nearer: "Zoom in",
+    farther: "Zoom out",
+    centre: "Centre the map on the robot",
+    silent: (name: string) => `${name} (silent)`,
+    metres: (length: string) => `${length} m`,
+    centimetres: (length: string) => `${length} cm`,
+  },
+  path: {
+    label: "Path",
+    to: "Click on the floor; drag to set the heading",
+    draw: "Draw on the floor",
+    planning: "Planning…",
+    planned: (length: string, seconds: string) => `${length} m, ${seconds} s`,
+    going: (done: string, length: string) => `${done} of ${length} m`,
+    arrived: (off: string) => `Arrived, ${off} mm off`,
+    ended: (why: string) => `Ended: ${why}`,
+    clear: "Delete the path",
+  },
+  form: {
+    label: "Go to a point",
+    x: "x in m",
+    y: "y in m",
+    heading: "heading in °",
+    plan: "Plan",
+    hint: "Leave a field empty to keep the robot's value.",
+    planned: (length: string) => `${length} m. Hold G to go.`,
+  },
+};

@@ -1,0 +1,57 @@
+// What the view shows until the first picture is drawn: the robot's silhouette, its name, and how far
+// the start is. STOP is usable beside it.
+
+import { useEffect, useState } from "preact/hooks";
+import type { RobotInfo } from "../generated/wire";
+import { useSession } from "../session";
+import { freshness } from "../store/freshness";
+import { texts } from "../text/text";
+import type { Viewport } from "../viewport/frame";
+
+const STEPS = ["connecting", "robot", "loading", "drawing"] as const;
+const SLOW_MS = 30_000; // Without WebGL it never appears.
+
+export function Splash({ viewport }: { viewport: Viewport }) {
+  const { link } = useSession();
+  const { splash, path: _, ...scene } = texts().scene;
+  const [slow, setSlow] = useState(false);
+  useEffect(() => {
+    const timer = setTimeout(() => setSlow(true), SLOW_MS);
+    return () => clearTimeout(timer);
+  }, []);
+  const robot = link.robot.value;
+  const done = [link.connected.value, robot !== null, viewport.loaded.value];
+  const at = Math.max(0, [...done, false].indexOf(false));
+  const noRobot = freshness(link).kind === "no_robot";
+  const words = noRobot ? texts().common.refusals.no_robot : splash[STEPS[at] ?? "drawing"];
+  return (
+    <div class="splash" role="group" aria-label={splash.label ?? scene.region}>
+      <Silhouette robot={robot} />
+      {robot && (
+        <strong>
+          <bdi>{robot.title}</bdi>
+        </strong>
+      )}
+      <p role="status">{slow && at === STEPS.length - 1 ? splash.slow : words}</p>
+      <progress max={STEPS.length} value={at} aria-label={splash.label} />
+    </div>
+  );
+}
+
+/** Outline of a robot from above: a ball, or a body among its wheels. */
+function Silhouette({ robot }: { robot: RobotInfo | null }) {
+  const count = robot ? robot.modules.length || robot.wheels.length : 0;
+  const isRound = robot?.panel === "sphere";
+  const turned = (i: number) => `rotate(${((i + (count === 4 ? 0.5 : 0)) * 360) / count})`;
+  return (
+    <svg class="silhouette" viewBox="-50 -50 100 100" aria-hidden="true">
+      <circle r={isRound ? 40 : 26} />
+      {!isRound &&
+        Array.from({ length: count }, (_, i) => (
+          <g key={i} transform={turned(i)}>
+            <rect x="-13" y="-46" width="26" height="20" rx="9" />
+          </g>
+        ))}
+    </svg>
+  );
+}
