@@ -68,7 +68,7 @@ function SpeedLimit() {
   const { value } = speedOf(session);
   const percent = (part: number) => `${100 * Math.max(0, Math.min(1, part / most))}%`;
   const unit = deck.units[isOnFloor(robot) ? "m/s" : "rad/s"];
-  const why = limits?.why.map(words).join("; ") ?? "";
+  const why = limits?.why.map((reason) => words(reason)).join("; ") ?? "";
   return (
     <div
       ref={node}

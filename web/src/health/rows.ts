@@ -207,7 +207,7 @@ function controlRows({ status }: RobotState, robot: RobotInfo | null): Row[] {
   const { lease, limits } = status;
   const { rows, nobody, notPromised } = texts().health;
   const name = (operator: string | null) => (operator === null ? nobody : nameOf(operator));
-  const why = (limits.why ?? []).map(sentence).join(" ");
+  const why = (limits.why ?? []).map((reason) => sentence(reason)).join(" ");
   return [
     plain(rows.holder, name(lease.holder)),
     ...(lease.requested_by === null ? [] : [plain(rows.askedBy, name(lease.requested_by))]),

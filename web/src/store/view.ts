@@ -1,22 +1,23 @@
-// How the scene looks on this page: camera, layers, exaggerated tilt, colours. The dashboard applies
-// the settings and may change them, for example when a camera preset is left by hand.
+// How the scene looks on this page: camera, layers, exaggerated tilt, colours.
 
 import { effect, signal } from "@preact/signals";
 import { CAMERA_PRESETS, type ViewSettings } from "../generated/wire";
 import type { Link } from "./link";
 import { remembered } from "./memory";
 
-const INITIAL: ViewSettings = {
+type Settings = Required<ViewSettings>;
+
+const INITIAL: Settings = {
   camera: "3-D",
   follow: true,
   hidden: [],
   true_pose: "when it differs",
-  tilt: "x3",
+  tilt: "x5",
   dark: null,
 };
 
-function isView(stored: unknown): stored is ViewSettings {
-  const view = stored as ViewSettings | null;
+function isView(stored: unknown): stored is Settings {
+  const view = stored as Settings | null;
   return typeof view === "object" && view !== null && CAMERA_PRESETS.includes(view.camera);
 }
 
@@ -29,7 +30,6 @@ export class View {
   constructor(link: Link) {
     this.#link = link;
     link.on("welcome", () => link.send({ t: "view", settings: this.settings.peek() }));
-    link.on("view", ({ settings }) => (this.settings.value = settings));
     const prefersDark = matchMedia("(prefers-color-scheme: dark)");
     const system = signal(prefersDark.matches);
     prefersDark.addEventListener("change", () => (system.value = prefersDark.matches));
@@ -40,7 +40,7 @@ export class View {
   }
 
   /** Change settings; `look` turns the camera to the robot again. */
-  set(change: Partial<ViewSettings>, look = false): void {
+  set(change: Partial<Settings>, look = false): void {
     this.settings.value = { ...this.settings.peek(), ...change };
     this.#link.send({ t: "view", settings: this.settings.peek(), look });
   }

@@ -39,8 +39,13 @@ export const ROBOT = {
   panel: "gimbals",
   limits: { speed_mps: 2, turn_rate_rad_per_s: 4 },
   modules: ["module1", "module2", "module3"],
+  twist_axes: ["vx", "vy", "omega"].map((name) => ({ name, symbol: name, unit: "m/s" })),
   twist_scale_m: 1,
   sideways: true,
+  wheels: [],
+  joints: [],
+  plot_fields: [],
+  not_promised: [],
 } as unknown as RobotInfo;
 
 export const LEASE = {
