@@ -30,7 +30,7 @@ export function Bar() {
       <Button class="roomy" onPress={() => (opened.value = "name")}>
         <OwnName />
       </Button>
-      {!isFleet && <FleetLink class="btn roomy" />}
+      {!isFleet && <FleetLink class="btn fleet-link" />}
       <Button icon="help" label={bar.help} onPress={toggle} />
       <Dialogs opened={opened} />
     </header>

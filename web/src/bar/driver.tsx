@@ -65,6 +65,7 @@ export function Actions({ opened }: { opened: Opened }) {
   const lease = useLease();
   const refused = useRefused();
   if (lease === null || lease.isViewer || (!lease.you && lease.holder === null)) return null;
+  if (lease.you && lease.requested_by !== null) return null; // The question takes their place.
   if (!lease.you)
     return (
       <Button

@@ -109,10 +109,11 @@ export function Battery() {
 }
 
 export function FleetLink(props: { class: string; onClick?: () => void }) {
+  const { fleet } = texts().bar;
   return (
-    <a href="#fleet" {...props}>
+    <a href="#fleet" aria-label={fleet} {...props}>
       <Icon name="grid" />
-      {texts().bar.fleet}
+      <span>{fleet}</span>
     </a>
   );
 }

@@ -23,18 +23,16 @@ export function Sheet({ opened }: { opened: Opened }) {
         <div class="row">
           <Who />
           <Actions opened={opened} />
-        </div>
-      )}
-      {matchMedia("(max-width: 1023px)").matches && (
-        <div class="row">
-          <Button edge onPress={() => (opened.value = "name")}>
-            <OwnName />
-          </Button>
           <FleetLink class="btn edge" onClick={close} />
         </div>
       )}
       <Keys list={bar.keyList} />
-      <Settings />
+      <div class="row">
+        <Button edge onPress={() => (opened.value = "name")}>
+          <OwnName />
+        </Button>
+        <Settings />
+      </div>
     </Dialog>
   );
 }
@@ -70,7 +68,7 @@ function Settings() {
   const { bar } = texts();
   const { dark } = view.settings.value;
   return (
-    <div class="row">
+    <>
       <Segmented
         label={bar.theme}
         value={dark === null ? "system" : dark ? "dark" : "light"}
@@ -83,6 +81,6 @@ function Settings() {
         choices={LANGUAGES.map((value) => ({ value, text: LANGUAGE_NAMES[value] }))}
         onChoose={(chosen) => (language.value = chosen)}
       />
-    </div>
+    </>
   );
 }

@@ -233,7 +233,8 @@ export class Drive {
     if (refusal === null) return;
     const latched = untracked(() => isLatched(this.link));
     this.release();
-    if (!latched) this.onEnded({ refusal, atStart: false }); // A latched stop is explained beside STOP.
+    // A latched stop is explained beside STOP.
+    if (!latched) this.onEnded({ refusal, atStart: false });
   }
 }
 

@@ -42,9 +42,10 @@ const text = () => root.textContent ?? "";
 const mode = () => root.querySelector("[role=status]")?.textContent;
 const state = (change?: StateChange) => act(() => page.state(change));
 const pass = (ms: number) => act(() => page.pass(ms));
+// The text of a refused button goes on with the reason.
 const button = (label: string) =>
   [...root.querySelectorAll<HTMLElement>("button, a")].find(
-    (each) => (each.getAttribute("aria-label") ?? each.textContent).startsWith(label), // Then why not.
+    (each) => (each.getAttribute("aria-label") ?? each.textContent).startsWith(label),
   );
 const press = (label: string) => act(() => button(label)!.click());
 
