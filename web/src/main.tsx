@@ -1,9 +1,10 @@
+// Styles first: those of the areas refine tokens and shared components.
+import "./styles/tokens.css";
+import "./styles/base.css";
 import { render } from "preact";
 import { App } from "./app/app";
 import { Session } from "./session";
 import { nameOperatorsBy } from "./text/reasons";
-import "./styles/tokens.css";
-import "./styles/base.css";
 
 const session = new Session();
 nameOperatorsBy(session.link);

@@ -1,7 +1,7 @@
 // Heading and place of the robot; for a sphere, how it is turned.
 
 import type { ComponentChildren, JSX } from "preact";
-import { isOnFloor, onScreen } from "../drive/axes";
+import { isOnFloor } from "../drive/axes";
 import type { SphereState } from "../generated/wire";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
@@ -18,9 +18,8 @@ export function Heading() {
   const state = isCurrent(freshness(link)) ? link.state.value : null;
   if (!isOnFloor(link.robot.value)) {
     const sphere = state?.sphere ?? null;
-    const drawing = <Ball sphere={sphere} />;
     return (
-      <Cell label={deck.turned} degrees={sphere && turnedBy(sphere)} drawing={drawing}>
+      <Cell label={deck.turned} degrees={sphere && turnedBy(sphere)}>
         {["ωx", "ωy", "ωz"].map((name, i) => (
           <Row key={name} name={name} value={state?.twist?.[i]} unit="rad/s" />
         ))}
@@ -39,7 +38,7 @@ export function Heading() {
 interface CellProps {
   label: string;
   degrees: number | null;
-  drawing: JSX.Element;
+  drawing?: JSX.Element;
   children: ComponentChildren;
 }
 
@@ -84,23 +83,6 @@ function Compass({ heading }: { heading: number | null }) {
           d="M0-20L11 16L0 9L-11 16z"
           transform={`rotate(${(-heading * 180) / Math.PI})`}
         />
-      )}
-    </svg>
-  );
-}
-
-/** The sphere from above, forward up, with the mark that was on top when it was mounted. */
-function Ball({ sphere }: { sphere: SphereState | null }) {
-  const [w, x, y, z] = sphere?.wxyz ?? [1, 0, 0, 0];
-  const top = { x: 2 * (x * z + w * y), y: 2 * (y * z - w * x) };
-  const { right, down } = onScreen(top);
-  const isAbove = w * w - x * x - y * y + z * z >= 0;
-  return (
-    <svg class="compass" viewBox="-42 -42 84 84" aria-hidden="true">
-      <circle class="st-rim" r="40" />
-      <path class="st-cross" d="M-40 0H40M0-40V40" />
-      {sphere !== null && (
-        <circle class={isAbove ? "needle" : "needle below"} cx={34 * right} cy={34 * down} r="5" />
       )}
     </svg>
   );

@@ -112,7 +112,8 @@ function withControl(session: Session, state: RobotState, path?: PathToGo): Step
   }
   if (mode === "disarmed") {
     const next = { text: deck.arm, does: { t: "arm" } as const, refused: whyNotArm(link) };
-    const detail = deck.armThen[link.robot.value?.panel ?? "gimbals"];
+    const panel = link.robot.value?.panel;
+    const detail = deck.armThen[panel === "gimbals" || panel === "twist" ? panel : "other"];
     return { id: "disarmed", title: deck.yours, detail, next };
   }
   if (mode === "arming") {
@@ -145,7 +146,7 @@ function follow(path: PathToGo, route: RouteState): Step {
 function withoutControl(session: Session, state: RobotState): Step {
   const { link } = session;
   const { deck } = texts();
-  const { mode, lease } = state.status;
+  const { lease } = state.status;
   const me = link.welcome.value?.operator;
   if (lease.holder !== null && lease.requested_by === me) {
     const name = nameOf(lease.holder);
@@ -171,8 +172,7 @@ function withoutControl(session: Session, state: RobotState): Step {
   if (isLatched(link)) return { ...latched(session, state), next };
   if (lease.holder !== null) return { ...driver(session, state), next };
   const title = lease.reserved_for === me ? deck.keptForYou : deck.free;
-  const detail = deck.freeThen[mode === "disarmed" ? "disarmed" : "other"];
-  return { id: "free", title, detail, next };
+  return { id: "free", title, detail: deck.freeThen, next };
 }
 
 /** Who drives, and how fast. */

@@ -27,7 +27,7 @@ export function spokenOf(axis: keyof Deflection, value: number, unit: "m/s" | "r
   const { deck } = texts();
   const shown = figure(Math.abs(value), 2);
   if (shown === figure(0, 2)) return deck.zero;
-  return `${shown} ${deck.units[unit]} ${deck.ways[axis][value > 0 ? 0 : 1]}`;
+  return `${shown} ${deck.units[unit]} ${deck.ways[axis === "x" ? "ahead" : "aside"][value > 0 ? 0 : 1]}`;
 }
 
 export function Stick() {

@@ -1,14 +1,8 @@
-import type { RobotInfo } from "../../generated/wire";
-
 /** Texts of the deck: stick, next step, STOP, heading and turning. */
 export const deck = {
   region: "Controls",
   units: { "m/s": "metres per second", "rad/s": "radians per second" },
-  ways: {
-    x: ["forward", "backward"],
-    y: ["to the left", "to the right"],
-    turn: ["to the left", "to the right"],
-  },
+  ways: { ahead: ["forward", "backward"], aside: ["to the left", "to the right"] },
   zero: "zero",
   stick: "Stick: arrow keys",
   stickRole: "stick",
@@ -44,17 +38,15 @@ export const deck = {
   reconnecting: "Reconnecting.",
   free: "Control is free.",
   keptForYou: "Control is kept for you.",
-  freeThen: { disarmed: "Take it, and you can arm the robot.", other: "Take it to drive." },
+  freeThen: "Take it to drive the robot.",
   take: "Take control",
   yours: "You have control.",
   arm: "Arm",
   armThen: {
     gimbals: "Arming spins the wheels up; they also spin at rest.",
-    wheels: "Arming switches the motors on.",
-    sphere: "Arming switches the motors on.",
-    joints: "Arming switches the motors on.",
     twist: "Arming lets commands through to ROS, which does not promise where it stops.",
-  } satisfies Record<RobotInfo["panel"], string>,
+    other: "Arming switches the motors on.",
+  },
   arming: {
     hold: "Checking the motors at rest",
     neutral: "Checking neutral tilt and zero throttle",
