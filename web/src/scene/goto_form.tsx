@@ -1,0 +1,3 @@
+export function GoToForm() {
+  return null;
+}
