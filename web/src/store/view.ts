@@ -3,7 +3,7 @@
 import { effect, signal } from "@preact/signals";
 import { CAMERA_PRESETS, type ViewSettings } from "../generated/wire";
 import type { Link } from "./link";
-import { remembered } from "./memory";
+import { isOneOf, remembered } from "./memory";
 
 type Settings = Required<ViewSettings>;
 
@@ -21,8 +21,13 @@ function isView(stored: unknown): stored is Settings {
   return typeof view === "object" && view !== null && CAMERA_PRESETS.includes(view.camera);
 }
 
+/** Pixels of the scene: as many as the graphics card can draw, all, or half in each direction. */
+export const SHARPNESS = ["auto", "full", "half"] as const;
+export type Sharpness = (typeof SHARPNESS)[number];
+
 export class View {
   readonly settings = remembered("tsd-view", INITIAL, isView);
+  readonly sharpness = remembered<Sharpness>("tsd-sharpness", "auto", isOneOf(SHARPNESS));
   /** Whether dark colours are shown now. */
   readonly dark = signal(true);
   readonly #link: Link;

@@ -1,0 +1,112 @@
+// The sliders of the panel as one control: they drive, or only look, and may keep their values.
+
+import { computed, signal } from "@preact/signals";
+import { CENTRED, type Deflection } from "../drive/axes";
+import type { Drive, Source } from "../drive/drive";
+import type { Holder, SprungControl } from "../drive/sprung";
+import type { JointPreview } from "../generated/wire";
+
+export class PanelSliders implements Source, Holder {
+  /** Whether the sliders show joints without moving the robot. */
+  readonly looks = signal(false);
+  /** Whether a slider that is let go keeps its value; any other input ends it. */
+  readonly keeps = signal(false);
+  /** Joints of the twist that is looked at, or null. */
+  readonly preview = computed(() => (this.#drive.looksOnly.value ? this.#reply.value : null));
+
+  readonly #drive: Drive;
+  readonly #reply = signal<JointPreview | null>(null);
+  readonly #kept = new Map<SprungControl, Deflection>();
+  #controls: SprungControl[] = [];
+
+  constructor(drive: Drive) {
+    this.#drive = drive;
+  }
+
+  /** Take part in driving; returns a function that ends it, and with it a kept motion. */
+  open(): () => void {
+    const { link } = this.#drive;
+    const ends = [
+      this.#drive.add(this),
+      link.on("robot", () => this.zero()),
+      link.on("preview", (reply) => {
+        if (this.#drive.looksOnly.peek() && reply.robot === link.robot.peek()?.id)
+          this.#reply.value = reply;
+      }),
+    ];
+    return () => ends.forEach((end) => end());
+  }
+
+  get held(): boolean {
+    // A page that shows a recording may ask for no preview.
+    if (this.looks.peek() && this.#drive.link.recording !== null) return false;
+    return this.#kept.size > 0 || this.#inHand;
+  }
+
+  get alone(): boolean {
+    return this.#kept.size > 0 && !this.#inHand;
+  }
+
+  get looksOnly(): boolean {
+    return this.looks.peek();
+  }
+
+  get share(): Deflection {
+    let { x, y, turn } = CENTRED;
+    for (const control of this.#controls) {
+      const one = control.held ? control.share : (this.#kept.get(control) ?? CENTRED);
+      [x, y, turn] = [x + one.x, y + one.y, turn + one.turn];
+    }
+    return { x, y, turn };
+  }
+
+  add(control: SprungControl): () => void {
+    this.#controls.push(control);
+    return () => {
+      control.cancel();
+      this.#kept.delete(control);
+      this.#controls = this.#controls.filter((other) => other !== control);
+      this.changed();
+    };
+  }
+
+  changed(): void {
+    for (const control of this.#controls) if (control.held) this.#keep(control);
+    this.#drive.changed();
+    if (!this.#drive.looksOnly.peek()) this.#reply.value = null;
+  }
+
+  cancel(): void {
+    for (const control of this.#controls) control.cancel();
+    if (this.#kept.size > 0) this.keeps.value = false;
+    this.#kept.clear();
+  }
+
+  /** Centre all sliders: the robot stops. */
+  zero(): void {
+    this.cancel();
+    this.changed();
+  }
+
+  setLooks(on: boolean): void {
+    this.zero();
+    this.looks.value = on;
+    if (on) this.keeps.value = false;
+  }
+
+  setKeeps(on: boolean): void {
+    this.zero();
+    this.keeps.value = on;
+  }
+
+  get #inHand(): boolean {
+    return this.#controls.some(({ held }) => held);
+  }
+
+  #keep(control: SprungControl): void {
+    const { x, y, turn } = control.share;
+    if (this.keeps.peek() && (x !== 0 || y !== 0 || turn !== 0))
+      this.#kept.set(control, control.share);
+    else this.#kept.delete(control);
+  }
+}

@@ -1,0 +1,86 @@
+// Sphere: its marks from above, the angular velocity by both contact models, and turns that bring a
+// mark to the top.
+
+import { onScreen } from "../drive/axes";
+import { turned } from "../drive/sphere";
+import type { SphereState } from "../generated/wire";
+import { useSession } from "../session";
+import { whyNotDrive } from "../store/permission";
+import { figure } from "../text/numbers";
+import { refusalText } from "../text/reasons";
+import { texts } from "../text/text";
+import { Button } from "../ui/button";
+
+const RADIUS = 36; // In the drawing.
+const MARKS = [
+  ["front", [1, 0, 0]],
+  ["back", [-1, 0, 0]],
+  ["left", [0, 1, 0]],
+  ["right", [0, -1, 0]],
+  ["top", [0, 0, 1]],
+  ["bottom", [0, 0, -1]],
+] as const;
+
+export function Sphere({ sphere }: { sphere: SphereState | null }) {
+  const { link, sphere: turn } = useSession();
+  const { sphere: words } = texts().panel;
+  const refusal = whyNotDrive(link);
+  const refused = refusal && refusalText(refusal);
+  return (
+    <section class="sec">
+      <h2>{words.title}</h2>
+      <div class="globe">
+        <Globe sphere={sphere} />
+        <table class="mods pairs" aria-label={words.models}>
+          <thead>
+            <tr>
+              {["rad/s", words.ideal, words.dual].map((head) => (
+                <th scope="col" key={head}>
+                  {head}
+                </th>
+              ))}
+            </tr>
+          </thead>
+          <tbody>
+            {["x", "y", "z"].map((axis, i) => (
+              <tr key={axis}>
+                <th scope="row">
+                  ω<sub>{axis}</sub>
+                </th>
+                <td>{figure(sphere?.ideal[i], 2)}</td>
+                <td>{figure(sphere?.dual?.[i], 2)}</td>
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      </div>
+      <p>{words.between(figure(sphere?.angle_deg, 2), figure(sphere?.magnitude_percent, 2))}</p>
+      <p>{words.rows(sphere?.rows.map((row) => words.row[row] ?? "–").join(", ") ?? "–")}</p>
+      <p>{words.bringHint}</p>
+      <div class="bring" role="group" aria-label={words.bring}>
+        {MARKS.map(([name, at]) => (
+          <Button key={name} edge refused={refused} onPress={() => turn.bring(at)}>
+            {words.marks[name]}
+          </Button>
+        ))}
+      </div>
+    </section>
+  );
+}
+
+function Globe({ sphere }: { sphere: SphereState | null }) {
+  return (
+    <svg class="dial" viewBox="-42 -42 84 84" role="img" aria-label={texts().panel.sphere.picture}>
+      <circle class="d-ring" r={RADIUS} />
+      <path class="d-cross" d={`M-${RADIUS} 0H${RADIUS}M0-${RADIUS}V${RADIUS}`} />
+      <path class="d-front" d={`M-3.5-${RADIUS}L0-41L3.5-${RADIUS}z`} />
+      {sphere &&
+        MARKS.map(([name, at]) => {
+          const [x, y, z] = turned(sphere.wxyz, at);
+          const { right, down } = onScreen({ x: RADIUS * x, y: RADIUS * y });
+          const below = z < 0 ? "below" : "";
+          return <circle key={name} class={`mark ${name} ${below}`} r="5" cx={right} cy={down} />;
+        })}
+    </svg>
+  );
+}
