@@ -131,17 +131,19 @@ function Feed() {
   return (
     <div>
       <h2 class="t">{words.events}</h2>
-      <ul class="feed" role="log" aria-label={words.events} tabIndex={0}>
-        {events.map(({ why, atMs }) => (
-          <li key={`${atMs} ${why.code}`}>
-            <time dateTime={new Date(atMs).toISOString()} title={new Date(atMs).toISOString()}>
-              {time(atMs)}
-            </time>
-            <span>{sentence(why)}</span>
-          </li>
-        ))}
-        {events.length === 0 && <li class="note">{words.noEvents}</li>}
-      </ul>
+      <div class="feed" role="log" aria-label={words.events} tabIndex={0}>
+        <ul>
+          {events.map(({ why, atMs }) => (
+            <li key={`${atMs} ${why.code}`}>
+              <time dateTime={new Date(atMs).toISOString()} title={new Date(atMs).toISOString()}>
+                {time(atMs)}
+              </time>
+              <span>{sentence(why)}</span>
+            </li>
+          ))}
+          {events.length === 0 && <li class="note">{words.noEvents}</li>}
+        </ul>
+      </div>
     </div>
   );
 }
