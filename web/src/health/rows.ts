@@ -81,11 +81,12 @@ function reading(
   const { least = -Infinity, most, from = 0, to, level = 1, about } = limits;
   const isOutside = value !== null && (value < least || value >= most);
   const limit = isOutside && value < least ? least : most;
+  const text = `${figure(limit, Number.isInteger(limit) ? 0 : decimals)} ${unit}`;
   return {
     ...shown,
     band: { least, most, from, to, at: value },
     level: isOutside ? level : 0,
-    remedy: isOutside ? (remedies[key]?.(about ?? `${figure(limit, decimals)} ${unit}`) ?? "") : "",
+    remedy: isOutside ? (remedies[key]?.(about ?? text) ?? "") : "",
   };
 }
 
@@ -125,7 +126,7 @@ function loopRows({ loop }: RobotStatus, recent: Increases): Row[] {
   const rate = { least: 0.95 * LOOP_HZ, most: 1.05 * LOOP_HZ, from: 0.5 * LOOP_HZ };
   return [
     reading("rate", loop.hz, 1, "Hz", { ...rate, to: 1.5 * LOOP_HZ }),
-    reading("loopJitter", loop.jitter_p99_ms, 2, "ms", { most: LOOP_JITTER_MS, to: 20 }),
+    reading("loopJitter", loop.jitter_p99_ms, 1, "ms", { most: LOOP_JITTER_MS, to: 20 }),
     reading("overruns", recent.of("overruns", loop.overruns), 0, "", { most: 10, to: 50 }),
   ];
 }
