@@ -171,6 +171,13 @@ test("Without a signal, no figure is shown or judged, and the verdict says since
   check(texts().health.unknown.offline("3 s"));
 });
 
+test("A low battery shows the measured voltage, also above the threshold, and only once.", () => {
+  const why = { limits: { ...status.limits, why: [low] }, hardware: { battery_v: 11.2 } };
+  const all = Object.values(judge({ status: why }).report.groups).flat();
+  const outside = all.filter(({ level }) => level > 0);
+  expect(outside.map(({ name, value }) => [name, value])).toEqual([[rows.battery, "11.2"]]);
+});
+
 test("A counter alone is history: only its recent increase counts.", () => {
   vi.useFakeTimers();
   const recent = new Increases();
