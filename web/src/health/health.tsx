@@ -36,7 +36,7 @@ export function Health() {
   const words = texts().health;
   const all = Object.entries(groups) as [GroupKey, Row[]][];
   const outside = all.flatMap(([, rows]) => rows.filter((row) => row.level > 0));
-  const judged = all.flatMap(([, rows]) => rows.filter(({ band }) => band)).length;
+  const within = all.flatMap(([, rows]) => rows.filter((row) => row.band && row.level === 0));
   return (
     <section class="health" aria-label={words.title}>
       <div class={`verdict l${level}`} role="status">
@@ -56,7 +56,7 @@ export function Health() {
       <div>
         <h2 class="t">
           {words.within}
-          <small>{words.readings(judged)}</small>
+          <small>{words.readings(within.length)}</small>
         </h2>
         {all.map(([key, rows]) => (
           <Group key={key} name={key} rows={rows.filter((row) => row.level === 0)} />
@@ -131,17 +131,19 @@ function Feed() {
   return (
     <div>
       <h2 class="t">{words.events}</h2>
-      <ul class="feed" role="log" aria-label={words.events} tabIndex={0}>
-        {events.map(({ why, atMs }) => (
-          <li key={`${atMs} ${why.code}`}>
-            <time dateTime={new Date(atMs).toISOString()} title={new Date(atMs).toISOString()}>
-              {time(atMs)}
-            </time>
-            <span>{sentence(why)}</span>
-          </li>
-        ))}
-        {events.length === 0 && <li class="note">{words.noEvents}</li>}
-      </ul>
+      <div class="feed" role="log" aria-label={words.events} tabIndex={0}>
+        <ul>
+          {events.map(({ why, atMs }) => (
+            <li key={`${atMs} ${why.code}`}>
+              <time dateTime={new Date(atMs).toISOString()} title={new Date(atMs).toISOString()}>
+                {time(atMs)}
+              </time>
+              <span>{sentence(why)}</span>
+            </li>
+          ))}
+          {events.length === 0 && <li class="note">{words.noEvents}</li>}
+        </ul>
+      </div>
     </div>
   );
 }

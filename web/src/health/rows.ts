@@ -51,7 +51,7 @@ const LOOP_HZ = 100; // PERIOD_S of node/robot_node.py.
 const LOOP_JITTER_MS = 5; // Half a period.
 const HOT_C = 70; // HOT_C of control/monitors.py.
 const COUNTED = new Set(["missed", "broken", "reconnects"]); // Errors of serial lines.
-const LOW_BATTERY = new Set(["battery_low", "battery_too_low"]);
+const LOW_BATTERY = "battery_low"; // Its own row shows it.
 
 /** Return the rows of all groups that this robot has; counters refer to the last seconds. */
 export function rowsOf(link: Link, state: RobotState, isLive: boolean, recent: Increases): Groups {
@@ -81,11 +81,12 @@ function reading(
   const { least = -Infinity, most, from = 0, to, level = 1, about } = limits;
   const isOutside = value !== null && (value < least || value >= most);
   const limit = isOutside && value < least ? least : most;
+  const text = `${figure(limit, Number.isInteger(limit) ? 0 : decimals)} ${unit}`;
   return {
     ...shown,
     band: { least, most, from, to, at: value },
     level: isOutside ? level : 0,
-    remedy: isOutside ? (remedies[key]?.(about ?? `${figure(limit, decimals)} ${unit}`) ?? "") : "",
+    remedy: isOutside ? (remedies[key]?.(about ?? text) ?? "") : "",
   };
 }
 
@@ -125,7 +126,7 @@ function loopRows({ loop }: RobotStatus, recent: Increases): Row[] {
   const rate = { least: 0.95 * LOOP_HZ, most: 1.05 * LOOP_HZ, from: 0.5 * LOOP_HZ };
   return [
     reading("rate", loop.hz, 1, "Hz", { ...rate, to: 1.5 * LOOP_HZ }),
-    reading("loopJitter", loop.jitter_p99_ms, 2, "ms", { most: LOOP_JITTER_MS, to: 20 }),
+    reading("loopJitter", loop.jitter_p99_ms, 1, "ms", { most: LOOP_JITTER_MS, to: 20 }),
     reading("overruns", recent.of("overruns", loop.overruns), 0, "", { most: 10, to: 50 }),
   ];
 }
@@ -207,7 +208,8 @@ function controlRows({ status }: RobotState, robot: RobotInfo | null): Row[] {
   const { lease, limits } = status;
   const { rows, nobody, notPromised } = texts().health;
   const name = (operator: string | null) => (operator === null ? nobody : nameOf(operator));
-  const why = (limits.why ?? []).map((reason) => sentence(reason)).join(" ");
+  const reasons = (limits.why ?? []).filter(({ code }) => code !== LOW_BATTERY);
+  const why = reasons.map((reason) => sentence(reason)).join(" ");
   return [
     plain(rows.holder, name(lease.holder)),
     ...(lease.requested_by === null ? [] : [plain(rows.askedBy, name(lease.requested_by))]),
@@ -264,13 +266,15 @@ function hardwareRows(status: RobotStatus, facts: Facts, recent: Increases, path
   });
 }
 
+/** Low until the robot takes its limit back, which needs some more voltage than the threshold. */
 function batteryRow({ limits }: RobotStatus, volts: unknown): Row {
-  const low = (limits.why ?? []).find(({ code }) => LOW_BATTERY.has(code));
-  const least = Number(low?.params?.["volts"]);
+  const low = (limits.why ?? []).find(({ code }) => code === LOW_BATTERY);
   const known = typeof volts === "number" ? volts : null;
-  if (low === undefined || Number.isNaN(least)) return reading("battery", known, 1, "V");
+  if (low === undefined) return reading("battery", known, 1, "V");
+  const least = Number(low.params?.["volts"]);
   const band = { least, most: Infinity, from: 0.8 * least, to: 1.3 * least };
-  return reading("battery", Math.min(known ?? 0, least - 0.01), 1, "V", band);
+  const remedy = texts().health.remedies["battery"]!(`${figure(least, 1)} V`);
+  return { ...reading("battery", known, 1, "V", band), level: 1, remedy };
 }
 
 function written(value: unknown): string {

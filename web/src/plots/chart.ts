@@ -14,8 +14,14 @@ const WIDTHS = { set: 1, measured: 2.25, other: 1.5 };
 /** Each part of a plot has a hue and a pattern, so that colour is not the only difference. */
 const HUES = ["--estimate", "--plan", "--command", "--caution", "--ink-2"];
 const PATTERNS = [[], [9, 4], [2, 3], [9, 3, 2, 3], [5, 3]];
-/** Minimum end of the value axis, by unit. */
-const LEAST: Record<string, number> = { "m/s": 0.2, "rad/s": 0.5, "°": 5, rpm: 20, ms: 20 };
+/** Minimum end of the value axis, by title. */
+const LEAST: Record<string, number> = {
+  Velocity: 0.2,
+  "Turn rate": 0.5,
+  Tilt: 5,
+  Rpm: 20,
+  "Link round trip": 20,
+};
 const LEAST_OF_ALL = 0.02;
 
 export interface LineStyle {
@@ -134,11 +140,12 @@ export class PlotChart {
    * and shrinks only if there is ample room.
    */
   #range(unit: string): [number, number] {
-    const least = LEAST[unit] ?? LEAST_OF_ALL;
+    const fields = this.#fields.filter((field) => field.unit === unit);
+    const least = LEAST[fields[0]?.title ?? ""] ?? LEAST_OF_ALL;
     const { buffer } = this.#view.recorder;
     const [from, to] = buffer.places(...this.#view.span());
     let [low, high] = [Infinity, -Infinity];
-    for (const { name } of this.#fields.filter((field) => field.unit === unit)) {
+    for (const { name } of fields) {
       for (const value of buffer.values(name).subarray(from, to)) {
         if (value < low) low = value;
         if (value > high) high = value;

@@ -29,7 +29,7 @@ export const health: Texts["health"] = {
     count === 0 ? "" : count === 1 ? "Eins fällt auf." : `${count} Dinge fallen auf.`,
   advice: [
     (count) => `Alle ${count} Werte liegen in ihrem Bereich.`,
-    (names) => `Sehen Sie unten nach: ${names}. Fahren können Sie noch.`,
+    (names) => `Sehen Sie unten nach: ${names}. Fahren kann er noch.`,
     (names) => `Fahren Sie erst, wenn Sie hier nachgesehen haben: ${names}.`,
   ],
   unknown: {

@@ -27,7 +27,7 @@ export const health = {
     count === 0 ? "" : count === 1 ? "One thing to look at." : `${count} things to look at.`,
   advice: [
     (count: string) => `All ${count} readings are within their bands.`,
-    (names: string) => `Look at this below: ${names}. You can still drive.`,
+    (names: string) => `Look at this below: ${names}. It can still drive.`,
     (names: string) => `Do not drive before you have looked at this: ${names}.`,
   ] as [(count: string) => string, (names: string) => string, (names: string) => string],
   unknown: {
