@@ -7,6 +7,7 @@ robot, or any other message, is shown at once.
 from __future__ import annotations
 
 import copy
+import re
 import tempfile
 import threading
 from collections.abc import Generator, Mapping
@@ -18,22 +19,15 @@ from typing import Any
 
 from playwright.sync_api import Browser, Page
 
-from tsd_twin.dashboard import gateway as server
+from tsd_twin.dashboard.gateway.page import FILES
+from tsd_twin.dashboard.gateway.viewport_page import BUNDLE
 
-STATIC = Path(server.__file__).parents[1] / "static"
 OPERATOR = "web-01234567"
-_HTML = """<!doctype html><html lang="en" data-mantine-color-scheme="light"><body style="margin:0">
-<div style="position:fixed;inset:0"><canvas data-engine></canvas></div>
-<aside style="position:fixed;right:0;top:0;width:0;height:100%;overflow:hidden">
-<div data-tsd="wheel_speed"></div><div data-tsd="route"></div><div data-tsd="health"></div></aside>
-<div id="connection">about the connection</div>
-<div id="tabs" style="display: grid; grid-template-rows: 1fr"></div>
-<svg class="tabler-icon tabler-icon-cloud-check" width="10" height="10"></svg>
-<script type="module" src="static/main.js"></script></body></html>"""
+_VIEWPORT = """<!doctype html><script>
+const origin = new URL(location.href).searchParams.get("parent");
+for (const t of ["loaded", "ready"]) parent.postMessage({tsd: 1, t}, origin);
+</script>"""
 _SOCKET = """
-if (location.protocol === "http:" && location.search !== "?hints")
-  localStorage.setItem("tsd.hints", "seen");
-window.tsd = {page: "0123456789abcdef", hasFocus: () => true, lowDetail: true, recording: null};
 window.sent = [];
 window.now = null;
 window.WebSocket = class {
@@ -61,7 +55,6 @@ window.show = (state) => {
   if (state !== null) say({...state, status_seq: (seen += 1)});
 };
 setInterval(() => window.now !== null && window.show(window.now), 50);
-window.overlay = () => document.getElementById("tsd-overlay").shadowRoot;
 """
 """What is last shown is sent again 20 times a second, as a robot does."""
 
@@ -110,11 +103,7 @@ _MODULE = {
     "spinning": False,
     "setpoint": _POSE,
 }
-LATCHED = {"t": "panel_sliders", "vx": 0.2, "vy": 0, "omega": 0, "mode": "drive", "latch": True}
-PREVIEW = LATCHED | {"mode": "preview", "latch": False}
-"""Sliders of viser's panel."""
-_TOUCH = """(type) => document.querySelector("aside").dispatchEvent(
-  new PointerEvent(type, {bubbles: true, composed: true, pointerId: 7}))"""
+_LAID_OUT_MS = 100
 COLOURS = ("#1f9ce6", "#ed0965", "#058467")
 
 
@@ -205,21 +194,10 @@ class PageStage:
         return [m for m in self.page.evaluate("sent.splice(0)") if m["t"] in types]
 
     def resize(self, width: int, height: int) -> None:
-        """Wait until the page has the size, and has laid out what depends on it."""
+        """Wait until the page has the size."""
         self.page.set_viewport_size({"width": width, "height": height})
-        in_dock = str(width <= 1060).lower()
-        self.page.wait_for_function(
-            f"innerWidth === {width} && innerHeight === {height} && "
-            f"document.getElementById('tsd-overlay').clientWidth === {width} && "
-            f"document.getElementById('tsd-overlay').clientHeight === {height} && "
-            f"(overlay().querySelector('.dock .level-control') !== null) === {in_dock}"
-        )
-
-    def move_slider(self, sliders: Mapping[str, Any]) -> None:
-        """Move a slider of viser's panel with a pointer, which then leaves it."""
-        self.page.evaluate(_TOUCH, "pointerdown")
-        self.say(sliders)
-        self.page.evaluate(_TOUCH, "pointerup")
+        self.page.wait_for_function(f"innerWidth === {width} && innerHeight === {height}")
+        self.page.wait_for_timeout(_LAID_OUT_MS)
 
     def choose(self, robot_id: str, *robot_ids: str) -> None:
         """Show the first of these robots, and list all of them."""
@@ -249,7 +227,7 @@ class _Handler(SimpleHTTPRequestHandler):
 
     def end_headers(self) -> None:
         """Let the browser keep scripts and styles: to load all of them anew costs most."""
-        kept = self.path.startswith("/static/")
+        kept = self.path.startswith(("/page.", "/inter."))
         self.send_header("Cache-Control", "max-age=3600" if kept else "no-store")
         super().end_headers()
 
@@ -263,9 +241,13 @@ class _Server:
     def __init__(self) -> None:
         self._folder = tempfile.TemporaryDirectory()
         folder = Path(self._folder.name)
-        (folder / "index.html").write_text(_HTML, "utf-8")
+        html = (BUNDLE / "index.html").read_text("utf-8").replace("{{viewport}}", "")
+        (folder / "index.html").write_text(html, "utf-8")
         (folder / "blank.html").write_text("", "utf-8")
-        (folder / "static").symlink_to(STATIC)
+        (folder / "viewport").mkdir()
+        (folder / "viewport/index.html").write_text(_VIEWPORT, "utf-8")
+        for name in FILES:
+            (folder / name).symlink_to(BUNDLE / name)
         self._recordings = folder / "recordings"
         handler = partial(_Handler, directory=self._folder.name)
         self._files = ThreadingHTTPServer(("127.0.0.1", 0), handler)
@@ -308,13 +290,10 @@ def _page_of(browser: Browser) -> Page:
 
 
 @contextmanager
-def page_stage(
-    browser: Browser, *, hints: bool = False, recordings: bool = False
-) -> Generator[PageStage]:
-    """Open the page with one robot, tsd; hints of the first visit only when asked for.
+def page_stage(browser: Browser, *, recordings: bool = False) -> Generator[PageStage]:
+    """Open the page with one robot, tsd, and a list of recordings only when asked for.
 
-    With a server that has `recordings` the page has a timeline. The page remembers nothing of the
-    last stage.
+    The page remembers nothing of the last stage.
     """
     page, server = _page_of(browser), _server_of(browser)
     failures: list[str] = []
@@ -325,14 +304,9 @@ def page_stage(
     server.have_recordings(wanted=recordings)
     page.set_viewport_size({"width": 1280, "height": 720})
     page.on("pageerror", failed)
-    page.goto(f"{server.address}{'?hints' if hints else ''}")
-    page.wait_for_function(
-        "Boolean(window.socket?.onmessage) && overlay().querySelector('.stop') !== null"
-    )
-    # Sizes and places are those of the style sheets.
-    page.wait_for_function("overlay().querySelector('.frame').style.visibility === ''")
-    if recordings:
-        page.wait_for_function("!overlay().querySelector('.timeline').hidden")
+    page.goto(server.address)
+    page.wait_for_function("Boolean(window.socket?.onmessage)")
+    page.get_by_role("button", name=re.compile("STOP")).first.wait_for()
     stage = PageStage(page)
     stage.choose("tsd")
     stage.show(state())
