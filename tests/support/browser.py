@@ -72,8 +72,8 @@ _CENTRE = """(found) => {
   const { left, top, width, height } = usable.getBoundingClientRect();
   return [left + width / 2, top + height / 2];
 }"""
-QUICK = "?fixedDpr=0.2"
-"""Fewer pixels: the processor of a test machine draws them all."""
+QUICK = "?"
+"""The frame draws fewer pixels by itself where the processor draws them."""
 
 
 def executable() -> str:
@@ -128,13 +128,13 @@ def click_through(page: Page, *names: str) -> None:
     page.wait_for_timeout(100)
 
 
-def take_control_and_arm(page: Page, robot: str = "") -> None:
-    """Do what a newcomer does first; of several robots the buttons have the name."""
+def take_control_and_arm(page: Page) -> None:
+    """Do what a newcomer does first."""
     mode(page, "disarmed")
-    get_ready(page, robot)
+    get_ready(page)
 
 
-def get_ready(page: Page, robot: str = "") -> None:
+def get_ready(page: Page) -> None:
     """Take control and arm with the mouse, as often as it takes.
 
     A page that gets no time is silent, and loses control; its robot may be in a fault then. One
@@ -142,16 +142,15 @@ def get_ready(page: Page, robot: str = "") -> None:
     """
     said = page.get_by_role("status", name="Mode")
     held = page.get_by_role("button", name="Release control")
-    arm, disarm = (f"{word} {robot}".rstrip() for word in ("Arm", "Disarm"))
-    armed = page.get_by_role("button", name=disarm, exact=True)
+    armed = page.get_by_role("button", name="Disarm", exact=True)
     for _ in range(_PRESSES):
         with contextlib.suppress(AssertionError):
-            link = page.get_by_role("status", name="Link")
+            link = page.get_by_role("button", name=re.compile("^Link"))
             expect(link).to_contain_text(_NEAR, timeout=PATIENCE_MS / _PRESSES)
         if held.is_visible() and re.search("ready|driving", said.inner_text(), re.IGNORECASE):
             return
-        click_through(page, "Reset stop")  # Which a mouse would have to hold.
-        for name, then in (("Take control", held), (arm, armed)):
+        click_through(page, "Hold to reset")  # Which a mouse would have to hold.
+        for name, then in (("Take control", held), ("Arm", armed)):
             if press_now(page, name):
                 with contextlib.suppress(AssertionError):
                     expect(then).to_be_visible(timeout=PATIENCE_MS / _PRESSES)
@@ -210,7 +209,7 @@ def give_back(page: Page) -> None:
     said = page.get_by_role("status", name="Mode")
     for _ in range(PATIENCE_MS // 100):  # Each turn waits for 100 ms.
         if "disarmed" not in said.inner_text().lower():
-            click_through(page, "Take control", "Reset stop", "Disarm")
+            click_through(page, "Take control", "Hold to reset", "Disarm")
         elif not free.is_visible():
             click_through(page, "Release control")
         else:

@@ -28,8 +28,8 @@ class Pointer:
 
 
 def _finger_down(page: RealPage) -> None:
-    page.tab.touch("touchStart", (*page.place(".pad"), 1))
-    page.tab.touch("touchMove", (*page.place(".pad", 1.0), 1))
+    page.tab.touch("touchStart", (*page.place(".stick"), 1))
+    page.tab.touch("touchMove", (*page.place(".stick", 1.0), 1))
 
 
 def _finger_up(page: RealPage) -> None:

@@ -10,7 +10,6 @@ from tests.support.fault_stage import SPEED_MPS, Observer
 
 NEAR_MS = 100
 """A page that is still busy with loading would be taken for a far one, and driven slower."""
-_OVERLAY = "document.getElementById('tsd-overlay').shadowRoot"
 _PRESSED_S = 0.2
 _SHOWN = "getClientRects().length > 0"
 _EVENTS = ("blur", "visibilitychange", "pointercancel", "lostpointercapture", "pointerdown")
@@ -26,17 +25,17 @@ class RealPage:
 
     def until_loaded(self) -> None:
         """Wait until the controls are there and the robot is known, and note what happens."""
-        self.tab.until(f"{self.element('.pad')}?.{_SHOWN}")
-        link = f"{self.element('[aria-label=Link]')}.textContent"
+        self.tab.until(f"{self.element('.stick')}?.{_SHOWN}")
+        link = f"{self.element('.fact.link')}.textContent"
         self.tab.until(f"Number(/(\\d+) ms/.exec({link})?.[1] ?? Infinity) < {NEAR_MS}")
         self.tab.tell_of(_EVENTS)
 
     def element(self, selector: str) -> str:
-        """Return an expression for an element of the overlay."""
-        return f"{_OVERLAY}.querySelector({json.dumps(selector)})"
+        """Return an expression for an element."""
+        return f"document.querySelector({json.dumps(selector)})"
 
     def text(self, selector: str) -> str:
-        """Return what an element of the overlay says."""
+        """Return what an element says."""
         return str(self.tab.value(f"{self.element(selector)}.textContent"))
 
     def place(self, selector: str, up: float = 0.0) -> tuple[float, float]:
@@ -55,7 +54,7 @@ class RealPage:
     def button(self, name: str) -> str:
         """Return an expression for a button that can be used now, by its name."""
         return (
-            f"[...{_OVERLAY}.querySelectorAll('button')].find((each) => "
+            f"[...document.querySelectorAll('button')].findLast((each) => "
             f"(each.getAttribute('aria-label') ?? each.textContent) === {json.dumps(name)} && "
             f"each.{_SHOWN} && !each.hasAttribute('aria-disabled'))"
         )
@@ -70,14 +69,14 @@ class RealPage:
 
     def can_take_over(self) -> bool:
         """Ask for control, anew if this page stalls, until it can be taken; false if it is free."""
-        clicks = ", ".join(f"{self.button(s)}?.click()" for s in ("Ask for control", "Take over…"))
+        clicks = ", ".join(f"{self.button(s)}?.click()" for s in ("Ask for control",))
         free = f"Boolean({self.button('Take control')})"
         self.tab.until(f"Boolean({self.button('Take over')}) || {free} || ({clicks}, false)")
         return not self.tab.value(free)
 
     def drives(self) -> bool:
         """Return whether this page has control."""
-        return self.text(".driver").startswith("you drive")
+        return self.text(".driver").startswith("You drive")
 
     def get_ready(self, observer: Observer) -> None:
         """Take control and arm, at the highest level, with what is pressed as often as it takes.
@@ -95,11 +94,12 @@ class RealPage:
                 self.click("Release control")
             elif held and self.tab.value(f"{said}.includes('ready')"):
                 break
-            self.click("Reset stop")  # As assistive technology does.
+            self.click("Hold to reset")  # As assistive technology does.
             self.click("Arm")
             assert time.monotonic() < end_s, f"never ready: {observer.status}"
             time.sleep(_PRESSED_S)
-        self.press("100 %")
+        end = "new KeyboardEvent('keydown', {code: 'End', key: 'End', bubbles: true})"
+        self.tab.value(f"{self.element('.cap')}.dispatchEvent({end})")
 
     def click(self, name: str) -> None:
         """Click on a button, if it can be used."""
@@ -107,7 +107,7 @@ class RealPage:
 
     def take_control(self) -> None:
         """Take control, also from another operator."""
-        steps = ("Take control", "Ask for control", "Take over…", "Take over")
+        steps = ("Take control", "Ask for control", "Take over")
         clicks = ", ".join(f"{self.button(step)}?.click()" for step in steps)
-        mine = f"{self.element('.driver')}.textContent.startsWith('you drive')"
+        mine = f"{self.element('.driver')}.textContent.startsWith('You drive')"
         self.tab.until(f"{mine} || ({clicks}, false)")

@@ -87,17 +87,17 @@ def test_a_finger_that_the_system_takes_away(desk: PageOperator, table: Table) -
 
 
 def test_a_pointer_whose_capture_is_lost(desk: PageOperator, table: Table) -> None:
-    pad = desk.page.element(".pad")
+    pad = desk.page.element(".stick")
     desk.page.tab.value(
         f"{pad}.addEventListener('gotpointercapture', (e) => (window.finger = e.pointerId)), 1"
     )
     page = desk.drive(FINGER)
-    nearly = page.place(".pad", 0.9)
+    nearly = page.place(".stick", 0.9)
     page.tab.value(f"{pad}.releasePointerCapture(finger)")
     page.tab.touch("touchMove", (*nearly, 1))  # With which the page hears of it.
     fault_s = page.tab.when("lostpointercapture")
     run = desk.watch(fault_s)
-    page.tab.touch("touchMove", (*page.place(".pad", 0.5), 1))
+    page.tab.touch("touchMove", (*page.place(".stick", 0.5), 1))
     desk.stays_still()
     stands_still(table.add("browser: pointer capture lost", run))
     desk.drives_anew(FINGER)
@@ -107,13 +107,13 @@ def test_a_second_finger_on_stop_while_the_first_holds_the_stick(
     desk: PageOperator, table: Table
 ) -> None:
     page = desk.drive(FINGER)
-    held = (*page.place(".pad", 1.0), 1)
+    held = (*page.place(".stick", 1.0), 1)
     stop = (*page.place(".stop"), 2)
     page.tab.touch("touchStart", held, stop)
     run = desk.watch(page.tab.when("pointerdown"))
     page.until_mode("stopped")
     page.tab.touch("touchEnd", held)
-    page.tab.touch("touchMove", (*page.place(".pad", 0.5), 1))
+    page.tab.touch("touchMove", (*page.place(".stick", 0.5), 1))
     desk.stays_still()
     stands_still(table.add("browser: STOP by a second finger", run, "latched"))
     desk.drives_anew(FINGER)

@@ -23,7 +23,7 @@ const ICONS: Record<string, IconName> = {
 export function Mode() {
   const { kind, icon, text } = shownMode(useSession().link);
   return (
-    <span class={`mode ${kind}`} role="status">
+    <span class={`mode ${kind}`} role="status" aria-label={texts().common.mode}>
       <Icon name={icon} />
       {text}
     </span>

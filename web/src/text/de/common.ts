@@ -3,6 +3,7 @@ import type { Texts } from "../text";
 export const common: Texts["common"] = {
   title: (robot) => `${robot} · tsd-twin`,
   fleet: "Alle Roboter · tsd-twin",
+  mode: "Zustand",
   modes: {
     disarmed: "Aus",
     arming: "Startet",

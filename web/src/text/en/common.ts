@@ -4,6 +4,7 @@ import type { PageCode } from "../../store/permission";
 export const common = {
   title: (robot: string) => `${robot} · tsd-twin`,
   fleet: "All robots · tsd-twin",
+  mode: "Mode",
   modes: {
     disarmed: "Disarmed",
     arming: "Arming",
