@@ -43,6 +43,8 @@ class Desk:
         self.views = ClientViews(server, self.scene)
         self.feed = RobotFeed()
         self.scene.add(self.feed)
+        self.feed.say(pose=np.zeros(3))  # The camera is placed when the pose is known.
+        self.scene.draw()
         self.errors: list[str] = []
         self._browser = browser
 
