@@ -15,6 +15,7 @@ from tests.support.robot_feed import RobotFeed
 from tests.support.view_desk import PAGE, ViewDesk
 from tests.support.viser_client import CAMERA, ViserClient, chosen
 from tsd_twin.dashboard.scene.framing import CameraPose, Rectangle, pictured
+from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer
 from tsd_twin.lie import SE2
 
@@ -27,7 +28,7 @@ def seen_at(viewer: ViserClient, point: tuple[float, float]) -> Any:
     look_at = np.array(viewer.camera["SetCameraLookAtMessage"]["look_at"])
     aspect = CAMERA["image_width"] / CAMERA["image_height"]
     pose = CameraPose(position, look_at)
-    return pictured(pose, np.array([[*point, 0.05]]), aspect, CAMERA["fov"])[0]
+    return pictured(pose, np.array([[*point, 0.05]]), aspect, FIELD_OF_VIEW_RAD)[0]
 
 
 def test_the_selected_robot_keeps_its_place_in_the_scene(

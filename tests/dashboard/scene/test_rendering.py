@@ -18,7 +18,7 @@ from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.lie import Array
 
-SIZE = (360, 300)
+SIZE = (540, 450)
 SCENE_ONLY = "body :not(canvas, :has(canvas)) { display: none !important }"
 """As in the frame of the page."""
 
@@ -128,7 +128,7 @@ def test_preview_is_seen_by_one_client_in_place_of_the_live_gimbals(
     live = picture(page)
     assert magenta(live) == 0
     view.set_preview(desk.feed.kinematics.inverse(np.array([0.0, 0.0, 3.0])))
-    tried = until(page, lambda shown: magenta(shown) > 200)
+    tried = until(page, lambda shown: magenta(shown) > 100)
     assert orange(tried) < 0.1 * orange(live)  # The live wheels are not behind them.
     assert magenta(picture(other_page)) == 0
     other_page.close()

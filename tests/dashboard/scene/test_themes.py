@@ -15,6 +15,7 @@ from tsd_twin.dashboard.scene.appearance import Theme
 from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.framing import CameraPose, Rectangle, pictured
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import Array
 
@@ -58,14 +59,14 @@ def test_a_client_sees_the_overlays_of_its_theme(views: ClientViews, viewer: Vis
         viewer.until(lambda expected=expected: shown(viewer) == expected)
 
 
-def robot_in_picture(viewer: ViserClient) -> Array:
+def robot_in_picture(viewer: ViserClient, width: int = CAMERA["image_width"]) -> Array:
     position, look_at = (
         np.array(viewer.camera[f"SetCamera{kind}Message"][key])
         for kind, key in (("Position", "position"), ("LookAt", "look_at"))
     )
-    aspect = CAMERA["image_width"] / CAMERA["image_height"]
+    aspect = width / CAMERA["image_height"]
     centre = np.array([[0.0, 0.0, 0.07]])  # The world moves so that the robot is in the origin.
-    return pictured(CameraPose(position, look_at), centre, aspect, CAMERA["fov"])[0]
+    return pictured(CameraPose(position, look_at), centre, aspect, FIELD_OF_VIEW_RAD)[0]
 
 
 def test_the_robot_is_framed_in_the_free_rectangle_at_first_sight_and_when_it_changes(
@@ -74,6 +75,24 @@ def test_the_robot_is_framed_in_the_free_rectangle_at_first_sight_and_when_it_ch
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), 0.5, atol=0.1))
     views.set_frame(PAGE, FREE)
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), (0.55, 0.35), atol=0.07))
+
+
+def test_the_robot_is_framed_again_in_a_narrower_window(
+    views: ClientViews, viewer: ViserClient
+) -> None:
+    views.set_frame(PAGE, FREE)
+    viewer.until(lambda: np.allclose(robot_in_picture(viewer), (0.55, 0.35), atol=0.07))
+    assert viewer.camera["SetCameraFovMessage"]["fov"] == FIELD_OF_VIEW_RAD
+    placed = {
+        "position": viewer.camera["SetCameraPositionMessage"]["position"],
+        "look_at": viewer.camera["SetCameraLookAtMessage"]["look_at"],
+        "fov": FIELD_OF_VIEW_RAD,
+    }
+    viewer.send(CAMERA | placed | {"image_width": 400})
+    viewer.until(
+        lambda: viewer.camera["SetCameraPositionMessage"]["position"] != placed["position"]
+    )
+    viewer.until(lambda: np.allclose(robot_in_picture(viewer, 400), (0.55, 0.35), atol=0.07))
 
 
 def test_a_camera_that_somebody_has_moved_stays_until_home(

@@ -29,7 +29,7 @@ _ELEVATIONS_RAD = {
 _UNTOUCHED_M = 0.01
 """Largest difference to the pose where the camera was placed."""
 _ASPECTS = (0.1, 10.0)
-_FIELDS_RAD = (0.1, 2.5)
+_USUAL_ASPECT, _ASPECT_CHANGE = 1.5, 0.01
 _LEAST_PICTURE_PX = 100
 _LABELS_ABOVE_M = 0.05
 """Space above a robot for its overlays."""
@@ -42,6 +42,7 @@ class ClientCamera:
         self._camera = client.camera
         self._frame = frame
         self._placed: CameraPose | None = None
+        self._placed_aspect = _USUAL_ASPECT
         self.placed_for: str | None = None
         """Robot in front of which the camera was placed with a known pose."""
         self.heading_rad = 0.0
@@ -62,31 +63,38 @@ class ClientCamera:
     def set_frame(self, frame: Rectangle) -> bool:
         """Set the free part of the picture; return whether the camera is where it was placed."""
         changed, self._frame = frame != self._frame, frame
-        if self._placed is None:
-            return False
-        moved = np.linalg.norm(self._camera.position - self._placed.position)
-        return changed and bool(moved < _UNTOUCHED_M)
+        return changed and self._is_untouched
+
+    @property
+    def is_out_of_shape(self) -> bool:
+        """Whether an untouched camera was placed for a picture of another shape."""
+        changed = abs(self.aspect - self._placed_aspect) > _ASPECT_CHANGE * self._placed_aspect
+        return changed and self._is_untouched
 
     def place(self, shape: RobotShape, at: SE2, preset: CameraPreset, *, planar: bool) -> None:
         """Frame a robot at a pose in the scene; spheres and the view from above do not turn."""
         x, y, heading_rad = (float(number) for number in at.xy_heading)
         turns = planar and preset is not CameraPreset.TOP
         self.heading_rad = heading_rad if turns else 0.0
-        aspect, fov_rad = self.lens()
+        self._placed_aspect = aspect = self.aspect
         stand = Stand((x, y), shape.reach_m, shape.height_m + _LABELS_ABOVE_M)
         pose = frame_robot(
-            stand, self.heading_rad, aspect, fov_rad, self._frame, _ELEVATIONS_RAD[preset]
+            stand, self.heading_rad, aspect, FIELD_OF_VIEW_RAD, self._frame, _ELEVATIONS_RAD[preset]
         )
+        self._camera.fov = FIELD_OF_VIEW_RAD  # A new client first reports viser's default.
         self._camera.position, self._camera.look_at = pose
         self._placed = pose
         height_px = max(_LEAST_PICTURE_PX, int(self._camera.image_height))
-        self.px_per_m = 0.5 * height_px / math.tan(0.5 * fov_rad)
+        self.px_per_m = 0.5 * height_px / math.tan(0.5 * FIELD_OF_VIEW_RAD)
 
-    def lens(self) -> tuple[float, float]:
-        """Return aspect ratio and field of view; clients may send invalid cameras."""
-        aspect, fov_rad = float(self._camera.aspect), float(self._camera.fov)
-        if not _ASPECTS[0] < aspect < _ASPECTS[1]:
-            aspect = 1.5
-        if not _FIELDS_RAD[0] < fov_rad < _FIELDS_RAD[1]:
-            fov_rad = FIELD_OF_VIEW_RAD
-        return aspect, fov_rad
+    @property
+    def aspect(self) -> float:
+        """Width of the picture divided by its height; clients may send invalid cameras."""
+        aspect = float(self._camera.aspect)
+        return aspect if _ASPECTS[0] < aspect < _ASPECTS[1] else _USUAL_ASPECT
+
+    @property
+    def _is_untouched(self) -> bool:
+        if self._placed is None:
+            return False
+        return bool(np.linalg.norm(self._camera.position - self._placed.position) < _UNTOUCHED_M)

@@ -27,7 +27,7 @@ from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual, 
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.stage import add_ground, add_lights
 from tsd_twin.dashboard.scene.student_robot import StudentPose, StudentRobot
-from tsd_twin.dashboard.scene.viser_compat import set_theme
+from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD, set_theme
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
 from tsd_twin.lie import SE2, Array
 
@@ -69,6 +69,7 @@ class ClientView:
         self._metres = MetreLabels(client)
         self._labelled: tuple[int, ...] | None = None
         self.on_robots_changed()
+        client.camera.on_update(self._on_camera)
 
     # Selection and camera.
 
@@ -97,6 +98,12 @@ class ClientView:
         """Set the part of the picture that nothing covers; an untouched camera is placed again."""
         with self._scene.lock:
             if self._camera.set_frame(frame):
+                self._place_camera()
+
+    async def _on_camera(self, _: viser.CameraHandle) -> None:
+        """Frame the robot again after a change of the window, unless the user moved the camera."""
+        with self._scene.lock:
+            if self._camera.is_out_of_shape:
                 self._place_camera()
 
     def _place_camera(self) -> None:
@@ -132,7 +139,9 @@ class ClientView:
             return
         self._labelled = key
         pose = in_odom(placed, world)
-        places = metre_places((x, y), pose, *self._camera.lens(), self._camera.frame)
+        places = metre_places(
+            (x, y), pose, self._camera.aspect, FIELD_OF_VIEW_RAD, self._camera.frame
+        )
         self._metres.update(places, pose, self._camera.px_per_m, self._palette.label)
 
     def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
