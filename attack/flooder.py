@@ -23,8 +23,8 @@ from websockets.sync.client import connect
 FRAMES = 200
 """Frames sent per call."""
 FLOODS: tuple[tuple[Opcode, bytes], ...] = (
-    (Opcode.TEXT, b'{"t":"panel_released"}'),
-    (Opcode.TEXT, b'{"t":"panel_released"}'),
+    (Opcode.TEXT, b'{"t":"clear_plan"}'),
+    (Opcode.TEXT, b'{"t":"clear_plan"}'),
     (Opcode.CONT, b""),
     (Opcode.TEXT, b'{"t":"heartbeat","status_seq":0,"sent_ms":1.0,"focus":true}'),
     (Opcode.TEXT, b'{"t":"robot","id":"unknown"}'),

@@ -380,7 +380,7 @@ def _loaded(port: int, host: str, cookie: str, trusting: ssl.SSLContext) -> Gene
             headers = {"Host": host, "Cookie": cookie}
             next_s = time.monotonic() + client / _LOAD_PER_S
             while not ended.wait(max(0.0, next_s - time.monotonic())):
-                asked.request("GET", "/twin/static/main.js", headers=headers)
+                asked.request("GET", "/twin/page.js", headers=headers)
                 done[client] += len(asked.getresponse().read()) > 1000
                 next_s += _CLIENTS / _LOAD_PER_S
 

@@ -41,11 +41,13 @@ window.WebSocket = class extends Plain {
 };
 """
 """Records the start of the frame after each state, by which time the browser has shown it."""
-HIDE = "document.querySelector('canvas[data-engine]').style.display = 'none'"
+FRAME = ".viewport-frame"
+"""Frame of the scene in the page."""
+HIDE = f"document.querySelector('{FRAME}').style.display = 'none'"
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure the page with and without viser's canvas; the rest is our code."""
+    """Measure the page with and without viser's frame; the rest is our code."""
     mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
     page = [sys.executable, "-m", "tsd_dashboard", "--port", "0", "--until-eof"]
     with program(mock) as endpoint, program([*page, "--connect", endpoint]) as url:
@@ -80,12 +82,17 @@ def delays_ms(endpoint: str, url: str, seconds: float) -> tuple[list[float], lis
         page = browser.new_page(viewport=_SIZE)
         page.add_init_script(_NOTES)
         page.goto(url)
-        page.wait_for_selector("canvas[data-engine]", timeout=PATIENCE_MS)
+        wait_for_scene(page)
         with_scene_ms = watch(page, sent_ms, seconds)
         page.evaluate(HIDE)
         alone_ms = watch(page, sent_ms, seconds)
         browser.close()
     return with_scene_ms, alone_ms
+
+
+def wait_for_scene(page: Page) -> None:
+    """Wait until the frame of the page has a canvas."""
+    page.frame_locator(FRAME).locator("canvas[data-engine]").wait_for(timeout=PATIENCE_MS)
 
 
 def watch(page: Page, sent_ms: dict[int, float], seconds: float) -> list[float]:

@@ -11,7 +11,7 @@ import psutil
 from playwright.sync_api import Page, sync_playwright
 
 from bench.bus import program
-from bench.page import HIDE
+from bench.page import HIDE, wait_for_scene
 from bench.table import Row
 from tests.support.browser import FLAGS, PATIENCE_MS, QUICK, executable
 
@@ -83,7 +83,7 @@ def opened(url: str, samples: int) -> Generator[Page]:
         page.add_init_script(f"localStorage.setItem('tsd.plots', {json.dumps(settings)})")
         page.add_init_script(_HISTORY.replace("SAMPLES", str(samples)))
         page.goto(url + QUICK)
-        page.wait_for_selector("canvas[data-engine]", timeout=PATIENCE_MS)
+        wait_for_scene(page)
         page.evaluate(HIDE)
         yield page
         browser.close()

@@ -31,15 +31,13 @@ NEEDED = (
     "tsd_ros.py",
     "tsd_twin/py.typed",
     "tsd_twin/robots/tsd.toml",
+    "tsd_twin/dashboard/bundle/index.html",
     "tsd_twin/dashboard/bundle/page.js",
     "tsd_twin/dashboard/bundle/page.css",
     "tsd_twin/dashboard/bundle/frame.js",
     "tsd_twin/dashboard/bundle/inter.woff2",
     "tsd_twin/dashboard/bundle/LICENSES.txt",
     "tsd_twin/dashboard/bundle/inter.LICENSE.txt",
-    "tsd_twin/dashboard/static/main.js",
-    "tsd_twin/dashboard/static/vendor/uPlot.iife.min.js",
-    "tsd_twin/dashboard/static/vendor/uPlot.LICENSE",
     "tsd_twin/meshes/tsd/tsd.urdf",
 )
 

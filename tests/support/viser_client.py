@@ -50,7 +50,7 @@ class Node:
 
 @dataclass
 class Control:
-    """One control of the panel."""
+    """Control of a dashboard in plain viser, such as the example."""
 
     kind: str
     uuid: str

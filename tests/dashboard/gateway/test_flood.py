@@ -21,7 +21,7 @@ from tsd_twin.dashboard.scene.scene_executor import BackgroundWorker
 from tsd_twin.dashboard.sessions.teleop import ZERO_REPEATS
 
 TOO_MANY = round((1.0 + GRACE) * TELEOP.messages.burst) + 100
-FLOOD = '{"t":"panel_released"}'
+FLOOD = '{"t":"clear_plan"}'
 STOP_S = 0.5
 """In one process with ten flooding threads; `make attack` measures it between processes."""
 

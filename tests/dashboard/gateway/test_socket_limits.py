@@ -24,7 +24,7 @@ DRIVE = (
     '"status_seq":12345}'
 )
 BEAT = '{"t":"heartbeat","status_seq":12345,"sent_ms":123456.7,"focus":true}'
-RELEASED = '{"t":"panel_released"}'
+CLEARED = '{"t":"clear_plan"}'
 MOST_AT_ONCE = round((1.0 + GRACE) * TELEOP.messages.burst)
 
 
@@ -44,13 +44,13 @@ def test_no_more_passes_than_the_burst_and_the_rate(
 
 
 def test_a_page_that_does_all_it_can_at_once_passes_for_an_hour() -> None:
-    """A stick at 100 Hz, which is the most a page sends, beats, and a slider that springs back."""
+    """A stick at 100 Hz, which is the most a page sends, beats, and plans that it clears."""
     limiter = SocketLimiter(TELEOP)
     for tick in range(360_000):
         now_s = 0.01 * tick
         said = [DRIVE]
         said += [BEAT] if tick % 10 == 0 else []
-        said += [RELEASED] if tick % 25 == 0 else []
+        said += [CLEARED] if tick % 25 == 0 else []
         said += ['{"t":"stop"}'] if tick % 20 == 0 else []
         assert all(limiter.decide(text, now_s) is LimitDecision.PASS for text in said)
 
@@ -63,7 +63,7 @@ def test_what_a_page_said_while_the_network_stood_still_passes() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", [RELEASED, DRIVE, BEAT, "garbage", '{"t":"robot","id":"x"}', '{"t":"stop"}', b"\x00"]
+    "text", [CLEARED, DRIVE, BEAT, "garbage", '{"t":"robot","id":"x"}', '{"t":"stop"}', b"\x00"]
 )
 def test_a_flood_is_cut_off(text: str | bytes) -> None:
     limiter = SocketLimiter(TELEOP)
@@ -81,8 +81,8 @@ def test_a_few_huge_messages_are_a_flood_too() -> None:
 
 def test_one_kind_that_floods_takes_nothing_from_the_others() -> None:
     limiter = SocketLimiter(TELEOP)
-    decisions = [limiter.decide(RELEASED, 1.0) for _ in range(200)]
-    assert decisions.count(LimitDecision.PASS) == TELEOP.kinds["panel_released"].burst
+    decisions = [limiter.decide(CLEARED, 1.0) for _ in range(200)]
+    assert decisions.count(LimitDecision.PASS) == TELEOP.kinds["clear_plan"].burst
     assert limiter.dropped == 200 - decisions.count(LimitDecision.PASS)
     assert limiter.decide(DRIVE, 1.0) is LimitDecision.PASS
 
@@ -113,7 +113,7 @@ def test_a_message_of_a_flood_costs_little() -> None:
     def took_s() -> float:
         begin_s = time.perf_counter()
         for _ in range(2000):
-            limiter.decide(RELEASED, 1.0)
+            limiter.decide(CLEARED, 1.0)
         return (time.perf_counter() - begin_s) / 2000
 
     assert min(took_s() for _ in range(10)) < 20e-6

@@ -78,9 +78,9 @@ def test_the_robot_is_framed_in_the_free_rectangle_at_first_sight_and_when_it_ch
 
 
 def test_the_robot_is_framed_again_in_a_narrower_window(
-    panels: PanelManager, viewer: ViserClient
+    views: ClientViews, viewer: ViserClient
 ) -> None:
-    panels.set_frame(PAGE, FREE)
+    views.set_frame(PAGE, FREE)
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), (0.55, 0.35), atol=0.07))
     assert viewer.camera["SetCameraFovMessage"]["fov"] == FIELD_OF_VIEW_RAD
     placed = {

@@ -155,6 +155,21 @@ def test_let_go_on_the_way_it_stands_and_goes_on_only_when_held_anew(served: Sit
         let_go(page)
 
 
+def test_a_new_path_ends_the_motion_along_the_old_one(served: Site) -> None:
+    with served.page() as page:
+        page.make_ready()
+        plan(page, (-0.9, 0.0))
+        route = go(page, midway(page))
+        commands = CommandRecorder(served, page)
+        assert plan(page, (0.5, 0.5))["number"] > route["number"]  # The button is still held.
+        assert page.last("released")["why"]["code"] == Code.PATH_REPLANNED
+        page.until(lambda: page.mode == "ready")
+        assert is_put_to_rest(commands.take())
+        settle(page)
+        assert commands.take() == []
+        let_go(page)
+
+
 def lose_focus(page: Page) -> None:
     page.focus = False
 

@@ -99,12 +99,11 @@ TELEOP = SocketLimits(
     size=Quota(64e3, 192e3),
     kinds=MappingProxyType(
         {
-            # A page sends at most 100 of these three and 10 heartbeats per second.
+            # A page sends at most 100 of the motions and 10 heartbeats per second.
             "drive": Quota(150.0, 300.0),
             "follow_plan": Quota(150.0, 300.0),
             "heartbeat": Quota(30.0, 100.0),
             "preview": Quota(150.0, 300.0),
-            "panel_released": Quota(10.0, 20.0),
             "plan": Quota(10.0, 20.0),
             "speed_level": Quota(30.0, 60.0),
             "clear_plan": Quota(10.0, 30.0),
