@@ -47,7 +47,7 @@ export function DriveTab() {
           </Fold>
         )}
         {robot.wheel_speed_limits && (
-          <WheelSpeed limits={robot.wheel_speed_limits} key={robot.id} />
+          <WheelSpeed robot={robot} limits={robot.wheel_speed_limits} key={robot.id} />
         )}
       </div>
     </div>

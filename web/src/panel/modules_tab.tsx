@@ -1,12 +1,12 @@
 // Modules tab: measured values and set-points of each module or wheel, and whether they agree.
 
-import type { GimbalState, RobotInfo, RobotState } from "../generated/wire";
+import type { GimbalState, RobotInfo, RobotState, WheelState } from "../generated/wire";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import { figure } from "../text/numbers";
 import { texts } from "../text/text";
 import { Sphere } from "./sphere";
-import { Values } from "./wheels";
+import { pushOf, Table, value, Values } from "./table";
 
 const SHUT_OFF = new Set(["disarmed", "stopped", "fault"]);
 const OFF_DEG = 0.5; // A gimbal that is farther from its set-point does not follow.
@@ -17,229 +17,125 @@ interface Shown {
   state: RobotState | null;
 }
 
+/** Name, unit, decimals, measured value and, if there is one, set-point. */
+type Row = readonly [string, string, number, (number | null)?, (number | null)?];
+
 export function ModulesTab() {
   const { link } = useSession();
+  const { drive, modules: words, wheels } = texts().panel;
   const robot = link.robot.value;
-  if (robot === null || link.beat.value < 0)
-    return <p class="note">{texts().panel.drive.waiting}</p>;
+  if (robot === null || link.beat.value < 0) return <p class="note">{drive.waiting}</p>;
   const state = isCurrent(freshness(link)) ? link.state.peek() : null; // Beats suffice for figures.
   const shown = { robot, state };
-  if (robot.panel === "gimbals")
-    return (
-      <>
-        <Agreement {...shown} />
-        <div class="modules">
-          {robot.modules.map((name, i) => (
-            <Gimbal key={name} {...shown} index={i} />
-          ))}
-        </div>
-        <p class="note">{texts().panel.modules.directions}</p>
-      </>
-    );
+  const isGimbals = robot.panel === "gimbals";
+  const names = isGimbals ? robot.modules : robot.wheels;
   return (
     <>
-      {robot.wheels.length > 0 ? <Wheels {...shown} /> : <Values {...shown} preview={null} />}
+      {(isGimbals || robot.panel === "wheels") && <Agreement {...shown} />}
+      {names.length === 0 && <Values {...shown} />}
+      <div class="modules">
+        {names.map((name, i) => {
+          const title = isGimbals ? wheels.module(i + 1) : wheels.wheelNumber(i + 1);
+          const isSuspect = state?.status.consistency.suspect === name;
+          const module = state?.modules[i];
+          const phase = module && (module.spinning ? words.spinning : words.atRest);
+          const rows = isGimbals ? ofGimbal(name, module, state) : ofWheel(state?.wheels[i]);
+          return (
+            <section key={name} class={isSuspect ? "sec suspect" : "sec"}>
+              <h2>
+                {title}
+                <small>{isSuspect ? words.suspect : phase}</small>
+              </h2>
+              <Compared label={title} rows={rows} />
+            </section>
+          );
+        })}
+      </div>
+      {isGimbals && <p class="note">{words.directions}</p>}
       {robot.panel === "sphere" && <Sphere sphere={state?.sphere ?? null} />}
-      {robot.panel === "wheels" && <Agreement {...shown} />}
       <OtherEstimate {...shown} />
-      <NotPromised robot={robot} />
+      {robot.not_promised.length > 0 && (
+        <section class="sec">
+          <h2>{words.notPromised}</h2>
+          <ul class="points">
+            {robot.not_promised.map((sentence) => (
+              <li key={sentence}>{sentence}</li>
+            ))}
+          </ul>
+        </section>
+      )}
     </>
   );
 }
 
-function Gimbal({ robot, state, index }: Shown & { index: number }) {
+function ofGimbal(name: string, module: GimbalState | undefined, state: RobotState | null): Row[] {
   const { modules: words, wheels } = texts().panel;
-  const module = state?.modules[index];
   const goal = module?.setpoint;
-  const isSuspect = state?.status.consistency.suspect === robot.modules[index];
-  const phase = isSuspect ? words.suspect : module?.spinning ? words.spinning : words.atRest;
-  const push = (velocity?: [number, number]) => velocity && Math.hypot(...velocity);
-  const rows: readonly Row[] = [
+  const share = state?.status.consistency.contributions[name];
+  return [
     [wheels.tilt, "°", 1, module?.tilt, goal?.tilt],
     [words.direction, "°", 0, module?.direction, goal?.direction],
     ["α", "°", 1, module?.alpha, module?.alpha_setpoint],
     ["β", "°", 1, module?.beta, module?.beta_setpoint],
-    [wheels.push, "m/s", 2, push(module?.push), push(goal?.push)],
+    [wheels.push, "m/s", 2, pushOf(module?.push), pushOf(goal?.push)],
     [wheels.wheel, wheels.rpm, 0, module?.rpm, goal?.rpm],
     [words.radius, "mm", 1, module?.radius_mm],
-    [words.unexplained, "%", 0, shareOf(robot.modules[index], state)],
+    [words.share, "%", 0, share === undefined ? null : 100 * share],
   ];
-  return (
-    <section class={isSuspect ? "sec suspect" : "sec"}>
-      <h2>
-        {wheels.module(index + 1)}
-        <small>{module && phase}</small>
-      </h2>
-      <Compared label={wheels.module(index + 1)} rows={rows} />
-    </section>
-  );
 }
 
-function Wheels({ robot, state }: Shown) {
+function ofWheel(wheel: WheelState | undefined): Row[] {
   const { modules: words, wheels } = texts().panel;
-  const suspect = state?.status.consistency.suspect;
-  return (
-    <div class="modules">
-      {robot.wheels.map((name, i) => {
-        const wheel = state?.wheels[i];
-        const title = wheels.wheelNumber(i + 1);
-        const rows: readonly Row[] = [
-          [wheels.rpm, "", 0, wheel?.rpm, wheel?.rpm_setpoint],
-          [
-            wheels.push,
-            "m/s",
-            2,
-            signedPush(wheel?.push, wheel?.rpm),
-            signedPush(wheel?.push_setpoint, wheel?.rpm_setpoint),
-          ],
-          [words.contradiction, "m/s", 3, wheel?.residual_mps],
-        ];
-        return (
-          <section key={name} class={name === suspect ? "sec suspect" : "sec"}>
-            <h2>
-              {title}
-              <small>{name === suspect && words.suspect}</small>
-            </h2>
-            <Speed
-              label={title}
-              rpm={wheel?.rpm}
-              setRpm={wheel?.rpm_setpoint}
-              most={robot.max_rpm ?? 0}
-            />
-            <Compared label={title} rows={rows} />
-          </section>
-        );
-      })}
-    </div>
-  );
+  const [goalRpm, goal] = [wheel?.rpm_setpoint, wheel?.push_setpoint];
+  return [
+    [wheels.wheel, wheels.rpm, 0, wheel?.rpm, goalRpm],
+    [wheels.push, "m/s", 2, pushOf(wheel?.push, wheel?.rpm), pushOf(goal, goalRpm)],
+    [words.unexplained, "m/s", 3, wheel?.residual_mps],
+  ];
 }
-
-const signedPush = (push?: [number, number], rpm = 0) =>
-  push && Math.sign(rpm) * Math.hypot(...push);
-
-/** Share of the contradiction that a module explains, in percent. */
-function shareOf(name: string | undefined, state: RobotState | null): number | null {
-  const share = state?.status.consistency.contributions[name ?? ""];
-  return share === undefined ? null : 100 * share;
-}
-
-interface SpeedProps {
-  label: string;
-  rpm: number | undefined;
-  setRpm: number | undefined;
-  most: number;
-}
-
-/** Bar from the middle, forward to the right, with a tick at the set-point. */
-function Speed({ label, rpm, setRpm, most }: SpeedProps) {
-  const at = (value = 0) => (most > 0 ? 50 + 50 * Math.max(-1, Math.min(1, value / most)) : 50);
-  const [from, to] = [Math.min(50, at(rpm)), Math.max(50, at(rpm))];
-  return (
-    <div
-      class="bar2"
-      role="meter"
-      aria-label={texts().panel.modules.speedOf(label)}
-      aria-valuemin={-most}
-      aria-valuemax={most}
-      aria-valuenow={Math.round(rpm ?? 0)}
-      aria-valuetext={`${figure(rpm)} ${texts().panel.wheels.rpm}`}
-    >
-      <i class="fill" style={{ left: `${from}%`, right: `${100 - to}%` }} />
-      {setRpm !== undefined && <i class="tick" style={{ left: `${at(setRpm)}%` }} />}
-    </div>
-  );
-}
-
-/** Name, unit, decimals, measured value and, if there is one, set-point. */
-type Row = readonly [string, string, number, (number | null)?, (number | null)?];
 
 function Compared({ label, rows }: { label: string; rows: readonly Row[] }) {
-  const { modules: words, wheels } = texts().panel;
-  const cell = (value: number | null | undefined, decimals: number, unit: string) => (
-    <>
-      {figure(value, decimals)}
-      {unit === "°" ? unit : <span class="u">{unit}</span>}
-    </>
-  );
-  return (
-    <table class="mods pairs" aria-label={label}>
-      <thead>
-        <tr>
-          <th scope="col">
-            <span class="sr">{wheels.quantity}</span>
-          </th>
-          <th scope="col">{words.measured}</th>
-          <th scope="col">{words.setPoint}</th>
-        </tr>
-      </thead>
-      <tbody>
-        {rows.map(({ 0: name, 1: unit, 2: decimals, 3: value, 4: goal, length }) => (
-          <tr key={name}>
-            <th scope="row">{name}</th>
-            <td>{cell(value, decimals, unit)}</td>
-            <td>{length > 4 && cell(goal, decimals, unit)}</td>
-          </tr>
-        ))}
-      </tbody>
-    </table>
-  );
+  const { wheels: words } = texts().panel;
+  const cells = rows.map((row) => {
+    const [name, unit, decimals, measured, goal] = row;
+    const cell = value(measured, decimals, unit);
+    return [name, cell, row.length > 4 ? value(goal, decimals, unit) : ""];
+  });
+  return <Table label={label} heads={["", words.measured, words.setPoint]} rows={cells} pairs />;
 }
 
 /** Whether the actuators agree on one motion, and which of them does not. */
 function Agreement({ robot, state }: Shown) {
-  const { modules: words } = texts().panel;
-  if (state === null) return null;
-  const { residual_mps, level, suspect } = state.status.consistency;
-  const verdict = verdictOf(robot, state, suspect);
+  const isSuspicious = (state?.status.consistency.suspect ?? null) !== null;
   return (
-    <section class={suspect === null ? "sec" : "sec suspect"}>
+    <section class={isSuspicious ? "sec suspect" : "sec"}>
       <h2>
-        {words.agreement}
-        <small>
-          {figure(residual_mps, 3)}
-          <span class="u">m/s</span>
-        </small>
+        {texts().panel.modules.agreement}
+        <small>{value(state?.status.consistency.residual_mps, 3, "m/s")}</small>
       </h2>
-      <div
-        class="bar2"
-        role="meter"
-        aria-label={words.agreement}
-        aria-valuemin={0}
-        aria-valuemax={1}
-        aria-valuenow={Math.min(1, level)}
-        aria-valuetext={verdict}
-      >
-        <i class="fill" style={{ left: 0, right: `${100 * (1 - Math.min(1, level))}%` }} />
-      </div>
-      <p>{verdict}</p>
+      <p>{state && verdictOf(robot, state)}</p>
     </section>
   );
 }
 
-function verdictOf(robot: RobotInfo, state: RobotState, suspect: string | null): string {
+function verdictOf(robot: RobotInfo, state: RobotState): string {
   const { modules: words, wheels } = texts().panel;
+  const { suspect } = state.status.consistency;
   const isGimbals = robot.panel === "gimbals";
   if (suspect === null) {
     if (isGimbals) return words.modulesAgree;
     return robot.wheels.length < 4 ? words.threeWheels : words.wheelsAgree;
   }
-  if (!isGimbals) return words.contradicts(wheels.wheelNumber(robot.wheels.indexOf(suspect) + 1));
-  const at = robot.modules.indexOf(suspect);
-  const name = wheels.module(at + 1);
-  const off = gimbalError(state.modules[at]);
-  if (off === null) return words.contradicts(name);
-  const [gimbal, byDeg] = off;
+  const at = (isGimbals ? robot.modules : robot.wheels).indexOf(suspect);
+  const name = isGimbals ? wheels.module(at + 1) : wheels.wheelNumber(at + 1);
+  const module = state.modules[at];
+  const alphaDeg = module ? Math.abs(module.alpha - module.alpha_setpoint) : 0;
+  const betaDeg = module ? Math.abs(module.beta - module.beta_setpoint) : 0;
+  const offDeg = Math.max(alphaDeg, betaDeg);
+  if (offDeg < OFF_DEG) return words.contradicts(name);
   const end = SHUT_OFF.has(state.status.mode) ? words.shutOff : words.pushes;
-  return `${words.doesNotFollow(name, gimbal, figure(byDeg, 1))} ${end}`;
-}
-
-/** Gimbal that is farther from its set-point, and by how many degrees; null if both follow. */
-function gimbalError(module: GimbalState | undefined): ["α" | "β", number] | null {
-  if (module === undefined) return null;
-  const alpha = Math.abs(module.alpha - module.alpha_setpoint);
-  const beta = Math.abs(module.beta - module.beta_setpoint);
-  if (Math.max(alpha, beta) < OFF_DEG) return null;
-  return beta > alpha ? ["β", beta] : ["α", alpha];
+  const gimbal = betaDeg > alphaDeg ? "β" : "α";
+  return `${words.doesNotFollow(name, gimbal, figure(offDeg, 1))} ${end}`;
 }
 
 function OtherEstimate({ robot, state }: Shown) {
@@ -252,20 +148,6 @@ function OtherEstimate({ robot, state }: Shown) {
     <section class="sec">
       <h2>{words.otherEstimate}</h2>
       <p>{words.differs(source, metres, figure(difference.degrees, 1))}</p>
-    </section>
-  );
-}
-
-function NotPromised({ robot }: { robot: RobotInfo }) {
-  if (robot.not_promised.length === 0) return null;
-  return (
-    <section class="sec">
-      <h2>{texts().panel.modules.notPromised}</h2>
-      <ul class="points">
-        {robot.not_promised.map((sentence) => (
-          <li key={sentence}>{sentence}</li>
-        ))}
-      </ul>
     </section>
   );
 }

@@ -10,6 +10,7 @@ import { figure } from "../text/numbers";
 import { refusalText } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
+import { Table } from "./table";
 
 const RADIUS = 36; // In the drawing.
 const MARKS = [
@@ -31,28 +32,16 @@ export function Sphere({ sphere }: { sphere: SphereState | null }) {
       <h2>{words.title}</h2>
       <div class="globe">
         <Globe sphere={sphere} />
-        <table class="mods pairs" aria-label={words.models}>
-          <thead>
-            <tr>
-              {["rad/s", words.ideal, words.dual].map((head) => (
-                <th scope="col" key={head}>
-                  {head}
-                </th>
-              ))}
-            </tr>
-          </thead>
-          <tbody>
-            {["x", "y", "z"].map((axis, i) => (
-              <tr key={axis}>
-                <th scope="row">
-                  ω<sub>{axis}</sub>
-                </th>
-                <td>{figure(sphere?.ideal[i], 2)}</td>
-                <td>{figure(sphere?.dual?.[i], 2)}</td>
-              </tr>
-            ))}
-          </tbody>
-        </table>
+        <Table
+          pairs
+          label={words.models}
+          heads={["rad/s", words.ideal, words.dual]}
+          rows={["ωx", "ωy", "ωz"].map((name, i) => [
+            name,
+            figure(sphere?.ideal[i], 2),
+            figure(sphere?.dual?.[i], 2),
+          ])}
+        />
       </div>
       <p>{words.between(figure(sphere?.angle_deg, 2), figure(sphere?.magnitude_percent, 2))}</p>
       <p>{words.rows(sphere?.rows.map((row) => words.row[row] ?? "–").join(", ") ?? "–")}</p>

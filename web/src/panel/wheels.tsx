@@ -9,16 +9,10 @@ import { freshness, isCurrent } from "../store/freshness";
 import { figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
 import { texts } from "../text/text";
-import { Figure } from "../ui/figure";
 import { Dial, endOfAxle, ringRange, tipOf } from "./dial";
+import { pushOf, Table, value, Values } from "./table";
 
 const COLUMNS = 4; // Of one table; the next four follow below it.
-
-interface Column {
-  name: string;
-  dial: ComponentChildren;
-  cells: readonly ComponentChildren[];
-}
 
 interface Shown {
   robot: RobotInfo;
@@ -40,13 +34,9 @@ export function WheelsDo({ preview }: { preview: JointPreview | null }) {
         {words.title}
         <small>{preview ? words.looked : words.setPoints}</small>
       </h2>
-      {robot.panel === "gimbals" ? (
-        <Gimbals {...shown} />
-      ) : robot.wheels.length > 0 ? (
-        <Wheels {...shown} />
-      ) : (
-        <Values {...shown} />
-      )}
+      {robot.panel === "gimbals" && <Gimbals {...shown} />}
+      {robot.wheels.length > 0 && <Wheels {...shown} />}
+      {robot.panel !== "gimbals" && robot.wheels.length === 0 && <Values {...shown} />}
       <InUse {...shown} />
     </section>
   );
@@ -58,72 +48,58 @@ function Gimbals({ robot, state, preview }: Shown) {
   const now = state?.modules;
   const poses = preview?.modules ?? now?.map(({ setpoint }) => setpoint);
   const tilts = [...(now ?? []), ...(poses ?? [])].map(({ tilt }) => tilt);
-  range.current = ringRange(tilts, range.current);
+  const ring = (range.current = ringRange(tilts, range.current));
   const most = mostPush(robot, poses);
-  const columns = robot.modules.map((_, i): Column => {
+  const columns = robot.modules.map((_, i) => {
     const [pose, measured] = [poses?.[i], now?.[i]];
     const name = words.module(i + 1);
-    return {
+    const dial = (
+      <Dial
+        isAxle
+        dot={measured ? endOfAxle(measured, ring) : null}
+        ring={pose ? endOfAxle(pose, ring) : null}
+        arrow={pose ? tipOf(pose.push, most) : null}
+        looks={preview !== null}
+        label={words.dial(name, figure(pose?.tilt, 1), figure(pose?.direction))}
+      />
+    );
+    return [
       name,
-      dial: (
-        <Dial
-          isAxle
-          dot={measured ? endOfAxle(measured, range.current) : null}
-          ring={pose ? endOfAxle(pose, range.current) : null}
-          arrow={pose ? tipOf(pose.push, most) : null}
-          looks={preview !== null}
-          label={words.dial(name, figure(pose?.tilt, 1), figure(pose?.direction))}
-        />
-      ),
-      cells: [
-        <b class="lead">
-          <Figure value={pose?.tilt} decimals={1} />°
-        </b>,
-        `${figure(pose?.alpha, 1, true)}°`,
-        `${figure(pose?.beta, 1, true)}°`,
-        <Figure value={pose && Math.hypot(...pose.push)} decimals={2} unit="m/s" />,
-        <Figure value={pose?.rpm} unit={words.rpm} />,
-      ],
-    };
+      dial,
+      <b class="lead">{value(pose?.tilt, 1, "°")}</b>,
+      `${figure(pose?.alpha, 1, true)}°`,
+      `${figure(pose?.beta, 1, true)}°`,
+      value(pushOf(pose?.push), 2, "m/s"),
+      value(pose?.rpm, 0, words.rpm),
+    ];
   });
-  const rows = [words.tilt, "α", "β", words.push, words.wheel];
-  return (
-    <Columns corner={words.ring(figure(range.current))} rows={rows} columns={columns} isAxle />
-  );
+  const names = [words.ring(figure(ring)), "", words.tilt, "α", "β", words.push, words.wheel];
+  return <Columns names={names} columns={columns} isAxle />;
 }
 
 function Wheels({ robot, state, preview }: Shown) {
   const words = texts().panel.wheels;
   const now = state?.wheels;
-  const poses =
-    preview?.wheels ??
-    now?.map(({ rpm_setpoint, push_setpoint: push }) => ({ rpm: rpm_setpoint, push }));
+  const goals = now?.map(({ rpm_setpoint: rpm, push_setpoint: push }) => ({ rpm, push }));
+  const poses = preview?.wheels ?? goals;
   const most = mostPush(robot, poses);
-  const columns = robot.wheels.map((_, i): Column => {
+  const columns = robot.wheels.map((_, i) => {
     const [pose, measured] = [poses?.[i], now?.[i]];
     const name = words.wheelNumber(i + 1);
-    const push = pose && Math.sign(pose.rpm) * Math.hypot(...pose.push);
-    return {
-      name,
-      dial: (
-        <Dial
-          isAxle={false}
-          dot={measured ? tipOf(measured.push, most) : null}
-          ring={null}
-          arrow={pose ? tipOf(pose.push, most) : null}
-          looks={preview !== null}
-          label={words.wheelDial(name, figure(push, 2))}
-        />
-      ),
-      cells: [
-        <Figure value={push} decimals={2} unit="m/s" />,
-        <b class="lead">
-          <Figure value={pose?.rpm} />
-        </b>,
-      ],
-    };
+    const push = pose && pushOf(pose.push, pose.rpm);
+    const dial = (
+      <Dial
+        isAxle={false}
+        dot={measured ? tipOf(measured.push, most) : null}
+        ring={null}
+        arrow={pose ? tipOf(pose.push, most) : null}
+        looks={preview !== null}
+        label={words.wheelDial(name, figure(push, 2))}
+      />
+    );
+    return [name, dial, value(push, 2, "m/s"), <b class="lead">{figure(pose?.rpm)}</b>];
   });
-  return <Columns corner="" rows={[words.push, words.rpm]} columns={columns} isAxle={false} />;
+  return <Columns names={["", "", words.push, words.rpm]} columns={columns} isAxle={false} />;
 }
 
 /** Fastest push of a dial, in m/s: all of them have one scale. */
@@ -132,50 +108,22 @@ function mostPush(robot: RobotInfo, poses: readonly { push: [number, number] }[]
 }
 
 interface ColumnsProps {
-  corner: string;
-  rows: readonly string[];
-  columns: readonly Column[];
+  /** Names of the rows, of which the first is that of the heads. */
+  names: readonly string[];
+  columns: readonly (readonly ComponentChildren[])[];
   isAxle: boolean;
 }
 
-function Columns({ corner, rows, columns, isAxle }: ColumnsProps) {
+function Columns({ names, columns, isAxle }: ColumnsProps) {
   const words = texts().panel.wheels;
   const tables = [];
   for (let i = 0; i < columns.length; i += COLUMNS) tables.push(columns.slice(i, i + COLUMNS));
   return (
     <>
-      {tables.map((some) => (
-        <table class="mods" key={some[0]?.name} aria-label={words.title}>
-          <thead>
-            <tr>
-              <th scope="col" class="note">
-                {corner || <span class="sr">{words.quantity}</span>}
-              </th>
-              {some.map(({ name }) => (
-                <th scope="col" key={name}>
-                  {name}
-                </th>
-              ))}
-            </tr>
-          </thead>
-          <tbody>
-            <tr class="pic">
-              <td />
-              {some.map(({ name, dial }) => (
-                <td key={name}>{dial}</td>
-              ))}
-            </tr>
-            {rows.map((row, i) => (
-              <tr key={row}>
-                <th scope="row">{row}</th>
-                {some.map(({ name, cells }) => (
-                  <td key={name}>{cells[i]}</td>
-                ))}
-              </tr>
-            ))}
-          </tbody>
-        </table>
-      ))}
+      {tables.map((some, table) => {
+        const [heads = [], ...rows] = names.map((name, i) => [name, ...some.map((one) => one[i])]);
+        return <Table key={table} label={words.title} heads={heads as string[]} rows={rows} />;
+      })}
       <p class="keys note">
         <span class="k-dot">{isAxle ? words.axle : words.measured}</span>
         {isAxle && <span class="k-set">{words.setPoint}</span>}
@@ -185,55 +133,12 @@ function Columns({ corner, rows, columns, isAxle }: ColumnsProps) {
   );
 }
 
-/** Rows of a robot without dials: joints by name, or the speeds of a robot that has no joints. */
-export function Values({ robot, state, preview }: Shown) {
-  const { wheels: words, modules } = texts().panel;
-  const joints = preview?.joints ?? state?.joints;
-  const rows =
-    robot.joints.length > 0
-      ? robot.joints.map(({ name, unit }, i) => {
-          const { setpoint = null } = joints?.[i] ?? {};
-          return { name, unit, setpoint, value: state?.joints[i]?.value };
-        })
-      : robot.twist_axes.map(({ symbol, unit }, i) => {
-          const setpoint = (preview?.twist ?? state?.commanded)?.[i];
-          return { name: symbol, unit, setpoint, value: state?.twist?.[i] };
-        });
-  return (
-    <table class="mods" aria-label={words.title}>
-      <thead>
-        <tr>
-          {[words.quantity, modules.setPoint, modules.measured].map((head, i) => (
-            <th scope="col" key={head}>
-              {i === 0 ? <span class="sr">{head}</span> : head}
-            </th>
-          ))}
-        </tr>
-      </thead>
-      <tbody>
-        {rows.map(({ name, unit, setpoint, value }) => (
-          <tr key={name}>
-            <th scope="row">{name}</th>
-            <td>
-              <Figure value={setpoint} decimals={2} unit={unit} />
-            </td>
-            <td>
-              <Figure value={value} decimals={2} unit={unit} />
-            </td>
-          </tr>
-        ))}
-      </tbody>
-    </table>
-  );
-}
-
 /** Share of the joint limit in use, and the limit that holds the robot back. */
 function InUse({ robot, state, preview }: Shown) {
   const words = texts().panel.wheels;
   const { utilization = null, limit = null } = preview ?? state ?? {};
   const moves = preview !== null || state?.status.mode === "driving";
-  const why = state?.status.limits.why ?? [];
-  const isSpeed = limit === "speed" || limit === "turn_rate";
+  const slowed = limit === "speed" || limit === "turn_rate" ? state?.status.limits.why : [];
   return (
     <>
       {utilization !== null && (
@@ -244,7 +149,7 @@ function InUse({ robot, state, preview }: Shown) {
       )}
       <p class={limit ? "held warn" : "held note"}>
         {limit ? words.heldBack[limit] : moves && words.nothingHeld}
-        {isSpeed && why.map((reason) => ` ${sentence(reason)}`)}
+        {slowed?.map((reason) => ` ${sentence(reason)}`)}
       </p>
     </>
   );

@@ -2,10 +2,7 @@ import type { Layer, RobotState, TruePoseDisplay } from "../../generated/wire";
 import type { Sharpness } from "../../store/view";
 import type { Language } from "../text";
 
-const UNITS: Record<string, string> = {
-  "m/s": "metres per second",
-  "rad/s": "radians per second",
-};
+const UNITS: Record<string, string> = { "m/s": "metres per second", "rad/s": "radians per second" };
 
 /** Texts of the panel and of its tabs Drive, Modules and View. */
 export const panel = {
@@ -70,7 +67,6 @@ export const panel = {
   },
   speed: {
     title: "Wheel speed",
-    rpm: (rpm: string) => `${rpm} rpm`,
     inRpm: "Wheel speed in rpm",
     upTo: "Wheel speed for up to this many m/s",
     standing: "The wheels stand.",
@@ -84,17 +80,14 @@ export const panel = {
     below: (limit: string) => `That is less than the speed limit of ${limit} m/s.`,
   },
   modules: {
-    measured: "measured",
-    setPoint: "set-point",
     direction: "direction",
     radius: "effective radius",
-    unexplained: "of the contradiction",
-    contradiction: "contradiction",
+    share: "of the contradiction",
+    unexplained: "unexplained",
     directions: "Directions count from the front to the left.",
     suspect: "Suspect",
     spinning: "Spins",
     atRest: "At rest",
-    speedOf: (name: string) => `Speed of ${name}`,
     agreement: "Agreement",
     modulesAgree: "The modules agree.",
     wheelsAgree: "The wheels agree.",

@@ -1,0 +1,73 @@
+// The panel on a page, with what a hand does to it.
+
+import { render } from "preact";
+import { act } from "preact/test-utils";
+import { Panel } from "../../src/panel/panel";
+import { SessionContext } from "../../src/session";
+import { fire, openPage, place, ROBOT } from "./page";
+
+const axis = (symbol: string, unit: string) => ({ name: symbol, symbol, unit });
+
+/** A robot with three modules on the floor, whole. */
+export const GIMBALS = {
+  ...ROBOT,
+  twist_axes: [axis("vx", "m/s"), axis("vy", "m/s"), axis("ω", "rad/s")],
+  joints: [],
+  wheels: [],
+  not_promised: [],
+  wheel_speed_limits: null,
+  alternative_estimate: null,
+};
+
+/** Open a page and draw its panel; what `does` changes is drawn on return. */
+export function openPanel() {
+  const page = openPage();
+  const consistency = { residual_mps: 0, suspect: null, level: 0, contributions: {} };
+  type State = Parameters<typeof page.state>;
+  const send = (status: State[0] = {}, fields: State[1] = {}) =>
+    page.state({ consistency, ...status }, { modules: [], wheels: [], joints: [], ...fields });
+  page.say(GIMBALS);
+  send();
+  const box = document.body.appendChild(document.createElement("div"));
+  const panel = (
+    <SessionContext.Provider value={page.session}>
+      <Panel />
+    </SessionContext.Provider>
+  );
+  const does = (change: () => void) => void act(change);
+  does(() => render(panel, box));
+  const find = (selector: string) => box.querySelector<HTMLElement>(selector)!;
+  const text = (selector: string) => (find(selector)?.textContent ?? "").replace(/\s+/g, " ");
+  /** Press a button, tab or choice by its text or label. */
+  const click = (name: string) => {
+    const all = [...box.querySelectorAll<HTMLElement>("button")];
+    const one = all.find((each) =>
+      [each.textContent, each.getAttribute("aria-label")].includes(name),
+    );
+    does(() => one!.click());
+  };
+  const state = (...args: State) => does(() => send(...args));
+  /** Let time pass; a robot that is not silent sends a state every 50 ms. */
+  const pass = (ms: number, status?: State[0]) =>
+    does(() => {
+      for (let i = 0; i < ms; i += 10) {
+        page.pass(10);
+        if (status && i % 50 === 40) send(status);
+      }
+    });
+  const say = (message: object) => does(() => page.say(message));
+  /** Take a slider by its label and move the thumb to a share of the way, from -1 at the left. */
+  const drag = (label: string, share: number) => {
+    const track = find(`[aria-label="${label}"][role=slider]`);
+    place(track, 200, 44);
+    const at = { pointerId: 1, button: 0, clientX: 100 + 100 * share };
+    does(() => void fire(track, "pointerdown", { ...at, clientX: 100 }));
+    does(() => void fire(track, "pointermove", at));
+    return {
+      track,
+      letGo: () => does(() => void fire(track, "pointerup", at)),
+      lose: () => does(() => void fire(track, "pointercancel", at)),
+    };
+  };
+  return { ...page, box, does, find, text, click, state, pass, say, drag };
+}
