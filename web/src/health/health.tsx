@@ -1,6 +1,6 @@
 // Health: the verdict, rows outside their bands with a remedy, all others folded into groups, events.
 
-import { effect, signal, untracked, useComputed } from "@preact/signals";
+import { effect, untracked, useComputed } from "@preact/signals";
 import { useEffect, useMemo } from "preact/hooks";
 import { useSession } from "../session";
 import { sentence } from "../text/reasons";
@@ -18,11 +18,11 @@ const LINES = 40;
 export function Health() {
   const { link } = useSession();
   const robot = link.robot.value;
-  const recent = useMemo(() => signal(new Increases()), [robot?.id]);
+  const recent = useMemo(() => new Increases(), [robot?.id]);
   const turn = useComputed(() => Math.floor(link.beat.value / BEATS));
   const report = useComputed(() => {
     void [turn.value, language.value, link.robot.value, link.connected.value];
-    return untracked(() => inspect(link, recent.value));
+    return untracked(() => inspect(link, recent));
   });
   // The server compares only while it is shown.
   useEffect(() => {

@@ -20,7 +20,7 @@ const FRAME_MS = 100;
 const SLOWEST_FRAME_MS = 500;
 const WINDOWS_S = [20, 60, 120, 300, 600];
 
-/** What the parts of the tab share. */
+/** State shared by the parts of the tab. */
 export interface Shared {
   view: PlotView;
   charts: Set<PlotChart>;
