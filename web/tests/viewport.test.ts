@@ -102,7 +102,8 @@ test("Less sharpness is a smaller frame, enlarged.", () => {
 
 test("A view that is paused before it can be reached pauses once it is.", () => {
   const { viewport, frame, hear } = open();
-  const sent = vi.spyOn(frame.contentWindow!, "postMessage").mockImplementation(() => {});
+  const sent = vi.fn();
+  vi.spyOn(frame, "contentWindow", "get").mockReturnValue({ postMessage: sent } as never);
   viewport.pause(true);
   expect(sent).not.toHaveBeenCalled();
   hear({ tsd: 1, t: "loaded", software: false });

@@ -1,5 +1,5 @@
 import { render } from "preact";
-import { afterEach, expect, test, vi } from "vitest";
+import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import type { Layer, RobotInfo, SphereState } from "../../src/generated/wire";
 import { legend } from "../../src/scene/corners";
 import { GoToForm } from "../../src/scene/goto_form";
@@ -10,8 +10,13 @@ import { openSession, press, ROBOT, route } from "./support";
 const host = document.createElement("div");
 document.body.append(host);
 
+beforeEach(() => {
+  vi.useFakeTimers({ toFake: ["setInterval", "clearInterval", "performance"] });
+});
+
 afterEach(() => {
   render(null, host);
+  vi.useRealTimers();
 });
 
 async function show(robot?: RobotInfo) {
@@ -124,16 +129,17 @@ test("The legend has only what the scene of a robot can show.", () => {
 });
 
 test("The refusal of a path is a notice, until its cause is gone.", async () => {
-  const { session, state } = await show();
+  const { session, say, state } = await show();
   state({ has_control: false });
-  vi.useFakeTimers({ toFake: ["performance"] });
   session.path.plan({ kind: "to", on: "floor", points: [[0, 0]] });
   expect(session.notice.text.value).not.toBeNull();
-  vi.advanceTimersByTime(2500);
-  session.link.beat.value++;
+  for (let i = 0; i < 25; i++) {
+    vi.advanceTimersByTime(100);
+    say({ t: "heartbeat", sent_ms: performance.now() });
+    state({ has_control: false });
+  }
   expect(session.notice.text.value).not.toBeNull();
   state({ has_control: true });
-  session.link.beat.value++;
+  vi.advanceTimersByTime(100);
   expect(session.notice.text.value).toBeNull();
-  vi.useRealTimers();
 });
