@@ -99,3 +99,13 @@ test("Less sharpness is a smaller frame, enlarged.", () => {
   viewport.dispose();
   expect(document.querySelector("iframe")).toBeNull();
 });
+
+test("A view that is paused before it can be reached pauses once it is.", () => {
+  const { viewport, frame, hear } = open();
+  const sent = vi.fn();
+  vi.spyOn(frame, "contentWindow", "get").mockReturnValue({ postMessage: sent } as never);
+  viewport.pause(true);
+  expect(sent).not.toHaveBeenCalled();
+  hear({ tsd: 1, t: "loaded", software: false });
+  expect(sent.mock.calls.at(-1)?.[0]).toEqual({ tsd: 1, t: "pause", on: true });
+});

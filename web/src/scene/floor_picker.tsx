@@ -5,7 +5,8 @@ import { effect } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { HeldPointer } from "../drive/held";
 import { useSession } from "../session";
-import { type Pixel } from "./map_view";
+import { GoalMark } from "./map_picture";
+import type { Pixel } from "./map_view";
 import { Picker } from "./picker";
 
 export function FloorPicker() {
@@ -59,13 +60,7 @@ function Layer() {
     <div ref={layer} class="floor-picker" aria-hidden="true">
       <svg>
         <polyline class="pick-line" points={line.map((point) => point.join()).join(" ")} />
-        {goal && (
-          <g class={goal.turns ? "pick-goal turns" : "pick-goal"}>
-            <path d={`M${goal.at.join()}L${goal.handle.join()}`} />
-            <circle cx={goal.at[0]} cy={goal.at[1]} r={7} />
-            <circle class="handle" cx={goal.handle[0]} cy={goal.handle[1]} r={7} />
-          </g>
-        )}
+        {goal && <GoalMark goal={goal} />}
       </svg>
     </div>
   );

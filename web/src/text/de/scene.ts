@@ -35,8 +35,6 @@ export const scene: Texts["scene"] = {
     farther: "Verkleinern",
     centre: "Karte auf den Roboter zentrieren",
     silent: (name) => `${name} (schweigt)`,
-    metres: (length) => `${length} m`,
-    centimetres: (length) => `${length} cm`,
   },
   path: {
     label: "Weg",

@@ -39,8 +39,6 @@ export const scene = {
     farther: "Zoom out",
     centre: "Centre the map on the robot",
     silent: (name: string) => `${name} (silent)`,
-    metres: (length: string) => `${length} m`,
-    centimetres: (length: string) => `${length} cm`,
   },
   path: {
     label: "Path",

@@ -1,0 +1,79 @@
+import { afterEach, expect, test, vi } from "vitest";
+import { type Box, freeRectangle, watchFreeRectangle } from "../../src/scene/free_rectangle";
+
+const PICTURE: Box = { left: 100, top: 50, right: 1100, bottom: 650 };
+const MAP: Box = { left: 112, top: 500, right: 292, bottom: 638 };
+const MODES: Box = { left: 112, top: 62, right: 292, bottom: 98 };
+const CAMERAS: Box = { left: 880, top: 62, right: 1088, bottom: 98 };
+const LEGEND: Box = { left: 700, top: 610, right: 1088, bottom: 638 };
+
+function pixels({ left, top, right, bottom }: Box): Box {
+  return {
+    left: 100 + 1000 * left,
+    top: 50 + 600 * top,
+    right: 100 + 1000 * right,
+    bottom: 50 + 600 * bottom,
+  };
+}
+
+afterEach(() => {
+  vi.useRealTimers();
+  document.body.innerHTML = "";
+});
+
+test("Without covers, the whole picture is free.", () => {
+  expect(freeRectangle(PICTURE, [])).toEqual({ left: 0, top: 0, right: 1, bottom: 1 });
+});
+
+test("The free rectangle touches none of the covers and is inside the picture.", () => {
+  for (const covers of [[MODES, CAMERAS], [MAP], [MODES, CAMERAS, MAP, LEGEND]]) {
+    const free = pixels(freeRectangle(PICTURE, covers));
+    expect(free.left).toBeGreaterThanOrEqual(PICTURE.left);
+    expect(free.bottom).toBeLessThanOrEqual(PICTURE.bottom);
+    for (const cover of covers) {
+      const apart =
+        free.right <= cover.left + 1 ||
+        free.left >= cover.right - 1 ||
+        free.bottom <= cover.top + 1 ||
+        free.top >= cover.bottom - 1;
+      expect(apart).toBe(true);
+    }
+  }
+});
+
+test("The room beside the map counts for more than the room above it in a wide picture.", () => {
+  const free = pixels(freeRectangle(PICTURE, [MODES, CAMERAS, MAP, LEGEND]));
+  expect(free.bottom - free.top).toBeCloseTo(610 - 98, 0);
+  expect(free.left).toBeCloseTo(292, 0);
+});
+
+test("Covers outside the picture do not count, as the deck below it.", () => {
+  const deck = { left: 100, top: 650, right: 1100, bottom: 800 };
+  expect(freeRectangle(PICTURE, [deck]).bottom).toBe(1);
+  expect(freeRectangle(PICTURE, [{ ...deck, top: 530 }]).bottom).toBeCloseTo(0.8);
+});
+
+test("A picture that is wholly covered is reported whole.", () => {
+  expect(freeRectangle(PICTURE, [PICTURE])).toEqual({ left: 0, top: 0, right: 1, bottom: 1 });
+});
+
+test("A rectangle is reported only once it no longer changes.", () => {
+  vi.useFakeTimers();
+  document.body.innerHTML = '<main class="view"><div data-covers></div></main>';
+  const view = document.querySelector("main")!;
+  const cover = document.querySelector("div")!;
+  view.getBoundingClientRect = () => new DOMRect(0, 0, 1000, 600);
+  let height = 0;
+  cover.getBoundingClientRect = () => new DOMRect(0, 0, 1000, (height += 30));
+  const reports: Box[] = [];
+  const end = watchFreeRectangle(view, (free) => reports.push(free));
+  vi.advanceTimersByTime(1000);
+  expect(reports).toEqual([]);
+  cover.getBoundingClientRect = () => new DOMRect(0, 0, 1000, 60);
+  vi.advanceTimersByTime(1000);
+  expect(reports.at(-1)).toEqual({ left: 0, top: 0.1, right: 1, bottom: 1 });
+  const count = reports.length;
+  end();
+  vi.advanceTimersByTime(1000);
+  expect(reports).toHaveLength(count);
+});

@@ -1,0 +1,145 @@
+import { render } from "preact";
+import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import type { Layer, RobotInfo, SphereState } from "../../src/generated/wire";
+import { legend } from "../../src/scene/corners";
+import { GoToForm } from "../../src/scene/goto_form";
+import { Scene } from "../../src/scene/scene";
+import { SessionContext } from "../../src/session";
+import { openSession, press, ROBOT, route } from "./support";
+
+const host = document.createElement("div");
+document.body.append(host);
+
+beforeEach(() => {
+  vi.useFakeTimers({ toFake: ["setInterval", "clearInterval", "performance"] });
+});
+
+afterEach(() => {
+  render(null, host);
+  vi.useRealTimers();
+});
+
+async function show(robot?: RobotInfo) {
+  const page = openSession(robot);
+  const { session } = page;
+  render(
+    <SessionContext.Provider value={session}>
+      <Scene />
+      <GoToForm />
+    </SessionContext.Provider>,
+    host,
+  );
+  await settle();
+  page.take();
+  return page;
+}
+
+const settle = () => new Promise((resolve) => setTimeout(resolve, 20));
+const find = (selector: string) => host.querySelector<HTMLElement>(selector);
+const radio = (text: string) =>
+  [...host.querySelectorAll<HTMLElement>("[role=radio]")].find((node) => node.textContent === text);
+
+test("Keys 1 to 3 choose a camera, which looks at the robot again, and N the map.", async () => {
+  const { session, take } = await show();
+  for (const [code, camera] of [
+    ["Digit2", "top"],
+    ["Numpad3", "chase"],
+    ["Digit1", "3-D"],
+  ] as const) {
+    press(code);
+    const views = take("view") as unknown as { settings: { camera: string }; look: boolean }[];
+    expect(views.map(({ settings, look }) => [settings.camera, look])).toEqual([[camera, true]]);
+  }
+  const wasOpen = find(".inset") !== null;
+  press("KeyN");
+  await settle();
+  expect(find(".inset") !== null).toBe(!wasOpen);
+  expect(take("map")).toEqual([{ t: "map", on: !wasOpen }]);
+  expect(session.drive.held.value).toBe(false);
+});
+
+test("Without control, a path cannot be chosen, and the reason is given.", async () => {
+  const { session, state } = await show();
+  state({ has_control: false });
+  await settle();
+  const choice = radio("Go to")!;
+  expect(choice.getAttribute("aria-disabled")).toBe("true");
+  expect(choice.title).not.toBe("");
+  choice.click();
+  expect(session.path.mode.value).toBe("stick");
+});
+
+test("The layer that takes clicks is there only while a place is chosen and nothing moves.", async () => {
+  const { session, state } = await show();
+  expect(find(".floor-picker")).toBeNull();
+  radio("Go to")!.click();
+  await settle();
+  expect(find(".floor-picker")).not.toBeNull();
+  state({ route: route("planned") });
+  session.path.hold();
+  await settle();
+  expect(find(".floor-picker")).toBeNull();
+  session.path.letGo();
+});
+
+test("A sphere has neither map nor paths.", async () => {
+  const { state } = await show({ ...ROBOT, id: "atlas", panel: "sphere", space: "sphere" });
+  state({ sphere: { wxyz: [1, 0, 0, 0] } as unknown as SphereState });
+  await settle();
+  expect([find(".inset"), find(".map"), radio("Go to"), find("form")]).toEqual([
+    null,
+    null,
+    undefined,
+    null,
+  ]);
+});
+
+test("Behind the page of all robots, the scene stays but is hidden.", async () => {
+  const { session } = await show();
+  const frame = find("iframe");
+  session.layout.screen.value = "fleet";
+  await settle();
+  expect(find("main")!.classList.contains("covered")).toBe(true);
+  expect(find("iframe")).toBe(frame);
+});
+
+test("Empty fields of the form keep the robot's place, and its heading.", async () => {
+  const { take } = await show();
+  const field = (name: string) => find(`form [name=${name}]`) as HTMLInputElement;
+  const submit = () => {
+    find("form")!.dispatchEvent(new Event("submit", { cancelable: true }));
+    return take("plan").map(({ points, heading }) => ({ points, heading }));
+  };
+  field("x").value = "3.5";
+  expect(submit()).toEqual([{ points: [[3.5, 2]], heading: null }]);
+  field("heading").value = "90";
+  const [plan] = submit();
+  expect(plan!.heading).toBeCloseTo(Math.PI / 2);
+});
+
+test("The legend has only what the scene of a robot can show.", () => {
+  const names = (robot: Partial<RobotInfo>, hidden: Layer[] = []) =>
+    legend({ ...ROBOT, ...robot }, (layer) => !hidden.includes(layer), false, false).flatMap(
+      (row) => row.names,
+    );
+  expect(names({})).toEqual(["push", "axle", "trail", "stopsWithin"]);
+  expect(names({ modules: [], wheels: ["1"] })).toEqual(["push", "trail", "stopsWithin"]);
+  expect(names({ space: "sphere", modules: [], wheels: ["1"] })).toEqual(["push"]);
+  expect(names({}, ["trail", "stop envelope", "thrust arrows"])).toEqual(["axle"]);
+});
+
+test("The refusal of a path is a notice, until its cause is gone.", async () => {
+  const { session, say, state } = await show();
+  state({ has_control: false });
+  session.path.plan({ kind: "to", on: "floor", points: [[0, 0]] });
+  expect(session.notice.text.value).not.toBeNull();
+  for (let i = 0; i < 25; i++) {
+    vi.advanceTimersByTime(100);
+    say({ t: "heartbeat", sent_ms: performance.now() });
+    state({ has_control: false });
+  }
+  expect(session.notice.text.value).not.toBeNull();
+  state({ has_control: true });
+  vi.advanceTimersByTime(100);
+  expect(session.notice.text.value).toBeNull();
+});
