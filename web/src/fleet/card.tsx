@@ -52,14 +52,14 @@ export function Card({ id }: { id: string }) {
     <li class={classes.filter(Boolean).join(" ")} style={{ "--c": row.colour }}>
       <div class="top">
         <Picture panel={row.panel} wheels={row.wheel_count} />
-        <h3>
-          <bdi>{row.title}</bdi>
+        <h3 title={row.title}>
+          <bdi>{row.id}</bdi>
         </h3>
         <Mode row={row} />
       </div>
       <Facts row={row} />
       <div class="act">
-        <Button label={fleet.lookAt(row.title)} onPress={look}>
+        <Button label={fleet.lookAt(row.id)} onPress={look}>
           {fleet.look}
         </Button>
         <StopOf row={row} />
@@ -127,7 +127,7 @@ function StopOf({ row }: { row: Row }) {
     <button
       type="button"
       class="btn card-stop"
-      aria-label={`${fleet.stopOf(row.title)}. ${refused ?? shown}`}
+      aria-label={`${fleet.stopOf(row.id)}. ${refused ?? shown}`}
       title={refused ?? undefined}
       aria-disabled={refused !== null || undefined}
       onPointerDown={(event) => event.button === 0 && press(event)}

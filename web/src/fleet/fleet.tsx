@@ -125,7 +125,7 @@ function Events() {
             </time>
             <span>
               <b>
-                <bdi>{title}</bdi>
+                <bdi title={title}>{robot}</bdi>
               </b>{" "}
               {sentence(why, (operator) => operators[operator] ?? nameOf(operator))}
             </span>

@@ -88,7 +88,7 @@ function Marker({ row, at, heading }: MarkerProps) {
       {row.latched && !row.silent && <circle class="halo" r="14" />}
       <circle class="body" r="9" />
       <path class="nose" d="M0-16l5 7h-10z" transform={`rotate(${(-heading * 180) / Math.PI})`} />
-      <text y="26">{row.title}</text>
+      <text y="26">{row.id}</text>
     </g>
   );
 }

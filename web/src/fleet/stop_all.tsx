@@ -43,7 +43,7 @@ function Progress() {
   const { fleet } = texts();
   store.changes.value;
   const robots = store.rows().filter(({ source }) => source !== "recording");
-  const names = (rows: typeof robots) => rows.map(({ title }) => title).join(", ");
+  const names = (rows: typeof robots) => rows.map(({ id }) => id).join(", ");
   const deaf = robots.filter(({ silent }) => silent);
   if (!store.stoppedAll.value)
     return (

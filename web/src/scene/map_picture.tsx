@@ -100,8 +100,7 @@ function Names({ view, content }: Omit<RobotProps, "robot">) {
   const { robots, shown, names } = content;
   const ordered = [...robots].sort((a, b) => Number(b === shown) - Number(a === shown));
   const labels = ordered.map((robot) => {
-    const title = names.get(robot.id)?.title ?? robot.id;
-    const text = robot.stale ? texts().scene.map.silent(title) : title;
+    const text = robot.stale ? texts().scene.map.silent(robot.id) : robot.id;
     return { id: robot.id, text, ...circleOf(view, robot), width: LETTER_PX * text.length };
   });
   const places = labelPlaces(labels, [0, view.size.width]);

@@ -5,6 +5,7 @@ import { useEffect, useMemo } from "preact/hooks";
 import type { StudentFigures } from "../generated/wire";
 import { type Session, useSession } from "../session";
 import { figure } from "../text/numbers";
+import { Quantity } from "../ui/figure";
 import { texts } from "../text/text";
 import { Fold } from "../ui/fold";
 import { PaperPlot, ReachPlot } from "./curves";
@@ -95,7 +96,9 @@ function Twist({ model, figures }: PartProps) {
         <div class="axis" key={name}>
           <div class="h">
             <b>{student.axes[name] ?? symbol}</b>
-            <span>{student.inUnit(symbol, unit)}</span>
+            <span>
+              <Quantity symbol={symbol} /> {student.inUnit("", unit).trim()}
+            </span>
           </div>
           <KnobSlider
             label={student.axes[name] ?? symbol}
