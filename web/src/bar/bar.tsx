@@ -46,7 +46,7 @@ function OfRobot({ opened }: { opened: Opened }) {
       {link.recording !== null && <bdi class="fact roomy">{link.recording}</bdi>}
       {!layout.phone.value && <Who />}
       {!layout.phone.value && <Actions opened={opened} />}
-      <Question />
+      {!layout.phone.value && <Question />}
       <span class="spacer" />
       <GamepadFact onPress={() => (opened.value = "gamepad")} />
       <LinkFact />
