@@ -9,7 +9,7 @@ import { Icon } from "../ui/icon";
 import { Menu } from "../ui/menu";
 import { NameDialog, OwnName, useLogin } from "./account";
 import { Actions, Question, TakeOver, Who } from "./driver";
-import { Battery, FleetLink, GamepadFact, LinkFact, Mode } from "./facts";
+import { Battery, FleetLink, GamepadFact, LinkFact, Mode, withHash } from "./facts";
 import { GamepadDialog, Sheet } from "./sheet";
 import "./bar.css";
 
@@ -46,7 +46,7 @@ function OfRobot({ opened }: { opened: Opened }) {
       {link.recording !== null && <bdi class="fact roomy">{link.recording}</bdi>}
       {!layout.phone.value && <Who />}
       {!layout.phone.value && <Actions opened={opened} />}
-      <Question />
+      {!layout.phone.value && <Question />}
       <span class="spacer" />
       <GamepadFact onPress={() => (opened.value = "gamepad")} />
       <LinkFact />
@@ -61,7 +61,7 @@ function FleetTitle() {
   return (
     <>
       <span class="who">{bar.fleet}</span>
-      <a class="btn edge" href="#">
+      <a class="btn edge" href={withHash("")}>
         {id === undefined ? bar.backToRobot : bar.back(id)}
       </a>
       <span class="spacer" />

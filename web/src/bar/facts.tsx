@@ -108,10 +108,15 @@ export function Battery() {
   );
 }
 
+/** Address of this page with another hash; by itself, a hash is relative to the base address. */
+export function withHash(hash: string): string {
+  return `${location.pathname}${location.search}#${hash}`;
+}
+
 export function FleetLink(props: { class: string; onClick?: () => void }) {
   const { fleet } = texts().bar;
   return (
-    <a href="#fleet" aria-label={fleet} {...props}>
+    <a href={withHash("fleet")} aria-label={fleet} {...props}>
       <Icon name="grid" />
       <span>{fleet}</span>
     </a>

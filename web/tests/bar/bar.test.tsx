@@ -44,8 +44,8 @@ const state = (change?: StateChange) => act(() => page.state(change));
 const pass = (ms: number) => act(() => page.pass(ms));
 // The text of a refused button goes on with the reason.
 const button = (label: string) =>
-  [...root.querySelectorAll<HTMLElement>("button, a")].find(
-    (each) => (each.getAttribute("aria-label") ?? each.textContent).startsWith(label),
+  [...root.querySelectorAll<HTMLElement>("button, a")].find((each) =>
+    (each.getAttribute("aria-label") ?? each.textContent).startsWith(label),
   );
 const press = (label: string) => act(() => button(label)!.click());
 
@@ -292,12 +292,14 @@ test("the sheet of keys opens with ?, at its top, and sets language and theme", 
 
 test("on the screen of all robots there is a way back, and no mode of one", async () => {
   await state();
+  const { pathname, search } = location;
+  expect(button("Fleet")?.getAttribute("href")).toBe(`${pathname}${search}#fleet`);
   await act(() => {
     location.hash = "#fleet";
     page.session.layout.screen.value = "fleet";
   });
   expect(root.querySelector("[role=status]")).toBeNull();
-  expect(button("Back to tsd")?.getAttribute("href")).toBe("#");
+  expect(button("Back to tsd")?.getAttribute("href")).toBe(`${pathname}${search}#`);
 });
 
 test("axe finds nothing in the bar, its menu and its dialogs", async () => {
