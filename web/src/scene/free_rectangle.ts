@@ -13,12 +13,13 @@ export interface SetFrame extends Box {
   t: "frame";
 }
 
+const LEAST_SHARE = 0.25; // With less room, as under a large map, the robot stays in the middle.
 const ROBOT_ASPECT = 1.6; // A robot on its floor is about so much wider in the picture than high.
 
 /**
  * Return the free rectangle of a picture in which a robot appears largest, in fractions.
  *
- * Each edge of it is one of the picture or of what covers it. Without room, it is the picture.
+ * Each edge of it is one of the picture or of what covers it. Without room, it is the whole picture.
  */
 export function freeRectangle(picture: Box, covers: readonly Box[]): Box {
   const inside = covers
@@ -31,14 +32,16 @@ export function freeRectangle(picture: Box, covers: readonly Box[]): Box {
   const [lefts = [], rights = []] = edges("left", "right");
   const [tops = [], bottoms = []] = edges("top", "bottom");
   let best = picture;
-  let most: [number, number] = [0, 0];
+  const room = (width: number, height: number) => Math.min(width / ROBOT_ASPECT, height);
+  const least = LEAST_SHARE * room(picture.right - picture.left, picture.bottom - picture.top);
+  let most: [number, number] = [least, 0];
   for (const left of lefts)
     for (const right of rights.filter((edge) => edge > left))
       for (const top of tops)
         for (const bottom of bottoms.filter((edge) => edge > top)) {
           const box = { left, top, right, bottom };
           const [width, height] = [right - left, bottom - top];
-          const rank: [number, number] = [Math.min(width / ROBOT_ASPECT, height), width * height];
+          const rank: [number, number] = [room(width, height), width * height];
           const isBetter = rank[0] > most[0] || (rank[0] === most[0] && rank[1] > most[1]);
           if (isBetter && !inside.some((cover) => overlap(cover, box))) [best, most] = [box, rank];
         }

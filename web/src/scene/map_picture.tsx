@@ -90,7 +90,7 @@ function Robot({ view, content, robot }: RobotProps) {
       transform={`translate(${at.join()}) rotate(${degrees})`}
     >
       <circle r={radius} />
-      <path d={`M0 ${-radius - 9}l6 8h-12z`} />
+      <path d={`M0 ${-radius - 13}l8 12h-16z`} />
     </g>
   );
 }

@@ -53,7 +53,9 @@ test("Covers outside the picture do not count, as the deck below it.", () => {
   expect(freeRectangle(PICTURE, [{ ...deck, top: 530 }]).bottom).toBeCloseTo(0.8);
 });
 
-test("A picture that is wholly covered is reported whole.", () => {
+test("A picture that is covered wholly, or but for a rim, is reported whole.", () => {
+  const rim = { ...PICTURE, top: PICTURE.top + 60 };
+  expect(freeRectangle(PICTURE, [rim])).toEqual({ left: 0, top: 0, right: 1, bottom: 1 });
   expect(freeRectangle(PICTURE, [PICTURE])).toEqual({ left: 0, top: 0, right: 1, bottom: 1 });
 });
 
