@@ -48,7 +48,7 @@ function Cell({ label, degrees: angle, drawing, children }: CellProps) {
       {drawing}
       <dl>
         <dt class="sr">{label}</dt>
-        <dd class="big">{figure(angle)}°</dd>
+        <dd class="big">{angle === null ? figure(angle) : `${figure(angle)}°`}</dd>
         {children}
       </dl>
     </div>

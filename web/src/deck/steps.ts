@@ -27,6 +27,8 @@ export interface PathToGo {
   letGo(): void;
 }
 
+const ARMED = new Set(["ready", "driving", "stopping"]);
+
 type Request = Parameters<Requests["send"]>[0];
 
 export interface Action {
@@ -200,13 +202,15 @@ function latched(session: Session, { status, mode_age_s }: RobotState): Step {
   return { id: mode, title: deck.stoppedBy(name), name, detail };
 }
 
-/** Why the stick does not act now, or null; and whether that is a matter of arming or of a reset. */
-export function whyOff(session: Session): { text: string; short: string } | null {
+/** Why the controls do not act now, or null; and in short, when they will. */
+export function whyOff(session: Session): { text: string; short: string | null } | null {
   const { link } = session;
   const { deck } = texts();
   void link.beat.value;
   const refusal = whyNotDrive(link);
   if (refusal === null) return null;
+  const isLive = freshness(link).kind === "live";
   const short = isLatched(link) ? deck.afterReset : deck.whenArmed;
-  return { text: refusalText(refusal), short };
+  const waits = !ARMED.has(link.state.value?.status.mode ?? "");
+  return { text: refusalText(refusal), short: isLive && waits ? short : null };
 }

@@ -149,6 +149,15 @@ describe("stick", () => {
     expect(take("release")).toHaveLength(1);
   });
 
+  test("of a robot that another drives, or that is silent, does not wait for arming", () => {
+    const { state, pass, find, text } = openDeck();
+    state({ mode: "driving", lease: { ...LEASE, holder: "bob" } }, { has_control: false });
+    expect([find(".stick.off") !== null, text(".turn .lab:last-child")]).toEqual([true, "rad/s"]);
+    state({ mode: "disarmed" });
+    pass(500);
+    expect([find(".stick.off") !== null, text(".turn .lab:last-child")]).toEqual([true, "rad/s"]);
+  });
+
   test("says why it does not act, and is not drawn in a recording", () => {
     const { find, state, text } = openDeck();
     state({ mode: "disarmed", refusals: { why: { drive: { code: "arm_first" } } } });
@@ -229,7 +238,7 @@ test("figures of a robot without a signal are not known", () => {
   state({}, { pose: [3.456, 1.4, Math.PI / 6], twist: [0.3, 0.4, 0] });
   expect([text(".hero"), text(".headcell dl")]).toEqual(["0.50m/s", "Heading30°x3.46my1.40m"]);
   pass(500);
-  expect(text(".headcell dl")).toBe("Heading–°x–my–m");
+  expect(text(".headcell dl")).toBe("Heading–x–my–m");
 });
 
 test("a sphere has figures of its own and no floor", () => {
