@@ -72,7 +72,8 @@ export class PlotChart {
     const units = [...new Set(this.#fields.map(({ unit }) => unit))];
     // Read at each draw, because colours may change.
     const colour = (token: string) => getComputedStyle(this.#place).getPropertyValue(token);
-    const font = `12px ${getComputedStyle(this.#place).fontFamily}`;
+    const { fontSize, fontFamily } = getComputedStyle(this.#place);
+    const font = `${fontSize} ${fontFamily}`;
     const axis = { stroke: () => colour("--ink-3"), font, ticks: { show: false } };
     const grid = { stroke: () => colour("--line"), width: 1 };
     const styles = stylesOf(this.#fields);
