@@ -1031,11 +1031,11 @@ export const CAMERA_PRESETS = ["3-D", "top", "chase"] as const;
 export type CameraPreset = (typeof CAMERA_PRESETS)[number];
 
 /** Layers that clients can hide; the values are their names on the page. */
-export const LAYERS = ["set-point", "true pose", "other estimate", "trail", "planned path", "thrust arrows", "region of the pose", "predicted pose", "stop envelope", "labels"] as const;
+export const LAYERS = ["set_point", "true_pose", "other_estimate", "trail", "planned_path", "thrust", "region", "predicted_pose", "stop_envelope", "labels"] as const;
 export type Layer = (typeof LAYERS)[number];
 
 /** When the true pose is displayed; the values are their names on the page. */
-export const TRUE_POSE_DISPLAYS = ["when it differs", "always", "never"] as const;
+export const TRUE_POSE_DISPLAYS = ["when_different", "always", "never"] as const;
 export type TruePoseDisplay = (typeof TRUE_POSE_DISPLAYS)[number];
 
 /** Exaggeration of the displayed tilt; the values are their names on the page. */

@@ -14,7 +14,7 @@ export function ViewTab() {
   const settings = view.settings.value;
   const { hidden } = settings;
   const layers = LAYERS.filter(
-    (layer) => layer !== "other estimate" || link.robot.value?.alternative_estimate,
+    (layer) => layer !== "other_estimate" || link.robot.value?.alternative_estimate,
   );
   const theme = (["system", "light", "dark"] as const).find((one) => THEMES[one] === settings.dark);
   return (

@@ -109,7 +109,7 @@ export function Legend() {
   const robot = link.robot.value;
   if (robot === null) return null;
   const isShown = (layer: Layer) => !view.settings.value.hidden.includes(layer);
-  const hasPath = path.route.value !== null && isShown("planned path");
+  const hasPath = path.route.value !== null && isShown("planned_path");
   const rows = legend(robot, isShown, hasPath, view.settings.value.true_pose === "always");
   return (
     <div class="corner br" data-covers>
@@ -138,15 +138,15 @@ export function legend(
   hasTruth: boolean,
 ): { sign: string; names: Name[] }[] {
   const onFloor = isOnFloor(robot);
-  const pushes = robot.modules.length + robot.wheels.length > 0 && isShown("thrust arrows");
+  const pushes = robot.modules.length + robot.wheels.length > 0 && isShown("thrust");
   const lines: Name[] = robot.modules.length > 0 ? ["axle"] : [];
   if (onFloor && isShown("trail")) lines.push("trail");
   const rows: { sign: string; names: Name[]; shown: boolean }[] = [
     { sign: "arrow", names: ["push"], shown: pushes },
     { sign: "line", names: lines, shown: lines.length > 0 },
-    { sign: "truth", names: ["truth"], shown: hasTruth && isShown("true pose") },
+    { sign: "truth", names: ["truth"], shown: hasTruth && isShown("true_pose") },
     { sign: "plan", names: ["planned"], shown: hasPath },
-    { sign: "dash", names: ["stopsWithin"], shown: onFloor && isShown("stop envelope") },
+    { sign: "dash", names: ["stopsWithin"], shown: onFloor && isShown("stop_envelope") },
   ];
   return rows.filter(({ shown }) => shown).map(({ sign, names }) => ({ sign, names }));
 }

@@ -11,7 +11,7 @@ const INITIAL: Settings = {
   camera: "3-D",
   follow: true,
   hidden: [],
-  true_pose: "when it differs",
+  true_pose: "when_different",
   tilt: "x5",
   dark: null,
 };

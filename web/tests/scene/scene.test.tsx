@@ -125,7 +125,7 @@ test("The legend has only what the scene of a robot can show.", () => {
   expect(names({})).toEqual(["push", "axle", "trail", "stopsWithin"]);
   expect(names({ modules: [], wheels: ["1"] })).toEqual(["push", "trail", "stopsWithin"]);
   expect(names({ space: "sphere", modules: [], wheels: ["1"] })).toEqual(["push"]);
-  expect(names({}, ["trail", "stop envelope", "thrust arrows"])).toEqual(["axle"]);
+  expect(names({}, ["trail", "stop_envelope", "thrust"])).toEqual(["axle"]);
 });
 
 test("The refusal of a path is a notice, until its cause is gone.", async () => {

@@ -13,15 +13,15 @@ from msgspec import Meta
 class Layer(StrEnum):
     """Layers that clients can hide; the values are their names on the page."""
 
-    SETPOINT = "set-point"
-    TRUTH = "true pose"
-    OTHER = "other estimate"
+    SETPOINT = "set_point"
+    TRUTH = "true_pose"
+    OTHER = "other_estimate"
     TRAIL = "trail"
-    ROUTE = "planned path"
-    ARROWS = "thrust arrows"
-    REGION = "region of the pose"
-    PREDICTED = "predicted pose"
-    ENVELOPE = "stop envelope"
+    ROUTE = "planned_path"
+    ARROWS = "thrust"
+    REGION = "region"
+    PREDICTED = "predicted_pose"
+    ENVELOPE = "stop_envelope"
     LABELS = "labels"
 
 
@@ -37,7 +37,7 @@ class CameraPreset(StrEnum):
 class TruePoseDisplay(StrEnum):
     """When the true pose is displayed; the values are their names on the page."""
 
-    DIFFERS = "when it differs"
+    DIFFERS = "when_different"
     ALWAYS = "always"
     NEVER = "never"
 
