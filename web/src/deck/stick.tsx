@@ -130,6 +130,7 @@ interface Point {
 /** Where front of the robot and x of the world are, along the axes of the stick. */
 function Marks() {
   const { drive, link } = useSession();
+  void link.beat.value;
   const onFloor = isOnFloor(link.robot.value);
   const known = isCurrent(freshness(link)) && onFloor;
   const heading = known ? (link.state.value?.pose?.[2] ?? null) : null;
@@ -142,7 +143,7 @@ function Marks() {
   const world = isWorld ? 0 : heading === null ? null : -heading;
   return (
     <>
-      {world !== null && onFloor && (
+      {world !== null && known && (
         <text class="st-t world-x" y="4" transform={at(world, 49)}>
           x
         </text>
@@ -176,8 +177,7 @@ function Axes() {
       label={`${deck.axesOf} ${deck[frame]}. ${deck.changeAxes}`}
       onPress={() => drive.setFrame(other)}
     >
-      <small>{deck.axesOf}</small>
-      <b>{deck[frame]}</b>
+      <small>{deck.axesOf}</small> <b>{deck[frame]}</b>
     </Button>
   );
 }

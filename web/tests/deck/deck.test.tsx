@@ -185,7 +185,7 @@ describe("stick", () => {
       [0, -59],
     ]);
     does(() => find(".frame")!.click());
-    expect(text(".frame")).toBe("axes offloor");
+    expect(text(".frame")).toBe("axes of floor");
     expect([place(".world-x"), place(".st-front")]).toEqual([
       [0, -49],
       [-59, 0],
@@ -234,11 +234,15 @@ test("the speed limit is one continuous handle, and a held stick follows it", ()
 });
 
 test("figures of a robot without a signal are not known", () => {
-  const { text, state, pass } = openDeck();
+  const { text, find, state, pass } = openDeck();
   state({}, { pose: [3.456, 1.4, Math.PI / 6], twist: [0.3, 0.4, 0] });
   expect([text(".hero"), text(".headcell dl")]).toEqual(["0.50m/s", "Heading30°x3.46my1.40m"]);
+  const drawn = () => [".st-dot", ".world-x", ".needle"].filter((each) => find(each) !== null);
+  state({ mode: "driving" }, { pose: [3.456, 1.4, Math.PI / 6], commanded: [0.3, 0.4, 0] });
+  expect(drawn()).toHaveLength(3);
   pass(500);
   expect(text(".headcell dl")).toBe("Heading–x–my–m");
+  expect(drawn()).toEqual([]);
 });
 
 test("a sphere has figures of its own and no floor", () => {
