@@ -13,7 +13,7 @@ export interface SetFrame extends Box {
   t: "frame";
 }
 
-const LEAST_SHARE = 0.25; // With less room, as under a large map, the robot stays in the middle.
+const LEAST_SHARE = 0.4; // With less room, as under a large map, the robot stays in the middle.
 const ROBOT_ASPECT = 1.6; // A robot on its floor is about so much wider in the picture than high.
 
 /**

@@ -90,7 +90,7 @@ function Robot({ view, content, robot }: RobotProps) {
       transform={`translate(${at.join()}) rotate(${degrees})`}
     >
       <circle r={radius} />
-      <path d={`M0 ${-radius - 13}l8 12h-16z`} />
+      <path d={`M0 ${-radius - 13}l5 12h-10z`} />
     </g>
   );
 }
