@@ -64,7 +64,7 @@ export function noticeOf({ kind, why }: RobotEvent, you: boolean): Told {
 
 /** Whether an event is worth a notice; the log of the Health tab has all events. */
 export function isNotable({ kind, why }: RobotEvent, operator: string | undefined): boolean {
-  if (kind === "id" || kind === "description") return true;
+  if (kind === "id" || kind === "description" || kind === "consistency") return true;
   if (kind === "lease") return isNotableLease(why, operator);
   if (why.code !== "mode_changed" || !why.cause) return false;
   const ends = ["stopping", "disarmed"].includes(String(why.params?.["after"]));

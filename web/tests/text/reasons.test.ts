@@ -102,6 +102,7 @@ describe("notices", () => {
     ["lease", { code: "control_requested", params: { operator: "bob", holder: "carol" } }, true],
     ["lease", { code: "lease_granted", params: { operator: "ann" } }, false],
     ["lease", { code: "lease_granted", params: { operator: "bob" } }, true],
+    ["consistency", { code: "actuator_suspect", params: { actuator: "module2" } }, true],
     ["lease", { code: "lease_taken_over", params: { operator: "ann", other: "bob" } }, true],
     ["lease", { code: "lease_expired", params: { operator: "ann" } }, true],
     ["lease", { code: "control_is_lost", cause: { code: "lease_ended" } }, true],
