@@ -340,10 +340,11 @@ test("a value that is kept shows in the deck", () => {
   expect(text(".alone")).toContain("no hand on a control");
 });
 
-test("on the page of all robots the deck has neither stick nor turning nor this STOP", () => {
-  const { find, does, session } = openDeck();
+test("on the page of all robots the deck has no control but STOP ALL", () => {
+  const { box, does, session } = openDeck();
   does(() => (session.layout.screen.value = "fleet"));
-  expect([find(".stick"), find(".turn"), find(".stop")]).toEqual([null, null, null]);
+  const controls = [...box.querySelectorAll("button, [role=slider], [role=application]")];
+  expect(controls.map((each) => each.textContent)).toEqual(["STOP ALL"]);
 });
 
 test.each([

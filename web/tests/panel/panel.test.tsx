@@ -90,7 +90,7 @@ test("Settings of the View tab reach the dashboard, and its answer the tab.", ()
   const trail = [...document.querySelectorAll<HTMLInputElement>(".tick input")].find(
     (box) => box.parentElement!.textContent === "Trail",
   )!;
-  socket.sent = [];
+  take();
   does(() => trail.click());
   expect(socket.sent.at(-1)).toMatchObject({ t: "view", settings: { hidden: ["trail"] } });
   click("Dark");

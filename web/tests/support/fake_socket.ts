@@ -12,7 +12,7 @@ export class FakeSocket {
   static newest: FakeSocket;
   readyState = FakeSocket.OPEN;
   bufferedAmount = 0;
-  sent: Message[] = [];
+  readonly sent: Message[] = [];
   onopen = () => {};
   onclose = () => {};
   onmessage = (_: { data: string }) => {};
@@ -38,9 +38,9 @@ export class FakeSocket {
 
   /** Return the messages of these types, or all but heartbeats and views, and forget all. */
   take(...types: string[]): Message[] {
-    const taken = this.sent.filter(({ t }) => !["heartbeat", "view"].includes(t));
-    this.sent = [];
-    return types.length === 0 ? taken : taken.filter(({ t }) => types.includes(t));
+    const isAsked = ({ t }: Message) =>
+      types.length === 0 ? !["heartbeat", "view"].includes(t) : types.includes(t);
+    return this.sent.splice(0).filter(isAsked);
   }
 }
 
