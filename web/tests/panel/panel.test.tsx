@@ -1,10 +1,17 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { TABS } from "../../src/store/layout";
+import { fakeCanvas } from "../support/fake_canvas";
 import { fakeBrowser, press } from "../support/page";
 import { openPanel } from "../support/panel";
 
-beforeEach(fakeBrowser);
-afterEach(() => void vi.useRealTimers());
+beforeEach(() => {
+  fakeBrowser();
+  fakeCanvas(); // For the plots.
+});
+afterEach(() => {
+  vi.restoreAllMocks();
+  vi.useRealTimers();
+});
 
 test("Arrow keys, Home and End choose a tab, which takes the focus.", () => {
   const { find, does, session } = openPanel();
@@ -84,8 +91,8 @@ test("On a phone, five tabs open a sheet, and the one that is open closes it.", 
   expect(find(".panel")).toBeNull();
 });
 
-test("Settings of the View tab reach the dashboard, and its answer the tab.", () => {
-  const { click, find, does, socket, say, session } = openPanel();
+test("Settings of the View tab reach the dashboard, and those from elsewhere the tab.", () => {
+  const { click, find, does, socket, take, session } = openPanel();
   click("View");
   const trail = [...document.querySelectorAll<HTMLInputElement>(".tick input")].find(
     (box) => box.parentElement!.textContent === "Trail",
@@ -97,7 +104,7 @@ test("Settings of the View tab reach the dashboard, and its answer the tab.", ()
   expect(document.documentElement.dataset["theme"]).toBe("dark");
   click("Light");
   expect(document.documentElement.dataset["theme"]).toBe("light");
-  say({ t: "view", settings: { ...session.view.settings.value, hidden: [], tilt: "x10" } });
+  does(() => session.view.set({ hidden: [], tilt: "x10" }));
   expect(trail.checked).toBe(true);
   const tilt = find('[aria-label="Tilt drawn"] [aria-checked=true]');
   expect(tilt.textContent).toBe("× 10");

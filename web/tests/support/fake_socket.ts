@@ -25,7 +25,8 @@ export class FakeSocket {
   send(text: string): void {
     const message = JSON.parse(text) as Message;
     this.sent.push(message);
-    if (message.t === "heartbeat" && this.readyState === FakeSocket.OPEN) this.onmessage({ data: text });
+    if (message.t === "heartbeat" && this.readyState === FakeSocket.OPEN)
+      this.onmessage({ data: text });
   }
 
   close(): void {
