@@ -8,8 +8,8 @@ import time
 from tests.support.chromium import PATIENCE_S, Chromium, Tab
 from tests.support.fault_stage import SPEED_MPS, Observer
 
-NEAR_MS = 100
-"""A page that is still busy with loading would be taken for a far one, and driven slower."""
+_MODES = ("Disarmed", "Arming", "Ready", "Driving", "Stopping", "Stopped", "Fault")
+"""What the page says of a robot that it hears; otherwise there is no signal, or no robot yet."""
 _PRESSED_S = 0.2
 _SHOWN = "getClientRects().length > 0"
 _EVENTS = ("blur", "visibilitychange", "pointercancel", "lostpointercapture", "pointerdown")
@@ -26,8 +26,8 @@ class RealPage:
     def until_loaded(self) -> None:
         """Wait until the controls are there and the robot is known, and note what happens."""
         self.tab.until(f"{self.element('.stick')}?.{_SHOWN}")
-        link = f"{self.element('.fact.link')}.textContent"
-        self.tab.until(f"Number(/(\\d+) ms/.exec({link})?.[1] ?? Infinity) < {NEAR_MS}")
+        said = f"{self.element('[role=status][aria-label=Mode]')}.textContent"
+        self.tab.until(f"{json.dumps(_MODES)}.includes({said})")
         self.tab.tell_of(_EVENTS)
 
     def element(self, selector: str) -> str:

@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { TABS } from "../../src/store/layout";
+import { Layout, TABS } from "../../src/store/layout";
 import { fakeCanvas } from "../support/fake_canvas";
 import { fakeBrowser, press } from "../support/page";
 import { openPanel } from "../support/panel";
@@ -112,3 +112,14 @@ test("Settings of the View tab reach the dashboard, and those from elsewhere the
   expect(find("[role=tab][aria-selected=true]").textContent).toBe("Ansicht");
   click("English");
 });
+
+test.each(["plots", "student"] as const)(
+  "A link to %s opens that tab, also of a folded panel.",
+  (tab) => {
+    localStorage.setItem("tsd-folded", "true");
+    history.replaceState(null, "", `?${tab}=a`);
+    const layout = new Layout();
+    history.replaceState(null, "", location.pathname);
+    expect([layout.tab.value, layout.panelOpen.value]).toEqual([tab, true]);
+  },
+);
