@@ -13,7 +13,7 @@ from playwright.sync_api import Page, sync_playwright
 from bench.bus import program
 from bench.page import HIDE, wait_for_scene
 from bench.table import Row
-from tests.support.browser import FLAGS, PATIENCE_MS, QUICK, executable
+from tests.support.browser import FLAGS, PATIENCE_MS, executable
 
 FIELDS = (
     "commanded.vx",
@@ -75,14 +75,13 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 @contextmanager
 def opened(url: str, samples: int) -> Generator[Page]:
     """Open the page of a robot with a history, without its scene."""
-    settings = json.dumps({"windowS": 600, "fields": {"tsd": FIELDS}})
+    layouts = json.dumps({"tsd": "600:" + ";".join(FIELDS)})
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
         page = browser.new_page(viewport={"width": 1280, "height": 720})
-        page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
-        page.add_init_script(f"localStorage.setItem('tsd.plots', {json.dumps(settings)})")
+        page.add_init_script(f"localStorage.setItem('tsd-plots', {json.dumps(layouts)})")
         page.add_init_script(_HISTORY.replace("SAMPLES", str(samples)))
-        page.goto(url + QUICK)
+        page.goto(url)
         wait_for_scene(page)
         page.evaluate(HIDE)
         yield page
@@ -91,7 +90,7 @@ def opened(url: str, samples: int) -> Generator[Page]:
 
 def loads(page: Page, tab: str, dashboard: int, seconds: float) -> tuple[float, float]:
     """Return the CPU load of browser and dashboard in percent of a core, with a tab open."""
-    page.get_by_role("tab", name=tab).click(timeout=PATIENCE_MS)
+    page.get_by_role("tab", name=tab, exact=True).click(timeout=PATIENCE_MS)
     page.wait_for_timeout(_SETTLED_MS)
     browser = [one for one in psutil.Process().children(recursive=True) if "chrom" in one.name()]
     before = times_s(browser), times_s([psutil.Process(dashboard)])

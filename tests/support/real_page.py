@@ -8,9 +8,10 @@ import time
 from tests.support.chromium import PATIENCE_S, Chromium, Tab
 from tests.support.fault_stage import SPEED_MPS, Observer
 
-NEAR_MS = 100
-"""A page that is still busy with loading would be taken for a far one, and driven slower."""
+_MODES = ("Disarmed", "Arming", "Ready", "Driving", "Stopping", "Stopped", "Fault")
+"""What the page says of a robot that it hears; otherwise there is no signal, or no robot yet."""
 _PRESSED_S = 0.2
+_CONFIRM = "[role=dialog] [type=submit]"
 _SHOWN = "getClientRects().length > 0"
 _EVENTS = ("blur", "visibilitychange", "pointercancel", "lostpointercapture", "pointerdown")
 """When these happen the page tells, since asking for them takes its time."""
@@ -26,8 +27,8 @@ class RealPage:
     def until_loaded(self) -> None:
         """Wait until the controls are there and the robot is known, and note what happens."""
         self.tab.until(f"{self.element('.stick')}?.{_SHOWN}")
-        link = f"{self.element('.fact.link')}.textContent"
-        self.tab.until(f"Number(/(\\d+) ms/.exec({link})?.[1] ?? Infinity) < {NEAR_MS}")
+        said = f"{self.element('[role=status][aria-label=Mode]')}.textContent"
+        self.tab.until(f"{json.dumps(_MODES)}.includes({said})")
         self.tab.tell_of(_EVENTS)
 
     def element(self, selector: str) -> str:
@@ -61,17 +62,26 @@ class RealPage:
 
     def press(self, name: str) -> float:
         """Click on a button, once it can be used, and return when the page was clicked on."""
+        return self._press(self.button(name))
+
+    def take_over(self) -> float:
+        """Take control from another operator, and return when that was confirmed."""
+        self.press("Take over")
+        return self._press(self.element(_CONFIRM))
+
+    def _press(self, button: str) -> float:
         now_ms = "performance.timeOrigin + performance.now()"
         epoch_ms = self.tab.until(
-            f"((found, at) => found && (found.click(), at))({self.button(name)}, {now_ms})"
+            f"((found, at) => found && (found.click(), at))({button}, {now_ms})"
         )
         return float(epoch_ms) / 1000.0 - (time.time() - time.monotonic())
 
     def can_take_over(self) -> bool:
         """Ask for control, anew if this page stalls, until it can be taken; false if it is free."""
-        clicks = ", ".join(f"{self.button(s)}?.click()" for s in ("Ask for control",))
+        asks = f"{self.button('Ask for control')}?.click()"
         free = f"Boolean({self.button('Take control')})"
-        self.tab.until(f"Boolean({self.button('Take over')}) || {free} || ({clicks}, false)")
+        asked = f"Boolean({self.button('Withdraw')})"
+        self.tab.until(f"{asked} || {free} || ({asks}, false)")
         return not self.tab.value(free)
 
     def drives(self) -> bool:
@@ -108,6 +118,7 @@ class RealPage:
     def take_control(self) -> None:
         """Take control, also from another operator."""
         steps = ("Take control", "Ask for control", "Take over")
-        clicks = ", ".join(f"{self.button(step)}?.click()" for step in steps)
+        buttons = [*map(self.button, steps), self.element(_CONFIRM)]
+        clicks = ", ".join(f"{button}?.click()" for button in buttons)
         mine = f"{self.element('.driver')}.textContent.startsWith('You drive')"
         self.tab.until(f"{mine} || ({clicks}, false)")

@@ -187,7 +187,7 @@ def test_two_pages_of_one_operator(desk: PageOperator, table: Table) -> None:
     while not second.can_take_over():  # The first has stalled meanwhile, and so lost control.
         KEY.up(first)
         desk.drive(KEY, first)
-    fault_s = second.press("Take over")
+    fault_s = second.take_over()
     stands_still(table.add("browser: second tab takes over", desk.watch(fault_s)))
     assert desk.observer.status.lease.holder != holder
     first.tab.key("w", down=True, again=True)

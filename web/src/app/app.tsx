@@ -16,7 +16,7 @@ import "./shell.css";
 const WIDTHS: Partial<Record<Tab, "wide" | "wider">> = { plots: "wide", student: "wider" };
 
 export function App({ session }: { session: Session }) {
-  const { layout, link, path } = session;
+  const { layout, link } = session;
   const robot = link.robot.value;
   const { common } = texts();
   const isFleet = layout.screen.value === "fleet";
@@ -34,7 +34,7 @@ export function App({ session }: { session: Session }) {
     <SessionContext.Provider value={session}>
       <h1 class="sr">{robot ? common.title(robot.title) : "tsd-twin"}</h1>
       <div class={classes.filter(Boolean).join(" ")}>
-        <Deck path={path} />
+        <Deck />
         <Bar />
         <Scene />
         {isFleet ? (

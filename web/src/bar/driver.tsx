@@ -98,44 +98,6 @@ function useRefused(): (refusal: Refusal | null) => string | null {
   return (refusal) => (isPending ? texts().bar.underWay : refusal && refusalText(refusal));
 }
 
-/** A request for control, for who is asked and for who asks. It never takes the focus. */
-export function Question() {
-  const { requests } = useSession();
-  const { bar } = texts();
-  const lease = useLease();
-  const refused = useRefused()(null);
-  const requester = lease?.requested_by ?? null;
-  const isAsked = requester !== null && lease !== null && lease.you;
-  if (!isAsked && !lease?.asks) return <span class="sr" role="alert" />;
-  const name = nameOf((isAsked ? requester : lease?.holder) ?? "");
-  const choices = isAsked ? (["grant", "deny"] as const) : (["withdraw"] as const);
-  return (
-    <>
-      <span class="sr" role="alert">
-        {isAsked && `${bar.asksYou(name)} ${bar.youDriveOn}`}
-      </span>
-      <div class="asks" role="group" aria-label={bar.request}>
-        <span>
-          <Named text={isAsked ? bar.asksYou : bar.youAsk} name={name} />
-          <span class="u" aria-hidden="true">
-            {Math.ceil(lease?.request_expires_in_s ?? 0)} s
-          </span>
-        </span>
-        {choices.map((op) => (
-          <Button
-            key={op}
-            edge={op === "grant"}
-            refused={refused}
-            onPress={() => requests.send({ t: "lease", op, requester: isAsked ? requester : null })}
-          >
-            {bar.answers[op]}
-          </Button>
-        ))}
-      </div>
-    </>
-  );
-}
-
 /** Confirm that another operator loses control, and say why; it closes once the holder changes. */
 export function TakeOver({ onClose }: { onClose: () => void }) {
   const { link, requests } = useSession();

@@ -9,12 +9,11 @@ import { SprungSlider, useSprungSlider } from "../ui/sprung_slider";
 import { Heading } from "./heading";
 import { Slot } from "./slot";
 import { Stick, spokenOf } from "./stick";
-import { type PathToGo, whyOff } from "./steps";
+import { whyOff } from "./steps";
 import { StopCell } from "./stop_cell";
 import "./deck.css";
 
-/** `path` is what is followed while it is held, if a path can be planned. */
-export function Deck({ path }: { path?: PathToGo }) {
+export function Deck() {
   const session = useSession();
   const { deck } = texts();
   const { link, layout } = session;
@@ -32,7 +31,7 @@ export function Deck({ path }: { path?: PathToGo }) {
     <section class={off ? "deck off" : "deck"} aria-label={deck.region}>
       <StopCell />
       {drives && <Stick />}
-      <Slot path={path} />
+      <Slot />
       {hasRobot && <Heading />}
       {drives && <Turn />}
     </section>

@@ -8,11 +8,11 @@ import { texts } from "../text/text";
 import { Button, NextStep } from "../ui/button";
 import { Past } from "./past";
 import { Speed } from "./speed";
-import { type Action, type PathToGo, type Step, stepOf } from "./steps";
+import { type Action, type Step, stepOf } from "./steps";
 
-export function Slot({ path }: { path?: PathToGo }) {
+export function Slot() {
   const session = useSession();
-  const step = stepOf(session, path);
+  const step = stepOf(session);
   const box = useRef<HTMLDivElement>(null);
   const hadFocus = box.current?.contains(document.activeElement) ?? false;
   useLayoutEffect(() => {
@@ -32,7 +32,7 @@ export function Slot({ path }: { path?: PathToGo }) {
       <div class="do">
         {step.quiet && <Quiet action={step.quiet} />}
         {step.next && <Next key={step.id} action={step.next} />}
-        {step.path && <HoldToGo key="path" path={step.path} />}
+        {step.path && <HoldToGo key="path" />}
       </div>
     </div>
   );
@@ -108,7 +108,8 @@ function Quiet({ action }: { action: Action }) {
 }
 
 /** Follows the path while a finger, or Enter, holds it. */
-function HoldToGo({ path }: { path: PathToGo }) {
+function HoldToGo() {
+  const { path } = useSession();
   const button = useRef<HTMLButtonElement>(null);
   useEffect(() => {
     const node = button.current!;

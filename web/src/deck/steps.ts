@@ -18,15 +18,6 @@ import { duration, figure } from "../text/numbers";
 import { nameOf, refusalText, sentence } from "../text/reasons";
 import { texts } from "../text/text";
 
-/** A planned path, followed while it is held. */
-export interface PathToGo {
-  readonly going: { readonly value: boolean };
-  readonly route: { readonly value: RouteState | null };
-  whyNotGo(): Refusal | null;
-  hold(): boolean;
-  letGo(): void;
-}
-
 const ARMED = new Set(["ready", "driving", "stopping"]);
 
 type Request = Parameters<Requests["send"]>[0];
@@ -51,8 +42,8 @@ export interface Step {
   /** The filled button, and the quiet one beside it. */
   next?: Action;
   quiet?: Action;
-  /** Held instead of pressed. */
-  path?: PathToGo;
+  /** Whether the next step is to hold the path. */
+  path?: boolean;
 }
 
 /** Speed in m/s, or the rate of rolling in rad/s for a sphere, with its unit. */
@@ -63,7 +54,7 @@ export function speedOf(session: Session): { value: number | null; unit: "m/s" |
 }
 
 /** Return the step for the state of robot and page; it follows all signals that it depends on. */
-export function stepOf(session: Session, path?: PathToGo): Step {
+export function stepOf(session: Session): Step {
   const { link, stop } = session;
   const { deck, common } = texts();
   void link.beat.value;
@@ -85,17 +76,17 @@ export function stepOf(session: Session, path?: PathToGo): Step {
   if (fresh.kind === "starting" || state === null) return { id: "starting" };
   if (link.welcome.value?.role === "viewer")
     return { ...driver(session, state), id: "viewer", detail: common.refusals["viewer_only"] };
-  return state.has_control ? withControl(session, state, path) : withoutControl(session, state);
+  return state.has_control ? withControl(session, state) : withoutControl(session, state);
 }
 
-function withControl(session: Session, state: RobotState, path?: PathToGo): Step {
-  const { link } = session;
+function withControl(session: Session, state: RobotState): Step {
+  const { link, path } = session;
   const { deck } = texts();
   const { mode, lease, arming } = state.status;
   const asker = lease.requested_by;
-  const route = path?.route.value ?? null;
+  const route = path.route.value;
   // First: it is held, and would be released with its button.
-  if (path?.going.value && route) return follow(path, route);
+  if (path.going.value && route) return follow(route, true);
   if (asker !== null) {
     const name = nameOf(asker);
     const answer = (op: "grant" | "deny") => ({ t: "lease", op, requester: asker }) as const;
@@ -124,24 +115,24 @@ function withControl(session: Session, state: RobotState, path?: PathToGo): Step
     const title = deck.arming[phase] ?? deck.arming["hold"];
     return { id: "arming", title, progress: arming?.progress ?? 0 };
   }
-  return path && route?.phase === "planned" ? follow(path, route) : { id: "speed" };
+  return route?.phase === "planned" ? follow(route, false) : { id: "speed" };
 }
 
-function follow(path: PathToGo, route: RouteState): Step {
+function follow(route: RouteState, isHeld: boolean): Step {
   const { deck } = texts();
   const [length, done] = [figure(route.length_m, 1), figure(route.done_m, 1)];
-  if (path.going.value)
+  if (isHeld)
     return {
       id: "going",
       title: deck.going(done, length),
       progress: route.done_m / Math.max(route.length_m, 1e-6),
-      path,
+      path: true,
     };
   return {
     id: "path",
     title: deck.path,
     detail: deck.goThen(length, duration(route.time_s)),
-    path,
+    path: true,
   };
 }
 

@@ -8,11 +8,6 @@ export interface Box {
   bottom: number;
 }
 
-/** Message of the free rectangle: fractions of the picture from its upper left corner. */
-export interface SetFrame extends Box {
-  t: "frame";
-}
-
 const LEAST_SHARE = 0.4; // With less room, as under a large map, the robot stays in the middle.
 const ROBOT_ASPECT = 1.6; // A robot on its floor is about so much wider in the picture than high.
 

@@ -11,7 +11,7 @@ import { texts } from "../text/text";
 import { createViewport, type FrameKey, type Viewport } from "../viewport/frame";
 import { Cameras, Legend, Modes } from "./corners";
 import { FloorPicker } from "./floor_picker";
-import { type Box, type SetFrame, watchFreeRectangle } from "./free_rectangle";
+import { type Box, watchFreeRectangle } from "./free_rectangle";
 import { FloorMap, MapInset } from "./map";
 import { Splash } from "./splash";
 import "./scene.css";
@@ -137,7 +137,6 @@ function reportTo({ link, layout }: Session): (free: Box) => void {
     const text = JSON.stringify(free);
     if (connection === null || layout.screen.peek() === "fleet") return;
     if (text === sent && connection === to) return;
-    const message: SetFrame = { t: "frame", ...free };
-    if (link.send(message as never)) [sent, to] = [text, connection];
+    if (link.send({ t: "frame", ...free })) [sent, to] = [text, connection];
   };
 }

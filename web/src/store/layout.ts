@@ -34,6 +34,9 @@ export class Layout {
   );
 
   constructor() {
+    const query = new URL(location.href).searchParams;
+    // A link to plots or to a setting of the Student tab shows them.
+    for (const tab of ["plots", "student"] as const) if (query.has(tab)) this.open(tab);
     addEventListener("hashchange", () => {
       this.screen.value = location.hash === "#fleet" ? "fleet" : "robot";
     });

@@ -3,6 +3,7 @@ import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
 import type { Reason } from "../../src/generated/wire";
 import { language } from "../../src/text/text";
 import { type FakePage, ME, openPage } from "../support/fake_page";
+import { ROBOT } from "../support/messages";
 
 let page: FakePage;
 
@@ -140,12 +141,11 @@ test("a viewer who may not stop is told so", () => {
 });
 
 test("a page that is loaded again in motion says why the robot stopped, once", async () => {
-  const robot = { t: "robot", id: "tsd", title: "tsd", space: "floor", twist_scale_m: 1 };
   page.state({ mode: "driving" });
   dispatchEvent(new Event("pagehide"));
   page = await openPage();
   expect(told()).toContain("so the robot stopped");
-  page.say(robot);
+  page.say({ ...ROBOT });
   expect(told()).toBeNull();
   page.state({ mode: "ready" });
   page = await openPage();

@@ -1,4 +1,3 @@
-import { signal } from "@preact/signals";
 import axe from "axe-core";
 import { beforeEach, describe, expect, test, vi } from "vitest";
 import type { RouteState } from "../../src/generated/wire";
@@ -315,16 +314,10 @@ describe("the next step", () => {
   });
 
   test("holds a path while a finger or Enter is on it, until the page releases it", () => {
-    const going = signal(false);
-    const route = signal({ phase: "planned", length_m: 3, time_s: 8, done_m: 0 } as RouteState);
-    const path = {
-      going,
-      route,
-      whyNotGo: () => null,
-      hold: vi.fn(() => (going.value = true)),
-      letGo: vi.fn(() => void (going.value = false)),
-    };
-    const { find, does } = openDeck(path);
+    const { find, does, state, session } = openDeck();
+    const { going } = session.path;
+    const route = { number: 1, phase: "planned", length_m: 3, time_s: 8, done_m: 0 } as RouteState;
+    state({}, { route });
     const go = find(".next")!;
     const held = (change: () => void) => {
       does(change);
@@ -334,7 +327,6 @@ describe("the next step", () => {
     expect(held(() => fire(go, "lostpointercapture", FINGER))).toBe(false);
     expect(held(() => press(go, "Enter"))).toBe(true);
     expect(held(() => press(go, "Enter", { repeat: true }))).toBe(true);
-    expect(path.hold).toHaveBeenCalledTimes(2);
     expect(held(() => fire(go, "blur"))).toBe(false);
     expect(held(() => press(go, "Enter"))).toBe(false);
     lift(go, "Enter");
@@ -353,10 +345,11 @@ test("a value that is kept shows in the deck", () => {
   expect(text(".alone")).toContain("no hand on a control");
 });
 
-test("on the page of all robots the deck has neither stick nor turning nor this STOP", () => {
-  const { find, does, session } = openDeck();
+test("on the page of all robots the deck has no control but STOP ALL", () => {
+  const { box, does, session } = openDeck();
   does(() => (session.layout.screen.value = "fleet"));
-  expect([find(".stick"), find(".turn"), find(".stop")]).toEqual([null, null, null]);
+  const controls = [...box.querySelectorAll("button, [role=slider], [role=application]")];
+  expect(controls.map((each) => each.textContent)).toEqual(["STOP ALL"]);
 });
 
 test.each([

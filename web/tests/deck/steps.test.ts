@@ -1,5 +1,4 @@
 import { beforeEach, expect, test } from "vitest";
-import type { PathToGo } from "../../src/deck/steps";
 import { stepOf } from "../../src/deck/steps";
 import type { RouteState } from "../../src/generated/wire";
 import { fakeBrowser, LEASE, openPage } from "../support/page";
@@ -171,22 +170,15 @@ test("a stop that nobody confirms comes before all else, and can be acknowledged
 
 test("a planned path is the next step until it is driven by hand, and a held one outlasts a request", () => {
   const { session, state } = openPage();
-  const going = { value: false };
-  const route = { value: { phase: "planned", length_m: 3, time_s: 8, done_m: 0 } as RouteState };
-  const path: PathToGo = {
-    going,
-    route,
-    whyNotGo: () => null,
-    hold: () => true,
-    letGo: () => {},
-  };
-  expect(stepOf(session, path)).toMatchObject({ id: "path", detail: "3.0 m in 8 s." });
-  going.value = true;
-  route.value = { ...route.value, phase: "going", done_m: 1.5 };
-  state({ mode: "driving", lease: { ...LEASE, requested_by: "bob" } });
-  expect(stepOf(session, path)).toMatchObject({ id: "going", progress: 0.5 });
-  going.value = false;
-  expect(stepOf(session, path).id).toBe("asked");
-  state({ mode: "disarmed" });
-  expect(stepOf(session, path).id).toBe("disarmed");
+  const route = { number: 1, phase: "planned", length_m: 3, time_s: 8, done_m: 0 } as RouteState;
+  state({}, { route });
+  expect(stepOf(session)).toMatchObject({ id: "path", detail: "3.0 m in 8 s." });
+  session.path.hold();
+  const asked = { mode: "driving", lease: { ...LEASE, requested_by: "bob" } };
+  state(asked, { route: { ...route, phase: "going", done_m: 1.5 } });
+  expect(stepOf(session)).toMatchObject({ id: "going", progress: 0.5 });
+  session.path.letGo();
+  expect(stepOf(session).id).toBe("asked");
+  state({ mode: "disarmed" }, { route });
+  expect(stepOf(session).id).toBe("disarmed");
 });

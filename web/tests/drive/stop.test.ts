@@ -1,17 +1,11 @@
 import { beforeEach, expect, test } from "vitest";
-import { fakeBrowser, openPage, ROBOT } from "../support/page";
+import { fakeBrowser, openPage, press, ROBOT } from "../support/page";
 
 beforeEach(fakeBrowser);
 
 test("a stop goes out when the socket is congested, before the release", () => {
   const { session, socket, take } = openPage();
-  session.keyboard.takeForwarded({
-    type: "keydown",
-    code: "KeyW",
-    key: "w",
-    repeat: false,
-    modified: false,
-  });
+  press(null, "KeyW");
   take();
   socket.bufferedAmount = 5000;
   session.stop.press();

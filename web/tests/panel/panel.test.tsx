@@ -1,10 +1,17 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { TABS } from "../../src/store/layout";
+import { Layout, TABS } from "../../src/store/layout";
+import { fakeCanvas } from "../support/fake_canvas";
 import { fakeBrowser, press } from "../support/page";
 import { openPanel } from "../support/panel";
 
-beforeEach(fakeBrowser);
-afterEach(() => void vi.useRealTimers());
+beforeEach(() => {
+  fakeBrowser();
+  fakeCanvas(); // For the plots.
+});
+afterEach(() => {
+  vi.restoreAllMocks();
+  vi.useRealTimers();
+});
 
 test("Arrow keys, Home and End choose a tab, which takes the focus.", () => {
   const { find, does, session } = openPanel();
@@ -84,20 +91,20 @@ test("On a phone, five tabs open a sheet, and the one that is open closes it.", 
   expect(find(".panel")).toBeNull();
 });
 
-test("Settings of the View tab reach the dashboard, and its answer the tab.", () => {
-  const { click, find, does, socket, say, session } = openPanel();
+test("Settings of the View tab reach the dashboard, and those from elsewhere the tab.", () => {
+  const { click, find, does, socket, take, session } = openPanel();
   click("View");
   const trail = [...document.querySelectorAll<HTMLInputElement>(".tick input")].find(
     (box) => box.parentElement!.textContent === "Trail",
   )!;
-  socket.sent = [];
+  take();
   does(() => trail.click());
   expect(socket.sent.at(-1)).toMatchObject({ t: "view", settings: { hidden: ["trail"] } });
   click("Dark");
   expect(document.documentElement.dataset["theme"]).toBe("dark");
   click("Light");
   expect(document.documentElement.dataset["theme"]).toBe("light");
-  say({ t: "view", settings: { ...session.view.settings.value, hidden: [], tilt: "x10" } });
+  does(() => session.view.set({ hidden: [], tilt: "x10" }));
   expect(trail.checked).toBe(true);
   const tilt = find('[aria-label="Tilt drawn"] [aria-checked=true]');
   expect(tilt.textContent).toBe("× 10");
@@ -105,3 +112,14 @@ test("Settings of the View tab reach the dashboard, and its answer the tab.", ()
   expect(find("[role=tab][aria-selected=true]").textContent).toBe("Ansicht");
   click("English");
 });
+
+test.each(["plots", "student"] as const)(
+  "A link to %s opens that tab, also of a folded panel.",
+  (tab) => {
+    localStorage.setItem("tsd-folded", "true");
+    history.replaceState(null, "", `?${tab}=a`);
+    const layout = new Layout();
+    history.replaceState(null, "", location.pathname);
+    expect([layout.tab.value, layout.panelOpen.value]).toEqual([tab, true]);
+  },
+);

@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { fakeBrowser, fire, lift, press } from "../support/page";
+import { fakeBrowser, fire, lift, press, ROBOT } from "../support/page";
 import { openPanel } from "../support/panel";
 
 beforeEach(fakeBrowser);
@@ -174,10 +174,8 @@ test("Only look keeps no value.", () => {
 test("A sphere rolls ahead about its Y axis, and left about minus X.", () => {
   const { say, drag, pass, take, state } = openPanel();
   const axes = ["ωx", "ωy", "ωz"].map((symbol) => ({ name: symbol, symbol, unit: "rad/s" }));
-  const sphere = { panel: "sphere", space: "sphere", wheels: [], joints: [], modules: [] };
-  const robot = { t: "robot", id: "atlas", title: "Atlas", twist_axes: axes, not_promised: [] };
-  const limits = { speed_mps: 2, turn_rate_rad_per_s: 4 };
-  say({ ...robot, ...sphere, limits, twist_scale_m: 1, sideways: true, wheel_speed_limits: null });
+  const sphere = { panel: "sphere", space: "sphere", modules: [] };
+  say({ ...ROBOT, ...sphere, id: "atlas", title: "Atlas", twist_axes: axes });
   state();
   const forward = drag("Roll forward", 0.5);
   pass(40, READY);

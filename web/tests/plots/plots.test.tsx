@@ -5,25 +5,14 @@ import { Plots } from "../../src/plots/plots.tsx";
 import { Recorder } from "../../src/plots/recorder.ts";
 import { type Session, SessionContext } from "../../src/session.ts";
 import { texts } from "../../src/text/text.ts";
+import { fakeCanvas } from "../support/fake_canvas.ts";
 import { connect, ROBOT } from "../support/fake_link.ts";
 
 const { plots: words } = texts();
 
 beforeEach(() => {
   localStorage.clear();
-  // A canvas that takes every call and draws nothing.
-  const pen: object = new Proxy({}, { get: () => () => pen, set: () => true });
-  vi.spyOn(HTMLCanvasElement.prototype, "getContext").mockReturnValue(pen as never);
-  vi.spyOn(HTMLElement.prototype, "clientWidth", "get").mockReturnValue(600);
-  vi.stubGlobal(
-    "Path2D",
-    class {
-      moveTo() {}
-      lineTo() {}
-      rect() {}
-      arc() {}
-    },
-  );
+  fakeCanvas();
 });
 afterEach(() => {
   render(null, document.body);

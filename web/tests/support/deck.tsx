@@ -3,17 +3,16 @@
 import { render } from "preact";
 import { act } from "preact/test-utils";
 import { Deck } from "../../src/deck/deck";
-import type { PathToGo } from "../../src/deck/steps";
 import { SessionContext } from "../../src/session";
 import { openPage } from "./page";
 
 /** Open a page and draw its deck; what `does` changes is drawn on return. */
-export function openDeck(path?: PathToGo) {
+export function openDeck() {
   const page = openPage();
   const box = document.body.appendChild(document.createElement("div"));
   const deck = (
     <SessionContext.Provider value={page.session}>
-      <Deck path={path} />
+      <Deck />
     </SessionContext.Provider>
   );
   const does = (change: () => void) => void act(change);

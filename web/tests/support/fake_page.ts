@@ -3,9 +3,12 @@
 import { vi } from "vitest";
 
 import type { RobotState } from "../../src/generated/wire";
-import type { Session } from "../../src/session";
+import { Session } from "../../src/session";
+import { FakeSocket, openWindow } from "./fake_socket";
+import { LEASE, ROBOT, STATE, STATUS, WELCOME } from "./messages";
 
 export const ME = "web-0000000a";
+const TITLE = "Triple singularity drive";
 
 /** Deep parts of a state that a test changes. */
 export type StateChange = {
@@ -15,29 +18,6 @@ export type StateChange = {
   status?: Record<string, unknown>;
   state?: Partial<RobotState>;
 };
-
-class Socket {
-  static OPEN = 1;
-  static newest: Socket | null = null;
-  readyState = Socket.OPEN;
-  bufferedAmount = 0;
-  readonly sent: Record<string, unknown>[] = [];
-  onopen = () => {};
-  onclose = () => {};
-  onmessage = (_: { data: string }) => {};
-
-  constructor(readonly address: URL) {
-    Socket.newest = this;
-  }
-
-  send(text: string): void {
-    this.sent.push(JSON.parse(text) as Record<string, unknown>);
-  }
-
-  close(): void {
-    this.readyState = 3;
-  }
-}
 
 export interface FakePage {
   session: Session;
@@ -50,42 +30,18 @@ export interface FakePage {
   pass: (ms: number) => void;
 }
 
-const ends: (() => void)[] = [];
-const listen = globalThis.addEventListener;
-
-/** As of a window of its own: listeners of the page before are gone. */
-function openWindow(): void {
-  for (const end of ends.splice(0)) end();
-  vi.stubGlobal("addEventListener", (...args: Parameters<typeof listen>) => {
-    listen(...args);
-    ends.push(() => removeEventListener(...args));
-  });
-}
-
 /** Open a page with timers of the test; `welcome` changes what the dashboard says first. */
-export async function openPage(welcome: Record<string, unknown> = {}): Promise<FakePage> {
+export function openPage(welcome: Record<string, unknown> = {}): FakePage {
   vi.useFakeTimers();
   openWindow();
-  vi.stubGlobal("WebSocket", Socket);
-  const { Session } = await import("../../src/session");
   const session = new Session();
   session.link.open();
-  const socket = Socket.newest!;
-  const say = (message: Record<string, unknown>) => {
-    if (message["t"] === "state") socket.onmessage({ data: heartbeat() });
-    socket.onmessage({ data: JSON.stringify(message) });
-  };
-  const robots = [{ id: "tsd", title: "Triple singularity drive", colour: "#1d96fe" }];
+  const socket = FakeSocket.newest;
+  const say = (message: object) => socket.say(message);
+  const robots = [{ id: "tsd", title: TITLE, colour: "#1d96fe" }];
   socket.onopen();
-  const me = { operator: ME, name: "", role: "operator", user: null, may_stop: true };
-  say({ t: "welcome", ...me, robots, robot: "tsd", ...welcome });
-  say({
-    t: "robot",
-    id: "tsd",
-    title: "Triple singularity drive",
-    space: "floor",
-    twist_scale_m: 1,
-  });
+  say({ ...WELCOME, operator: ME, robots, ...welcome });
+  say({ ...ROBOT, title: TITLE });
   let seq = 0;
   return {
     session,
@@ -97,26 +53,20 @@ export async function openPage(welcome: Record<string, unknown> = {}): Promise<F
   };
 }
 
-const heartbeat = () => JSON.stringify({ t: "heartbeat", sent_ms: performance.now() });
-
 function stateOf(status_seq: number, change: StateChange): Record<string, unknown> {
-  const lease = { holder: ME, requested_by: null, request_expires_in_s: 0, reserved_for: null };
+  const lease = { ...LEASE, holder: ME, ...change.lease };
+  const limits = { ...STATUS.limits, speed_mps: 1, turn_rate_rad_per_s: 1, max_command_age_s: 0.2 };
   return {
-    t: "state",
+    ...STATE,
     status_seq,
-    age_ms: 0,
-    source: "robot",
-    has_control: { ...lease, ...change.lease }.holder === ME,
-    rtt_ms: 5,
-    rtt_jitter_ms: 1,
+    has_control: lease.holder === ME,
     ...change.state,
     status: {
+      ...STATUS,
       mode: change.mode ?? "ready",
-      lease: { ...lease, ...change.lease },
+      lease,
       refusals: change.refusals ?? null,
-      limits: { speed_mps: 1, turn_rate_rad_per_s: 1, max_command_age_s: 0.2, why: [] },
-      hardware: {},
-      operators: {},
+      limits,
       ...change.status,
     },
   };
