@@ -146,3 +146,29 @@ def test_a_violation_is_found(find: Callable[[str], list[tuple[int, str]]], text
 )
 def test_source_that_keeps_the_laws_passes(text: str) -> None:
     assert [*colours(text), *font_sizes(text), *internals(text)] == []
+
+
+_RULE = re.compile(r"([^{}@;]+)\{")
+_OWN = re.compile(r"\.([\w-]+)(?=$|[:.\[])")
+SHARED = {"bar", "deck", "panel", "time", "phone-tabs", "shade", "btn", "js", "dot", "stop"}
+"""Classes that the shell places, or that an area adds to."""
+
+
+def test_two_areas_do_not_style_the_same_class() -> None:
+    """A rule without its area would change an element of another one."""
+    areas: dict[str, set[str]] = {}
+    for path in SOURCES:
+        if path.suffix == ".css":
+            for selectors in _RULE.findall(_COMMENT.sub("", path.read_text("utf-8"))):
+                for selector in map(str.strip, selectors.split(",")):
+                    found = _OWN.match(selector)
+                    if found and not re.search(r"[ >+~]", selector):
+                        areas.setdefault(found[1], set()).add(path.parent.name)
+    assert {name for name, where in areas.items() if len(where) > 1} <= SHARED
+
+
+def test_every_rule_of_the_styles_is_closed() -> None:
+    for path in SOURCES:
+        if path.suffix == ".css":
+            text = _COMMENT.sub("", path.read_text("utf-8"))
+            assert text.count("{") == text.count("}"), path

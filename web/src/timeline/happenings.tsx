@@ -93,7 +93,7 @@ export function Happenings<T extends Happening>(props: HappeningsProps<T>) {
           <button
             key={`${items[0]!.at} ${items[0]!.title}`}
             type="button"
-            class={`event ${kind}`}
+            class={`event is-${kind}`}
             style={{ left: `${leftPx}px`, width: `${widthPx}px` }}
             tabIndex={-1}
             title={title}

@@ -53,13 +53,16 @@ function Facts({ row }: { row: RecordingRow }) {
   const { details, marks } = row;
   const [first] = details?.drivers ?? [];
   const many = (details?.drivers.length ?? 0) > 1;
-  const facts = details
-    ? [
-        many ? timeline.drivers(details.drivers.length) : first ? nameOf(first) : timeline.nobody,
-        timeline.stops(details.stops),
-        details.faults > 0 && timeline.faults(details.faults),
-      ]
-    : [row.details_pending ? timeline.pending : timeline.unreadable];
+  // Details of a file that grows are those of a moment ago.
+  const facts = row.writing
+    ? []
+    : details
+      ? [
+          many ? timeline.drivers(details.drivers.length) : first ? nameOf(first) : timeline.nobody,
+          timeline.stops(details.stops),
+          details.faults > 0 && timeline.faults(details.faults),
+        ]
+      : [row.details_pending ? timeline.pending : timeline.unreadable];
   if (row.title !== "") facts.unshift(day(row.start_ms));
   if (marks > 0) facts.push(timeline.marks(marks));
   return (
