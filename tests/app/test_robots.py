@@ -13,7 +13,6 @@ from tests.app.conftest import Program
 from tests.support.browser import (
     FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
-    QUICK,
     WATCH_STALLS,
     centre,
     click_through,
@@ -58,11 +57,10 @@ def demo(*names: str) -> Generator[str]:
 def opened(browser: Browser, address: str, *, drawn: bool) -> Generator[Page]:
     """Open the page, in a browser that draws the scene, or in one that cannot."""
     errors: list[str] = []
-    page = browser.new_page(viewport={"width": 900, "height": 500})
-    page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
+    page = browser.new_page(viewport={"width": 960, "height": 640})
     page.add_init_script(WATCH_STALLS)
     page.on("pageerror", lambda error: errors.append(str(error)))
-    page.goto(address + QUICK)
+    page.goto(address)
     yield page
     page.close()
     assert [error for error in errors if drawn or "WebGL" not in error] == []
@@ -70,7 +68,9 @@ def opened(browser: Browser, address: str, *, drawn: bool) -> Generator[Page]:
 
 def choose(page: Page, name: str) -> None:
     """Turn the page to a robot by the menu in the bar."""
-    page.locator("#tsd-overlay select").select_option(name, timeout=PATIENCE_MS)
+    if name not in page.get_by_role("button", name="Choose another").inner_text():
+        page.get_by_role("button", name="Choose another").click(timeout=PATIENCE_MS)
+        page.get_by_role("menuitemradio", name=re.compile(f"^{name}")).click(timeout=PATIENCE_MS)
     expect(page).to_have_title(
         re.compile(re.escape(robots.load_robot(name).title)), timeout=PATIENCE_MS
     )
@@ -88,17 +88,17 @@ def drive(page: Page, name: str) -> None:
     """Push the stick, and let it go."""
     mode(page, "disarmed")
     spins = isinstance(robots.load_robot(name), robots.SingularityDescription)
+    what = "Arming spins the wheels up" if spins else "Arming switches the motors on"
     for trial in trials(page):
         with trial:
-            get_ready(page)
-            expect(page.get_by_role("button", name="Disarm")).to_have_accessible_description(
-                "Spin the wheels down" if spins else "Switch the motors off"
-            )
-    speed = page.get_by_role("status", name="Speed", exact=True)
-    x, y, half = centre(page, "region", "Drive stick")
+            click_through(page, "Take control")
+            expect(page.get_by_text(what)).to_be_visible(timeout=PATIENCE_MS / 4)
+    get_ready(page)
+    speed = page.locator(".hero .n")
+    x, y, half = centre(page, "application", "Stick")
     for _ in range(_PRESSES):
         # A robot that has got no time is in a fault, as it must be.
-        click_through(page, "Take control", "Reset stop", "Arm")
+        click_through(page, "Take control", "Hold to reset", "Arm")
         page.mouse.move(x, y)
         page.mouse.down()
         page.mouse.move(x, y - 0.8 * half)
@@ -116,34 +116,38 @@ def drive(page: Page, name: str) -> None:
 
 
 def test_the_panel_of_each_robot_has_what_it_has(browser: Browser) -> None:
-    """In one scene; no gimbals where there are none, and sliders by the names of its twist."""
-    shown = {"omni4": ("Wheels", "Forward (m/s)"), "atlas": ("Sphere", "Roll right (rad/s)")}
+    """In one scene: no gimbals where there are none, and sliders by the names of its twist."""
+    shown = {"omni4": ("Wheel 4", "Forward"), "atlas": ("Sphere", "Roll forward")}
     with demo(*shown) as address, opened(browser, address, drawn=True) as page:
-        bar = page.locator("#tsd-overlay")
-        menu = bar.get_by_role("combobox", name="Robot", exact=True)
-        expect(menu).to_have_value("omni4", timeout=PATIENCE_MS)  # Named first.
-        for name, (tab, slider) in shown.items():
+        menu = page.get_by_role("button", name="Robot: omni4. Choose another")
+        expect(menu).to_be_visible(timeout=PATIENCE_MS)  # Named first.
+        for name, (heading, slider) in shown.items():
             choose(page, name)
-            expect(page.get_by_role("tab", name=tab)).to_be_visible(timeout=PATIENCE_MS)
-            for other in {"Gimbals", "Wheels", "Sphere"} - {tab}:
-                expect(page.get_by_role("tab", name=other)).to_have_count(0)
-            expect(page.get_by_text(slider, exact=True)).to_be_visible(timeout=PATIENCE_MS)
+            panel = page.get_by_role("tabpanel")
+            page.get_by_role("tab", name="Drive").click(timeout=PATIENCE_MS)
+            expect(panel.get_by_role("slider", name=slider)).to_be_visible(timeout=PATIENCE_MS)
+            page.get_by_role("tab", name="Modules").click(timeout=PATIENCE_MS)
+            headings = panel.get_by_role("heading")
+            expect(headings.filter(has_text=heading)).to_be_visible(timeout=PATIENCE_MS)
+            for other in {"Module 1", "Wheel 4", "Sphere"} - {heading}:
+                expect(headings.filter(has_text=other)).to_have_count(0)
         bring_up_by_key(page)
 
 
 def bring_up_by_key(page: Page) -> None:
     """What a click on the sphere does, for who has no mouse: its front mark comes up."""
-    page.get_by_role("tab", name="Sphere").click(timeout=PATIENCE_MS)
-    front = page.get_by_role("group", name="Bring up").get_by_role("button", name="front")
+    front = page.get_by_role("group", name="Bring a mark to the top").get_by_role(
+        "button", name="Front"
+    )
     expect(front).to_have_attribute("aria-disabled", "true", timeout=PATIENCE_MS)
-    take_control_and_arm(page, "atlas")
-    mark = page.locator(".globe .front")
-    expect(mark).to_have_attribute("cy", "-40.00")  # Seen from above, in front.
+    take_control_and_arm(page)
+    mark = page.locator(".mark.front")
+    expect(mark).to_have_attribute("cy", re.compile(r"^-3[56]"))  # Seen from above, in front.
     for _ in range(_PRESSES):
         front.press("Enter", timeout=PATIENCE_MS)
         with contextlib.suppress(AssertionError):
-            expect(mark).to_have_attribute("cy", re.compile(r"^-?[01]\."), timeout=8000)
+            expect(mark).to_have_attribute("cy", re.compile(r"^-?[01](\.|$)"), timeout=8000)
             break
-        get_ready(page, "atlas")  # A page that was too slow is let go: press again, as it says.
-    expect(mark).to_have_attribute("cy", re.compile(r"^-?[01]\."))
+        get_ready(page)  # A page that was too slow is let go: press again, as it says.
+    expect(mark).to_have_attribute("cy", re.compile(r"^-?[01](\.|$)"))
     mode(page, "ready")

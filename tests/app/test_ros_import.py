@@ -22,7 +22,7 @@ from playwright.sync_api import Browser, expect
 
 import tsd_twin
 from tests.app.conftest import Program
-from tests.support.browser import PATIENCE_MS, QUICK, press_now
+from tests.support.browser import PATIENCE_MS, press_now
 from tests.support.ros_nodes import foreign_hash, ros_router
 from tests.support.ros_robot import JOINTS, ODOMETRY, START, ForeignRobot
 from tsd_twin.adapters.ros.external_robot import ZEROS
@@ -360,25 +360,25 @@ def test_the_page_says_what_is_not_promised(browser: Browser, stage: Stage) -> N
     dashboard = Program(["tsd_dashboard", "--connect", stage.endpoint, "--port", "0"])
     try:
         address = re.findall(r"http://\S+", dashboard.ready())[0]
-        page = browser.new_page(viewport={"width": 900, "height": 500})
-        page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
-        page.goto(address + QUICK)
-        page.get_by_role("tab", name="ROS").click(timeout=PATIENCE_MS)
-        section = page.locator("section.not-promised li")
-        expect(section.first).to_be_visible(timeout=PATIENCE_MS)
-        said = section.all_inner_texts()
-        assert said[: len(NOT_PROMISED)] == list(NOT_PROMISED)
-        assert any("meshes" in text for text in said)
-        arm = page.get_by_role("button", name="Arm", exact=True)
-        what = re.compile("where it stops is not promised")
+        page = browser.new_page(viewport={"width": 960, "height": 640})
+        page.goto(address)
+        page.get_by_role("tab", name="Modules").click(timeout=PATIENCE_MS)
+        said = page.get_by_role("tabpanel").get_by_role("listitem")
+        expect(said.first).to_be_visible(timeout=PATIENCE_MS)
+        sentences = said.all_inner_texts()
+        assert sentences[: len(NOT_PROMISED)] == list(NOT_PROMISED)
+        assert any("meshes" in text for text in sentences)
+        what = page.get_by_text("which does not promise where it stops")
         for _ in range(_PRESSES):  # A page that stalls as it loads loses control.
             press_now(page, "Take control")
             with contextlib.suppress(AssertionError):
-                expect(arm).to_have_accessible_description(what, timeout=PATIENCE_MS / _PRESSES)
+                expect(what).to_be_visible(timeout=PATIENCE_MS / _PRESSES)
                 break
-        expect(arm).to_have_accessible_description(what)
+        expect(what).to_be_visible()
         page.get_by_role("tab", name="Health").click(timeout=PATIENCE_MS)
-        row = page.get_by_role("row", name="stop distance without link")
+        panel = page.get_by_role("tabpanel")
+        panel.locator("summary", has_text="Control").last.click(timeout=PATIENCE_MS)
+        row = panel.get_by_role("listitem").filter(has_text="Stops within, if the link fails")
         expect(row).to_contain_text("not promised", timeout=PATIENCE_MS)
         page.close()
     finally:
