@@ -81,7 +81,7 @@ class Demo:
         self.page.on("websocket", lambda socket: socket.on("framesent", self._on_sent))
 
     def _on_sent(self, sent: str | bytes) -> None:
-        message: dict[str, Any] = json.loads(sent)
+        message: dict[str, Any] = json.loads(sent) if isinstance(sent, str) else {}
         if message.get("t") == "frame":
             self.free = Rectangle(*(message[side] for side in Rectangle._fields))
 
@@ -384,6 +384,7 @@ def test_only_look_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> 
     still = picture(demo)
     page.get_by_role("radio", name="Only look").click()
     slider = page.get_by_role("tabpanel", name="Drive").get_by_role("slider", name="Forward")
+    slider.scroll_into_view_if_needed()
     box = slider.bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2

@@ -64,7 +64,7 @@ export function GoToForm() {
           </span>
         </label>
       ))}
-      <Button edge refused={refusal && refusalText(refusal)} onPress={plan}>
+      <Button edge submit refused={refusal && refusalText(refusal)}>
         {words.plan}
       </Button>
       <p class="note" role="status">

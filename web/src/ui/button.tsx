@@ -15,16 +15,18 @@ export interface ButtonProps {
   class?: string;
   pressed?: boolean;
   expanded?: boolean;
-  onPress: () => void;
+  /** Whether it submits its form, as Enter in a field then does. */
+  submit?: boolean;
+  onPress?: () => void;
 }
 
 export function Button(props: ButtonProps) {
-  const { children, icon, label, refused = null, edge, pressed, expanded, onPress } = props;
+  const { children, icon, label, refused = null, edge, pressed, expanded, submit } = props;
   const why = useId();
   const classes = ["btn", edge && "edge", children === undefined && "icon", props.class];
   return (
     <button
-      type="button"
+      type={submit ? "submit" : "button"}
       class={classes.filter(Boolean).join(" ")}
       aria-label={label}
       title={refused ?? (children === undefined ? label : undefined)}
@@ -32,7 +34,7 @@ export function Button(props: ButtonProps) {
       aria-describedby={refused === null ? undefined : why}
       aria-pressed={pressed}
       aria-expanded={expanded}
-      onClick={() => refused === null && onPress()}
+      onClick={() => refused === null && props.onPress?.()}
     >
       {icon && <Icon name={icon} />}
       {children}
