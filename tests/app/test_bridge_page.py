@@ -162,6 +162,6 @@ def shows(page: Page, group: str, readings: dict[str, str]) -> None:
     panel = page.get_by_role("tabpanel", name="Health")
     panel.locator("summary", has_text=group).first.click(timeout=PATIENCE_MS)
     for name, figure in readings.items():
-        named = panel.get_by_text(name, exact=True)
+        named = page.get_by_text(name, exact=True)
         reading = panel.get_by_role("listitem").filter(has=named).locator(".v")
         expect(reading).to_have_text(re.compile(f"^{figure}$"), timeout=PATIENCE_MS)

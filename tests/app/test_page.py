@@ -114,7 +114,7 @@ def shared(start_shared: Callable[..., Program], browser: Browser) -> Iterator[D
     flags = ("--no-record", "--no-browser", "--until-eof", *ANY_PORTS)
     line = start_shared("tsd_demo", *flags).ready()
     url, endpoint = re.findall(r"http://\S+|tcp/[\d.:]+", line)
-    context = browser.new_context(viewport={"width": 960, "height": 640})
+    context = browser.new_context(viewport={"width": 1280, "height": 640})
     context.add_init_script(FEW_FRAMES)
     context.add_init_script(WATCH_STALLS)
     page = context.new_page()
@@ -140,10 +140,12 @@ def test_the_page_loads_without_an_error(demo: Demo) -> None:
     mode(page, "disarmed")
     deck = page.get_by_role("region", name="Controls")
     for name in ("Forward", "Left", "Turn"):
-        expect(deck.get_by_role("slider", name=name)).to_be_visible(timeout=PATIENCE_MS)
+        expect(deck.get_by_role("slider", name=name, exact=True)).to_be_visible(timeout=PATIENCE_MS)
     panel = page.get_by_role("tabpanel", name="Drive")
     for name in ("Forward", "Left", "Turn left"):
-        expect(panel.get_by_role("slider", name=name)).to_be_visible(timeout=PATIENCE_MS)
+        expect(panel.get_by_role("slider", name=name, exact=True)).to_be_visible(
+            timeout=PATIENCE_MS
+        )
     expect(page.get_by_role("button", name=re.compile("^Link: "))).to_be_visible()
     assert [message.text for message in demo.console if message.type == "error"] == []
     assert demo.failures == []
