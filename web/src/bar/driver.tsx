@@ -34,9 +34,8 @@ function useLease() {
   const state = link.state.value;
   if (freshness(link).kind !== "live" || state === null) return null;
   const { lease, mode } = state.status;
-  const { operator, role } = link.welcome.value ?? {};
-  const asks = lease.requested_by !== null && lease.requested_by === operator;
-  return { ...lease, mode, you: state.has_control, asks, isViewer: role === "viewer" };
+  const { role } = link.welcome.value ?? {};
+  return { ...lease, mode, you: state.has_control, isViewer: role === "viewer" };
 }
 
 export function Who() {
@@ -98,40 +97,43 @@ function useRefused(): (refusal: Refusal | null) => string | null {
   return (refusal) => (isPending ? texts().bar.underWay : refusal && refusalText(refusal));
 }
 
-/** A request for control, for who is asked and for who asks. It never takes the focus. */
+/**
+ * A request for control, for who is asked. The deck has its answers; the bar has them while a held
+ * path keeps the deck. It never takes the focus.
+ */
 export function Question() {
-  const { requests } = useSession();
+  const { requests, path } = useSession();
   const { bar } = texts();
   const lease = useLease();
   const refused = useRefused()(null);
-  const requester = lease?.requested_by ?? null;
-  const isAsked = requester !== null && lease !== null && lease.you;
-  if (!isAsked && !lease?.asks) return <span class="sr" role="alert" />;
-  const name = nameOf((isAsked ? requester : lease?.holder) ?? "");
-  const choices = isAsked ? (["grant", "deny"] as const) : (["withdraw"] as const);
+  const requester = lease?.you ? lease.requested_by : null;
+  if (requester === null) return <span class="sr" role="alert" />;
+  const name = nameOf(requester);
   return (
     <>
       <span class="sr" role="alert">
-        {isAsked && `${bar.asksYou(name)} ${bar.youDriveOn}`}
+        {`${bar.asksYou(name)} ${bar.youDriveOn}`}
       </span>
-      <div class="asks" role="group" aria-label={bar.request}>
-        <span>
-          <Named text={isAsked ? bar.asksYou : bar.youAsk} name={name} />
-          <span class="u" aria-hidden="true">
-            {Math.ceil(lease?.request_expires_in_s ?? 0)} s
+      {path.going.value && (
+        <div class="asks" role="group" aria-label={bar.request}>
+          <span>
+            <Named text={bar.asksYou} name={name} />
+            <span class="u" aria-hidden="true">
+              {Math.ceil(lease?.request_expires_in_s ?? 0)} s
+            </span>
           </span>
-        </span>
-        {choices.map((op) => (
-          <Button
-            key={op}
-            edge={op === "grant"}
-            refused={refused}
-            onPress={() => requests.send({ t: "lease", op, requester: isAsked ? requester : null })}
-          >
-            {bar.answers[op]}
-          </Button>
-        ))}
-      </div>
+          {(["grant", "deny"] as const).map((op) => (
+            <Button
+              key={op}
+              edge={op === "grant"}
+              refused={refused}
+              onPress={() => requests.send({ t: "lease", op, requester })}
+            >
+              {bar.answers[op]}
+            </Button>
+          ))}
+        </div>
+      )}
     </>
   );
 }
