@@ -1,22 +1,21 @@
-"""STOP keeps its place and lies on top: at every size of the page, in every state."""
+"""STOP keeps its place and lies on top, and nothing overlaps: in every window and every state."""
 
 from __future__ import annotations
-
-from collections.abc import Generator
-from typing import Any
 
 import pytest
 from playwright.sync_api import Browser
 
 from tests.support.browser import FLAGS_WITHOUT_SCENE
-from tests.support.page_stage import (
-    LATCHED,
-    OPERATOR,
-    PREVIEW,
-    PageStage,
-    page_stage,
-    route,
-    state,
+from tests.support.legibility import SMALL
+from tests.support.overlaps import FINE_PRINT, OVERLAPS, STILL, STOP
+from tests.support.page_stage import PageStage, page_stage, route, state
+from tests.support.page_states import (
+    REFUSED,
+    STATES,
+    TABS,
+    WINDOWS,
+    fold_panel,
+    open_tab,
 )
 
 pytestmark = [
@@ -26,236 +25,107 @@ pytestmark = [
     pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"),
 ]
 
-SIZES = (
-    (1280, 720),
-    (1440, 900),
-    (1024, 600),
-    (956, 720),  # The first one beside the panel.
-    (1116, 900),  # And the second one.
-    (853, 480),  # And at a zoom of 150 %,
-    (593, 480),  # beside the panel, too.
-    (700, 600),  # The third one beside the panel.
-    (844, 390),
-    (520, 390),
-    (768, 1024),
-    (640, 360),
-    (568, 320),
-    (390, 844),
-    (320, 568),
-)
-LONG_TEXT = "the wheel of module 2 does not follow its set-point by more than 1 degree " * 3
-STOPPED_BY = {"code": "stop_requested", "params": {"by": "web-01234567"}}
-LONG = {"code": "hardware", "params": {"text": LONG_TEXT}}
-REFUSED = {"t": "reply", "to": "arm", "ok": False}
-SUSPECT = {"residual_mps": 0.1, "level": 3.0, "suspect": "module2", "contributions": {}}
-MINE: dict[str, Any] = {"has_control": True}
-ASKED = {"lease": {"holder": "bob", "requested_by": OPERATOR, "request_expires_in_s": 9.0}}
-STATES: dict[str, dict[str, Any]] = {
-    "disarmed": state(),
-    "another drives": state("driving", lease={"holder": "bob-with-a-rather-long-name"}),
-    "asked": state("driving", **ASKED),
-    "is asked": state(
-        "driving", lease={"requested_by": "bob", "request_expires_in_s": 9.0}, **MINE
-    ),
-    "mine, disarmed": state(**MINE),
-    "arming": state("arming", status={"arming": {"phase": "hold", "progress": 0.4}}, **MINE),
-    "ready": state("ready", **MINE),
-    "a path": state("ready", route=route("planned"), **MINE),
-    "going": state("driving", route=route("going"), **MINE),
-    "arrived": state("ready", route=route("arrived"), **MINE),
-    "ended": state("ready", route=route("ended", why=LONG), **MINE),
-    "driving": state("driving", **MINE),
-    "suspect": state("driving", status={"consistency": SUSPECT}, **MINE),
-    "stopping": state("stopping", **MINE),
-    "stopped": state("stopped", status={"stop": {"code": "stop_requested"}}, **MINE),
-    "stopped, not mine": state("stopped", status={"stop": LONG}),
-    "fault": state("fault", status={"stop": LONG, "consistency": SUSPECT}, **MINE),
-    "silent": state("driving", age_ms=5000.0, **MINE),
-}
-GO_TO = "overlay().querySelector('.route .choices button').click()"
-ON_TOP = """() => overlay().append(Object.assign(document.createElement("style"),
-  {textContent: ".frame * { pointer-events: auto !important }"}))"""
-"""What is drawn on top of STOP is found, also if it lets clicks through."""
-BOXES = """() => {
-  const boxOf = (node) => {
-    const {left, top, right, bottom, width} = node.getBoundingClientRect();
-    return {left, top, right, bottom, shown: width > 0};
-  };
-  const find = (selector) => overlay().querySelector(selector);
-  const stop = find(".stop");
-  const {left, top, right, bottom} = boxOf(stop);
-  const covers = [];
-  for (const x of [left + 17, (left + right) / 2, right - 17])
-    for (const y of [top + 3, (top + bottom) / 2, bottom - 3]) {
-      const there = overlay().elementFromPoint(x, y);
-      if (!stop.contains(there)) covers.push(there?.className ?? "nothing");
-    }
-  const names = {stop: ".stop", pad: ".pad", track: ".track", control: ".driver .button",
-    card: ".card", message: ".messages", map: ".map", pose: ".pose"};
-  const boxes = Object.fromEntries(
-    Object.entries(names).map(([name, selector]) => [name, boxOf(find(selector))]));
-  const who = find(".who");
-  const cut = who.scrollWidth > who.clientWidth + 1 || who.scrollHeight > who.clientHeight + 1;
-  return {...boxes, covers, cut};
-}"""
+LAYERS = ".shade, .app > .panel, .items"
+"""What a person opens over the page, and closes."""
+POINTER_PX, FINGER_PX = 24, 44
 
 
-RESET = """() => {
-  const box = overlay().querySelector(".card .button").getBoundingClientRect();
-  const at = (y) => overlay().elementFromPoint((box.left + box.right) / 2, y)?.closest(".card");
-  return {top: box.top, bottom: box.bottom, whole: Boolean(at(box.top + 2) && at(box.bottom - 2))};
-}"""
-"""Place of the reset in the card, and whether all of it is to be seen."""
+class Look:
+    """What is wrong on a page in each of its states."""
 
+    def __init__(self, stage: PageStage, *, touch: bool) -> None:
+        self.stage = stage
+        self.wrong: dict[str, list[str]] = {}
+        self.places: dict[tuple[float, ...], list[str]] = {}
+        self._least_px = FINGER_PX if touch else POINTER_PX
 
-@pytest.fixture(scope="module")
-def stage(browser: Browser) -> Generator[PageStage]:
-    with page_stage(browser, recordings=True) as opened:
-        opened.page.evaluate(ON_TOP)
-        yield opened
+    def at_stop(self, name: str) -> None:
+        """Look at STOP alone, while what a person opens may cover other things."""
+        stop = self.stage.page.evaluate(STOP)
+        self.places.setdefault(tuple(stop["box"]), []).append(name)
+        found = [f"on STOP: {each}" for each in stop["covers"]]
+        self._note(name, found + ([] if stop["isWhole"] else ["STOP leaves the window"]))
 
+    def at_all(self, name: str) -> None:
+        """Look at STOP, and at everything else that can be read or used."""
+        self.at_stop(name)
+        page = self.stage.page
+        self._note(name, page.evaluate(OVERLAPS, LAYERS))
+        self._note(name, page.evaluate(FINE_PRINT))
+        self._note(name, page.evaluate(SMALL, self._least_px))
 
-@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-def test_stop_never_moves_and_is_never_covered(stage: PageStage, size: tuple[int, int]) -> None:
-    width, height = size
-    stage.resize(width, height)
-    seen: dict[str, dict[str, Any]] = {}
-
-    def look(name: str) -> None:
-        seen[name] = stage.page.evaluate(BOXES)
-
-    for name, shown in STATES.items():
-        stage.show(shown)
-        look(name)
-        if name in ("ready", "driving"):
-            stage.page.evaluate(GO_TO)
-            look(f"{name}, Go to")
-            stage.page.evaluate(GO_TO)
-    stage.show(state("driving", **ASKED))
-    stage.page.get_by_role("button", name="Take over…").evaluate("(button) => button.click()")
-    look("takes over")
-    stage.show(state("stopped", status={"stop": LONG}, **MINE))
-    for i in range(3):
-        why = {"code": "hardware", "params": {"text": f"{i} {LONG_TEXT}"}}
-        stage.say(REFUSED | {"why": why})
-    look("notices")
-    stage.choose("tsd", "atlas", "omni4")
-    look("several robots")
-    stage.show(state("ready", **MINE))
-    for sliders in (LATCHED, PREVIEW):
-        stage.move_slider(sliders)
-        look(f"sliders {sliders['mode']}")
-    stage.say(PREVIEW | {"vx": 0})
-    stage.show(state("ready", route=route("planned"), **MINE))
-    stage.page.keyboard.press("m")
-    look("map")
-    assert seen["map"]["map"]["shown"]
-    stage.show(state("stopped", status={"stop": LONG}, **MINE))
-    look("map, stopped")
-    stage.page.keyboard.press("m")
-    stage.show(state("ready", **MINE))
-    fold = stage.page.locator("#tsd-overlay .group.last .button").last
-    fold.evaluate("(button) => button.click()")
-    look("folded")
-    fold.evaluate("(button) => button.click()")
-    stage.choose("tsd")
-
-    stop = seen["disarmed"]["stop"]
-    assert {name: boxes["stop"] for name, boxes in seen.items() if boxes["stop"] != stop} == {}
-    assert {name: boxes["covers"] for name, boxes in seen.items() if boxes["covers"]} == {}
-    assert [name for name, boxes in seen.items() if boxes["cut"]] == []
-    for name, boxes in seen.items():
-        for control in ("stop", "pad", "track", "control"):
-            box = boxes[control]
-            assert box["shown"], (name, control)
-            assert min(box["left"], box["top"]) >= 0, (name, control, box)
-            assert box["right"] <= width, (name, control, box)
-            assert box["bottom"] <= height, (name, control, box)
-
-
-ROW = """() => ["driver .button", "facts", "last"].map((name) => {
-  const {left, right} = overlay().querySelector(`.group.${name}`).getBoundingClientRect();
-  return {left, right};
-})"""
-"""Places of the button of control, of the link and of the last group, in the bar."""
-
-
-@pytest.mark.parametrize("width", [956, 1000, 1061, 1116, 1229, 1231, 1280])
-def test_controls_of_several_robots_do_not_touch_in_the_bar(stage: PageStage, width: int) -> None:
-    stage.resize(width, 720)
-    for names in (["mecanum", "tsd"], ["robot-with-a-name-of-31-letters", "tsd"]):
-        stage.choose(*names)
-        for shown in (state("driving", **MINE), state(lease={"holder": "bob-with-a-long-name"})):
-            stage.show(shown)
-            control, facts, last = stage.page.evaluate(ROW)
-            assert facts["left"] - control["right"] >= 4, (names, control, facts)
-            assert last["left"] >= facts["right"], (names, facts, last)
-    stage.choose("tsd")
+    def _note(self, name: str, found: list[str]) -> None:
+        for each in found:
+            self.wrong.setdefault(each, []).append(name)
 
 
 @pytest.mark.parametrize(
-    "names", [["tsd", "omni4"], ["mecanum", "tsd"]], ids=lambda names: names[0]
+    ("size", "touch"),
+    WINDOWS,
+    ids=[f"{width}x{height}{' touch' * touch}" for (width, height), touch in WINDOWS],
 )
-def test_the_bar_of_a_phone_has_two_rows_with_several_robots(
-    stage: PageStage, names: list[str]
+def test_stop_never_moves_and_nothing_overlaps_is_cut_or_small(
+    browser: Browser, size: tuple[int, int], *, touch: bool
 ) -> None:
-    stage.resize(390, 844)
-    stage.choose(*names)
-    for mode in ("stopped", "driving", "arming"):
-        stage.show(state(mode, **MINE))
-        control, facts = stage.page.evaluate("""() => [".driver .button", ".facts"].map((name) => {
-          const {top, bottom} = overlay().querySelector(name).getBoundingClientRect();
-          return (top + bottom) / 2;
-        })""")
-        assert abs(control - facts) < 8, mode
-    stage.choose("tsd")
+    with page_stage(browser, recordings=True, touch=touch, size=size) as stage:
+        stage.page.emulate_media(reduced_motion="reduce")
+        stage.page.add_style_tag(content=STILL)
+        look = Look(stage, touch=touch)
+        for name, shown in STATES.items():
+            stage.show(shown)
+            look.at_all(name)
+        stage.say(REFUSED)
+        look.at_all("a notice")
+        stage.show(STATES["ready"])
+        stage.choose("tsd")  # Which clears the notice.
+        opened = [name for name in TABS if open_tab(stage, name)]
+        for name in opened:
+            open_tab(stage, name)
+            stage.page.locator(".panel .body > *").first.wait_for()
+            look.at_all(f"tab {name}")
+        fold_panel(stage)
+        look.at_all("folded")
+        show_what_is_opened(stage, look)
+    assert len(opened) >= len(TABS) - 1  # A phone that is held upright has no room for Student.
+    assert len(look.places) == 1, look.places
+    assert look.wrong == {}
 
 
-ANSWERS = """() => ["Keep control", "Hand over"].filter((name) => {
-  const button = [...overlay().querySelectorAll(".handover .button")].find(
-    (each) => each.textContent === name);
-  const {left, right, top, bottom} = button.getBoundingClientRect();
-  const [x, y] = [(left + right) / 2, (top + bottom) / 2];
-  return [[left + 3, y], [right - 3, y], [x, top + 3], [x, bottom - 3]].some(
-    (at) => !button.contains(overlay().elementFromPoint(...at)));
-})"""
-"""Answers to a request for control of which a part is not to be seen."""
+def show_what_is_opened(stage: PageStage, look: Look) -> None:
+    """Look at STOP below the dialogs, the map, and the page of all robots."""
+    stage.page.keyboard.press("n")
+    look.at_stop("map")
+    stage.page.keyboard.press("n")
+    stage.page.keyboard.press("?")
+    look.at_stop("keys and settings")
+    stage.page.keyboard.press("?")
+    stage.show(state("driving", lease={"holder": "bob"}))
+    if stage.page.get_by_role("button", name="Take over").is_visible():
+        stage.page.get_by_role("button", name="Take over").click()
+        look.at_stop("takes over")
+        stage.page.keyboard.press("Escape")
+    stage.show(state("ready", you=True, route=route("planned")))
+    stage.page.keyboard.press(" ")
+    stage.page.get_by_role("alert").filter(has_text="not confirmed").wait_for()
+    look.at_all("a stop that is not confirmed")
+    stage.page.get_by_role("button", name="Acknowledge").click()
+    stage.page.evaluate("location.hash = '#fleet'")
+    stage.page.get_by_role("button", name="STOP ALL").wait_for()
+    look.at_stop("all robots")
+    stage.page.evaluate("location.hash = ''")
 
 
-@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
-def test_both_answers_to_a_request_for_control_can_be_pressed(
-    stage: PageStage, size: tuple[int, int]
-) -> None:
-    stage.resize(*size)
-    stage.show(STATES["is asked"])
-    assert stage.page.evaluate(ANSWERS) == []
-
-
-@pytest.mark.parametrize("size", SIZES[:9] + SIZES[13:14], ids=lambda size: f"{size[0]}x{size[1]}")
-@pytest.mark.parametrize("mode", ["stopped", "fault", "arming"])
-def test_cards_do_not_lie_on_the_robot(stage: PageStage, size: tuple[int, int], mode: str) -> None:
-    """A robot that is followed is in the middle, about a third of the picture high."""
-    width, height = size
-    stage.resize(width, height)
-    stage.show(state(mode, status={"stop": STOPPED_BY}, **MINE))
-    card = stage.page.evaluate(BOXES)["card"]
-    assert card["shown"]
-    if mode != "arming":  # The reset can be used without scrolling, above the stick.
-        reset = stage.page.evaluate(RESET)
-        assert reset["whole"], reset
-    reach = 0.14 * height
-    left, right = width / 2 - reach, width / 2 + reach
-    beside = card["right"] <= left or card["left"] >= right
-    assert beside or card["bottom"] <= height / 2 - reach, card
-
-
-@pytest.mark.parametrize("size", SIZES[:5], ids=lambda size: f"{size[0]}x{size[1]}")
-def test_the_pose_does_not_lie_on_the_robot(stage: PageStage, size: tuple[int, int]) -> None:
-    """Above the timeline it is beside a robot in the middle, or below its wheels."""
-    width, height = size
-    stage.resize(width, height)
-    stage.show(STATES["mine, disarmed"])
-    pose = stage.page.evaluate(BOXES)["pose"]
-    assert pose["shown"]
-    beside = pose["right"] <= width / 2 - 0.14 * height
-    assert beside or pose["top"] >= height / 2 + 0.17 * height, pose
+def test_the_bar_has_room_for_several_robots_with_long_names(browser: Browser) -> None:
+    names = ["robot-with-a-name-of-31-letters", "tsd", "omni4"]
+    with page_stage(browser) as stage:
+        stage.page.add_style_tag(content=STILL)
+        for width in (320, 600, 720, 768, 900, 1024, 1116, 1280):
+            stage.resize(width, 720)
+            stage.choose(*names)
+            for shown in (
+                state("driving", you=True),
+                state(lease={"holder": "bob-with-a-rather-long-name"}),
+            ):
+                stage.show(shown)
+                found = stage.page.evaluate(OVERLAPS, LAYERS)
+                assert [each for each in found if "cut off" in each] == [], width

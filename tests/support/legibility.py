@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 _SHOWN = """
-  const all = (root) => [...root.querySelectorAll("*")].flatMap((node) =>
-    node.shadowRoot === null ? [node] : [node, ...all(node.shadowRoot)]);
   const isShown = (node) => {
     const { width, height } = node.getBoundingClientRect();
     const asked = { opacityProperty: true, visibilityProperty: true };
     return width > 1 && height > 1 && node.checkVisibility(asked);
   };
-  const shown = () => all(document).filter(isShown);
-  const above = (node) =>
-    node.assignedSlot ?? node.parentElement ?? node.getRootNode().host ?? null;
+  const shown = () => [...document.querySelectorAll("body *")].filter(isShown);
 """
 FAINT = (
     "() => {"
@@ -42,26 +38,25 @@ FAINT = (
   const isText = (node) => node.matches("input:not([type=range], [type=checkbox])")
     ? (node.value || node.placeholder) !== ""
     : [...node.childNodes].some(({ nodeType, data }) => nodeType === 3 && data.trim() !== "");
-  const isDark = getComputedStyle(document.documentElement).colorScheme === "dark";
+  // A phone that is held sideways has its deck on the scene.
+  const clear = (node) => node.matches(".scene-view") ||
+    parse(getComputedStyle(node).backgroundColor)[3] === 0;
+  const isDark = document.documentElement.dataset.theme === "dark";
   const scenes = isDark  // Floor, lines and robots.
     ? [[20, 22, 26], [60, 64, 70], [130, 134, 140]]
     : [[255, 255, 255], [130, 134, 140], [20, 22, 26]];
   const found = [];
-  // As with a graphics card: without one, surfaces let less of the scene through.
-  const frame = document.querySelector("#tsd-overlay").shadowRoot.querySelector(".frame");
-  const wasPlain = frame.hasAttribute("data-plain");
-  frame.removeAttribute("data-plain");
   for (const node of shown().filter(isText)) {
     const layers = [];
     let opacity = 1;
     let isDisabled = false;
     let isOverScene = false;
-    for (let each = node; each !== null && !isOverScene; each = above(each)) {
+    for (let each = node; each !== null && !isOverScene; each = each.parentElement) {
       const style = getComputedStyle(each);
       opacity *= Number(style.opacity);
       isDisabled ||= each.matches("[aria-disabled=true], :disabled, [data-disabled=true], option");
       layers.unshift(parse(style.backgroundColor));
-      isOverScene = each.id === "tsd-overlay";
+      isOverScene = each.matches(".scene-view, .app > .deck") && clear(each);
     }
     if (isDisabled) continue;
     const { color, fontSize, fontWeight } = getComputedStyle(node);
@@ -75,7 +70,6 @@ FAINT = (
         found.push(`${figure.toFixed(2)} on ${scene}: ${node.outerHTML.slice(0, 120)}`);
     }
   }
-  frame.toggleAttribute("data-plain", wasPlain);
   return found;
 }"""
 )
@@ -109,12 +103,3 @@ SMALL = (
 }"""
 )
 """Targets that are smaller than so many pixels, with their labels."""
-STYLED = (
-    "() => {"
-    + _SHOWN
-    + """
-  const sheets = all(document).filter((node) => node.matches("link[rel=stylesheet]"));
-  return sheets.every(({ sheet }) => sheet !== null);
-}"""
-)
-"""Whether all style sheets are there; a tab has its own."""

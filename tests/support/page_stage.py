@@ -280,29 +280,39 @@ def _server_of(browser: Browser) -> _Server:
     return _servers[browser]
 
 
-def _page_of(browser: Browser) -> Page:
+_pages: dict[tuple[Browser, bool], Page] = {}
+
+
+def _page_of(browser: Browser, *, touch: bool) -> Page:
     """Return the page that all stages of a browser use, one after another: a new one costs more."""
-    if browser.contexts:
-        return browser.contexts[0].pages[0]
-    page = browser.new_context().new_page()
-    page.add_init_script(_SOCKET)
-    return page
+    key = (browser, touch)
+    if key not in _pages:
+        _pages[key] = browser.new_context(has_touch=touch, is_mobile=touch).new_page()
+        _pages[key].add_init_script(_SOCKET)
+        browser.once("disconnected", lambda _: _pages.pop(key))
+    return _pages[key]
 
 
 @contextmanager
-def page_stage(browser: Browser, *, recordings: bool = False) -> Generator[PageStage]:
+def page_stage(
+    browser: Browser,
+    *,
+    recordings: bool = False,
+    touch: bool = False,
+    size: tuple[int, int] = (1280, 720),
+) -> Generator[PageStage]:
     """Open the page with one robot, tsd, and a list of recordings only when asked for.
 
-    The page remembers nothing of the last stage.
+    With `touch` the pointer is a finger. The page remembers nothing of the last stage.
     """
-    page, server = _page_of(browser), _server_of(browser)
+    page, server = _page_of(browser, touch=touch), _server_of(browser)
     failures: list[str] = []
 
     def failed(error: object) -> None:
         failures.append(str(error))
 
     server.have_recordings(wanted=recordings)
-    page.set_viewport_size({"width": 1280, "height": 720})
+    page.set_viewport_size({"width": size[0], "height": size[1]})
     page.on("pageerror", failed)
     page.goto(server.address)
     page.wait_for_function("Boolean(window.socket?.onmessage)")

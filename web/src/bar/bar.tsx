@@ -8,7 +8,7 @@ import { Button } from "../ui/button";
 import { Icon } from "../ui/icon";
 import { Menu } from "../ui/menu";
 import { NameDialog, OwnName, useLogin } from "./account";
-import { Actions, TakeOver, Who } from "./driver";
+import { Actions, Question, TakeOver, Who } from "./driver";
 import { Battery, FleetLink, GamepadFact, LinkFact, Mode, withHash } from "./facts";
 import { GamepadDialog, Sheet } from "./sheet";
 import "./bar.css";
@@ -46,6 +46,7 @@ function OfRobot({ opened }: { opened: Opened }) {
       {link.recording !== null && <bdi class="fact roomy">{link.recording}</bdi>}
       {!layout.phone.value && <Who />}
       {!layout.phone.value && <Actions opened={opened} />}
+      <Question />
       <span class="spacer" />
       <GamepadFact onPress={() => (opened.value = "gamepad")} />
       <LinkFact />

@@ -34,9 +34,8 @@ function useLease() {
   const state = link.state.value;
   if (freshness(link).kind !== "live" || state === null) return null;
   const { lease, mode } = state.status;
-  const { operator, role } = link.welcome.value ?? {};
-  const asks = lease.requested_by !== null && lease.requested_by === operator;
-  return { ...lease, mode, you: state.has_control, asks, isViewer: role === "viewer" };
+  const { role } = link.welcome.value ?? {};
+  return { ...lease, mode, you: state.has_control, isViewer: role === "viewer" };
 }
 
 export function Who() {
@@ -96,6 +95,47 @@ export function Actions({ opened }: { opened: Opened }) {
 function useRefused(): (refusal: Refusal | null) => string | null {
   const isPending = useSession().requests.pending.value !== null;
   return (refusal) => (isPending ? texts().bar.underWay : refusal && refusalText(refusal));
+}
+
+/**
+ * A request for control, for who is asked. The deck has its answers; the bar has them while a held
+ * path keeps the deck. It never takes the focus.
+ */
+export function Question() {
+  const { requests, path } = useSession();
+  const { bar } = texts();
+  const lease = useLease();
+  const refused = useRefused()(null);
+  const requester = lease?.you ? lease.requested_by : null;
+  if (requester === null) return <span class="sr" role="alert" />;
+  const name = nameOf(requester);
+  return (
+    <>
+      <span class="sr" role="alert">
+        {`${bar.asksYou(name)} ${bar.youDriveOn}`}
+      </span>
+      {path.going.value && (
+        <div class="asks" role="group" aria-label={bar.request}>
+          <span>
+            <Named text={bar.asksYou} name={name} />
+            <span class="u" aria-hidden="true">
+              {Math.ceil(lease?.request_expires_in_s ?? 0)} s
+            </span>
+          </span>
+          {(["grant", "deny"] as const).map((op) => (
+            <Button
+              key={op}
+              edge={op === "grant"}
+              refused={refused}
+              onPress={() => requests.send({ t: "lease", op, requester })}
+            >
+              {bar.answers[op]}
+            </Button>
+          ))}
+        </div>
+      )}
+    </>
+  );
 }
 
 /** Confirm that another operator loses control, and say why; it closes once the holder changes. */

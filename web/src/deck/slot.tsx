@@ -50,7 +50,7 @@ function Words({ step }: { step: Step }) {
   const answer = kind === null ? null : requests.isPending(kind) ? deck.sent : null;
   const missed = kind !== null && requests.unanswered.value === kind ? `${common.noAnswer}.` : null;
   return (
-    <p role={isAlarm ? "alert" : undefined}>
+    <p role={isAlarm ? "alert" : undefined} title={[title, step.detail].filter(Boolean).join(" ")}>
       <b aria-live={isAlarm ? undefined : "polite"}>
         {at < 0 ? title : title.slice(0, at)}
         {at >= 0 && <bdi>{name}</bdi>}

@@ -113,7 +113,11 @@ function NoticeLine() {
   const { notice } = useSession();
   return (
     <div class="notice-line" role="status">
-      {notice.text.value !== null && <p class="notice">{notice.text.value}</p>}
+      {notice.text.value !== null && (
+        <p class="notice" title={notice.text.value}>
+          <span>{notice.text.value}</span>
+        </p>
+      )}
     </div>
   );
 }

@@ -6,6 +6,8 @@ import { isFlag, isOneOf, remembered } from "./memory";
 export const TABS = ["drive", "modules", "plots", "health", "view", "student"] as const;
 export type Tab = (typeof TABS)[number];
 
+const SIDEWAYS = "(max-height: 599px) and (pointer: coarse) and (orientation: landscape)";
+
 /** Signal that follows a media query. */
 export function media(query: string): Signal<boolean> {
   const list = matchMedia(query);
@@ -25,10 +27,10 @@ export class Layout {
   readonly screen = signal<"robot" | "fleet">(location.hash === "#fleet" ? "fleet" : "robot");
   /** Below 900 px of width the panel is a drawer. */
   readonly narrow = media("(max-width: 899px)");
-  /** Phone held upright: bar, scene, figures, deck, tabs. */
-  readonly phone = media("(max-width: 599px)");
   /** Phone held sideways: the controls lie on the scene. */
-  readonly sideways = media("(max-height: 599px) and (pointer: coarse)");
+  readonly sideways = media(SIDEWAYS);
+  /** Phone held upright: bar, scene, figures, deck, tabs. */
+  readonly phone = media(`(max-width: 599px) and (not (${SIDEWAYS}))`);
   readonly panelOpen = computed(() =>
     this.narrow.value || this.sideways.value ? this.drawerOpen.value : !this.folded.value,
   );

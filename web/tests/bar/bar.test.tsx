@@ -157,6 +157,41 @@ describe("a take-over", () => {
   });
 });
 
+describe("a request for control", () => {
+  const asked = { requested_by: "bob", request_expires_in_s: 13.2 };
+
+  test.each([
+    ["Hand over", "grant"],
+    ["Keep control", "deny"],
+  ])("is answered by who drives: %s", async (label, op) => {
+    page.session.path.going.value = true;
+    await state({ lease: asked });
+    expect(root.querySelector("[role=alert]")?.textContent).toBe(
+      "bob asks for control. You drive on until you hand over.",
+    );
+    expect(text()).toContain("14 s");
+    await press(label);
+    expect(page.sent("lease")).toEqual([{ t: "lease", op, requester: "bob" }]);
+  });
+
+  test("takes no focus", async () => {
+    const before = document.activeElement;
+    await state({ lease: asked });
+    expect(document.activeElement).toBe(before);
+  });
+
+  test("is answered in the deck alone unless a held path keeps it", async () => {
+    await state({ lease: asked });
+    expect(root.querySelector(".asks")).toBeNull();
+    expect(root.querySelector("[role=alert]")?.textContent).toContain("bob asks for control.");
+  });
+
+  test("of others is no business of a third", async () => {
+    await state({ lease: { holder: "carol", requested_by: "bob" } });
+    expect(text()).not.toContain("bob");
+  });
+});
+
 describe("the link", () => {
   const link = () => root.querySelector(".link")?.textContent;
 
