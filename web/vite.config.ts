@@ -29,5 +29,9 @@ export default defineConfig({
       },
     },
   },
-  test: { environment: "happy-dom", include: ["tests/**/*.test.{ts,tsx}"] },
+  test: {
+    environment: "happy-dom",
+    include: ["tests/**/*.test.{ts,tsx}"],
+    setupFiles: ["tests/support/empty_frames.ts"],
+  },
 } as Parameters<typeof defineConfig>[0]);

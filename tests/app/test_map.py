@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.app.conftest import Program
 from tests.support.browser import (
+    FLAGS,
     FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
     mode,
@@ -113,7 +114,7 @@ def test_a_click_on_the_map_asks_as_one_in_the_scene_does(stage: PageStage) -> N
     assert stage.sent("map") == [{"t": "map", "on": True}]
 
 
-@pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, ids=["no scene"])
+@pytest.mark.parametrize("browser", [FLAGS], indirect=True, ids=["scene"])
 def test_a_real_robot_plans_to_a_click_and_the_view_is_kept_over_a_reload(
     browser: Browser, start: Callable[..., Program]
 ) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
+import tsd_twin
 from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS, WATCH_STALLS, mode, trials
 from tests.support.scripts import drive
@@ -157,7 +159,8 @@ def test_a_file_of_the_plots_holds_what_another_subscriber_saw(
         with trial:
             if stage.button("Go on").is_visible():
                 stage.button("Go on").click()
-            drive(stage.endpoint, vx_mps=0.4, vy_mps=0.3, duration_s=1.0)
+            with suppress(tsd_twin.RobotStopped):  # A busy machine may stop it on the way.
+                drive(stage.endpoint, vx_mps=0.4, vy_mps=0.3, duration_s=1.0)
             stage.button("Pause").click()
             expect(stage.button("Go on")).to_be_visible()
             header, rows = stage.csv(tmp_path)

@@ -1,0 +1,5 @@
+// happy-dom loads nothing into frames, and prints an error for each. Here a frame stays empty.
+
+const frame = HTMLIFrameElement.prototype;
+for (const symbol of Object.getOwnPropertySymbols(frame))
+  if (symbol.description === "connectedToDocument") Reflect.deleteProperty(frame, symbol);
