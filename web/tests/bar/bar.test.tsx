@@ -164,8 +164,8 @@ describe("a request for control", () => {
     ["Hand over", "grant"],
     ["Keep control", "deny"],
   ])("is answered by who drives: %s", async (label, op) => {
-    page.session.path.going.value = true;
     await state({ lease: asked });
+    await act(() => void (page.session.path.going.value = true));
     expect(root.querySelector("[role=alert]")?.textContent).toBe(
       "bob asks for control. You drive on until you hand over.",
     );
