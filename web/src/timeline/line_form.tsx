@@ -1,4 +1,4 @@
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
 
@@ -15,7 +15,11 @@ interface LineFormProps {
 /** One line of text with a button; Escape leaves it, and not what is around it. */
 export function LineForm({ label, hint, most, initial, onSend, onClose }: LineFormProps) {
   const input = useRef<HTMLInputElement>(null);
-  useEffect(() => input.current?.select(), []);
+  // At once: the next key must not be one of the page.
+  useLayoutEffect(() => {
+    input.current?.focus();
+    input.current?.select();
+  }, []);
   const send = (event: Event) => {
     event.preventDefault();
     onSend(input.current?.value.trim() ?? "");

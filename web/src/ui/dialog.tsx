@@ -2,7 +2,7 @@
 // and pointers still reach STOP.
 
 import type { ComponentChildren } from "preact";
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { texts } from "../text/text";
 import { Button } from "./button";
 
@@ -14,7 +14,8 @@ interface DialogProps {
 
 export function Dialog({ title, children, onClose }: DialogProps) {
   const box = useRef<HTMLDivElement>(null);
-  useEffect(() => {
+  // At once: the next key must not be one of the page.
+  useLayoutEffect(() => {
     const before = document.activeElement as HTMLElement | null;
     const first = box.current?.querySelector<HTMLElement>("input, textarea, select");
     (first ?? box.current)?.focus();
