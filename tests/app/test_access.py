@@ -220,7 +220,7 @@ def test_alice_logs_in_drives_under_her_name_and_logs_out(
     page.goto(url + QUICK)
     press_until(page, "Take control", page.get_by_role("button", name="Release control"))
     press(page, "Keys and settings")
-    press(page, "Your name: alice")
+    page.get_by_role("button", name="Your name: alice").last.click()
     press(page, "Log out")
     page.wait_for_url("**/login")
     assert context.cookies() == []
@@ -304,7 +304,7 @@ def test_nginx_as_on_the_page_of_the_docs(
                 status = pool.submit(asyncio.run, asked).result()
             assert (status == 101) is allowed, (origin, status)
         press(page, "Keys and settings")
-        press(page, "Your name: alice")
+        page.get_by_role("button", name="Your name: alice").last.click()
         press(page, "Log out")
         page.wait_for_url("**/twin/login")
         by_name.close()
