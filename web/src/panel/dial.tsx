@@ -78,7 +78,7 @@ function Arrow({ right, down }: Point) {
   const length = Math.hypot(right, down);
   if (length < LEAST * REACH) return null;
   const [r, d] = [right / length, down / length];
-  const head = Math.min(HEAD, length);
+  const head = Math.min(HEAD, 0.7 * length);
   const [backRight, backDown] = [right - head * r, down - head * d];
   const corner = (side: number) =>
     `${(backRight - (side * d * head) / 2).toFixed(1)} ${(backDown + (side * r * head) / 2).toFixed(1)}`;

@@ -111,7 +111,10 @@ function Agreement({ robot, state }: Shown) {
     <section class={isSuspicious ? "sec suspect" : "sec"}>
       <h2>
         {texts().panel.modules.agreement}
-        <small>{value(state?.status.consistency.residual_mps, 3, "m/s")}</small>
+        <small>
+          {texts().panel.modules.unexplained}{" "}
+          {value(state?.status.consistency.residual_mps, 3, "m/s")}
+        </small>
       </h2>
       <p>{state && verdictOf(robot, state)}</p>
     </section>

@@ -71,7 +71,7 @@ test("The Modules tab compares measured values and set-points, and says that all
   const { text, click } = openGimbals();
   click("Modules");
   expect(text(".modules section:nth-child(2)")).toContain("tilt5.0°6.5°");
-  expect(text(".modules section:nth-child(2)")).toContain("of the contradiction25%");
+  expect(text(".modules section:nth-child(2)")).toContain("share of the residual25%");
   expect(text(".body")).toContain("The modules agree.");
   expect(text(".body")).toContain("0.004m/s");
 });

@@ -36,9 +36,9 @@ export const panel: Texts["panel"] = {
     keep: "Wert halten",
     beside: "Regler neben den Rädern",
     keepsNoLook: "Nur beim Fahren.",
-    springsNote: "Losgelassen springt der Regler auf null: Der Roboter hält an.",
-    looksNote: "Bild und Zahlen zeigen, was die Räder täten. Der Roboter bleibt stehen.",
-    keepsNote: "Losgelassen fährt der Roboter weiter. Jede andere Eingabe beendet das.",
+    springsNote: "Losgelassen springt er auf null: Der Roboter hält.",
+    looksNote: "Zeigt, was die Räder täten. Bewegt keinen Roboter.",
+    keepsNote: "Fährt losgelassen weiter, bis zur nächsten Eingabe.",
     goTo: "Zu einem Punkt fahren",
   },
   wheels: {
@@ -85,8 +85,8 @@ export const panel: Texts["panel"] = {
   modules: {
     direction: "Richtung",
     radius: "wirksamer Radius",
-    share: "vom Widerspruch",
-    unexplained: "unerklärt",
+    share: "Anteil am Restfehler",
+    unexplained: "Restfehler",
     directions: "Richtungen zählen von vorn nach links.",
     suspect: "Verdächtig",
     spinning: "Dreht",
