@@ -41,8 +41,13 @@ export function Table({ label, heads, rows, pairs }: TableProps) {
 }
 
 /** Figure with its unit, which an unknown figure has not; degrees follow without a space. */
-export function value(number: number | null | undefined, decimals: number, unit: string) {
-  const text = figure(number, decimals);
+export function value(
+  number: number | null | undefined,
+  decimals: number,
+  unit: string,
+  sign = false,
+) {
+  const text = figure(number, decimals, sign);
   if (unit === "" || typeof number !== "number") return text;
   if (unit === "°") return `${text}°`;
   return (

@@ -67,8 +67,8 @@ function Gimbals({ robot, state, preview }: Shown) {
       name,
       dial,
       <b class="lead">{value(pose?.tilt, 1, "°")}</b>,
-      value(pose?.alpha, 1, "°"),
-      value(pose?.beta, 1, "°"),
+      value(pose?.alpha, 1, "°", true),
+      value(pose?.beta, 1, "°", true),
       value(pushOf(pose?.push), 2, "m/s"),
       value(pose?.rpm, 0, words.rpm),
     ];

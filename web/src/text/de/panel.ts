@@ -11,7 +11,7 @@ export const panel: Texts["panel"] = {
     drive: "Fahren",
     modules: "Module",
     plots: "Kurven",
-    health: "Zustand",
+    health: "Status",
     view: "Ansicht",
     student: "Lernen",
   },
