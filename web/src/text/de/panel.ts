@@ -13,7 +13,7 @@ export const panel: Texts["panel"] = {
     plots: "Kurven",
     health: "Status",
     view: "Ansicht",
-    student: "Lernen",
+    student: "Labor",
   },
   drive: {
     title: "Befehl",
