@@ -65,11 +65,11 @@ export function Dial({ dot, isAxle, ring, arrow, looks, label }: DialProps) {
       <circle class="d-half" r={REACH / 2} />
       <path class="d-cross" d={`M-${REACH} 0H${REACH}M0-${REACH}V${REACH}`} />
       <path class="d-front" d={`M-3.5-${REACH}L0-41L3.5-${REACH}z`} />
-      {arrow && <Arrow {...arrow} />}
       {isAxle && dot && <path class="d-axle" d={`M0 0L${at(dot)}`} />}
       {looks && isAxle && ring && <path class="d-plan" d={`M0 0L${at(ring)}`} />}
       {ring && <circle class="d-set" r="6.5" {...centre(ring)} />}
       {dot && <circle class="d-dot" r="3.6" {...centre(dot)} />}
+      {arrow && <Arrow {...arrow} />}
     </svg>
   );
 }
@@ -78,7 +78,7 @@ function Arrow({ right, down }: Point) {
   const length = Math.hypot(right, down);
   if (length < LEAST * REACH) return null;
   const [r, d] = [right / length, down / length];
-  const head = Math.min(HEAD, length);
+  const head = Math.min(HEAD, 0.7 * length);
   const [backRight, backDown] = [right - head * r, down - head * d];
   const corner = (side: number) =>
     `${(backRight - (side * d * head) / 2).toFixed(1)} ${(backDown + (side * r * head) / 2).toFixed(1)}`;

@@ -1,6 +1,6 @@
 // Modules tab: measured values and set-points of each module or wheel, and whether they agree.
 
-import type { GimbalState, RobotInfo, RobotState, WheelState } from "../generated/wire";
+import type { RobotInfo, RobotState } from "../generated/wire";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import { figure } from "../text/numbers";
@@ -17,40 +17,27 @@ interface Shown {
   state: RobotState | null;
 }
 
-/** Name, unit, decimals, measured value and, if there is one, set-point. */
-type Row = readonly [string, string, number, (number | null)?, (number | null)?];
-
 export function ModulesTab() {
   const { link } = useSession();
-  const { drive, modules: words, wheels } = texts().panel;
+  const { drive, modules: words } = texts().panel;
   const robot = link.robot.value;
   if (robot === null || link.beat.value < 0) return <p class="note">{drive.waiting}</p>;
   const state = isCurrent(freshness(link)) ? link.state.peek() : null; // Beats suffice for figures.
   const shown = { robot, state };
   const isGimbals = robot.panel === "gimbals";
-  const names = isGimbals ? robot.modules : robot.wheels;
   return (
     <>
       {(isGimbals || robot.panel === "wheels") && <Agreement {...shown} />}
-      {names.length === 0 && <Values {...shown} />}
-      <div class="modules">
-        {names.map((name, i) => {
-          const title = isGimbals ? wheels.module(i + 1) : wheels.wheelNumber(i + 1);
-          const isSuspect = state?.status.consistency.suspect === name;
-          const module = state?.modules[i];
-          const phase = module && (module.spinning ? words.spinning : words.atRest);
-          const rows = isGimbals ? ofGimbal(name, module, state) : ofWheel(state?.wheels[i]);
-          return (
-            <section key={name} class={isSuspect ? "sec suspect" : "sec"}>
-              <h2>
-                {title}
-                <small>{isSuspect ? words.suspect : phase}</small>
-              </h2>
-              <Compared label={title} rows={rows} />
-            </section>
-          );
-        })}
-      </div>
+      {robot.wheels.length > 0 && <Wheels {...shown} />}
+      {isGimbals ? (
+        <div class="modules">
+          {robot.modules.map((name, i) => (
+            <Gimbal key={name} {...shown} name={name} index={i} />
+          ))}
+        </div>
+      ) : (
+        robot.wheels.length === 0 && <Values {...shown} />
+      )}
       {isGimbals && <p class="note">{words.directions}</p>}
       {robot.panel === "sphere" && <Sphere sphere={state?.sphere ?? null} />}
       <OtherEstimate {...shown} />
@@ -68,40 +55,55 @@ export function ModulesTab() {
   );
 }
 
-function ofGimbal(name: string, module: GimbalState | undefined, state: RobotState | null): Row[] {
+function Gimbal({ state, name, index }: Shown & { name: string; index: number }) {
   const { modules: words, wheels } = texts().panel;
+  const module = state?.modules[index];
   const goal = module?.setpoint;
-  const share = state?.status.consistency.contributions[name];
-  return [
-    [wheels.tilt, "°", 1, module?.tilt, goal?.tilt],
-    [words.direction, "°", 0, module?.direction, goal?.direction],
-    ["α", "°", 1, module?.alpha, module?.alpha_setpoint],
-    ["β", "°", 1, module?.beta, module?.beta_setpoint],
-    [wheels.push, "m/s", 2, pushOf(module?.push), pushOf(goal?.push)],
-    [wheels.wheel, wheels.rpm, 0, module?.rpm, goal?.rpm],
-    [words.radius, "mm", 1, module?.radius_mm],
-    [words.share, "%", 0, share === undefined ? null : 100 * share],
+  const { suspect, contributions } = state?.status.consistency ?? {};
+  const share = contributions?.[name];
+  const phase = module && (module.spinning ? words.spinning : words.atRest);
+  const title = wheels.module(index + 1);
+  const row = (
+    label: string,
+    unit: string,
+    decimals: number,
+    ...pair: (number | null | undefined)[]
+  ) => [label, ...pair.map((one) => value(one, decimals, unit))];
+  const rows = [
+    row(wheels.tilt, "°", 1, module?.tilt, goal?.tilt),
+    row(words.direction, "°", 0, module?.direction, goal?.direction),
+    row("α", "°", 1, module?.alpha, module?.alpha_setpoint),
+    row("β", "°", 1, module?.beta, module?.beta_setpoint),
+    row(wheels.push, "m/s", 2, pushOf(module?.push), pushOf(goal?.push)),
+    row(wheels.wheel, wheels.rpm, 0, module?.rpm, goal?.rpm),
+    [...row(words.radius, "mm", 1, module?.radius_mm), ""],
+    [...row(words.share, "%", 0, share === undefined ? null : 100 * share), ""],
   ];
+  return (
+    <section class={suspect === name ? "sec suspect" : "sec"}>
+      <h2>
+        {title}
+        <small>{suspect === name ? words.suspect : phase}</small>
+      </h2>
+      <Table label={title} heads={["", wheels.measured, wheels.setPoint]} rows={rows} pairs />
+    </section>
+  );
 }
 
-function ofWheel(wheel: WheelState | undefined): Row[] {
+function Wheels({ robot, state }: Shown) {
   const { modules: words, wheels } = texts().panel;
-  const [goalRpm, goal] = [wheel?.rpm_setpoint, wheel?.push_setpoint];
-  return [
-    [wheels.wheel, wheels.rpm, 0, wheel?.rpm, goalRpm],
-    [wheels.push, "m/s", 2, pushOf(wheel?.push, wheel?.rpm), pushOf(goal, goalRpm)],
-    [words.unexplained, "m/s", 3, wheel?.residual_mps],
-  ];
-}
-
-function Compared({ label, rows }: { label: string; rows: readonly Row[] }) {
-  const { wheels: words } = texts().panel;
-  const cells = rows.map((row) => {
-    const [name, unit, decimals, measured, goal] = row;
-    const cell = value(measured, decimals, unit);
-    return [name, cell, row.length > 4 ? value(goal, decimals, unit) : ""];
+  const rows = robot.wheels.map((name, i) => {
+    const wheel = state?.wheels[i];
+    const isSuspect = state?.status.consistency.suspect === name;
+    return [
+      <span class={isSuspect ? "suspect" : undefined}>{wheels.wheelNumber(i + 1)}</span>,
+      value(wheel?.rpm, 0, wheels.rpm),
+      value(wheel?.rpm_setpoint, 0, wheels.rpm),
+      value(wheel?.residual_mps, 3, "m/s"),
+    ];
   });
-  return <Table label={label} heads={["", words.measured, words.setPoint]} rows={cells} pairs />;
+  const heads = ["", wheels.measured, wheels.setPoint, words.unexplained];
+  return <Table label={wheels.title} heads={heads} rows={rows} pairs />;
 }
 
 /** Whether the actuators agree on one motion, and which of them does not. */
@@ -111,7 +113,10 @@ function Agreement({ robot, state }: Shown) {
     <section class={isSuspicious ? "sec suspect" : "sec"}>
       <h2>
         {texts().panel.modules.agreement}
-        <small>{value(state?.status.consistency.residual_mps, 3, "m/s")}</small>
+        <small>
+          {texts().panel.modules.unexplained}{" "}
+          {value(state?.status.consistency.residual_mps, 3, "m/s")}
+        </small>
       </h2>
       <p>{state && verdictOf(robot, state)}</p>
     </section>

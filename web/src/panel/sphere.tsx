@@ -43,8 +43,12 @@ export function Sphere({ sphere }: { sphere: SphereState | null }) {
           ])}
         />
       </div>
-      <p>{words.between(figure(sphere?.angle_deg, 2), figure(sphere?.magnitude_percent, 2))}</p>
-      <p>{words.rows(sphere?.rows.map((row) => words.row[row] ?? "–").join(", ") ?? "–")}</p>
+      {typeof sphere?.angle_deg === "number" && (
+        <p>{words.between(figure(sphere.angle_deg, 2), figure(sphere.magnitude_percent, 2))}</p>
+      )}
+      {sphere?.rows.some((row) => row > 0) && (
+        <p>{words.rows(sphere.rows.map((row) => words.row[row] ?? "–").join(", "))}</p>
+      )}
       <p>{words.bringHint}</p>
       <div class="bring" role="group" aria-label={words.bring}>
         {MARKS.map(([name, at]) => (

@@ -40,13 +40,19 @@ export function Table({ label, heads, rows, pairs }: TableProps) {
   );
 }
 
-/** Figure with its unit; degrees follow it without a space. */
-export function value(number: number | null | undefined, decimals: number, unit: string) {
-  return unit === "°" ? (
-    `${figure(number, decimals)}°`
-  ) : (
+/** Figure with its unit, which an unknown figure has not; degrees follow without a space. */
+export function value(
+  number: number | null | undefined,
+  decimals: number,
+  unit: string,
+  sign = false,
+) {
+  const text = figure(number, decimals, sign);
+  if (unit === "" || typeof number !== "number") return text;
+  if (unit === "°") return `${text}°`;
+  return (
     <>
-      {figure(number, decimals)}
+      {text}
       <span class="u">{unit}</span>
     </>
   );

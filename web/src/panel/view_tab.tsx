@@ -14,7 +14,9 @@ export function ViewTab() {
   const settings = view.settings.value;
   const { hidden } = settings;
   const layers = LAYERS.filter(
-    (layer) => layer !== "other_estimate" || link.robot.value?.alternative_estimate,
+    (layer) =>
+      layer !== "true_pose" && // It has more than two choices, below.
+      (layer !== "other_estimate" || link.robot.value?.alternative_estimate),
   );
   const theme = (["system", "light", "dark"] as const).find((one) => THEMES[one] === settings.dark);
   return (
@@ -55,7 +57,9 @@ export function ViewTab() {
           label={words.truePose}
           value={settings.true_pose}
           choices={TRUE_POSE_DISPLAYS.map((value) => [value, words.truePoses[value]])}
-          onChoose={(true_pose) => view.set({ true_pose })}
+          onChoose={(true_pose) =>
+            view.set({ true_pose, hidden: hidden.filter((layer) => layer !== "true_pose") })
+          }
         />
       </section>
       <section class="sec">

@@ -67,14 +67,15 @@ function Gimbals({ robot, state, preview }: Shown) {
       name,
       dial,
       <b class="lead">{value(pose?.tilt, 1, "°")}</b>,
-      `${figure(pose?.alpha, 1, true)}°`,
-      `${figure(pose?.beta, 1, true)}°`,
+      value(pose?.alpha, 1, "°", true),
+      value(pose?.beta, 1, "°", true),
       value(pushOf(pose?.push), 2, "m/s"),
       value(pose?.rpm, 0, words.rpm),
     ];
   });
   const names = [words.ring(figure(ring)), "", words.tilt, "α", "β", words.push, words.wheel];
-  return <Columns names={names} columns={columns} isAxle />;
+  const goal = preview ? words.looked : words.setPoint;
+  return <Columns names={names} columns={columns} goal={goal} />;
 }
 
 function Wheels({ robot, state, preview }: Shown) {
@@ -99,7 +100,7 @@ function Wheels({ robot, state, preview }: Shown) {
     );
     return [name, dial, value(push, 2, "m/s"), <b class="lead">{figure(pose?.rpm)}</b>];
   });
-  return <Columns names={["", "", words.push, words.rpm]} columns={columns} isAxle={false} />;
+  return <Columns names={["", "", words.push, words.rpm]} columns={columns} goal={null} />;
 }
 
 /** Fastest push of a dial, in m/s: all of them have one scale. */
@@ -111,10 +112,11 @@ interface ColumnsProps {
   /** Names of the rows, of which the first is that of the heads. */
   names: readonly string[];
   columns: readonly (readonly ComponentChildren[])[];
-  isAxle: boolean;
+  /** What the ring of a dial is, if it has an axle. */
+  goal: string | null;
 }
 
-function Columns({ names, columns, isAxle }: ColumnsProps) {
+function Columns({ names, columns, goal }: ColumnsProps) {
   const words = texts().panel.wheels;
   const tables = [];
   for (let i = 0; i < columns.length; i += COLUMNS) tables.push(columns.slice(i, i + COLUMNS));
@@ -125,8 +127,8 @@ function Columns({ names, columns, isAxle }: ColumnsProps) {
         return <Table key={table} label={words.title} heads={heads as string[]} rows={rows} />;
       })}
       <p class="keys note">
-        <span class="k-dot">{isAxle ? words.axle : words.measured}</span>
-        {isAxle && <span class="k-set">{words.setPoint}</span>}
+        <span class="k-dot">{goal ? words.axle : words.measured}</span>
+        {goal && <span class="k-set">{goal}</span>}
         <span class="k-push">{words.push}</span>
       </p>
     </>

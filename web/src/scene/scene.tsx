@@ -1,7 +1,7 @@
 // The main view: the 3D picture in its frame, and what lies in its corners. It stays behind the page
 // of all robots, because the picture takes seconds to start.
 
-import { signal } from "@preact/signals";
+import { effect, signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { type Session, useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
@@ -72,7 +72,14 @@ function Picture({ isCovered }: { isCovered: boolean }) {
       onPointer: () => sphere.clicked(),
     });
     setViewport(made);
-    return () => made.dispose();
+    const end = effect(() => {
+      const share = { full: 1, half: 0.5, auto: null }[view.sharpness.value];
+      if (share !== null) made.setSharpness(share);
+    });
+    return () => {
+      end();
+      made.dispose();
+    };
   }, [session]);
   const rests = isCovered || hidden.value;
   useEffect(() => viewport?.pause(rests), [viewport, rests]);

@@ -27,6 +27,9 @@ export interface SprungSliderProps {
   looksOnly?: boolean;
 }
 
+/** Share of the way, 0.5 at most, from which the thumb may cover the figure of that end. */
+const COVERS = 0.24;
+
 /** Return a control for one component of the command. */
 export function useSprungSlider(drive: Holder, axis: keyof Deflection, mirrored = false) {
   return useMemo(() => {
@@ -85,8 +88,8 @@ export function SprungSlider(props: SprungSliderProps) {
       aria-valuetext={spoken}
       style={{ ...place("--at", at(asked)), ...place("--allowed", at(allowed ?? 0)) }}
     >
-      <span class="end l">{ends[0]}</span>
-      <span class="end r">{ends[1]}</span>
+      {at(asked) > -COVERS && <span class="end l">{ends[0]}</span>}
+      {at(asked) < COVERS && <span class="end r">{ends[1]}</span>}
       <span class="zero" />
       <span class="from" />
       {differs && <span class="allowed" />}

@@ -71,7 +71,7 @@ test("The Modules tab compares measured values and set-points, and says that all
   const { text, click } = openGimbals();
   click("Modules");
   expect(text(".modules section:nth-child(2)")).toContain("tilt5.0°6.5°");
-  expect(text(".modules section:nth-child(2)")).toContain("of the contradiction25%");
+  expect(text(".modules section:nth-child(2)")).toContain("share of the residual25%");
   expect(text(".body")).toContain("The modules agree.");
   expect(text(".body")).toContain("0.004m/s");
 });
@@ -155,4 +155,55 @@ test("Without permission the wheel speed cannot be edited, and the reason is sho
   state({ wheel_speed: { requested_rpm: 2500, spin_rpm: 0 } }, { has_control: false });
   expect(field("Wheel speed").disabled).toBe(true);
   expect(text(".foldable:last-child [role=status]")).not.toBe("");
+});
+
+const WHEEL = {
+  rpm: 20,
+  rpm_setpoint: 30,
+  residual_mps: 0,
+  push: [0.1, 0],
+  push_setpoint: [0.2, 0],
+};
+
+test("Wheels are compared in one table, which marks the suspect.", () => {
+  const { say, state, click, pass, text, find } = openPanel();
+  say({ ...GIMBALS, panel: "wheels", modules: [], wheels: ["a", "b", "c", "d"] });
+  const show = (suspect: string | null) =>
+    state(
+      { consistency: { ...AGREE, suspect } },
+      { wheels: [WHEEL, WHEEL, { ...WHEEL, rpm: -5, residual_mps: 0.12 }, WHEEL] as never },
+    );
+  show("c");
+  click("Modules");
+  pass(100);
+  expect(text("tbody tr:nth-child(3)")).toBe("Wheel 3−5rpm30rpm0.120m/s");
+  expect(find(".mods .suspect").textContent).toBe("Wheel 3");
+  expect(text(".body")).toContain("Wheel 3 contradicts the others.");
+  show(null);
+  pass(100);
+  expect(text(".body")).toContain("The wheels agree.");
+  expect(find(".suspect")).toBeNull();
+});
+
+test("A mark of a sphere is drawn where it is seen from above, and can be brought up.", () => {
+  const { say, state, click, pass, find, take } = openPanel();
+  const [front, up] = [".mark.front", ".mark.top"];
+  say({ ...GIMBALS, panel: "sphere", space: "sphere", modules: [] });
+  const ideal = [0, 0, 0];
+  const show = (wxyz: number[]) =>
+    state({}, { sphere: { wxyz, ideal, dual: null, angle_deg: null, rows: [] } as never });
+  show([1, 0, 0, 0]);
+  click("Modules");
+  pass(100);
+  expect([find(front).getAttribute("cx"), find(front).getAttribute("cy")]).toEqual(["0", "-36"]);
+  const half = Math.SQRT1_2;
+  show([half, 0, half, 0]); // Rolled forward by a quarter: what was on top is in front.
+  pass(100);
+  expect(Number(find(up).getAttribute("cy"))).toBeCloseTo(-36);
+  take();
+  click("Top");
+  pass(20);
+  const { vx, vy } = take("drive").at(-1)!;
+  expect(vx).toBeCloseTo(0);
+  expect(vy).toBeLessThan(0);
 });

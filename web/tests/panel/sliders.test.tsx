@@ -143,7 +143,7 @@ test.each([
   pass(20, READY);
   expect(drive.alone.value).toBe(false);
   expect(drive.asked.value.x).toBe(0);
-  expect(text("[role=status]")).toContain("springs to zero");
+  expect(text("[role=status]")).toContain("it springs to zero");
 });
 
 test("A kept value ends with the tab.", () => {

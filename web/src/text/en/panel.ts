@@ -32,9 +32,9 @@ export const panel = {
     keep: "Keep value",
     beside: "Sliders beside the wheels",
     keepsNoLook: "Only for driving.",
-    springsNote: "Let go, and the slider springs to zero: the robot stops.",
-    looksNote: "The picture and the figures show what the wheels would do. The robot stays.",
-    keepsNote: "The robot drives on when you let go. Any other input ends it.",
+    springsNote: "Let go, and it springs to zero: the robot stops.",
+    looksNote: "Shows what the wheels would do. Moves no robot.",
+    keepsNote: "Drives on when let go, until any other input.",
     goTo: "Go to a point",
   },
   wheels: {
@@ -82,8 +82,8 @@ export const panel = {
   modules: {
     direction: "direction",
     radius: "effective radius",
-    share: "of the contradiction",
-    unexplained: "unexplained",
+    share: "share of the residual",
+    unexplained: "residual",
     directions: "Directions count from the front to the left.",
     suspect: "Suspect",
     spinning: "Spins",
