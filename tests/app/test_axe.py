@@ -32,7 +32,8 @@ RUN = """async () => {
     "target-size": { enabled: true },
     "label-content-name-mismatch": { enabled: true },
   };
-  const { violations } = await axe.run(document, { iframes: false, resultTypes: ["violations"], rules });
+  const asked = { iframes: false, resultTypes: ["violations"], rules };
+  const { violations } = await axe.run(document, asked);
   return violations
     .filter(({ impact }) => impact === "serious" || impact === "critical")
     .flatMap(({ id, nodes }) => nodes.map(({ target, html }) => `${id}: ${target} ${html}`));
