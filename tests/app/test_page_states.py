@@ -1,4 +1,4 @@
-"""What the page shows is true in each state of robot and link; details are tested in `web/tests`."""
+"""What the page shows is true in each state; details are tested in `web/tests`."""
 
 from __future__ import annotations
 
