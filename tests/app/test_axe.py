@@ -48,6 +48,11 @@ def findings(page: Page) -> list[str]:
     return [*page.evaluate(RUN), *page.evaluate(FAINT), *page.evaluate(SMALL, POINTER_PX)]
 
 
+def report(found: dict[str, list[str]]) -> str:
+    """Return all findings, each in a line with its states."""
+    return "\n".join(f"{', '.join(names[:4])}: {each}" for each, names in found.items())
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize(
     "size", [(1280, 720), (390, 844), (844, 390)], ids=lambda size: f"{size[0]}x{size[1]}"
@@ -76,7 +81,7 @@ def test_nothing_serious_in_any_state_or_tab(
             if open_tab(stage, name):
                 look(f"tab {name}")
         look_at_what_is_opened(stage, look)
-    assert found == {}
+    assert not found, report(found)
 
 
 def word_of(shown: dict[str, object]) -> re.Pattern[str]:

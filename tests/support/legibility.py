@@ -47,6 +47,7 @@ FAINT = (
     : [[255, 255, 255], [130, 134, 140], [20, 22, 26]];
   const found = [];
   for (const node of shown().filter(isText)) {
+    if (node.closest("svg") !== null) continue;  // On shapes, not on backgrounds.
     const layers = [];
     let opacity = 1;
     let isDisabled = false;

@@ -125,7 +125,7 @@ function Series({ shared, field, style, at }: SeriesProps) {
   );
   return (
     <span class="series" title={name} {...useDrag(shared, name)}>
-      <Menu label={words.fieldMenu(name)} button={button} items={items} />
+      <Menu named label={words.fieldMenu(name)} button={button} items={items} />
     </span>
   );
 }

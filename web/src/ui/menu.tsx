@@ -12,14 +12,15 @@ export interface MenuItem {
 }
 
 interface MenuProps {
-  /** Accessible name of the button. */
+  /** Accessible name of the button, or its description if its text is the name. */
   label: string;
+  named?: boolean;
   button: ComponentChildren;
   items: readonly MenuItem[];
   class?: string;
 }
 
-export function Menu({ label, button, items, class: classes = "" }: MenuProps) {
+export function Menu({ label, named = false, button, items, class: classes = "" }: MenuProps) {
   const [open, setOpen] = useState(false);
   const box = useRef<HTMLSpanElement>(null);
   const close = (refocus: boolean) => {
@@ -49,7 +50,8 @@ export function Menu({ label, button, items, class: classes = "" }: MenuProps) {
       <button
         type="button"
         class="btn"
-        aria-label={label}
+        aria-label={named ? undefined : label}
+        aria-description={named ? label : undefined}
         aria-haspopup="menu"
         aria-expanded={open}
         onClick={() => setOpen(!open)}
