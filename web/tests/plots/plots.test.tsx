@@ -45,7 +45,9 @@ async function open() {
   await run(500);
   const button = (text: string) =>
     [...document.querySelectorAll<HTMLElement>("button")].find(
-      (each) => [each.ariaLabel, each.getAttribute("aria-description")].includes(text) || each.textContent === text,
+      (each) =>
+        [each.ariaLabel, each.getAttribute("aria-description")].includes(text) ||
+        each.textContent === text,
     )!;
   const press = async (text: string) => {
     button(text).click();
