@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
@@ -84,13 +84,12 @@ def test_nothing_serious_in_any_state_or_tab(
     assert not found, report(found)
 
 
-def word_of(shown: dict[str, object]) -> re.Pattern[str]:
+def word_of(shown: dict[str, Any]) -> re.Pattern[str]:
     """Return the word for the mode of a state, or for what stands in its place."""
     if shown.get("source") == "recording":
         return re.compile("Replay")
-    status = shown["status"]
-    assert isinstance(status, dict)
-    return re.compile("No signal" if shown["age_ms"] else status["mode"], re.IGNORECASE)
+    word = "No signal" if shown["age_ms"] else shown["status"]["mode"]
+    return re.compile(word, re.IGNORECASE)
 
 
 def look_at_what_is_opened(stage: PageStage, look: Callable[[str], None]) -> None:

@@ -287,9 +287,13 @@ def _page_of(browser: Browser, *, touch: bool) -> Page:
     """Return the page that all stages of a browser use, one after another: a new one costs more."""
     key = (browser, touch)
     if key not in _pages:
+
+        def forget(_: Browser) -> None:
+            del _pages[key]
+
         _pages[key] = browser.new_context(has_touch=touch, is_mobile=touch).new_page()
         _pages[key].add_init_script(_SOCKET)
-        browser.once("disconnected", lambda _: _pages.pop(key))
+        browser.once("disconnected", forget)
     return _pages[key]
 
 

@@ -18,7 +18,12 @@ LONG_TEXT = "the wheel of module 2 does not follow its set-point by more than 1 
 LONG = {"code": "hardware", "params": {"text": LONG_TEXT}}
 STOPPED_BY_YOU = {"code": "stop_requested", "params": {"by": OPERATOR}}
 REFUSED = {"t": "reply", "to": "plan", "ok": False, "why": LONG}
-SUSPECT = {"residual_mps": 0.1, "level": 3.0, "suspect": "module2", "contributions": {}}
+SUSPECT: dict[str, Any] = {
+    "residual_mps": 0.1,
+    "level": 3.0,
+    "suspect": "module2",
+    "contributions": {},
+}
 ASKED = {"holder": "bob", "requested_by": OPERATOR, "request_expires_in_s": 9.0}
 IS_ASKED = {"requested_by": "bob-with-a-rather-long-name", "request_expires_in_s": 9.0}
 STATES: dict[str, dict[str, Any]] = {

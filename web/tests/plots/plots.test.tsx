@@ -44,10 +44,12 @@ async function open() {
   );
   await run(500);
   const button = (text: string) =>
-    [...document.querySelectorAll<HTMLElement>("button")].find(
-      (each) =>
-        [each.ariaLabel, each.getAttribute("aria-description")].includes(text) ||
-        each.textContent === text,
+    [...document.querySelectorAll<HTMLElement>("button")].find((each) =>
+      [
+        each.getAttribute("aria-label"),
+        each.getAttribute("aria-description"),
+        each.textContent,
+      ].includes(text),
     )!;
   const press = async (text: string) => {
     button(text).click();
