@@ -121,7 +121,7 @@ def test_the_bar_has_room_for_several_robots_with_long_names(browser: Browser) -
     with page_stage(browser) as stage:
         stage.page.add_style_tag(content=STILL)
         stage.choose(*names)
-        for width in (320, 359, 399, 600, 720, 768, 800, 900, 1024, 1116, 1280):
+        for width in (320, 359, 399, 600, 720, 768, 800, 900, 1023, 1024, 1099, 1100, 1280):
             stage.resize(width, 720)
             for shown in (STATES["driving"], STATES["another drives"]):
                 stage.show(shown)
