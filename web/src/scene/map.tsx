@@ -197,6 +197,11 @@ function Floor({ map }: { map: FloorMap }) {
   const { link } = useSession();
   const svg = useRef<SVGSVGElement>(null);
   useEffect(() => map.attach(svg.current!), [map]);
+  useEffect(() => {
+    const resized = new ResizeObserver(() => void map.moves.value++);
+    resized.observe(svg.current!);
+    return () => resized.disconnect();
+  }, [map]);
   const { clientWidth: width, clientHeight: height } = svg.current ?? {};
   if (link.beat.value + map.moves.value >= 0 && width && height) map.view.size = { width, height };
   const state = link.state.peek()?.map;
