@@ -53,7 +53,9 @@ def test_implementations_of_a_kind_fit_together(robot: robots.RobotDescription) 
     assert np.all(np.isfinite(kinematics.inverse(np.zeros(3))))
     view = view_of(robot)
     assert view.telemetry(robot).info()["panel"] != "joints"
-    assert view.student_wheels(robot, np.zeros(3))
+    assert view.study is not None
+    at_rest = kinematics.inverse(np.zeros(3))
+    assert view.study.wheels(robot, at_rest, kinematics.forward(at_rest))
 
 
 @pytest.fixture
