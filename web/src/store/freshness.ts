@@ -12,7 +12,7 @@ export type Freshness =
   | { kind: "offline"; forMs: number }
   /** The dashboard has lost the robot. */
   | { kind: "silent"; forMs: number }
-  /** The page shows a recording of its own, or a replay that somebody plays on the bus. */
+  /** The page has opened a recording, or an operator replays one on the bus. */
   | { kind: "recorded"; by: "page" | "bus" }
   | { kind: "live" };
 
@@ -32,7 +32,7 @@ export function freshness(link: Link): Freshness {
   return state.source === "recording" ? { kind: "recorded", by: "bus" } : { kind: "live" };
 }
 
-/** Whether figures may be shown as those of now, or of the time that a recording shows. */
+/** Whether figures are current: live, or at the cursor of a recording. */
 export function isCurrent({ kind }: Freshness): boolean {
   return kind === "live" || kind === "recorded";
 }

@@ -22,7 +22,7 @@ export class Layout {
   readonly folded = remembered("tsd-folded", false, isFlag);
   /** Whether the panel is open as a drawer or, on a phone, as a sheet. */
   readonly drawerOpen = signal(false);
-  /** Width that the open tab asks for, for example sliders beside their joints. */
+  /** Panel width requested by the open tab, for example for sliders beside their joints. */
   readonly panelWidth = signal<"wide" | "wider" | null>(null);
   readonly screen = signal<"robot" | "fleet">(location.hash === "#fleet" ? "fleet" : "robot");
   /** Below 900 px of width the panel is a drawer. */

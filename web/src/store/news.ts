@@ -1,4 +1,4 @@
-// Tells the operator, in the one notice, what happened and was not asked for: each fact once.
+// Notices of unrequested changes, each shown once.
 
 import { effect, untracked } from "@preact/signals";
 import { type Drive, type Ended, isMoving, stillRefused } from "../drive/drive";

@@ -79,7 +79,7 @@ export function whyNotPlan(link: Link): Refusal | null {
   return notNow(link, "disarm") ?? (isLatched(link) ? whyNotDrive(link) : null);
 }
 
-/** The holder can be asked for control, so only other obstacles count. */
+/** A request to the holder is possible, so a held lease is no obstacle. */
 export function whyNotTakeControl(link: Link): Refusal | null {
   const refusal = notAllowed(link);
   if (refusal !== null) return refusal;

@@ -31,7 +31,7 @@ export function jitterMs(link: Link): number | null {
 }
 
 /**
- * Grade the link by the share of the maximum age that a late command uses (round trip plus jitter).
+ * Grade the link by round trip plus jitter, relative to the maximum command age.
  * On arrival, a command is up to one state period (50 ms) older than that, so above 0.8 some arrive
  * too late.
  */

@@ -9,7 +9,7 @@ const ANSWER_MS = 2000;
 
 type Request = Extract<PageMessage, { t: "lease" | "arm" | "disarm" | "reset" | "wheel_speed" }>;
 
-/** How a request ended: `null` while it is under way. */
+/** Result of a request. */
 export type Outcome = { ok: true } | { ok: false; why: Reason | null } | "no_answer";
 
 const FAR_MS = 120; // Above this round trip, commands often exceed the default age limit.
@@ -21,7 +21,7 @@ export function controlTerms(link: Link): { max_age_s: number | null } {
 }
 
 export class Requests {
-  /** Request under way, by the kind that its reply names. */
+  /** Pending request. */
   readonly pending = signal<{ request: Request; sinceMs: number } | null>(null);
   /** Kind of the latest request, if it had no answer. */
   readonly unanswered = signal<Request["t"] | null>(null);
@@ -42,7 +42,7 @@ export class Requests {
     });
   }
 
-  /** Send a request; the one under way, if any, is no longer followed. */
+  /** Send a request, which replaces a pending one. */
   send(request: Request): void {
     this.unanswered.value = null;
     this.pending.value = { request, sinceMs: performance.now() };

@@ -66,7 +66,7 @@ function numberOf(text: string): number | null {
 export class StudentModel {
   readonly setting;
   readonly reply = signal<StudentReply | null>(null);
-  /** Called with the description that was asked for. */
+  /** Called with the requested description. */
   onToml: (base: string, toml: string) => void = () => {};
   #shown = false;
   #number = 0;
@@ -116,7 +116,7 @@ export class StudentModel {
     this.#set({ twist: moved, joints: null });
   }
 
-  /** Set one joint of a wheel, from which the twist follows; the others keep what they have. */
+  /** Set one joint of a wheel and compute the twist; other joints keep their values. */
   bend(wheel: number, joint: number, value: number): void {
     const rows = this.setting.peek().joints ?? this.joints();
     const bent = rows.map((row, i) =>

@@ -169,7 +169,7 @@ function contradiction({ redundancy, residual_mps }: StudentFigures): string {
   return student.contradiction(figure(1000 * residual_mps, 1));
 }
 
-/** Share of the joint limits in use, and the largest twist in the same direction. */
+/** Utilization of the joint limits, and the largest twist in the same direction. */
 function Outcome({ figures }: { figures: StudentFigures }) {
   const { student } = texts();
   const { axes, twist, utilization: share } = figures;

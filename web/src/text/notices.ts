@@ -7,7 +7,7 @@ import { texts } from "./text";
 
 export interface Told {
   text: string;
-  /** Whether it explains why a motion ended and how to go on; page, server and robot may do so. */
+  /** Whether it explains the end of a motion, which page, server and robot may all report. */
   again: boolean;
   /** Whether it is about who has control. */
   control: boolean;
@@ -19,7 +19,7 @@ const ABOUT_CONTROL = new Set([
   ...["has_control_now", "other_client", "lease_ended", "control_is_lost", "control_released"],
   ...["control_asked_for", "control_handed_over", "page_silent"],
 ]);
-/** Refusals of the page that pass by themselves. */
+/** Temporary refusals of the page. */
 const PASSING = new Set(["connecting", "not_connected", "robot_silent"]);
 /** Reasons that the deck shows beside STOP, or that come as an event. */
 const TOLD_ELSEWHERE = new Set([
@@ -42,7 +42,7 @@ export function retry(reason: Reason, text = sentence(reason)): Told {
   return { text: texts().bar.news.pushAgain(text), again: true, control: false };
 }
 
-/** Return the notice of a motion that a refusal has ended, or null if it is told elsewhere. */
+/** Return the notice of a motion ended by a refusal, or null if it is shown elsewhere. */
 export function noticeOfRefusal(refusal: Refusal): Told | null {
   if (refusal.by === "robot") return isToldElsewhere(refusal.reason) ? null : retry(refusal.reason);
   const text = refusalText(refusal);
