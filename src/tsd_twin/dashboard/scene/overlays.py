@@ -45,8 +45,9 @@ class RateLimiter:
 
 _LEAST_SIGMA_M = 0.001
 """Makes the outline of an exact position visible."""
-_REGION_HEIGHT_M = 0.003
-_REGION_OPACITY, _WEDGE_OPACITY = 0.4, 0.25
+_REGION_HEIGHT_M = 0.0018
+"""Below trail and envelope, which an area above would hide."""
+_REGION_OPACITY, _WEDGE_OPACITY = 0.25, 0.25
 _REGION_CHANGE = 0.02
 """Relative change of the outline below which it is not sent."""
 _VISIBLE_M = 0.002
@@ -116,7 +117,7 @@ class PoseRegion:
 
 
 ENVELOPE_SIDES = 40
-ENVELOPE_HEIGHT_M = 0.0025
+ENVELOPE_HEIGHT_M = 0.0021
 _ENVELOPE_OPACITY = 0.16
 _RIM_HEIGHT_M, _RIM_WIDTH_M = 0.003, 0.0045
 _RIM_DASH_M, _RIM_GAP_M = 0.04, 0.03
@@ -183,7 +184,7 @@ class StopEnvelope:
         set_all(self._hatches, points=self._hatching())
 
     def _hatching(self) -> npt.NDArray[np.float32]:
-        return raised(hatching(self._shown, _HATCH_SPACING_M), ENVELOPE_HEIGHT_M)
+        return raised(hatching(self._shown, _HATCH_SPACING_M), _RIM_HEIGHT_M)
 
     def _dashes(self) -> npt.NDArray[np.float32]:
         rim = dashes(closed(self._shown), _RIM_DASH_M, _RIM_GAP_M)
