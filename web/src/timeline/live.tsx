@@ -150,8 +150,9 @@ function Side({ back, library }: { back: LookBack; library: Library }) {
       </span>
     );
   }
-  if (written === null || robot === null || !isCurrent(freshness(link))) return null;
-  if (!written.row.robots.includes(robot.id)) return null;
+  const isKnown = written !== null && robot !== null && isCurrent(freshness(link));
+  // It keeps its room, so that the lane stays below the pointer.
+  if (!isKnown || !written.row.robots.includes(robot.id)) return <span class="side" />;
   const lengthS = written.row.duration_s + (performance.now() - written.atMs) / 1000;
   return (
     <span class="side">
