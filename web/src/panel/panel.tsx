@@ -49,7 +49,8 @@ export function Panel() {
       }),
     [keyboard],
   );
-  useEffect(() => {
+  // At once, so that it takes the focus from nothing that a later key opens.
+  useLayoutEffect(() => {
     if (!moved.current) return;
     moved.current = false;
     const place = isOpen ? panel.current : unfold.current;

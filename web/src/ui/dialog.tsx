@@ -14,21 +14,36 @@ interface DialogProps {
 
 export function Dialog({ title, children, onClose }: DialogProps) {
   const box = useRef<HTMLDivElement>(null);
+  const key = useRef((_: KeyboardEvent) => {});
+  key.current = (event) => {
+    if (event.code !== "Escape") return;
+    event.stopPropagation();
+    onClose();
+  };
   // At once: the next key must not be one of the page.
   useLayoutEffect(() => {
     const before = document.activeElement as HTMLElement | null;
     const first = box.current?.querySelector<HTMLElement>("input, textarea, select");
     (first ?? box.current)?.focus();
-    return () => before?.focus();
+    // Escape closes it wherever the focus has gone meanwhile; what is inside it comes first.
+    const outside = (event: KeyboardEvent) =>
+      box.current?.contains(event.target as Node) || key.current(event);
+    document.addEventListener("keydown", outside, true);
+    return () => {
+      document.removeEventListener("keydown", outside, true);
+      before?.focus();
+    };
   }, []);
-  const key = (event: KeyboardEvent) => {
-    if (event.code !== "Escape") return;
-    event.stopPropagation();
-    onClose();
-  };
   return (
     <div class="shade" onPointerDown={(event) => event.target === event.currentTarget && onClose()}>
-      <div ref={box} class="dialog" role="dialog" aria-label={title} tabIndex={-1} onKeyDown={key}>
+      <div
+        ref={box}
+        class="dialog"
+        role="dialog"
+        aria-label={title}
+        tabIndex={-1}
+        onKeyDown={(event) => key.current(event)}
+      >
         <header role="presentation">
           <h2 class="t">{title}</h2>
           <Button icon="close" label={texts().common.close} onPress={onClose} />

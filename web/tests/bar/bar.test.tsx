@@ -274,6 +274,15 @@ describe("several robots", () => {
   });
 });
 
+test("Escape closes a dialog whatever has the focus", async () => {
+  await state();
+  await act(() => void dispatchEvent(new KeyboardEvent("keydown", { key: "?" })));
+  expect(root.querySelector("[role=dialog]")).not.toBeNull();
+  const escape = new KeyboardEvent("keydown", { code: "Escape", bubbles: true });
+  await act(() => void document.body.dispatchEvent(escape));
+  expect(root.querySelector("[role=dialog]")).toBeNull();
+});
+
 test("the sheet of keys opens with ?, at its top, and sets language and theme", async () => {
   await state();
   const key = () => act(() => void dispatchEvent(new KeyboardEvent("keydown", { key: "?" })));
