@@ -158,7 +158,7 @@ def test_a_recording_is_looked_at_while_the_live_robot_drives_and_is_stopped(
         until(lambda: driver.robot.state.mode == "driving", page, "the live robot does not drive")
         page.keyboard.press("Space")
         until(lambda: driver.robot.state.mode == "stopped", page, "STOP does not stop it")
-        expect(controls).to_contain_text("The robot itself is now stopped", timeout=PATIENCE_MS)
+        expect(controls).to_contain_text("The robot itself is now “Stopped”", timeout=PATIENCE_MS)
     finally:
         driver.close()
     expect(rail).to_be_visible()

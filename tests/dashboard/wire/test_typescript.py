@@ -1,4 +1,4 @@
-"""The generated TypeScript agrees with the messages, codes and sentences of the server."""
+"""The generated TypeScript agrees with messages, codes and sentences of the server, and texts."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def properties(name: str) -> dict[str, bool]:
     return {each: mark == "?" for each, mark in found}
 
 
-@pytest.mark.parametrize("name", ["wire.ts", "codes.ts", "sentences.ts"])
+@pytest.mark.parametrize("name", ["wire.ts", "codes.ts", "sentences.ts", "texts.ts"])
 def test_committed_files_are_those_that_the_generator_writes(name: str) -> None:
     text = (FOLDER / name).read_text(encoding="utf-8")
     assert text == generated()[name], "run python -m tsd_twin.dashboard.wire.typescript"

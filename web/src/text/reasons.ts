@@ -5,10 +5,10 @@ import { en, type Sentences } from "../generated/sentences";
 import type { Reason } from "../generated/wire";
 import type { Link } from "../store/link";
 import type { Refusal } from "../store/permission";
-import { de } from "./de/sentences";
-import { language, texts } from "./text";
+import de from "./de_sentences.json";
+import { type Language, language, texts } from "./text";
 
-const SENTENCES: Record<string, Sentences> = { en, de };
+const SENTENCES: Record<Language, Sentences> = { en, de };
 const PART = /\[([^\]|]*)(?:\|([^\]]*))?\]/g;
 const SLOT = /\{(\w+)(?::([+,]?)(?:\.(\d))?)?\}/g;
 const FIRST_SLOT = /^\{(\w+)/;
@@ -56,7 +56,7 @@ function fill({ code, params = {}, cause }: Reason, named: Naming): Filled {
   const causes = cause ? fill(cause, named) : { text: "", keepsCase: false };
   const shown = (name: string, sign = "", decimals = ""): string =>
     name === "cause" ? causes.text : show(params[name] ?? "", named, types[name], sign, decimals);
-  const { templates } = SENTENCES[language.value] ?? en;
+  const { templates } = SENTENCES[language.value];
   const template = templates[code as Code].replace(PART, (_, inside: string, instead = "") => {
     const used = [...inside.matchAll(SLOT)].map(([, name]) => name as string);
     return used.every((name) => shown(name) !== "") ? inside : (instead as string);
@@ -91,7 +91,7 @@ export function isolated(name: string): string {
 
 function showText(value: string, type: string, named: Naming): string {
   if (type === "operator") return isolated(named(value));
-  const lists = (SENTENCES[language.value] ?? en).words as Record<string, Record<string, string>>;
+  const lists = SENTENCES[language.value].words as Record<string, Record<string, string>>;
   if (type === "servos") {
     const word = lists["servos"]?.[value.includes(", ") ? "several" : "one"] ?? "";
     return value === "" ? "" : `${word} ${value}`;

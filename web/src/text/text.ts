@@ -1,26 +1,50 @@
-// The table of texts: one object per language, one module per area of the page. A text with
-// figures is a function. The type check finds texts without a translation.
+// Texts of the page, one file per language: `en.json`, `de.json`. A text with places is a function
+// of their values. A new language also needs its sentences of codes, in `reasons.ts`.
 
-import { computed, type ReadonlySignal } from "@preact/signals";
+import { computed } from "@preact/signals";
+import type { Table } from "../generated/texts";
 import { isOneOf, remembered } from "../store/memory";
-import { de } from "./de";
-import { en } from "./en";
-
-export type Texts = typeof en;
+import de from "./de.json";
+import en from "./en.json";
+import { tableOf } from "./template";
 
 export const LANGUAGES = ["en", "de"] as const;
 export type Language = (typeof LANGUAGES)[number];
 
-const TABLES: Record<Language, Texts> = { en, de };
+/** The type check finds keys without a translation. */
+const SOURCES: Record<Language, typeof en> = { en, de };
 
 /** Language of the page: chosen here, else the first of the browser's that there is a table for. */
 export const language = remembered<Language>("tsd-language", preferred(), isOneOf(LANGUAGES));
 
-const table: ReadonlySignal<Texts> = computed(() => TABLES[language.value]);
+const table = computed(() => {
+  const rules = new Intl.PluralRules(language.value);
+  const { health, panel, ...others } = tableOf(en, SOURCES[language.value], rules) as Table;
+  return { ...others, panel, health: completed(health, panel.wheels) };
+});
+
+export type Texts = typeof table.value;
 
 /** Texts in the language of the page; components that call it follow a change. */
 export function texts(): Texts {
   return table.value;
+}
+
+/** Add names of actuators, and let each remedy be a function of what it is about. */
+function completed(health: Table["health"], words: Table["panel"]["wheels"]) {
+  const remedies = Object.entries(health.remedies).map(
+    ([row, text]) => [row, typeof text === "string" ? () => text : text] as const,
+  );
+  const actuator = (name: string): string => {
+    const [, kind, number = ""] = /^(module|wheel)(\d+)$/.exec(name) ?? [];
+    if (kind === undefined) return name.replaceAll("_", " ");
+    return kind === "module" ? words.module(number) : words.wheelNumber(number);
+  };
+  return {
+    ...health,
+    actuator,
+    remedies: Object.fromEntries(remedies) as Record<string, (about: string) => string>,
+  };
 }
 
 function preferred(): Language {

@@ -2,7 +2,7 @@ import { expect, test } from "vitest";
 
 import { PARAMETERS, type Code } from "../../src/generated/codes";
 import { en, type Sentences } from "../../src/generated/sentences";
-import { de } from "../../src/text/de/sentences";
+import de from "../../src/text/de_sentences.json";
 
 const LANGUAGES: Record<string, Sentences> = { en, de };
 const SLOT = /\{(\w+)(?::[+,]?(?:\.\d)?)?\}/g;

@@ -1,4 +1,4 @@
-"""TypeScript types of the messages between page and server, and tables of codes and sentences.
+"""TypeScript types of messages between page and server, of codes, sentences and texts of the page.
 
 `python -m tsd_twin.dashboard.wire.typescript` writes `web/src/generated/` again, with `--check` it
 only compares. It includes every struct of the modules in this package, so a new message needs no
@@ -25,6 +25,7 @@ from tsd_twin.dashboard.wire import to_page
 from tsd_twin.dashboard.wire.from_page import Message, PageMessage, RecordedPageMessage
 from tsd_twin.dashboard.wire.typescript_docs import block_comment, docs_of, limits_text
 from tsd_twin.dashboard.wire.typescript_tables import HEADER, codes_module, sentences_module
+from tsd_twin.dashboard.wire.typescript_texts import texts_module
 
 FOLDER = Path(__file__).parents[4] / "web/src/generated"
 """Folder in the checkout; a wheel has none."""
@@ -41,6 +42,7 @@ def generated() -> dict[str, str]:
         "wire.ts": wire_module(),
         "codes.ts": codes_module(),
         "sentences.ts": sentences_module(),
+        "texts.ts": texts_module(),
     }
 
 
