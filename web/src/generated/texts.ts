@@ -620,8 +620,6 @@ export interface Table {
     readonly refusals: Readonly<Record<string, string>>;
   };
   readonly fleet: {
-    readonly title: string;
-    readonly back: string;
     readonly region: string;
     readonly robots: (count: number) => string;
     readonly counts: {
@@ -662,7 +660,6 @@ export interface Table {
     readonly stopHint: string;
     readonly outcomes: {
       readonly sent: string;
-      readonly acknowledged: string;
       readonly not_reached: string;
       readonly offline: string;
     };
