@@ -34,6 +34,7 @@ def test_a_table_has_strings_functions_lists_and_open_records() -> None:
     texts = {
         "deck": {"title": "Deck", "going": "{done} of {all} m", "keys": ["A", "B"]},
         "health": {"advice": ["All {count}.", "Look."], "drops": {"old": "too old"}},
+        "steps": [{"title": "Arm", "text": "It spins."}, {"title": "Drive", "text": "It drives."}],
         "m/s": "metres",
     }
     assert texts_module(texts).endswith(
@@ -48,6 +49,10 @@ export interface Table {
     readonly advice: readonly [(count: Value) => string, string];
     readonly drops: Readonly<Record<string, string>>;
   };
+  readonly steps: readonly {
+    readonly title: string;
+    readonly text: string;
+  }[];
   readonly "m/s": string;
 }
 """

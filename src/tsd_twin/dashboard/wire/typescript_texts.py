@@ -44,9 +44,9 @@ def _type(source: Source, path: str = "") -> str:
         parameters = ", ".join(f"{name}: {kind}" for name, kind in places(source).items())
         return f"({parameters}) => string" if parameters else "string"
     if not isinstance(source, Mapping):
-        types = [_type(each) for each in source]
-        is_list = set(types) == {"string"}
-        return "readonly string[]" if is_list else f"readonly [{', '.join(types)}]"
+        types = [_type(each, path) for each in source]
+        is_list = len(set(types)) == 1 and "=>" not in types[0]
+        return f"readonly {types[0]}[]" if is_list else f"readonly [{', '.join(types)}]"
     if path in LOOKED_UP:
         is_text = all(_type(each) == "string" for each in source.values())
         value = "string" if is_text else "string | ((about: Value) => string)"
