@@ -194,6 +194,16 @@ export interface Table {
       readonly view: string;
       readonly student: string;
     };
+    readonly first: {
+      readonly title: string;
+      readonly duration: string;
+      readonly done: string;
+      readonly skip: string;
+      readonly steps: readonly {
+        readonly title: string;
+        readonly text: string;
+      }[];
+    };
     readonly drive: {
       readonly title: string;
       readonly waiting: string;

@@ -17,6 +17,7 @@ import { Icon } from "../ui/icon";
 import { Menu } from "../ui/menu";
 import { Segmented } from "../ui/segmented";
 import { SprungSlider, useSprungSlider } from "../ui/sprung_slider";
+import { FirstDrive } from "./first_drive";
 import { PanelSliders } from "./sliders";
 import { WheelSpeed } from "./wheel_speed";
 import { WheelsDo } from "./wheels";
@@ -38,6 +39,7 @@ export function DriveTab() {
   if (robot === null) return <p class="note">{words.waiting}</p>;
   return (
     <div class="drive-tab">
+      <FirstDrive />
       <Command sliders={sliders} robot={robot} />
       <WheelsDo preview={sliders.preview.value} />
       <div class="folds">
