@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tsd_twin.dashboard.gateway.viewport import filter_message
-from tsd_twin.dashboard.scene.picking import sphere_point
+from tsd_twin.dashboard.scene.picking import off_screen_direction, sphere_point
 from tsd_twin.lie import SO3
 from tsd_twin.security import Role
 
@@ -55,6 +55,31 @@ def test_what_is_no_ray_or_misses_meets_nothing(
     with np.errstate(invalid="ignore"):
         met = sphere_point(np.array(origin), np.array(direction), CENTRE, RADIUS_M, SO3.identity())
     assert met is None
+
+
+@given(share=st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)), turn=vectors, aspect=parts)
+def test_a_point_outside_the_picture_has_the_direction_in_which_it_lies(
+    share: tuple[float, float], turn: tuple[float, float, float], aspect: float
+) -> None:
+    """Shares are of half the width to the right, and of half the height up."""
+    assume(all(abs(abs(each) - 1.0) > 1e-6 for each in share))
+    aspect, view_rad, eye = 2.0**aspect, 0.9, np.array([1.0, -2.0, 3.0])
+    right, up = share[0] * np.tan(0.45) * aspect, share[1] * np.tan(0.45)
+    camera = SO3.exp(3.0 * np.array(turn))
+    point = eye + camera.rotate(np.array([right, -up, 1.0]))
+    met = off_screen_direction(eye, camera.wxyz, view_rad, aspect, point)
+    if max(np.abs(share)) < 1.0:
+        assert met is None
+    else:
+        assert met is not None
+        assert np.exp(1j * met) == pytest.approx((right + 1j * up) / abs(right + 1j * up))
+
+
+def test_a_point_behind_the_camera_is_outside_and_a_broken_camera_shows_no_arrow() -> None:
+    eye, ahead = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+    behind = np.array([0.5, 0.0, -5.0])
+    assert off_screen_direction(eye, ahead, 0.9, 1.5, behind) == pytest.approx(0.0)
+    assert off_screen_direction(eye, np.nan * ahead, 0.9, 1.5, behind) is None
 
 
 CLICK = {

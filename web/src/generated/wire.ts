@@ -399,6 +399,8 @@ export interface RobotState {
   route: RouteState | null;
   /** Values that this page has requested for its plots. */
   plot: Record<string, number | null>;
+  /** Direction of the robot outside the page's picture, from right to up; null inside. */
+  off_screen_rad: number | null;
   /** Present while the page shows the map. */
   map: MapState | null;
   /** Present while the page draws the past state. */

@@ -13,6 +13,7 @@ import { Cameras, Legend, Modes } from "./corners";
 import { FloorPicker } from "./floor_picker";
 import { type Box, watchFreeRectangle } from "./free_rectangle";
 import { FloorMap, MapInset } from "./map";
+import { RimArrow } from "./rim_arrow";
 import { Splash } from "./splash";
 import "./scene.css";
 
@@ -48,6 +49,7 @@ export function Scene() {
       <Cameras />
       <MapInset map={map} />
       <Legend />
+      <RimArrow />
       <NoticeLine />
     </main>
   );

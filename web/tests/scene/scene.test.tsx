@@ -143,3 +143,17 @@ test("The refusal of a path is a notice, until its cause is gone.", async () => 
   vi.advanceTimersByTime(100);
   expect(session.notice.text.value).toBeNull();
 });
+
+test("An arrow at the rim points to a robot outside the picture, and brings it back.", async () => {
+  const { state, take } = await show();
+  const arrow = () => find(".rim-arrow");
+  expect(arrow()).toBeNull();
+  state({ off_screen_rad: Math.PI / 2 });
+  await settle();
+  expect([arrow()!.style.left, arrow()!.style.top]).toEqual(["50.0%", "14.0%"]);
+  arrow()!.click();
+  expect(take("view")).toMatchObject([{ look: true }]);
+  state({ off_screen_rad: null });
+  await settle();
+  expect(arrow()).toBeNull();
+});

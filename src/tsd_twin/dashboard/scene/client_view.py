@@ -21,7 +21,7 @@ from tsd_twin.dashboard.scene.client_camera import ClientCamera
 from tsd_twin.dashboard.scene.client_nodes import HistoryGhost, PosePreview
 from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
 from tsd_twin.dashboard.scene.metres import MetreLabels, in_odom, metre_places
-from tsd_twin.dashboard.scene.picking import floor_points, sphere_point
+from tsd_twin.dashboard.scene.picking import floor_points, off_screen_direction, sphere_point
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe
 from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual, hide_links
 from tsd_twin.dashboard.scene.scene import Scene
@@ -160,6 +160,16 @@ class ClientView:
         camera = self.client.camera
         met = floor_points(camera.position, camera.wxyz, camera.fov, camera.aspect, shares)
         return self._world_pose.inverse().transform(met)
+
+    @property
+    def off_screen_rad(self) -> float | None:
+        """Direction of the robot outside the picture, see `off_screen_direction`; None inside."""
+        body, camera = self.visual, self.client.camera
+        if body is None or self._camera.placed is None:
+            return None
+        x, y = (self._world_pose @ SE2(body.pose)).xy_heading[:2]
+        at = np.array([x, y, 0.5 * body.meshes.shape.height_m])
+        return off_screen_direction(camera.position, camera.wxyz, camera.fov, camera.aspect, at)
 
     # Settings.
 

@@ -104,6 +104,16 @@ class ClientViews:
                 return view.pick_floor(shares)
         return np.empty((0, 2))
 
+    def off_screen_rad(self, page: str) -> float | None:
+        """Direction of a page's robot outside its picture, see `off_screen_direction`.
+
+        It waits for no drawing: a pose that is half old moves an arrow by some pixels.
+        """
+        for client_id, view in list(self._views.items()):
+            if self._pages.get(client_id) == page and not is_disconnected(view.client):
+                return view.off_screen_rad
+        return None
+
     def on_robots_moved(self) -> None:
         """Update the followed robot of each client."""
         for view in self._connected():

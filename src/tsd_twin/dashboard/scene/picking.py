@@ -1,4 +1,4 @@
-"""Picking: points of the floor or a sphere at a screen position or click ray."""
+"""Picking: points of floor or sphere at a screen position or click ray, and what is off screen."""
 
 from __future__ import annotations
 
@@ -49,6 +49,22 @@ def floor_points(
     good = (times > 0.0) & (away < MAX_DISTANCE_M)
     count = len(good) if good.all() else int(np.argmin(good))
     return met[:count]
+
+
+def off_screen_direction(
+    position: Array, wxyz: Array, view_rad: float, aspect: float, point: Array
+) -> float | None:
+    """Return where a point (3,) outside the picture lies, rad from right to up; None if inside.
+
+    The camera is given as in `floor_points`.
+    """
+    if not np.isfinite([*position, *wxyz, view_rad, aspect]).all():
+        return None  # Clients may send invalid cameras.
+    right, down, ahead = (float(each) for each in SO3(wxyz).inverse().rotate(point - position))
+    half = math.tan(0.5 * view_rad) * ahead
+    if ahead > 0.0 and abs(down) <= half and abs(right) <= half * aspect:
+        return None
+    return math.atan2(-down, right)
 
 
 OnClick: TypeAlias = Callable[[viser.ClientHandle, str, Array, Array], None]

@@ -105,6 +105,10 @@ class SceneExecutor:
             ("choose", page), lambda: self._views().select_robot(page, robot_id)
         )
 
+    def off_screen_rad(self, page: str) -> float | None:
+        """Direction of a page's robot outside its picture, rad from right to up; None inside."""
+        return self._views().off_screen_rad(page)
+
     def envelope(self, robot_id: str) -> Array | None:
         """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""
         return self._scene.envelope(robot_id)

@@ -266,6 +266,8 @@ class RobotState(Message, frozen=True, tag="state"):
     route: RouteState | None = None
     plot: Mapping[str, float | None] = {}
     """Values that this page has requested for its plots."""
+    off_screen_rad: float | None = None
+    """Direction of the robot outside the page's picture, from right to up; null inside."""
     map: MapState | None = None
     """Present while the page shows the map."""
     past: PastState | None = None
