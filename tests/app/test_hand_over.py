@@ -51,8 +51,8 @@ def give_control(page: Page, other: Page) -> None:
 def hand_over_by_keyboard(alice: Page, bob: Page) -> None:
     before = alice.evaluate(ACTIVE)
     press(bob, "Ask for control", SOON_MS)
-    expect(deck(bob)).to_contain_text("You asked web-", timeout=SOON_MS)
-    asks = re.compile(r"web-[0-9a-f]{8} asks for control\.")
+    expect(deck(bob)).to_contain_text("You asked Guest ", timeout=SOON_MS)
+    asks = re.compile(r"Guest [0-9A-F]{4} asks for control\.")
     expect(deck(alice)).to_contain_text(asks, timeout=SOON_MS)
     # Once, and so that screen readers hear of it.
     expect(alice.locator("[aria-live=polite]").filter(has_text=asks)).to_have_count(1)

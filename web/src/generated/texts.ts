@@ -21,6 +21,7 @@ export interface Table {
       readonly still_moves: string;
       readonly no_path: string;
     };
+    readonly guest: (number: Value) => string;
     readonly cancel: string;
     readonly close: string;
     readonly search: string;

@@ -21,9 +21,11 @@ export function nameOperatorsBy(link: Link): void {
   names = () => link.state.value?.status.operators ?? {};
 }
 
-/** Return the name of an operator; without one, the id less the number of the page. */
+/** Return the name of an operator; without one, the id less the number of the page, or a guest. */
 export function nameOf(operator: string): string {
-  return names()[operator] ?? operator.replace(/^(?!web-)(.+)-[0-9a-f]{8}$/, "$1");
+  const [, id = operator, number = ""] = /^(.+)-([0-9a-f]{8})$/.exec(operator) ?? [];
+  const unnamed = id === "web" ? texts().common.guest(number.slice(0, 4).toUpperCase()) : id;
+  return names()[operator] ?? unnamed;
 }
 
 /** Return the text of a reason as part of a sentence; an unknown code is shown as its words. */

@@ -95,7 +95,7 @@ test("a control that cannot begin says why, without advice to push again", () =>
 
 test("a take-over is told once with its reason", () => {
   const params = { operator: "bob", other: ME, text: "it is my robot" };
-  const said = `bob took control over from ${ME}: it is my robot.`;
+  const said = "bob took control over from Guest 0000: it is my robot.";
   event("lease", { code: "lease_taken_over", params });
   event("lease", { code: "control_is_lost", cause: { code: "lease_ended" } });
   event("mode", { ...SLOW, cause: { code: "control_lost" } });

@@ -34,9 +34,9 @@ test.each(VECTORS)("$reason has the sentence that the robot makes", ({ reason, p
   expect(shown(sentence(reason))).toBe(shown(whole));
 });
 
-test("operators have their names, and pages without a name their numbers", () => {
+test("operators have their names, and guests, who have none, the number of their page", () => {
   expect(nameOf("bob-m-0123abcd")).toBe("bob-m");
-  expect(nameOf("web-8c30fedb")).toBe("web-8c30fedb");
+  expect(nameOf("web-8c30fedb")).toBe("Guest 8C30");
   const params = { operator: "anna-8c30fedb", holder: "bob-m-0123abcd" };
   expect(sentence({ code: "control_requested", params })).toBe("anna asks bob-m for control.");
   name({ "anna-8c30fedb": "Анна" });
