@@ -1,6 +1,7 @@
 // One plot: a uPlot canvas for fields of a buffer.
 
 import uPlot from "uplot";
+import { language } from "../text/text";
 import type { PlotField } from "./fields";
 import type { PlotView } from "./view";
 
@@ -9,7 +10,6 @@ const HEIGHT_PX = 104;
 const AXIS_PX = 26;
 const EDGE_PX = 18; // Half of the last time label.
 const GAP_S = 0.3; // Longer gaps interrupt the line.
-const ROUND = [1, 2, 5, 10];
 const WIDTHS = { set: 1, measured: 2.25, other: 1.5 };
 /** Each part of a plot has a hue and a pattern, so that colour is not the only difference. */
 const HUES = ["--estimate", "--plan", "--command", "--caution", "--ink-2"];
@@ -42,134 +42,130 @@ export function stylesOf(fields: readonly PlotField[]): LineStyle[] {
   }));
 }
 
-export class PlotChart {
-  readonly plot: uPlot;
-  readonly #fields: readonly PlotField[];
-  readonly #view: PlotView;
-  readonly #place: HTMLElement;
-  readonly #ends = new Map<string, number>(); // Of the value axes, by unit.
-
-  constructor(place: HTMLElement, fields: readonly PlotField[], view: PlotView, isLast: boolean) {
-    this.#fields = fields;
-    this.#view = view;
-    this.#place = place;
-    this.plot = new uPlot(this.#options(isLast), this.#data(), place);
-  }
-
-  draw(): void {
-    const { clientWidth: width } = this.#place;
-    if (this.plot.width !== width) this.plot.setSize({ width, height: this.plot.height });
-    this.plot.setData(this.#data());
-  }
-
-  #data(): uPlot.AlignedData {
-    const { buffer } = this.#view.recorder;
-    return [buffer.times, ...this.#fields.map(({ name }) => buffer.values(name))];
-  }
-
-  #options(isLast: boolean): uPlot.Options {
-    const view = this.#view;
-    const units = [...new Set(this.#fields.map(({ unit }) => unit))];
-    // Read at each draw, because colours may change.
-    const colour = (token: string) => getComputedStyle(this.#place).getPropertyValue(token);
-    const { fontSize, fontFamily } = getComputedStyle(this.#place);
-    const font = `${fontSize} ${fontFamily}`;
-    const axis = { stroke: () => colour("--ink-3"), font, ticks: { show: false } };
-    const grid = { stroke: () => colour("--line"), width: 1 };
-    const styles = stylesOf(this.#fields);
-    return {
-      width: 2 * GUTTER_PX, // Until the first draw.
-      height: HEIGHT_PX + (isLast ? AXIS_PX : 0),
-      padding: [7, units.length > 1 ? 0 : EDGE_PX, isLast ? 0 : 7, 0],
-      legend: { show: false },
-      cursor: {
-        y: false,
-        drag: { x: false, y: false },
-        sync: { key: "tsd-plots" },
-        points: { show: false },
-        bind: { dblclick: () => null },
-      },
-      scales: {
-        x: { time: false, range: () => view.span() },
-        ...Object.fromEntries(
-          units.map((unit) => [`y ${unit}`, { range: () => this.#range(unit) }]),
-        ),
-      },
-      axes: [
-        {
-          ...axis,
-          grid,
-          size: isLast ? AXIS_PX : 0,
-          gap: 7, // Below the lowest number of the other axis.
-          space: 76,
-          splits: (_plot, _axis, fromS, toS, stepS) => view.splits(fromS, toS, stepS),
-          values: (_plot, at) => at.map((s) => (isLast ? view.timeText(s) : "")),
-        },
-        ...units.map((unit, i) => ({
-          ...axis,
-          scale: `y ${unit}`,
-          side: (i === 0 ? 3 : 1) as uPlot.Axis.Side,
-          grid: i === 0 ? grid : { show: false },
-          size: GUTTER_PX,
-          gap: 4,
-          space: 24,
-          values: (_plot: uPlot, at: number[]) => at.map(tick),
-        })),
-      ],
-      series: [
-        {},
-        ...this.#fields.map(({ unit }, i) => ({
-          scale: `y ${unit}`,
-          width: styles[i]!.width,
-          dash: styles[i]!.dash,
-          stroke: () => colour(styles[i]!.hue),
-          points: { show: false },
-          gaps: gapsOf,
-        })),
-      ],
-      hooks: {
-        setCursor: [
-          ({ cursor: { left = -1 } }) =>
-            (view.cursorS.value = left < 0 ? null : this.plot.posToVal(left, "x")),
-        ],
-      },
-    };
-  }
-
-  /**
-   * Range of a value axis: includes zero unless values are far from it, ends at a round number,
-   * and shrinks only if there is ample room.
-   */
-  #range(unit: string): [number, number] {
-    const fields = this.#fields.filter((field) => field.unit === unit);
-    const least = LEAST[fields[0]?.title ?? ""] ?? LEAST_OF_ALL;
-    const { buffer } = this.#view.recorder;
-    const [from, to] = buffer.places(...this.#view.span());
-    let [low, high] = [Infinity, -Infinity];
-    for (const { name } of fields) {
-      for (const value of buffer.values(name).subarray(from, to)) {
-        if (value < low) low = value;
-        if (value > high) high = value;
-      }
-    }
-    if (low > high / 2 && high > least) {
-      const [bottom, top] = uPlot.rangeNum(low, high, 0.1, true);
-      return [bottom ?? low, top ?? high];
-    }
-    const end = roundEnd(Math.max(least, -low, high), this.#ends.get(unit) ?? 0);
-    this.#ends.set(unit, end);
-    return [low < 0 ? -end : 0, end];
-  }
+export interface PlotChart {
+  plot: uPlot;
+  draw: () => void;
 }
 
-function roundEnd(most: number, before: number): number {
+/** Make the chart of fields in an element; only the last one of a page has a time axis. */
+export function newChart(
+  place: HTMLElement,
+  fields: readonly PlotField[],
+  view: PlotView,
+  isLast: boolean,
+): PlotChart {
+  const { buffer } = view.recorder;
+  const data = (): uPlot.AlignedData => [
+    buffer.times,
+    ...fields.map(({ name }) => buffer.values(name)),
+  ];
+  const units = [...new Set(fields.map(({ unit }) => unit))];
+  const styles = stylesOf(fields);
+  const { fontSize, fontFamily } = getComputedStyle(place);
+  // Read at each draw, because colours may change.
+  const colour = (token: string) => () => getComputedStyle(place).getPropertyValue(token);
+  const grid = { stroke: colour("--line"), width: 1 };
+  const axis = {
+    stroke: colour("--ink-3"),
+    font: `${fontSize} ${fontFamily}`,
+    ticks: { show: false },
+  };
+  const timeAxis: uPlot.Axis = {
+    ...axis,
+    grid,
+    size: isLast ? AXIS_PX : 0,
+    gap: 7, // Below the lowest number of the other axis.
+    space: 76,
+    splits: (_plot, _axis, fromS, toS, stepS) => view.splits(fromS, toS, stepS),
+    values: (_plot, at) => at.map((s) => (isLast ? view.timeText(s) : "")),
+  };
+  const valueAxis = (unit: string, i: number): uPlot.Axis => ({
+    ...axis,
+    grid: i === 0 ? grid : { show: false },
+    scale: `y ${unit}`,
+    side: i === 0 ? 3 : 1,
+    size: GUTTER_PX,
+    gap: 4,
+    space: 24,
+    values: (_plot, at) => at.map(tick),
+  });
+  const line = ({ unit }: PlotField, i: number): uPlot.Series => ({
+    scale: `y ${unit}`,
+    width: styles[i]!.width,
+    dash: styles[i]!.dash,
+    stroke: colour(styles[i]!.hue),
+    points: { show: false },
+    gaps: gapsOf,
+  });
+  const scale = (unit: string): [string, uPlot.Scale] => {
+    const own = fields.filter((field) => field.unit === unit);
+    return [
+      `y ${unit}`,
+      { range: (plot, _low, _high, key) => rangeOf(view, own, plot.scales[key]!) },
+    ];
+  };
+  const options: uPlot.Options = {
+    width: 2 * GUTTER_PX, // Until the first draw.
+    height: HEIGHT_PX + (isLast ? AXIS_PX : 0),
+    padding: [7, units.length > 1 ? 0 : EDGE_PX, isLast ? 0 : 7, 0],
+    legend: { show: false },
+    cursor: {
+      y: false,
+      drag: { x: false, y: false },
+      sync: { key: "tsd-plots" },
+      points: { show: false },
+    },
+    scales: {
+      x: { time: false, range: () => view.span() },
+      ...Object.fromEntries(units.map(scale)),
+    },
+    axes: [timeAxis, ...units.map(valueAxis)],
+    series: [{}, ...fields.map(line)],
+    hooks: {
+      setCursor: [
+        ({ cursor: { left = -1 }, posToVal }) =>
+          (view.cursorS.value = left < 0 ? null : posToVal(left, "x")),
+      ],
+    },
+  };
+  const plot = new uPlot(options, data(), place);
+  const draw = () => {
+    const { clientWidth: width } = place;
+    if (width === 0) return; // Not shown.
+    if (plot.width !== width) plot.setSize({ width, height: plot.height });
+    plot.setData(data());
+  };
+  return { plot, draw };
+}
+
+/**
+ * Range of a value axis: includes zero unless values are far from it, ends at a round number, and
+ * shrinks only if there is ample room.
+ */
+function rangeOf(view: PlotView, fields: PlotField[], { max = 0 }: uPlot.Scale): [number, number] {
+  const least = LEAST[fields[0]?.title ?? ""] ?? LEAST_OF_ALL;
+  const { buffer } = view.recorder;
+  const [from, to] = buffer.places(...view.span());
+  let [low, high] = [Infinity, -Infinity];
+  for (const { name } of fields) {
+    for (const value of buffer.values(name).subarray(from, to)) {
+      if (value < low) low = value;
+      if (value > high) high = value;
+    }
+  }
+  if (low > high / 2 && high > least) {
+    const [bottom, top] = uPlot.rangeNum(low, high, 0.1, true);
+    return [bottom ?? low, top ?? high];
+  }
+  const most = Math.max(least, -low, high);
   const power = 10 ** Math.floor(Math.log10(most));
-  const round = power * (ROUND.find((step) => power * step >= most * 0.999) ?? NaN);
-  return round > before || most < 0.4 * before ? round : before;
+  const round = power * [1, 2, 5, 10].find((step) => power * step >= most * 0.999)!;
+  const end = round > max || most < 0.4 * max ? round : max;
+  return [low < 0 ? -end : 0, end];
 }
 
 /** Return the ranges without data, in canvas pixels. */
-export function gapsOf(plot: uPlot, series: number, from: number, to: number): [number, number][] {
+function gapsOf(plot: uPlot, series: number, from: number, to: number): [number, number][] {
   const [times, values] = [plot.data[0], plot.data[series]!];
   const gaps: [number, number][] = [];
   let before = from;
@@ -184,5 +180,6 @@ export function gapsOf(plot: uPlot, series: number, from: number, to: number): [
 }
 
 function tick(value: number): string {
-  return Number(value.toPrecision(6)).toString().replace("-", "−");
+  const options = { maximumSignificantDigits: 6, useGrouping: false };
+  return value.toLocaleString(language.peek(), options).replace("-", "−");
 }

@@ -13,13 +13,10 @@ import { decode, encode, type PlotLayout, usualLayout } from "./layout";
 const RETRY_MS = 1000;
 const EMPTY: PlotLayout = { windowS: 20, panes: [] };
 
-/** Layouts as text by robot id or by name. */
-type Layouts = Record<string, string>;
-
-function isLayouts(stored: unknown): stored is Layouts {
-  if (typeof stored !== "object" || stored === null || Array.isArray(stored)) return false;
-  return Object.values(stored).every((text) => decode(text) !== null);
-}
+/** Layouts as text, by robot id or by name. */
+type Layouts = Record<string, unknown>;
+const isLayouts = (stored: unknown): stored is Layouts =>
+  typeof stored === "object" && stored !== null;
 
 export class Recorder {
   readonly buffer = new PlotBuffer();
@@ -27,6 +24,8 @@ export class Recorder {
   /** All fields, by name. */
   readonly known = signal<ReadonlyMap<string, PlotField>>(new Map());
   readonly saved = remembered<Layouts>("tsd-plot-layouts", {}, isLayouts);
+  /** Right edge of the plots in robot time while they are paused, else null: now. */
+  readonly endS = signal<number | null>(null);
   /** Recorded robot. */
   robot: RobotInfo | null = null;
   /** Seconds to add to robot time for time in the recording, or for the clock of this page. */
@@ -46,7 +45,7 @@ export class Recorder {
     link.on("robot", (robot) => this.#begin(robot));
     link.on("cursor", ({ t_s }) => (this.#cursorS = t_s));
     link.on("past", ({ states }) => {
-      this.buffer.clear(); // The cursor of a recording has jumped.
+      this.#clear(); // The cursor of a recording has jumped.
       for (const state of states) this.#take(state);
     });
   }
@@ -73,7 +72,7 @@ export class Recorder {
     const { [this.robot.id]: _, ...others } = this.#kept.peek();
     this.#kept.value = layout ? { ...others, [this.robot.id]: encode(layout) } : others;
     this.#shared = null;
-    this.#select();
+    this.#select(this.robot);
   }
 
   /** Add the fields of the latest state to the known ones. */
@@ -83,20 +82,23 @@ export class Recorder {
     this.#searchedMs = performance.now();
   }
 
-  #select(): void {
-    if (this.robot === null) return;
-    const kept = decode(this.#kept.peek()[this.robot.id]);
-    this.layout.value = this.#shared ?? kept ?? usualLayout(this.robot);
+  #select(robot: RobotInfo): void {
+    this.layout.value = this.#shared ?? decode(this.#kept.peek()[robot.id]) ?? usualLayout(robot);
     this.buffer.select(this.names);
     this.#requestedMs = -Infinity;
   }
 
   #begin(robot: RobotInfo): void {
-    if (this.robot?.id !== robot.id) this.buffer.clear();
+    if (this.robot?.id !== robot.id) this.#clear();
     this.robot = robot; // The same robot may have a new description.
     this.known.value = new Map();
     this.#searchedMs = -Infinity;
-    this.#select();
+    this.#select(robot);
+  }
+
+  #clear(): void {
+    this.buffer.clear();
+    this.endS.value = null; // It was on another clock.
   }
 
   #take(state: RobotState): void {
@@ -110,8 +112,8 @@ export class Recorder {
     this.#arrivedMs = performance.now();
     const isMissing = this.names.some((name) => !this.known.peek().has(name)); // Null until measured.
     if (isMissing && this.#arrivedMs - this.#searchedMs >= RETRY_MS) this.search();
-    this.#request(state);
-    if (state.robot_s < this.buffer.newestS) this.buffer.clear(); // The robot has restarted.
+    this.#request(this.robot, state);
+    if (state.robot_s < this.buffer.newestS) this.#clear(); // The robot has restarted.
     const known = this.known.peek();
     this.buffer.add(state.robot_s, (name) => valueOf(known.get(name), this.#sample));
     const clockS = this.#link.recording === null ? Date.now() / 1000 : this.#cursorS;
@@ -119,9 +121,8 @@ export class Recorder {
   }
 
   /** Request fields that are not in every state until they arrive. */
-  #request({ plot }: RobotState): void {
-    const offered = this.robot?.plot_fields ?? [];
-    const names = this.names.filter((name) => offered.includes(name));
+  #request({ plot_fields }: RobotInfo, { plot }: RobotState): void {
+    const names = this.names.filter((name) => plot_fields.includes(name));
     const isSent = Object.keys(plot).length === names.length && names.every((name) => name in plot);
     if (isSent || this.#arrivedMs - this.#requestedMs < RETRY_MS) return;
     if (this.#link.send({ t: "plot_fields", names })) this.#requestedMs = this.#arrivedMs;

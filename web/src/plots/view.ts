@@ -1,36 +1,48 @@
-// The time axis that all plots share: window, pause, cursor and, in a recording, seeking.
+// The time axis that all plots share: window, pause, cursor, seeking; and when they are drawn.
 
-import { signal } from "@preact/signals";
+import { computed, effect, type Signal, signal } from "@preact/signals";
+import { freshness, isCurrent } from "../store/freshness";
 import type { Link } from "../store/link";
-import { language, texts } from "../text/text";
 import { duration } from "../text/numbers";
+import { language, texts } from "../text/text";
+import type { PlotChart } from "./chart";
 import { limitedWindow } from "./layout";
 import type { Recorder } from "./recorder";
 
+const FRAME_MS = 100;
+const SLOWEST_FRAME_MS = 500;
+
 export class PlotView {
-  /** Right edge in robot time while paused, else null: now. */
-  readonly endS = signal<number | null>(null);
   /** Robot time under the cursor. */
   readonly cursorS = signal<number | null>(null);
+  /** Name of the field that is dragged. */
+  readonly dragged = signal<string | null>(null);
+  /** Counts drawn pictures: the values beside them follow it. */
+  readonly frame = signal(0);
+  readonly isStale = computed(() => this.link.beat.value >= 0 && !isCurrent(freshness(this.link)));
+  readonly charts = new Set<PlotChart>();
   readonly recorder: Recorder;
-  readonly #link: Link;
+  readonly link: Link;
+  #asked = 0;
 
   constructor(recorder: Recorder, link: Link) {
     this.recorder = recorder;
-    this.#link = link;
+    this.link = link;
   }
 
   /** Robot time at both edges. */
   span(): [number, number] {
-    const endS = this.endS.peek() ?? this.recorder.nowS();
+    const endS = this.recorder.endS.peek() ?? this.recorder.nowS();
     return [endS - this.recorder.layout.peek().windowS, endS];
   }
 
-  /** Index of the sample whose values are shown: at the cursor, or the last one. */
-  index(): number {
-    const { buffer } = this.recorder;
-    const [, toS] = this.span();
-    return buffer.places(-Infinity, this.cursorS.value ?? toS)[1] - 1;
+  /** Value of a field at the cursor, or the latest one while it is current; else null. */
+  value(name: string): number | null {
+    const { buffer, endS } = this.recorder;
+    void this.frame.value;
+    if (this.cursorS.value === null && endS.value === null && this.isStale.value) return null;
+    const atS = this.cursorS.value ?? this.span()[1];
+    return buffer.values(name)[buffer.places(-Infinity, atS)[1] - 1] ?? null;
   }
 
   pause(paused: boolean): void {
@@ -46,7 +58,7 @@ export class PlotView {
   zoom(factor: number, at: number): void {
     const [fromS, toS] = this.span();
     this.setWindow((toS - fromS) * factor);
-    if (this.endS.peek() === null) return;
+    if (this.recorder.endS.peek() === null) return;
     const { windowS } = this.recorder.layout.peek();
     this.#end(fromS + at * (toS - fromS) + (1 - at) * windowS);
   }
@@ -58,9 +70,10 @@ export class PlotView {
 
   /** In a recording, show the moment of a robot time; the plots then end there. */
   seek(robotS: number): void {
-    if (this.#link.recording === null || Number.isNaN(this.recorder.offsetS)) return;
-    this.endS.value = null;
-    this.#link.send({ t: "seek", t_s: Math.max(0, robotS + this.recorder.offsetS) });
+    const { offsetS, endS } = this.recorder;
+    if (this.link.recording === null || Number.isNaN(offsetS)) return;
+    endS.value = null;
+    this.link.send({ t: "seek", t_s: Math.max(0, robotS + offsetS) });
   }
 
   /** Lines of the time axis: relative to now, or at round times. */
@@ -73,24 +86,61 @@ export class PlotView {
 
   /** Time before now, time of day, or time in the recording. */
   timeText(atS: number): string {
-    const { recorder } = this;
     if (this.#isRelative()) {
       const agoS = Math.round((this.span()[1] - atS) * 10) / 10;
       return agoS < 0.2 ? texts().plots.now : `−${agoS} s`;
     }
-    if (this.#link.recording !== null) return duration(atS + recorder.offsetS + 1e-3);
-    const time = new Date(1000 * (atS + recorder.offsetS));
-    return time.toLocaleTimeString(language.value, { timeStyle: "medium" });
+    const clockS = atS + this.recorder.offsetS;
+    if (this.link.recording !== null) return duration(clockS + 1e-3);
+    return new Date(1000 * clockS).toLocaleTimeString(language.value, { timeStyle: "medium" });
+  }
+
+  /** Draw all plots; several changes before a picture lead to one. */
+  readonly redraw = (): void => {
+    this.#asked ||= requestAnimationFrame(() => {
+      this.#asked = 0;
+      for (const chart of this.charts) chart.draw();
+      this.frame.value += 1;
+    });
+  };
+
+  /**
+   * Draw after a shift by a pixel, at most ten times a second, and after changes of the view or its
+   * size. Return a function that ends it.
+   */
+  follow(area: HTMLElement, dark: Signal<boolean>): () => void {
+    const { endS, layout } = this.recorder;
+    let drawnMs = -Infinity;
+    const ends = [
+      effect(() => {
+        void this.link.beat.value;
+        const pixelMs = (1000 * layout.peek().windowS) / Math.max(1, area.clientWidth);
+        const waitMs = Math.min(SLOWEST_FRAME_MS, pixelMs) - FRAME_MS / 2;
+        if (endS.peek() !== null || performance.now() - drawnMs < waitMs) return;
+        drawnMs = performance.now();
+        this.redraw();
+      }),
+      effect(() => {
+        void [endS.value, layout.value, dark.value];
+        this.redraw();
+      }),
+    ];
+    const resized = new ResizeObserver(this.redraw);
+    resized.observe(area);
+    return () => {
+      resized.disconnect();
+      for (const end of ends) end();
+    };
   }
 
   #isRelative(): boolean {
-    return this.endS.peek() === null && this.#link.recording === null;
+    return this.recorder.endS.peek() === null && this.link.recording === null;
   }
 
   #end(endS: number | null): void {
-    const oldestS = this.recorder.buffer.times[0];
+    const { buffer, endS: end } = this.recorder;
+    const oldestS = buffer.times[0];
     const isLive = endS === null || oldestS === undefined;
-    const latest = this.recorder.nowS();
-    this.endS.value = isLive ? null : Math.max(oldestS, Math.min(latest, endS));
+    end.value = isLive ? null : Math.max(oldestS, Math.min(this.recorder.nowS(), endS));
   }
 }
