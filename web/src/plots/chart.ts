@@ -14,15 +14,11 @@ const WIDTHS = { set: 1, measured: 2.25, other: 1.5 };
 /** Each part of a plot has a hue and a pattern, so that colour is not the only difference. */
 const HUES = ["--estimate", "--plan", "--command", "--caution", "--ink-2"];
 const PATTERNS = [[], [9, 4], [2, 3], [9, 3, 2, 3], [5, 3]];
-/** Minimum end of the value axis, by title. */
-const LEAST: Record<string, number> = {
-  Velocity: 0.2,
-  "Turn rate": 0.5,
-  Tilt: 5,
-  Rpm: 20,
-  "Link round trip": 20,
-};
+/** Smallest range of a value axis, by unit. */
+const LEAST: Record<string, number> = { "m/s": 0.05, "rad/s": 0.2, "°": 2, rpm: 20, ms: 20 };
 const LEAST_OF_ALL = 0.02;
+
+type Range = [number, number];
 
 export interface LineStyle {
   hue: string;
@@ -138,12 +134,8 @@ export function newChart(
   return { plot, draw };
 }
 
-/**
- * Range of a value axis: includes zero unless values are far from it, ends at a round number, and
- * shrinks only if there is ample room.
- */
-function rangeOf(view: PlotView, fields: PlotField[], { max = 0 }: uPlot.Scale): [number, number] {
-  const least = LEAST[fields[0]?.title ?? ""] ?? LEAST_OF_ALL;
+/** Range of a value axis: with zero unless values are far from it; it shrinks only by much. */
+function rangeOf(view: PlotView, fields: PlotField[], { min = 0, max = 0 }: uPlot.Scale): Range {
   const { buffer } = view.recorder;
   const [from, to] = buffer.places(...view.span());
   let [low, high] = [Infinity, -Infinity];
@@ -153,21 +145,17 @@ function rangeOf(view: PlotView, fields: PlotField[], { max = 0 }: uPlot.Scale):
       if (value > high) high = value;
     }
   }
-  if (low > high / 2 && high > least) {
-    const [bottom, top] = uPlot.rangeNum(low, high, 0.1, true);
-    return [bottom ?? low, top ?? high];
-  }
-  const most = Math.max(least, -low, high);
-  const power = 10 ** Math.floor(Math.log10(most));
-  const round = power * [1, 2, 5, 10].find((step) => power * step >= most * 0.999)!;
-  const end = round > max || most < 0.4 * max ? round : max;
-  return [low < 0 ? -end : 0, end];
+  if (low > high) low = high = 0; // Without values.
+  if (low < high / 2) low = Math.min(0, low);
+  high = Math.max(high, low + (LEAST[fields[0]!.unit] ?? LEAST_OF_ALL));
+  const fits = low >= min && high <= max && high - low > 0.4 * (max - min);
+  return fits ? [min, max] : (uPlot.rangeNum(low, high, 0.1, true) as Range);
 }
 
 /** Return the ranges without data, in canvas pixels. */
-function gapsOf(plot: uPlot, series: number, from: number, to: number): [number, number][] {
+function gapsOf(plot: uPlot, series: number, from: number, to: number): Range[] {
   const [times, values] = [plot.data[0], plot.data[series]!];
-  const gaps: [number, number][] = [];
+  const gaps: Range[] = [];
   let before = from;
   for (let i = from; i <= to; i += 1) {
     if (Number.isNaN(values[i])) continue;

@@ -56,7 +56,7 @@ function takeKey(event: KeyboardEvent, view: PlotView): void {
     PageDown: () => view.pan(0.5),
     ArrowLeft: () => moveCursor(view, -1),
     ArrowRight: () => moveCursor(view, 1),
-    End: () => view.pause(false),
+    End: () => view.end(null),
     Enter: () => atS !== null && view.seek(atS),
   };
   const isOurs = event.target === event.currentTarget && event.key in actions;

@@ -1,6 +1,6 @@
 // Plots: fields over time in panes that share one axis, with pause, cursor, layouts and CSV.
 
-import { useSignal } from "@preact/signals";
+import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { useSession } from "../session";
 import { texts } from "../text/text";
@@ -17,10 +17,6 @@ import "./plots.css";
 
 const WINDOWS_S = [20, 60, 120, 300, 600];
 const LONGEST_NAME = 40;
-
-interface ViewProps {
-  view: PlotView;
-}
 
 /** Plots of the selected robot; open or not, the session's recorder records. */
 export function Plots() {
@@ -41,15 +37,7 @@ export function Plots() {
   useEffect(() => view.follow(area.current!, session.view.dark), [view]);
   return (
     <section class="plots" aria-label={words.title}>
-      <div class="tools">
-        <Time view={view} />
-        <Button edge expanded={isOpen.value} onPress={() => (isOpen.value = !isOpen.value)}>
-          {words.fields}
-        </Button>
-        <span class="spacer" />
-        <Layouts recorder={recorder} />
-        <Output view={view} />
-      </div>
+      <Tools view={view} isOpen={isOpen} />
       {isOpen.value && <Chooser view={view} />}
       <div
         ref={area}
@@ -80,14 +68,24 @@ export function Plots() {
   );
 }
 
-/** Length of the window, and pause. */
-function Time({ view }: ViewProps) {
+function Tools({ view, isOpen }: { view: PlotView; isOpen: Signal<boolean> }) {
+  const { notice } = useSession();
   const words = texts().plots;
-  const { layout, endS } = view.recorder;
-  const { windowS } = layout.value;
-  const isPaused = endS.value !== null;
+  const { recorder } = view;
+  const { windowS } = recorder.layout.value;
+  const isPaused = recorder.endS.value !== null;
+  const copyLink = async () => {
+    const address = new URL(location.href);
+    address.searchParams.set("plots", encode(recorder.layout.peek()));
+    notice.say((await copyText(address.href)) ? words.copied : words.notCopied);
+  };
+  const saveCsv = () => {
+    const [fromS, toS] = view.span();
+    const text = recorder.buffer.csv(recorder.fields, fromS, toS);
+    saveText(text, `${recorder.robot?.id}-${Math.round(toS)}s.csv`, "text/csv");
+  };
   return (
-    <>
+    <div class="tools">
       <select
         class="field"
         aria-label={words.window}
@@ -102,11 +100,22 @@ function Time({ view }: ViewProps) {
         ))}
       </select>
       {(view.link.recording === null || isPaused) && (
-        <Button edge icon={isPaused ? "play" : "pause"} onPress={() => view.pause(!isPaused)}>
+        <Button
+          edge
+          icon={isPaused ? "play" : "pause"}
+          onPress={() => view.end(isPaused ? null : view.span()[1])}
+        >
           {isPaused ? words.goOn : words.pause}
         </Button>
       )}
-    </>
+      <Button edge expanded={isOpen.value} onPress={() => (isOpen.value = !isOpen.value)}>
+        {words.fields}
+      </Button>
+      <span class="spacer" />
+      <Layouts recorder={recorder} />
+      <Button icon="share" label={words.copyLink} onPress={() => void copyLink()} />
+      <Button icon="download" label={words.csv} onPress={saveCsv} />
+    </div>
   );
 }
 
@@ -149,40 +158,14 @@ function Layouts({ recorder }: { recorder: Recorder }) {
   return <Menu label={words.layouts} button={words.layouts} items={items} class="layouts" />;
 }
 
-/** A link to the plots, and their values as CSV. */
-function Output({ view }: ViewProps) {
-  const { notice } = useSession();
-  const words = texts().plots;
-  const { recorder } = view;
-  const copyLink = async () => {
-    const address = new URL(location.href);
-    address.searchParams.set("plots", encode(recorder.layout.peek()));
-    notice.say((await copyText(address.href)) ? words.copied : words.notCopied);
-  };
-  const saveCsv = () => {
-    const [fromS, toS] = view.span();
-    const text = recorder.buffer.csv(recorder.fields, fromS, toS);
-    saveText(text, `${recorder.robot?.id}-${Math.round(toS)}s.csv`, "text/csv");
-  };
-  return (
-    <>
-      <Button icon="share" label={words.copyLink} onPress={() => void copyLink()} />
-      <Button icon="download" label={words.csv} onPress={saveCsv} />
-    </>
-  );
-}
-
 /** Selection of the plotted fields, with search. */
-function Chooser({ view }: ViewProps) {
+function Chooser({ view }: { view: PlotView }) {
   const { recorder } = view;
   const { known, layout, names } = recorder;
   const typed = useSignal("");
   const input = useRef<HTMLInputElement>(null);
   const words = texts().plots;
-  useEffect(() => {
-    recorder.search();
-    input.current?.focus();
-  }, []);
+  useEffect(() => input.current?.focus(), []);
   const parts = typed.value.toLowerCase().split(" ");
   const found = [...known.value.values()].filter(({ name, title }) => {
     const text = `${name} ${title} ${words.titles[title] ?? ""}`.toLowerCase();

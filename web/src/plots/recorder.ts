@@ -36,8 +36,7 @@ export class Recorder {
   #sample: object = {};
   #arrivedMs = 0;
   #cursorS = NaN;
-  #searchedMs = -Infinity;
-  #requestedMs = -Infinity;
+  #soughtMs = -Infinity;
 
   constructor(link: Link) {
     this.#link = link;
@@ -75,24 +74,16 @@ export class Recorder {
     this.#select(this.robot);
   }
 
-  /** Add the fields of the latest state to the known ones. */
-  search(): void {
-    if (this.robot === null) return;
-    this.known.value = new Map([...this.known.peek(), ...fieldsOf(this.robot, this.#sample)]);
-    this.#searchedMs = performance.now();
-  }
-
   #select(robot: RobotInfo): void {
     this.layout.value = this.#shared ?? decode(this.#kept.peek()[robot.id]) ?? usualLayout(robot);
     this.buffer.select(this.names);
-    this.#requestedMs = -Infinity;
+    this.#soughtMs = -Infinity;
   }
 
   #begin(robot: RobotInfo): void {
     if (this.robot?.id !== robot.id) this.#clear();
     this.robot = robot; // The same robot may have a new description.
     this.known.value = new Map();
-    this.#searchedMs = -Infinity;
     this.#select(robot);
   }
 
@@ -110,9 +101,7 @@ export class Recorder {
     };
     this.#sample = { ...state, link };
     this.#arrivedMs = performance.now();
-    const isMissing = this.names.some((name) => !this.known.peek().has(name)); // Null until measured.
-    if (isMissing && this.#arrivedMs - this.#searchedMs >= RETRY_MS) this.search();
-    this.#request(this.robot, state);
+    if (this.#arrivedMs - this.#soughtMs >= RETRY_MS) this.#seek(this.robot, state);
     if (state.robot_s < this.buffer.newestS) this.#clear(); // The robot has restarted.
     const known = this.known.peek();
     this.buffer.add(state.robot_s, (name) => valueOf(known.get(name), this.#sample));
@@ -120,11 +109,12 @@ export class Recorder {
     this.offsetS = clockS - state.robot_s;
   }
 
-  /** Request fields that are not in every state until they arrive. */
-  #request({ plot_fields }: RobotInfo, { plot }: RobotState): void {
-    const names = this.names.filter((name) => plot_fields.includes(name));
+  /** Learn the fields of a state, and request those that are not in every state until they arrive. */
+  #seek(robot: RobotInfo, { plot }: RobotState): void {
+    this.#soughtMs = this.#arrivedMs;
+    this.known.value = new Map([...this.known.peek(), ...fieldsOf(robot, this.#sample)]);
+    const names = this.names.filter((name) => robot.plot_fields.includes(name));
     const isSent = Object.keys(plot).length === names.length && names.every((name) => name in plot);
-    if (isSent || this.#arrivedMs - this.#requestedMs < RETRY_MS) return;
-    if (this.#link.send({ t: "plot_fields", names })) this.#requestedMs = this.#arrivedMs;
+    if (!isSent) this.#link.send({ t: "plot_fields", names });
   }
 }

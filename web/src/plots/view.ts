@@ -9,7 +9,6 @@ import type { PlotChart } from "./chart";
 import { limitedWindow } from "./layout";
 import type { Recorder } from "./recorder";
 
-const FRAME_MS = 100;
 const SLOWEST_FRAME_MS = 500;
 
 export class PlotView {
@@ -21,14 +20,13 @@ export class PlotView {
   readonly frame = signal(0);
   readonly isStale = computed(() => this.link.beat.value >= 0 && !isCurrent(freshness(this.link)));
   readonly charts = new Set<PlotChart>();
-  readonly recorder: Recorder;
-  readonly link: Link;
   #asked = 0;
+  #drawnMs = -Infinity;
 
-  constructor(recorder: Recorder, link: Link) {
-    this.recorder = recorder;
-    this.link = link;
-  }
+  constructor(
+    readonly recorder: Recorder,
+    readonly link: Link,
+  ) {}
 
   /** Robot time at both edges. */
   span(): [number, number] {
@@ -45,8 +43,12 @@ export class PlotView {
     return buffer.values(name)[buffer.places(-Infinity, atS)[1] - 1] ?? null;
   }
 
-  pause(paused: boolean): void {
-    this.#end(paused ? this.span()[1] : null);
+  /** Pause with this right edge within what is recorded, or go on. */
+  end(endS: number | null): void {
+    const [oldestS] = this.recorder.buffer.times;
+    const isLive = endS === null || oldestS === undefined;
+    const latestS = this.recorder.nowS();
+    this.recorder.endS.value = isLive ? null : Math.max(oldestS, Math.min(latestS, endS));
   }
 
   setWindow(seconds: number): void {
@@ -60,12 +62,12 @@ export class PlotView {
     this.setWindow((toS - fromS) * factor);
     if (this.recorder.endS.peek() === null) return;
     const { windowS } = this.recorder.layout.peek();
-    this.#end(fromS + at * (toS - fromS) + (1 - at) * windowS);
+    this.end(fromS + at * (toS - fromS) + (1 - at) * windowS);
   }
 
   /** Move by a fraction of the window. */
   pan(share: number): void {
-    this.#end(this.span()[1] + share * this.recorder.layout.peek().windowS);
+    this.end(this.span()[1] + share * this.recorder.layout.peek().windowS);
   }
 
   /** In a recording, show the moment of a robot time; the plots then end there. */
@@ -99,26 +101,24 @@ export class PlotView {
   readonly redraw = (): void => {
     this.#asked ||= requestAnimationFrame(() => {
       this.#asked = 0;
+      this.#drawnMs = performance.now();
       for (const chart of this.charts) chart.draw();
       this.frame.value += 1;
     });
   };
 
   /**
-   * Draw after a shift by a pixel, at most ten times a second, and after changes of the view or its
+   * Draw on beats after a shift by a pixel, and after changes of the view or its
    * size. Return a function that ends it.
    */
   follow(area: HTMLElement, dark: Signal<boolean>): () => void {
     const { endS, layout } = this.recorder;
-    let drawnMs = -Infinity;
     const ends = [
       effect(() => {
         void this.link.beat.value;
         const pixelMs = (1000 * layout.peek().windowS) / Math.max(1, area.clientWidth);
-        const waitMs = Math.min(SLOWEST_FRAME_MS, pixelMs) - FRAME_MS / 2;
-        if (endS.peek() !== null || performance.now() - drawnMs < waitMs) return;
-        drawnMs = performance.now();
-        this.redraw();
+        const isDue = performance.now() - this.#drawnMs >= Math.min(SLOWEST_FRAME_MS, pixelMs);
+        if (endS.peek() === null && isDue) this.redraw();
       }),
       effect(() => {
         void [endS.value, layout.value, dark.value];
@@ -135,12 +135,5 @@ export class PlotView {
 
   #isRelative(): boolean {
     return this.recorder.endS.peek() === null && this.link.recording === null;
-  }
-
-  #end(endS: number | null): void {
-    const { buffer, endS: end } = this.recorder;
-    const oldestS = buffer.times[0];
-    const isLive = endS === null || oldestS === undefined;
-    end.value = isLive ? null : Math.max(oldestS, Math.min(this.recorder.nowS(), endS));
   }
 }
