@@ -1,7 +1,9 @@
 // One plot: a uPlot canvas for fields of a buffer.
 
 import uPlot from "uplot";
+import "uplot/dist/uPlot.min.css";
 import { language } from "../text/text";
+import type { PlotBuffer } from "./buffer";
 import type { PlotField } from "./fields";
 import type { PlotView } from "./view";
 
@@ -38,9 +40,34 @@ export function stylesOf(fields: readonly PlotField[]): LineStyle[] {
   }));
 }
 
-export interface PlotChart {
-  plot: uPlot;
-  draw: () => void;
+/** All charts of the page; they share a cursor. */
+const group = uPlot.sync("tsd-plots");
+
+/** Draw the charts that are shown. */
+export function drawCharts(buffer: PlotBuffer): void {
+  for (const plot of group.plots) {
+    const { clientWidth: width } = plot.root.parentElement!;
+    if (width === 0) continue;
+    if (plot.width !== width) plot.setSize({ width, height: plot.height });
+    const names = plot.series.slice(1).map(({ label }) => label as string);
+    plot.setData([buffer.times, ...names.map((name) => buffer.values(name))]);
+  }
+}
+
+/** Return the position of a pointer on the charts, as a fraction of their width. */
+export function shareOf({ clientX }: MouseEvent): number {
+  const { left, width } = group.plots[0]!.over.getBoundingClientRect();
+  return (clientX - left) / width;
+}
+
+/** Move the cursor of all charts, by default from the middle. */
+export function moveCursor(pixels: number): void {
+  for (const plot of group.plots) {
+    const { left = -1 } = plot.cursor;
+    const { width } = plot.over.getBoundingClientRect();
+    const to = left < 0 ? width / 2 : Math.max(0, Math.min(width - 1, left + pixels));
+    plot.setCursor({ left: to, top: 0 });
+  }
 }
 
 /** Make the chart of fields in an element; only the last one of a page has a time axis. */
@@ -49,12 +76,7 @@ export function newChart(
   fields: readonly PlotField[],
   view: PlotView,
   isLast: boolean,
-): PlotChart {
-  const { buffer } = view.recorder;
-  const data = (): uPlot.AlignedData => [
-    buffer.times,
-    ...fields.map(({ name }) => buffer.values(name)),
-  ];
+): uPlot {
   const units = [...new Set(fields.map(({ unit }) => unit))];
   const styles = stylesOf(fields);
   const { fontSize, fontFamily } = getComputedStyle(place);
@@ -85,7 +107,8 @@ export function newChart(
     space: 24,
     values: (_plot, at) => at.map(tick),
   });
-  const line = ({ unit }: PlotField, i: number): uPlot.Series => ({
+  const line = ({ name, unit }: PlotField, i: number): uPlot.Series => ({
+    label: name,
     scale: `y ${unit}`,
     width: styles[i]!.width,
     dash: styles[i]!.dash,
@@ -108,7 +131,7 @@ export function newChart(
     cursor: {
       y: false,
       drag: { x: false, y: false },
-      sync: { key: "tsd-plots" },
+      sync: { key: group.key },
       points: { show: false },
     },
     scales: {
@@ -124,14 +147,7 @@ export function newChart(
       ],
     },
   };
-  const plot = new uPlot(options, data(), place);
-  const draw = () => {
-    const { clientWidth: width } = place;
-    if (width === 0) return; // Not shown.
-    if (plot.width !== width) plot.setSize({ width, height: plot.height });
-    plot.setData(data());
-  };
-  return { plot, draw };
+  return new uPlot(options, [[], ...fields.map(() => [])], place);
 }
 
 /** Range of a value axis: with zero unless values are far from it; it shrinks only by much. */

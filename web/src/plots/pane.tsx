@@ -25,12 +25,8 @@ export function Pane({ view, fields, at, isLast }: PaneProps) {
   const styles = stylesOf(fields);
   useEffect(() => {
     const chart = newChart(place.current!, fields, view, isLast);
-    view.charts.add(chart);
     view.redraw();
-    return () => {
-      view.charts.delete(chart);
-      chart.plot.destroy();
-    };
+    return () => chart.destroy();
   }, [isLast]); // Other fields are another pane.
   return (
     <figure class="chart" {...dropInto(view, at)}>

@@ -8,11 +8,10 @@ import { Button } from "../ui/button";
 import { Icon } from "../ui/icon";
 import { Menu } from "../ui/menu";
 import { copyText, saveText } from "../ui/share";
-import { gesturesOf } from "./gestures";
 import { decode, encode, homeOf, MAX_FIELDS } from "./layout";
 import { dragOf, dropInto, move, Pane } from "./pane";
 import type { Recorder } from "./recorder";
-import { PlotView } from "./view";
+import { gesturesOf, PlotView } from "./view";
 import "./plots.css";
 
 const WINDOWS_S = [20, 60, 120, 300, 600];

@@ -1,15 +1,19 @@
-// The time axis that all plots share: window, pause, cursor, seeking; and when they are drawn.
+// The time axis that all plots share: window, pause, cursor, seeking; when they are drawn; and the
+// keys, wheel and pointers that change it.
 
 import { computed, effect, type Signal, signal } from "@preact/signals";
 import { freshness, isCurrent } from "../store/freshness";
 import type { Link } from "../store/link";
 import { duration } from "../text/numbers";
 import { language, texts } from "../text/text";
-import type { PlotChart } from "./chart";
+import { drawCharts, moveCursor, shareOf } from "./chart";
 import { limitedWindow } from "./layout";
 import type { Recorder } from "./recorder";
 
 const SLOWEST_FRAME_MS = 500;
+const HALF_BEAT_MS = 50;
+const ZOOM = 1.25;
+const CLICK_SHARE = 0.01; // A pointer that moves by less of the width clicks.
 
 export class PlotView {
   /** Robot time under the cursor. */
@@ -19,7 +23,6 @@ export class PlotView {
   /** Counts drawn pictures: the values beside them follow it. */
   readonly frame = signal(0);
   readonly isStale = computed(() => this.link.beat.value >= 0 && !isCurrent(freshness(this.link)));
-  readonly charts = new Set<PlotChart>();
   #asked = 0;
   #drawnMs = -Infinity;
 
@@ -102,38 +105,90 @@ export class PlotView {
     this.#asked ||= requestAnimationFrame(() => {
       this.#asked = 0;
       this.#drawnMs = performance.now();
-      for (const chart of this.charts) chart.draw();
+      drawCharts(this.recorder.buffer);
       this.frame.value += 1;
     });
   };
 
-  /**
-   * Draw on beats after a shift by a pixel, and after changes of the view or its
-   * size. Return a function that ends it.
-   */
+  /** Draw on a beat after a shift by a pixel, and after changes; return a function that ends it. */
   follow(area: HTMLElement, dark: Signal<boolean>): () => void {
     const { endS, layout } = this.recorder;
-    const ends = [
-      effect(() => {
-        void this.link.beat.value;
-        const pixelMs = (1000 * layout.peek().windowS) / Math.max(1, area.clientWidth);
-        const isDue = performance.now() - this.#drawnMs >= Math.min(SLOWEST_FRAME_MS, pixelMs);
-        if (endS.peek() === null && isDue) this.redraw();
-      }),
-      effect(() => {
-        void [endS.value, layout.value, dark.value];
-        this.redraw();
-      }),
-    ];
+    const beats = effect(() => {
+      void this.link.beat.value;
+      const pixelMs = (1000 * layout.peek().windowS) / Math.max(1, area.clientWidth);
+      const waitMs = Math.min(SLOWEST_FRAME_MS, pixelMs) - HALF_BEAT_MS;
+      const isDue = performance.now() - this.#drawnMs >= waitMs;
+      if (endS.peek() === null && isDue) this.redraw();
+    });
+    const changes = effect(() => {
+      void [endS.value, layout.value, dark.value];
+      this.redraw();
+    });
     const resized = new ResizeObserver(this.redraw);
     resized.observe(area);
-    return () => {
-      resized.disconnect();
-      for (const end of ends) end();
-    };
+    return () => (beats(), changes(), resized.disconnect());
   }
 
   #isRelative(): boolean {
     return this.recorder.endS.peek() === null && this.link.recording === null;
   }
+}
+
+/** Return the handlers of the area around the plots. */
+export function gesturesOf(view: PlotView) {
+  const pointers = new Map<number, number>(); // Where they are.
+  let hasMoved = false;
+  const isOnPlot = ({ target }: Event) => (target as Element).closest(".u-over") !== null;
+  return {
+    onKeyDown: (event: KeyboardEvent) => takeKey(event, view),
+    onWheel: (event: WheelEvent) => {
+      if (!isOnPlot(event)) return;
+      event.preventDefault();
+      const across = event.deltaX || (event.shiftKey ? event.deltaY : 0);
+      if (across !== 0) view.pan(Math.sign(across) / 10);
+      else view.zoom(event.deltaY > 0 ? ZOOM : 1 / ZOOM, shareOf(event));
+    },
+    onPointerDown: (event: PointerEvent) => {
+      if (!isOnPlot(event) || event.button !== 0) return;
+      if (pointers.size === 0) hasMoved = false;
+      pointers.set(event.pointerId, shareOf(event));
+    },
+    onPointerMove: (event: PointerEvent) => {
+      const before = pointers.get(event.pointerId);
+      if (before === undefined) return;
+      const at = shareOf(event);
+      if (!hasMoved && Math.abs(at - before) < CLICK_SHARE) return;
+      hasMoved = true;
+      (event.currentTarget as Element).setPointerCapture(event.pointerId);
+      const other = [...pointers].find(([id]) => id !== event.pointerId)?.[1];
+      if (other === undefined) view.pan(before - at);
+      else if (at !== other) view.zoom(Math.abs((before - other) / (at - other)), (at + other) / 2);
+      pointers.set(event.pointerId, at);
+    },
+    onPointerUp: ({ pointerId }: PointerEvent) => {
+      const at = pointers.get(pointerId);
+      pointers.delete(pointerId);
+      const [fromS, toS] = view.span();
+      if (at !== undefined && !hasMoved) view.seek(fromS + at * (toS - fromS));
+    },
+    onPointerCancel: ({ pointerId }: PointerEvent) => pointers.delete(pointerId),
+  };
+}
+
+function takeKey(event: KeyboardEvent, view: PlotView): void {
+  const atS = view.cursorS.peek();
+  const actions: Record<string, () => void> = {
+    "+": () => view.zoom(1 / ZOOM, 0.5),
+    "-": () => view.zoom(ZOOM, 0.5),
+    PageUp: () => view.pan(-0.5),
+    PageDown: () => view.pan(0.5),
+    ArrowLeft: () => moveCursor(-1),
+    ArrowRight: () => moveCursor(1),
+    End: () => view.end(null),
+    Enter: () => atS !== null && view.seek(atS),
+  };
+  const isOurs = event.target === event.currentTarget && event.key in actions;
+  if (!isOurs || event.ctrlKey || event.altKey || event.metaKey) return;
+  event.preventDefault();
+  actions[event.key]!();
 }
