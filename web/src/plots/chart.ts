@@ -22,14 +22,8 @@ const LEAST_OF_ALL = 0.02;
 
 type Range = [number, number];
 
-export interface LineStyle {
-  hue: string;
-  dash: number[];
-  width: number;
-}
-
 /** Styles of the lines of a plot; set-point and measured value differ by width only. */
-export function stylesOf(fields: readonly PlotField[]): LineStyle[] {
+export function stylesOf(fields: readonly PlotField[]) {
   const key = ({ part, line, unit }: PlotField) => `${part} ${unit} ${line === "other"}`;
   const parts = [...new Set(fields.map(({ part }) => part))];
   const keys = [...new Set(fields.map(key))];

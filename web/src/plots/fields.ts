@@ -8,6 +8,7 @@ export interface PlotField {
   /** Path to its value in a state. */
   keys: readonly string[];
   unit: string;
+  decimals: number;
   /** Fields with one title and unit share a plot, and fields with one part share a colour. */
   title: string;
   part: string;
@@ -69,10 +70,6 @@ export function valueOf(field: PlotField | undefined, state: object): number {
   return typeof value === "number" ? value : NaN;
 }
 
-export function decimalsOf({ unit }: PlotField): number {
-  return DECIMALS[unit] ?? 2;
-}
-
 function fieldOf(path: string[], keys: string[], ofElement = ""): PlotField {
   const [parent, last] = [path.at(-2) ?? "", path.at(-1) ?? ""];
   const base = last.replace(/^set_|_setpoint$/, ""); // Set-points share the plot of the measured value.
@@ -93,6 +90,7 @@ function fieldOf(path: string[], keys: string[], ofElement = ""): PlotField {
     name: path.join("."),
     keys,
     unit,
+    decimals: DECIMALS[unit] ?? 2,
     title: title(),
     part: isActuator ? path[1]! : quantity.replaceAll("_", " "),
     line: isSet ? "set" : isOther ? "other" : "measured",

@@ -4,8 +4,8 @@ import { useEffect, useRef } from "preact/hooks";
 import { figure } from "../text/numbers";
 import { texts } from "../text/text";
 import { Menu } from "../ui/menu";
-import { newChart, stylesOf, type LineStyle } from "./chart";
-import { decimalsOf, type PlotField } from "./fields";
+import { newChart, stylesOf } from "./chart";
+import type { PlotField } from "./fields";
 import { fits, moved } from "./layout";
 import type { PlotView } from "./view";
 
@@ -47,7 +47,7 @@ export function Pane({ view, fields, at, isLast }: PaneProps) {
 interface SeriesProps {
   view: PlotView;
   field: PlotField;
-  style: LineStyle;
+  style: ReturnType<typeof stylesOf>[number];
   at: number;
 }
 
@@ -89,13 +89,12 @@ function Series({ view, field, style, at }: SeriesProps) {
 }
 
 function Value({ view, field }: { view: PlotView; field: PlotField }) {
-  return <span class="value">{figure(view.value(field.name), decimalsOf(field))}</span>;
+  return <span class="value">{figure(view.value(field.name), field.decimals)}</span>;
 }
 
 /** Move a field into a pane, or null: out of all. */
 export function move({ recorder }: PlotView, name: string, to: number | null): void {
-  const layout = recorder.layout.peek();
-  recorder.choose({ ...layout, panes: moved(layout.panes, name, to) });
+  recorder.choose({ panes: moved(recorder.layout.peek().panes, name, to) });
 }
 
 /** Handlers of a thing that stands for a field and can be dragged. */

@@ -123,16 +123,16 @@ function Layouts({ recorder }: { recorder: Recorder }) {
   const isNaming = useSignal(false);
   const words = texts().plots;
   const { saved } = recorder;
+  const remove = (name: string) => {
+    const { [name]: _, ...others } = saved.peek();
+    saved.value = others;
+  };
   const save = (event: Event) => {
     event.preventDefault();
     const input = (event.currentTarget as HTMLFormElement).elements[0] as HTMLInputElement;
     const name = input.value.normalize("NFC").trim().slice(0, LONGEST_NAME);
     if (name) saved.value = { ...saved.peek(), [name]: encode(recorder.layout.peek()) };
     isNaming.value = false;
-  };
-  const remove = (name: string) => {
-    const { [name]: _, ...others } = saved.peek();
-    saved.value = others;
   };
   if (isNaming.value)
     return (
@@ -150,7 +150,6 @@ function Layouts({ recorder }: { recorder: Recorder }) {
       text: <bdi>{name}</bdi>,
       onChoose: () => recorder.choose(decode(saved.peek()[name])),
     })),
-    { text: words.usual, onChoose: () => recorder.choose(null) },
     { text: words.saveAs, onChoose: () => (isNaming.value = true) },
     ...names.map((name) => ({ text: words.remove(name), onChoose: () => remove(name) })),
   ];

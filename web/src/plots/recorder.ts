@@ -33,7 +33,6 @@ export class Recorder {
   readonly #kept = remembered<Layouts>("tsd-plots", {}, isLayouts);
   readonly #link: Link;
   #shared = decode(new URL(location.href).searchParams.get("plots"));
-  #sample: object = {};
   #arrivedMs = 0;
   #cursorS = NaN;
   #soughtMs = -Infinity;
@@ -65,11 +64,11 @@ export class Recorder {
     return this.buffer.newestS + Math.min(sinceMs, STALE_MS) / 1000;
   }
 
-  /** Plot this layout, or the usual one; kept for this robot. */
-  choose(layout: PlotLayout | null): void {
+  /** Change the layout, null to the usual one; kept for this robot. */
+  choose(change: Partial<PlotLayout> | null): void {
     if (this.robot === null) return;
-    const { [this.robot.id]: _, ...others } = this.#kept.peek();
-    this.#kept.value = layout ? { ...others, [this.robot.id]: encode(layout) } : others;
+    const layout = change ? encode({ ...this.layout.peek(), ...change }) : undefined;
+    this.#kept.value = { ...this.#kept.peek(), [this.robot.id]: layout };
     this.#shared = null;
     this.#select(this.robot);
   }
@@ -99,21 +98,22 @@ export class Recorder {
       jitter_ms: jitterMs(this.#link),
       lost_percent: 100 * this.#link.lost,
     };
-    this.#sample = { ...state, link };
+    const sample = { ...state, link };
     this.#arrivedMs = performance.now();
-    if (this.#arrivedMs - this.#soughtMs >= RETRY_MS) this.#seek(this.robot, state);
+    if (this.#arrivedMs - this.#soughtMs >= RETRY_MS) this.#seek(this.robot, sample);
     if (state.robot_s < this.buffer.newestS) this.#clear(); // The robot has restarted.
     const known = this.known.peek();
-    this.buffer.add(state.robot_s, (name) => valueOf(known.get(name), this.#sample));
+    this.buffer.add(state.robot_s, (name) => valueOf(known.get(name), sample));
     const clockS = this.#link.recording === null ? Date.now() / 1000 : this.#cursorS;
     this.offsetS = clockS - state.robot_s;
   }
 
   /** Learn the fields of a state, and request those that are not in every state until they arrive. */
-  #seek(robot: RobotInfo, { plot }: RobotState): void {
+  #seek(robot: RobotInfo, sample: RobotState): void {
     this.#soughtMs = this.#arrivedMs;
-    this.known.value = new Map([...this.known.peek(), ...fieldsOf(robot, this.#sample)]);
+    this.known.value = new Map([...this.known.peek(), ...fieldsOf(robot, sample)]);
     const names = this.names.filter((name) => robot.plot_fields.includes(name));
+    const { plot } = sample;
     const isSent = Object.keys(plot).length === names.length && names.every((name) => name in plot);
     if (!isSent) this.#link.send({ t: "plot_fields", names });
   }

@@ -55,8 +55,7 @@ export class PlotView {
   }
 
   setWindow(seconds: number): void {
-    const { layout } = this.recorder;
-    this.recorder.choose({ ...layout.peek(), windowS: limitedWindow(seconds) });
+    this.recorder.choose({ windowS: limitedWindow(seconds) });
   }
 
   /** Zoom about a position, 0 at the left edge; unless paused, the right edge stays at now. */
