@@ -3,7 +3,6 @@
 import type { Fleet } from "../generated/wire";
 import { useSession } from "../session";
 import { texts } from "../text/text";
-import type { Row } from "./store";
 
 const SIZE = 360;
 const MARGIN = 36;
@@ -34,25 +33,33 @@ export function Floor() {
   });
   if (placed.length === 0) return <p class="note">{fleet.noFloor}</p>;
   const { scale, place } = fitted(placed.map(({ pose }) => pose));
-  const origin = place([0, 0, 0]);
+  const { right: x, down: y } = place([0, 0, 0]);
+  const square = { x, y, width: scale, height: scale };
   return (
     <section class="sec">
       <h2>{fleet.floor}</h2>
       <svg class="floor" viewBox={`0 0 ${SIZE} ${SIZE}`} role="img" aria-label={fleet.floor}>
-        <pattern
-          id="floor-grid"
-          patternUnits="userSpaceOnUse"
-          x={origin.right}
-          y={origin.down}
-          width={scale}
-          height={scale}
-        >
+        <pattern id="floor-grid" patternUnits="userSpaceOnUse" {...square}>
           <path class="grid" d={`M0 ${scale}V0H${scale}`} />
         </pattern>
         <rect width={SIZE} height={SIZE} fill="url(#floor-grid)" />
-        {placed.map(({ row, pose }) => (
-          <Marker key={row.id} row={row} heading={pose[2]} {...place(pose)} />
-        ))}
+        {placed.map(({ row, pose }) => {
+          const { right, down } = place(pose);
+          const degrees = (-pose[2] * 180) / Math.PI;
+          return (
+            <g
+              key={row.id}
+              class={row.silent ? "robot pale" : "robot"}
+              style={{ "--c": row.colour }}
+              transform={`translate(${right} ${down})`}
+            >
+              {row.latched && !row.silent && <circle class="halo" r="14" />}
+              <circle class="body" r="9" />
+              <path class="nose" d="M0-16l5 7h-10z" transform={`rotate(${degrees})`} />
+              <text y="26">{row.id}</text>
+            </g>
+          );
+        })}
         <path class="scale" d={`M12 ${SIZE - 12}h${scale}`} />
         <text x={12} y={SIZE - 18}>
           {fleet.metre("1")}
@@ -60,27 +67,5 @@ export function Floor() {
       </svg>
       {placed.some(({ row }) => row.silent) && <p class="note">{fleet.pale}</p>}
     </section>
-  );
-}
-
-interface MarkerProps {
-  row: Row;
-  right: number;
-  down: number;
-  heading: number;
-}
-
-function Marker({ row, right, down, heading }: MarkerProps) {
-  return (
-    <g
-      class={row.silent ? "robot pale" : "robot"}
-      style={{ "--c": row.colour }}
-      transform={`translate(${right} ${down})`}
-    >
-      {row.latched && !row.silent && <circle class="halo" r="14" />}
-      <circle class="body" r="9" />
-      <path class="nose" d="M0-16l5 7h-10z" transform={`rotate(${(-heading * 180) / Math.PI})`} />
-      <text y="26">{row.id}</text>
-    </g>
   );
 }

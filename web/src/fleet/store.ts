@@ -33,7 +33,7 @@ export class FleetStore {
   constructor(link: Link, shown: () => boolean) {
     this.#link = link;
     link.on("fleet", (message) => this.#take(message));
-    link.on("stop_result", ({ robot, outcome }) => this.#note([robot], outcome));
+    link.on("stop_result", ({ robot, outcome }) => this.#note(robot, outcome));
     effect(() => {
       const on = shown();
       if (link.connected.value && (on || this.known.peek())) link.send({ t: "fleet", on });
@@ -41,53 +41,43 @@ export class FleetStore {
     });
     effect(() => {
       if (link.connected.value) return; // No answer comes to stops sent before.
-      const outcomes = Object.entries(this.outcomes.peek());
-      const waiting = outcomes.filter(([, outcome]) => outcome === "sent");
-      this.#note(
-        waiting.map(([id]) => id),
-        "offline",
-      );
+      for (const [id, outcome] of Object.entries(this.outcomes.peek()))
+        if (outcome === "sent") this.#note(id, "offline");
     });
   }
 
   stop(id: string): void {
-    this.#ask({ t: "stop", robot: id }, [id]);
+    this.#note(id, this.#sent({ t: "stop", robot: id }));
   }
 
   stopAll(): void {
-    const live = this.rows.peek().filter(({ source }) => source !== "recording");
-    this.#ask(
-      { t: "stop", all: true },
-      live.map(({ id }) => id),
-    );
+    const outcome = this.#sent({ t: "stop", all: true });
+    for (const { id, source } of this.rows.peek())
+      if (source !== "recording") this.#note(id, outcome); // Nothing moves there.
     this.stoppedAll.value = true;
   }
 
-  #ask(stop: StopCommand, ids: string[]): void {
-    this.#note(ids, this.#link.send(stop) ? "sent" : "offline");
+  #sent(stop: StopCommand): Outcome {
+    return this.#link.send(stop) ? "sent" : "offline";
   }
 
-  #note(ids: string[], outcome: Outcome | null): void {
-    const changed = Object.fromEntries(ids.map((id) => [id, outcome]));
-    this.outcomes.value = { ...this.outcomes.peek(), ...changed };
+  #note(id: string, outcome: Outcome | null): void {
+    this.outcomes.value = { ...this.outcomes.peek(), [id]: outcome };
   }
 
   #take({ whole, robots, poses }: Fleet): void {
-    const before = new Map(whole ? [] : this.rows.peek().map((row) => [row.id, row]));
+    const rows = new Map(whole ? [] : this.rows.peek().map((row) => [row.id, row]));
     const heard = robots.map(timed);
-    const happened = heard.filter((row) => isNews(row, before.get(row.id)));
-    const rows = new Map([...before, ...heard.map((row) => [row.id, row] as const)]);
+    const happened = heard.filter((row) => isNews(row, rows.get(row.id)));
+    for (const row of heard) rows.set(row.id, row);
     this.rows.value = [...rows.values()];
     this.events.value = [...happened, ...(whole ? [] : this.events.peek())]
       .sort((a, b) => b.event!.atMs - a.event!.atMs)
       .slice(0, MAX_EVENTS);
     this.poses.value = whole ? poses : { ...this.poses.peek(), ...poses };
-    const outcomes = this.outcomes.peek();
-    const reset = heard.filter(({ id, latched }) => !latched && outcomes[id] === "acknowledged");
-    this.#note(
-      reset.map(({ id }) => id),
-      null,
-    );
+    // A robot that was reset needs no answer to its last stop.
+    for (const { id, latched } of heard)
+      if (!latched && this.outcomes.peek()[id] === "acknowledged") this.#note(id, null);
     this.known.value = true;
   }
 }

@@ -29,7 +29,7 @@ export function usualLayout({ panel, twist_axes, modules, wheels }: RobotInfo): 
   return { windowS: USUAL_WINDOW_S, panes: limited(panes) };
 }
 
-export function limitedWindow(seconds: number): number {
+function limitedWindow(seconds: number): number {
   return Math.max(MIN_WINDOW_S, Math.min(MAX_WINDOW_S, seconds));
 }
 
@@ -62,7 +62,7 @@ export function homeOf(panes: Panes, { title, unit }: PlotField, known: Fields):
 /** Return a layout as text: `20:twist.vx,twist.vy;link.round_trip_ms`. */
 export function encode({ windowS, panes }: PlotLayout): string {
   const pane = (names: readonly string[]) => names.map(encodeURIComponent).join(",");
-  return `${Math.round(10 * windowS) / 10}:${panes.map(pane).join(";")}`;
+  return `${Math.round(10 * limitedWindow(windowS)) / 10}:${panes.map(pane).join(";")}`;
 }
 
 /** Return the layout in a text from a link or an older page, or null. */

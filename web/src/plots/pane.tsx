@@ -6,7 +6,7 @@ import { texts } from "../text/text";
 import { Menu } from "../ui/menu";
 import { newChart, stylesOf } from "./chart";
 import type { PlotField } from "./fields";
-import { fits, moved } from "./layout";
+import { fits } from "./layout";
 import type { PlotView } from "./view";
 
 interface PaneProps {
@@ -61,12 +61,12 @@ function Series({ view, field, style, at }: SeriesProps) {
   const others = panes.map((pane, to) => ({
     text: words.moveTo(to + 1),
     refused: fits(pane, field, recorder.known.value) ? null : words.twoUnits,
-    onChoose: () => move(view, name, to),
+    onChoose: () => recorder.move(name, to),
   }));
   const items = [
     ...others.toSpliced(at, 1),
-    { text: words.moveToNew, onChoose: () => move(view, name, panes.length) },
-    { text: words.removeField, onChoose: () => move(view, name, null) },
+    { text: words.moveToNew, onChoose: () => recorder.move(name, panes.length) },
+    { text: words.removeField, onChoose: () => recorder.move(name, null) },
   ];
   const button = (
     <>
@@ -92,11 +92,6 @@ function Value({ view, field }: { view: PlotView; field: PlotField }) {
   return <span class="value">{figure(view.value(field.name), field.decimals)}</span>;
 }
 
-/** Move a field into a pane, or null: out of all. */
-export function move({ recorder }: PlotView, name: string, to: number | null): void {
-  recorder.choose({ panes: moved(recorder.layout.peek().panes, name, to) });
-}
-
 /** Handlers of a thing that stands for a field and can be dragged. */
 export function dragOf(view: PlotView, name: string) {
   return {
@@ -111,7 +106,8 @@ export function dragOf(view: PlotView, name: string) {
 
 /** Handlers of a pane to which a dragged field moves. */
 export function dropInto(view: PlotView, to: number) {
-  const { known, layout } = view.recorder;
+  const { recorder } = view;
+  const { known, layout } = recorder;
   return {
     onDragOver: (event: DragEvent) => {
       const field = known.peek().get(view.dragged.peek() ?? "");
@@ -122,7 +118,7 @@ export function dropInto(view: PlotView, to: number) {
       event.preventDefault();
       const name = view.dragged.peek();
       view.dragged.value = null;
-      if (name !== null) move(view, name, to);
+      if (name !== null) recorder.move(name, to);
     },
   };
 }

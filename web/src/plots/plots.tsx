@@ -9,7 +9,7 @@ import { Icon } from "../ui/icon";
 import { Menu } from "../ui/menu";
 import { copyText, saveText } from "../ui/share";
 import { decode, encode, homeOf, MAX_FIELDS } from "./layout";
-import { dragOf, dropInto, move, Pane } from "./pane";
+import { dragOf, dropInto, Pane } from "./pane";
 import type { Recorder } from "./recorder";
 import { gesturesOf, PlotView } from "./view";
 import "./plots.css";
@@ -89,7 +89,7 @@ function Tools({ view, isOpen }: { view: PlotView; isOpen: Signal<boolean> }) {
         class="field"
         aria-label={words.window}
         value={WINDOWS_S.includes(windowS) ? windowS : ""}
-        onChange={({ currentTarget }) => view.setWindow(Number(currentTarget.value))}
+        onChange={({ currentTarget }) => recorder.choose({ windowS: Number(currentTarget.value) })}
       >
         <option hidden value="" />
         {WINDOWS_S.map((seconds) => (
@@ -198,7 +198,7 @@ function Chooser({ view }: { view: PlotView }) {
               aria-checked={isChosen}
               aria-disabled={isRefused || undefined}
               title={isRefused ? words.most(MAX_FIELDS) : undefined}
-              onClick={() => isRefused || move(view, name, isChosen ? null : home())}
+              onClick={() => isRefused || recorder.move(name, isChosen ? null : home())}
               {...dragOf(view, name)}
             >
               {isChosen ? <Icon name="ok" /> : <svg class="i" aria-hidden="true" />}

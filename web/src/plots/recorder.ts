@@ -8,10 +8,9 @@ import { remembered } from "../store/memory";
 import { jitterMs, roundTripMs } from "../store/quality";
 import { PlotBuffer } from "./buffer";
 import { fieldsOf, type PlotField, valueOf } from "./fields";
-import { decode, encode, type PlotLayout, usualLayout } from "./layout";
+import { decode, encode, moved, type PlotLayout, usualLayout } from "./layout";
 
 const RETRY_MS = 1000;
-const EMPTY: PlotLayout = { windowS: 20, panes: [] };
 
 /** Layouts as text, by robot id or by name. */
 type Layouts = Record<string, unknown>;
@@ -20,7 +19,7 @@ const isLayouts = (stored: unknown): stored is Layouts =>
 
 export class Recorder {
   readonly buffer = new PlotBuffer();
-  readonly layout = signal(EMPTY);
+  readonly layout = signal<PlotLayout>({ windowS: 20, panes: [] });
   /** All fields, by name. */
   readonly known = signal<ReadonlyMap<string, PlotField>>(new Map());
   readonly saved = remembered<Layouts>("tsd-plot-layouts", {}, isLayouts);
@@ -71,6 +70,11 @@ export class Recorder {
     this.#kept.value = { ...this.#kept.peek(), [this.robot.id]: layout };
     this.#shared = null;
     this.#select(this.robot);
+  }
+
+  /** Move a field into a pane, or null: out of all. */
+  move(name: string, to: number | null): void {
+    this.choose({ panes: moved(this.layout.peek().panes, name, to) });
   }
 
   #select(robot: RobotInfo): void {

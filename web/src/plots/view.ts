@@ -7,7 +7,6 @@ import type { Link } from "../store/link";
 import { duration } from "../text/numbers";
 import { language, texts } from "../text/text";
 import { drawCharts, moveCursor, shareOf } from "./chart";
-import { limitedWindow } from "./layout";
 import type { Recorder } from "./recorder";
 
 const SLOWEST_FRAME_MS = 500;
@@ -54,14 +53,10 @@ export class PlotView {
     this.recorder.endS.value = isLive ? null : Math.max(oldestS, Math.min(latestS, endS));
   }
 
-  setWindow(seconds: number): void {
-    this.recorder.choose({ windowS: limitedWindow(seconds) });
-  }
-
   /** Zoom about a position, 0 at the left edge; unless paused, the right edge stays at now. */
   zoom(factor: number, at: number): void {
     const [fromS, toS] = this.span();
-    this.setWindow((toS - fromS) * factor);
+    this.recorder.choose({ windowS: (toS - fromS) * factor });
     if (this.recorder.endS.peek() === null) return;
     const { windowS } = this.recorder.layout.peek();
     this.end(fromS + at * (toS - fromS) + (1 - at) * windowS);
