@@ -1,7 +1,6 @@
 // Buffer of plotted values: 10 min at 20 Hz, in preallocated typed arrays.
 
 const SAMPLES = 600 * 20;
-const SPARE = SAMPLES / 8; // The oldest samples are dropped in batches of this size.
 
 export class PlotBuffer {
   length = 0;
@@ -9,7 +8,8 @@ export class PlotBuffer {
   readonly #times: Float64Array;
   readonly #samples: number;
 
-  constructor(samples = SAMPLES, spare = SPARE) {
+  /** The oldest samples are dropped in batches of `spare`. */
+  constructor(samples = SAMPLES, spare = samples / 8) {
     this.#samples = samples;
     this.#times = new Float64Array(samples + spare);
   }

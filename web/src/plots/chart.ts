@@ -11,15 +11,12 @@ const GUTTER_PX = 46;
 const HEIGHT_PX = 104;
 const AXIS_PX = 26;
 const EDGE_PX = 18; // Half of the last time label.
+const LEAST_RANGE = 50; // Of a value axis, in steps of the last decimal that is shown.
 const GAP_S = 0.3; // Longer gaps interrupt the line.
 const WIDTHS = { set: 1, measured: 2.25, other: 1.5 };
 /** Each part of a plot has a hue and a pattern, so that colour is not the only difference. */
 const HUES = ["--estimate", "--plan", "--command", "--caution", "--ink-2"];
 const PATTERNS = [[], [9, 4], [2, 3], [9, 3, 2, 3], [5, 3]];
-/** Smallest range of a value axis, by unit. */
-const LEAST: Record<string, number> = { "m/s": 0.05, "rad/s": 0.2, "°": 2, rpm: 20, ms: 20 };
-const LEAST_OF_ALL = 0.02;
-
 type Range = [number, number];
 
 /** Styles of the lines of a plot; set-point and measured value differ by width only. */
@@ -157,7 +154,7 @@ function rangeOf(view: PlotView, fields: PlotField[], { min = 0, max = 0 }: uPlo
   }
   if (low > high) low = high = 0; // Without values.
   if (low < high / 2) low = Math.min(0, low);
-  high = Math.max(high, low + (LEAST[fields[0]!.unit] ?? LEAST_OF_ALL));
+  high = Math.max(high, low + LEAST_RANGE * 10 ** -fields[0]!.decimals);
   const fits = low >= min && high <= max && high - low > 0.4 * (max - min);
   return fits ? [min, max] : (uPlot.rangeNum(low, high, 0.1, true) as Range);
 }
