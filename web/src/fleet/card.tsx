@@ -1,12 +1,12 @@
 // Card of one robot: what it does, who drives it, and its own STOP.
 
 import { useSession } from "../session";
+import { duration } from "../text/numbers";
 import { nameOf, sentence } from "../text/reasons";
-import { duration, figure } from "../text/numbers";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
+import { Figure } from "../ui/figure";
 import { Icon, type IconName } from "../ui/icon";
-import { Picture } from "./picture";
 import type { Row } from "./store";
 
 const MODE_ICONS: Record<string, IconName> = {
@@ -16,46 +16,27 @@ const MODE_ICONS: Record<string, IconName> = {
   ready: "full",
 };
 
-/** Return the name of an operator on a robot, or "You" for the one of this page. */
-function driverName(row: Row, operator: string, own: string | undefined): string {
-  return operator === own ? texts().fleet.you : (row.operators[operator] ?? nameOf(operator));
-}
-
-/** Return the latest event of a robot as a sentence, or null. */
-function lastEvent({ event, operators }: Row): string | null {
-  return event && sentence(event.why, (operator) => operators[operator] ?? nameOf(operator));
-}
-
-function since(ms: number | null): string {
-  return ms === null ? "–" : duration((Date.now() - ms) / 1000);
-}
-
-/** Return why a stop of the robot would not be heard, or null. */
-function whyNotStop(row: Row): string | null {
-  const { fleet } = texts();
-  if (row.source === "recording") return fleet.isRecording;
-  return row.silent ? fleet.noLink(since(row.seenMs)) : null;
-}
-
-export function Card({ id }: { id: string }) {
-  const { fleet: store, layout, link } = useSession();
-  const row = store.row(id)?.value;
-  if (row === undefined) return null;
-  const { fleet } = texts();
+export function Card({ row }: { row: Row }) {
+  const { layout, link } = useSession();
+  const { common, fleet } = texts();
+  const mode = row.silent ? null : row.mode;
   const look = () => {
-    link.choose(id);
+    link.choose(row.id);
     location.hash = "";
     layout.screen.value = "robot";
   };
-  const classes = ["rc", row.mode === "fault" && !row.silent && "needs", row.silent && "pale"];
+  const state = row.silent ? "pale" : mode === "fault" ? "needs" : "";
   return (
-    <li class={classes.filter(Boolean).join(" ")} style={{ "--c": row.colour }}>
+    <li class={`rc ${state}`} style={{ "--c": row.colour }}>
       <div class="top">
-        <Picture panel={row.panel} wheels={row.wheel_count} />
+        <Picture row={row} />
         <h3 title={row.title}>
           <bdi>{row.id}</bdi>
         </h3>
-        <Mode row={row} />
+        <span class={`mode ${mode}`}>
+          <Icon name={MODE_ICONS[mode ?? ""] ?? "ring"} />
+          {mode === null ? fleet.noSignal : (common.modes[mode] ?? mode)}
+        </span>
       </div>
       <Facts row={row} />
       <div class="act">
@@ -68,45 +49,50 @@ export function Card({ id }: { id: string }) {
   );
 }
 
-function Mode({ row }: { row: Row }) {
-  const { common, fleet } = texts();
-  const mode = row.silent ? "silent" : (row.mode ?? "silent");
+/** Robot from above, with its front up. */
+function Picture({ row: { panel, wheel_count: count } }: { row: Row }) {
+  const isSphere = panel === "sphere";
+  const [height, corner] = panel === "gimbals" ? [16, 8] : [7, 2];
+  const turned = (i: number) => `rotate(${((i + (count === 4 ? 0.5 : 0)) * 360) / count})`;
+  const wheel = { x: -8, y: -19 - height / 2, width: 16, height, rx: corner };
   return (
-    <span class={`mode ${mode}`}>
-      <Icon name={MODE_ICONS[mode] ?? "ring"} />
-      {mode === "silent" ? fleet.noSignal : (common.modes[mode] ?? mode)}
-    </span>
+    <svg class="picture" viewBox="-30 -30 60 60" aria-hidden="true">
+      {Array.from({ length: isSphere ? 0 : count }, (_, i) => (
+        <rect key={i} class="wheel" transform={turned(i)} {...wheel} />
+      ))}
+      <circle class="body" r={isSphere ? 20 : 16} />
+      <path class="front" d="M0-12l5 8h-10z" />
+    </svg>
   );
 }
 
 function Facts({ row }: { row: Row }) {
   const { link } = useSession();
   const { fleet } = texts();
-  link.beat.value; // Ages pass.
+  void link.beat.value; // Ages pass.
   const own = link.welcome.value?.operator;
-  const { driver, requested_by, battery, event } = row;
-  const state = { recording: fleet.recording, several: fleet.several, robot: fleet.live };
+  const named = (operator: string) => (operator === own ? fleet.you : operatorName(row, operator));
+  const source = { recording: fleet.recording, several: fleet.several, robot: fleet.live };
+  const battery = row.silent ? null : row.battery;
+  const last = row.event && happened(row);
   return (
     <dl>
       <dt>{fleet.driver}</dt>
-      <dd class={driver === null ? "none" : ""}>
-        {driver === null ? fleet.nobody : <bdi>{driverName(row, driver, own)}</bdi>}
-        {requested_by !== null && (
-          <em class="asks"> {fleet.asks(driverName(row, requested_by, own))}</em>
+      <dd class={row.driver === null ? "none" : ""}>
+        {row.driver === null ? fleet.nobody : <bdi>{named(row.driver)}</bdi>}
+        {row.requested_by !== null && (
+          <span class="warn"> {fleet.asks(named(row.requested_by))}</span>
         )}
       </dd>
       <dt>{fleet.link}</dt>
-      <dd>{row.silent ? fleet.silent(since(row.seenMs)) : state[row.source]}</dd>
+      <dd>{row.silent ? fleet.silent(since(row.seenMs)) : source[row.source]}</dd>
       <dt>{fleet.battery}</dt>
-      <dd class={battery?.low && !row.silent ? "warn" : ""}>
-        {battery === null || row.silent ? "–" : figure(battery.volts, 1)}
-        {battery !== null && !row.silent && <span class="u">V</span>}
-        {battery?.low && !row.silent && ` ${fleet.low}`}
+      <dd class={battery?.low ? "warn" : ""}>
+        <Figure value={battery?.volts} decimals={1} unit={battery ? "V" : ""} />
+        {battery?.low && ` ${fleet.low}`}
       </dd>
       <dt>{fleet.last}</dt>
-      <dd title={lastEvent(row) ?? undefined}>
-        {event ? `${lastEvent(row)} ${fleet.ago(since(event.atMs))}` : "–"}
-      </dd>
+      <dd title={last ?? ""}>{row.event ? `${last} ${fleet.ago(since(row.event.atMs))}` : "–"}</dd>
     </dl>
   );
 }
@@ -114,27 +100,51 @@ function Facts({ row }: { row: Row }) {
 function StopOf({ row }: { row: Row }) {
   const { fleet: store } = useSession();
   const { fleet } = texts();
-  const outcome = store.outcome(row.id).value;
-  const refused = whyNotStop(row);
-  const label = row.latched && !row.silent ? fleet.stopped : fleet.stop;
-  const shown =
-    outcome && outcome.outcome !== "acknowledged" ? fleet.outcomes[outcome.outcome] : "";
-  const press = (event: Event) => {
-    event.preventDefault();
-    if (refused === null) store.stop(row.id);
-  };
+  const outcome = store.outcomes.value[row.id] ?? null;
+  const isShown = outcome !== null && outcome !== "acknowledged"; // Which its mode shows.
+  const refused =
+    row.source === "recording"
+      ? fleet.isRecording
+      : row.silent
+        ? fleet.noLink(since(row.seenMs))
+        : null;
+  const said = isShown ? fleet.outcomes[outcome] : "";
   return (
     <button
       type="button"
       class="btn card-stop"
-      aria-label={`${fleet.stopOf(row.id)}. ${refused ?? shown}`}
+      aria-label={`${fleet.stopOf(row.id)}. ${refused ?? said}`}
       title={refused ?? undefined}
       aria-disabled={refused !== null || undefined}
-      onPointerDown={(event) => event.button === 0 && press(event)}
-      onClick={(event) => event.detail === 0 && press(event)}
+      {...atOnce(() => refused === null && store.stop(row.id))}
     >
-      {label}
-      <small role="status">{shown}</small>
+      {row.latched && !row.silent ? fleet.stopped : fleet.stop}
+      <small role="status">{said}</small>
     </button>
   );
+}
+
+/** Handlers of a button that acts when touched; keys and assistive technology click instead. */
+export function atOnce(act: () => void) {
+  const press = (event: Event) => {
+    event.preventDefault();
+    act();
+  };
+  return {
+    onPointerDown: (event: PointerEvent) => event.button === 0 && press(event),
+    onClick: (event: MouseEvent) => event.detail === 0 && press(event),
+  };
+}
+
+/** Return the latest event of a robot as a sentence. */
+export function happened(row: Row): string {
+  return row.event ? sentence(row.event.why, (operator) => operatorName(row, operator)) : "";
+}
+
+function operatorName({ operators }: Row, operator: string): string {
+  return operators[operator] ?? nameOf(operator);
+}
+
+function since(ms: number | null): string {
+  return ms === null ? "–" : duration((Date.now() - ms) / 1000);
 }

@@ -3,17 +3,18 @@
 import { useSignal } from "@preact/signals";
 import { useRef } from "preact/hooks";
 import { useSession } from "../session";
-import { isOneOf, remembered } from "../store/memory";
-import { nameOf, sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { Icon } from "../ui/icon";
-import { Menu } from "../ui/menu";
-import { Card } from "./card";
+import { Card, happened } from "./card";
 import { Floor } from "./floor";
-import { arranged, type Sorting, SORTINGS } from "./store";
+import { arranged } from "./store";
 import "./fleet.css";
 
-const sorting = remembered<Sorting>("tsd-fleet-sort", "need", isOneOf(SORTINGS));
+const COUNTED = [
+  { mode: "fault", icon: "warn" },
+  { mode: "stopped", icon: "stopsign" },
+  { mode: "driving", icon: "play" },
+] as const;
 
 export function Fleet() {
   const search = useSignal("");
@@ -29,23 +30,9 @@ export function Fleet() {
             type="search"
             placeholder={fleet.search}
             aria-label={fleet.search}
-            value={search.value}
             onInput={(event) => (search.value = event.currentTarget.value)}
           />
         </label>
-        <Menu
-          label={`${fleet.sort}: ${fleet.sortings[sorting.value]}`}
-          button={
-            <>
-              {fleet.sortings[sorting.value]} <Icon name="down" />
-            </>
-          }
-          items={SORTINGS.map((each) => ({
-            text: fleet.sortings[each],
-            checked: each === sorting.value,
-            onChoose: () => (sorting.value = each),
-          }))}
-        />
       </div>
       <Cards search={search.value} />
       <aside class="fleet-side" aria-label={fleet.floor}>
@@ -57,80 +44,73 @@ export function Fleet() {
 }
 
 function Counts() {
-  const { fleet: store } = useSession();
   const { fleet } = texts();
-  store.changes.value;
-  const rows = store.rows();
-  const count = (mode: string) => rows.filter((row) => row.mode === mode && !row.silent).length;
-  const [faults, stopped, driving] = [count("fault"), count("stopped"), count("driving")];
+  const rows = useSession().fleet.rows.value;
   return (
     <p class="counts">
       <b>{fleet.robots(rows.length)}</b>
-      {faults > 0 && (
-        <span class="danger">
-          <Icon name="warn" /> {fleet.counts.fault(faults)}
-        </span>
-      )}
-      {stopped > 0 && (
-        <span>
-          <Icon name="stopsign" /> {fleet.counts.stopped(stopped)}
-        </span>
-      )}
-      {driving > 0 && (
-        <span>
-          <Icon name="play" /> {fleet.counts.driving(driving)}
-        </span>
-      )}
+      {COUNTED.map(({ mode, icon }) => {
+        const count = rows.filter((row) => row.mode === mode && !row.silent).length;
+        return (
+          count > 0 && (
+            <span key={mode} class={mode}>
+              <Icon name={icon} /> {fleet.counts[mode](count)}
+            </span>
+          )
+        );
+      })}
     </p>
   );
 }
 
 function Cards({ search }: { search: string }) {
-  const { fleet: store } = useSession();
+  const { rows, known } = useSession().fleet;
   const { fleet } = texts();
   const list = useRef<HTMLUListElement>(null);
-  const before = useRef<{ order: string[]; key: string }>({ order: [], key: "" });
-  store.changes.value;
-  const key = `${sorting.value} ${search} ${store.ids.value.join()}`;
+  const shown = useRef({ order: [] as string[], key: "" });
+  const byId = new Map(rows.value.map((row) => [row.id, row]));
+  const key = [search, ...byId.keys()].join();
   // A card must not move away under a pointer that is about to press its STOP.
   const isInUse = list.current?.matches(":hover, :focus-within") ?? false;
-  if (!isInUse || key !== before.current.key)
-    before.current = { order: arranged(store.rows(), sorting.value, search), key };
-  const { order } = before.current;
-  if (!store.known.value) return <p class="cards-none">{fleet.waiting}</p>;
+  if (!isInUse || key !== shown.current.key)
+    shown.current = { order: arranged(rows.value, search), key };
+  const { order } = shown.current;
+  if (!known.value) return <p class="cards-none">{fleet.waiting}</p>;
   if (order.length === 0)
-    return <p class="cards-none">{store.ids.value.length === 0 ? fleet.none : fleet.noMatch}</p>;
+    return <p class="cards-none">{byId.size === 0 ? fleet.none : fleet.noMatch}</p>;
   return (
     <ul class="cards" ref={list}>
       {order.map((id) => (
-        <Card key={id} id={id} />
+        <Card key={id} row={byId.get(id)!} />
       ))}
     </ul>
   );
 }
 
 function Events() {
-  const { fleet: store } = useSession();
+  const events = useSession().fleet.events.value;
   const { fleet } = texts();
-  const events = store.events.value;
   return (
     <section class="sec">
       <h2>{fleet.events}</h2>
       {events.length === 0 && <p class="note">{fleet.noEvents}</p>}
       <ol class="feed">
-        {events.map(({ robot, title, why, atMs, operators }) => (
-          <li key={`${robot} ${atMs}`}>
-            <time dateTime={new Date(atMs).toISOString()} title={new Date(atMs).toISOString()}>
-              {new Date(atMs).toLocaleTimeString()}
-            </time>
-            <span>
-              <b>
-                <bdi title={title}>{robot}</bdi>
-              </b>{" "}
-              {sentence(why, (operator) => operators[operator] ?? nameOf(operator))}
-            </span>
-          </li>
-        ))}
+        {events.map((row) => {
+          const at = new Date(row.event!.atMs);
+          return (
+            <li key={`${row.id} ${at.getTime()}`}>
+              <time dateTime={at.toISOString()} title={at.toISOString()}>
+                {at.toLocaleTimeString()}
+              </time>
+              <span>
+                <b>
+                  <bdi title={row.title}>{row.id}</bdi>
+                </b>{" "}
+                {happened(row)}
+              </span>
+            </li>
+          );
+        })}
       </ol>
     </section>
   );

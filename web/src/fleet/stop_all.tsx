@@ -4,15 +4,13 @@
 import { useSession } from "../session";
 import { texts } from "../text/text";
 import { Icon } from "../ui/icon";
+import { atOnce } from "./card";
+import type { Row } from "./store";
 import "./fleet.css";
 
 export function StopAll() {
   const { fleet: store } = useSession();
   const { fleet } = texts();
-  const press = (event: Event) => {
-    event.preventDefault();
-    store.stopAll();
-  };
   return (
     <>
       <p class="all-left note">
@@ -23,8 +21,7 @@ export function StopAll() {
           type="button"
           class="stop all"
           aria-label={fleet.stopAllName}
-          onPointerDown={(event) => event.button === 0 && press(event)}
-          onClick={(event) => event.detail === 0 && press(event)}
+          {...atOnce(() => store.stopAll())}
         >
           <Icon name="stopsign" />
           {fleet.stopAll}
@@ -39,29 +36,26 @@ export function StopAll() {
 }
 
 function Progress() {
-  const { fleet: store } = useSession();
+  const { rows, outcomes, stoppedAll } = useSession().fleet;
   const { fleet } = texts();
-  store.changes.value;
-  const robots = store.rows().filter(({ source }) => source !== "recording");
-  const names = (rows: typeof robots) => rows.map(({ id }) => id).join(", ");
+  const robots = rows.value.filter(({ source }) => source !== "recording");
+  const names = (of: Row[]) => of.map(({ id }) => id).join(", ");
   const deaf = robots.filter(({ silent }) => silent);
-  if (!store.stoppedAll.value)
+  if (!stoppedAll.value)
     return (
       <p class="all-right note">
         {fleet.allAtOnce(robots.length)} {deaf.length > 0 && fleet.deaf(names(deaf))}
       </p>
     );
-  const outcomes = robots.map((row) => ({ row, to: store.outcome(row.id).value?.outcome }));
-  const done = outcomes.filter(({ row, to }) => to === "acknowledged" || row.latched).length;
-  const missed = outcomes.filter(
-    ({ row, to }) => !row.latched && (to === "not_reached" || to === "offline"),
-  );
+  const outcome = ({ id, latched }: Row) => (latched ? "acknowledged" : outcomes.value[id]);
+  const done = robots.filter((row) => outcome(row) === "acknowledged");
+  const missed = robots.filter((row) => /not_reached|offline/.test(outcome(row) ?? ""));
   return (
     <div class="all-right">
-      <p role="status">{fleet.progress(done, robots.length)}</p>
+      <p role="status">{fleet.progress(done.length, robots.length)}</p>
       {missed.length > 0 && (
         <p role="alert" class="missed">
-          {fleet.missed(names(missed.map(({ row }) => row)))}
+          {fleet.missed(names(missed))}
         </p>
       )}
     </div>

@@ -1,55 +1,39 @@
 // States of all robots, while somebody looks at them, and the stops asked for from here.
 
-import { effect, type Signal, signal } from "@preact/signals";
-import type { Fleet, FleetEvent, FleetRobot, Reason } from "../generated/wire";
+import { effect, signal } from "@preact/signals";
+import type { Fleet, FleetEvent, FleetRobot, StopCommand, StopResult } from "../generated/wire";
 import type { Link } from "../store/link";
 
 const MAX_EVENTS = 12;
+const SAME_EVENT_MS = 1000; // Ages of one event in two messages differ by less.
 
-/** Row of a robot, with the times of its message on the clock of this page. */
+/** A robot, with the times of its message on the clock of this page. */
 export interface Row extends FleetRobot {
   seenMs: number | null;
   event: (FleetEvent & { atMs: number }) | null;
 }
 
-export interface NamedEvent {
-  robot: string;
-  title: string;
-  operators: Record<string, string>;
-  kind: string;
-  why: Reason;
-  atMs: number;
-}
-
-/** How far a stop has come: also `offline`, while the page has no dashboard to send it to. */
-export interface Outcome {
-  outcome: "sent" | "acknowledged" | "not_reached" | "offline";
-  why: Reason | null;
-}
-
-type Pose = readonly [number, number, number];
+/** How far a stop has come; `offline`: the page has no dashboard to send it to. */
+export type Outcome = StopResult["outcome"] | "offline";
 
 export class FleetStore {
-  readonly ids = signal<readonly string[]>([]);
+  /** All robots, in the order of the dashboard. */
+  readonly rows = signal<readonly Row[]>([]);
   /** Whether the list has arrived since it was asked for. */
   readonly known = signal(false);
-  readonly poses = signal<Readonly<Record<string, Pose>>>({});
-  /** Latest events of all robots, newest first. */
-  readonly events = signal<readonly NamedEvent[]>([]);
-  /** Counts changed rows, for what depends on all of them. */
-  readonly changes = signal(0);
+  readonly poses = signal<Fleet["poses"]>({});
+  /** Robots as they were when something happened, latest first. */
+  readonly events = signal<readonly Row[]>([]);
+  /** Latest stops that were asked for here, by robot. */
+  readonly outcomes = signal<Readonly<Record<string, Outcome | null>>>({});
   /** Whether STOP ALL was pressed since the page was opened. */
   readonly stoppedAll = signal(false);
   readonly #link: Link;
-  readonly #rows = new Map<string, Signal<Row>>();
-  readonly #outcomes = new Map<string, Signal<Outcome | null>>();
 
   constructor(link: Link, shown: () => boolean) {
     this.#link = link;
     link.on("fleet", (message) => this.#take(message));
-    link.on("stop_result", ({ robot, outcome, why }) => {
-      this.outcome(robot).value = { outcome, why };
-    });
+    link.on("stop_result", ({ robot, outcome }) => this.#note(robot, outcome));
     effect(() => {
       const on = shown();
       if (link.connected.value && (on || this.known.peek())) link.send({ t: "fleet", on });
@@ -57,86 +41,62 @@ export class FleetStore {
     });
     effect(() => {
       if (link.connected.value) return; // No answer comes to stops sent before.
-      for (const outcome of this.#outcomes.values())
-        if (outcome.peek()?.outcome === "sent") outcome.value = { outcome: "offline", why: null };
+      for (const [id, outcome] of Object.entries(this.outcomes.peek()))
+        if (outcome === "sent") this.#note(id, "offline");
     });
   }
 
-  row(id: string): Signal<Row> | undefined {
-    return this.#rows.get(id);
-  }
-
-  /** All rows now, in the order of the dashboard. */
-  rows(): Row[] {
-    return this.ids.value.flatMap((id) => this.#rows.get(id)?.value ?? []);
-  }
-
-  /** Latest stop of a robot that was asked for here, or null. */
-  outcome(id: string): Signal<Outcome | null> {
-    const known = this.#outcomes.get(id) ?? signal<Outcome | null>(null);
-    this.#outcomes.set(id, known);
-    return known;
-  }
-
   stop(id: string): void {
-    const sent = this.#link.send({ t: "stop", robot: id });
-    this.outcome(id).value = { outcome: sent ? "sent" : "offline", why: null };
+    this.#note(id, this.#sent({ t: "stop", robot: id }));
   }
 
   stopAll(): void {
-    const sent = this.#link.send({ t: "stop", all: true });
+    const outcome = this.#sent({ t: "stop", all: true });
+    for (const { id, source } of this.rows.peek())
+      if (source !== "recording") this.#note(id, outcome); // Nothing moves there.
     this.stoppedAll.value = true;
-    for (const { id, source } of this.rows()) {
-      if (source === "recording") continue; // Nothing moves there.
-      this.outcome(id).value = { outcome: sent ? "sent" : "offline", why: null };
-    }
+  }
+
+  #sent(stop: StopCommand): Outcome {
+    return this.#link.send(stop) ? "sent" : "offline";
+  }
+
+  #note(id: string, outcome: Outcome | null): void {
+    this.outcomes.value = { ...this.outcomes.peek(), [id]: outcome };
   }
 
   #take({ whole, robots, poses }: Fleet): void {
-    const nowMs = Date.now();
-    if (whole) {
-      const named = new Set(robots.map(({ id }) => id));
-      for (const id of this.#rows.keys()) if (!named.has(id)) this.#rows.delete(id);
-      this.events.value = [];
-    }
-    for (const robot of robots) this.#update(robot, nowMs);
-    const ids = whole ? robots.map(({ id }) => id) : [...this.#rows.keys()];
-    if (ids.join() !== this.ids.peek().join()) this.ids.value = ids;
+    const rows = new Map(whole ? [] : this.rows.peek().map((row) => [row.id, row]));
+    const heard = robots.map(timed);
+    const happened = heard.filter((row) => isNews(row, rows.get(row.id)));
+    for (const row of heard) rows.set(row.id, row);
+    this.rows.value = [...rows.values()];
+    this.events.value = [...happened, ...(whole ? [] : this.events.peek())]
+      .sort((a, b) => b.event!.atMs - a.event!.atMs)
+      .slice(0, MAX_EVENTS);
     this.poses.value = whole ? poses : { ...this.poses.peek(), ...poses };
+    // A robot that was reset needs no answer to its last stop.
+    for (const { id, latched } of heard)
+      if (!latched && this.outcomes.peek()[id] === "acknowledged") this.#note(id, null);
     this.known.value = true;
-    if (robots.length > 0) this.changes.value += 1;
-  }
-
-  #update(robot: FleetRobot, nowMs: number): void {
-    const { id, title, operators, event, age_s } = robot;
-    const atMs = event ? nowMs - 1000 * event.age_s : 0;
-    const row: Row = {
-      ...robot,
-      seenMs: age_s === null ? null : nowMs - 1000 * age_s,
-      event: event && { ...event, atMs },
-    };
-    const known = this.#rows.get(id);
-    if (known) known.value = row;
-    else this.#rows.set(id, signal(row));
-    const outcome = this.outcome(id);
-    if (robot.latched === false && outcome.peek()?.outcome === "acknowledged") outcome.value = null;
-    if (event) this.#log({ robot: id, title, operators, kind: event.kind, why: event.why, atMs });
-  }
-
-  #log(event: NamedEvent): void {
-    const isSame = (other: NamedEvent) =>
-      other.robot === event.robot &&
-      other.why.code === event.why.code &&
-      Math.abs(other.atMs - event.atMs) < 1000;
-    const others = this.events.peek();
-    if (others.some(isSame)) return;
-    this.events.value = [event, ...others].sort((a, b) => b.atMs - a.atMs).slice(0, MAX_EVENTS);
   }
 }
 
-/** Keys by which the cards can be sorted. */
-export const SORTINGS = ["need", "name", "driver"] as const;
-export type Sorting = (typeof SORTINGS)[number];
+function timed(robot: FleetRobot): Row {
+  const ago = (ageS: number) => Date.now() - 1000 * ageS;
+  const { age_s, event } = robot;
+  return {
+    ...robot,
+    seenMs: age_s === null ? null : ago(age_s),
+    event: event && { ...event, atMs: ago(event.age_s) },
+  };
+}
+
+function isNews({ event }: Row, before: Row | undefined): boolean {
+  if (event === null || !before?.event) return event !== null;
+  const isOther = event.why.code !== before.event.why.code;
+  return isOther || Math.abs(event.atMs - before.event.atMs) >= SAME_EVENT_MS;
+}
 
 /** Rank by what needs somebody: 0 first. */
 export function need({ mode, latched, silent, requested_by, battery }: Row): number {
@@ -148,19 +108,13 @@ export function need({ mode, latched, silent, requested_by, battery }: Row): num
   return mode === "driving" || mode === "stopping" ? 4 : 5;
 }
 
-/** Return ids of rows that contain `search`, sorted; equal ones keep the order of the dashboard. */
-export function arranged(rows: readonly Row[], sorting: Sorting, search: string): string[] {
-  const words = search.toLocaleLowerCase().split(/\s+/).filter(Boolean);
+/** Return ids of rows with all words of `search`, by need; equal ones keep their order. */
+export function arranged(rows: readonly Row[], search: string): string[] {
+  const words = search.toLocaleLowerCase().split(/\s+/);
   const found = rows.filter((row) => {
     const driver = row.driver === null ? "" : (row.operators[row.driver] ?? row.driver);
     const text = `${row.title} ${row.id} ${driver} ${row.mode ?? ""}`.toLocaleLowerCase();
     return words.every((word) => text.includes(word));
   });
-  const byText = (a: string, b: string) => a.localeCompare(b, undefined, { numeric: true });
-  const compare = {
-    need: (a: Row, b: Row) => need(a) - need(b),
-    name: (a: Row, b: Row) => byText(a.title, b.title),
-    driver: (a: Row, b: Row) => byText(a.driver ?? "\uffff", b.driver ?? "\uffff"),
-  }[sorting];
-  return [...found].sort(compare).map(({ id }) => id);
+  return found.sort((a, b) => need(a) - need(b)).map(({ id }) => id);
 }

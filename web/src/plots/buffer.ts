@@ -1,17 +1,15 @@
 // Buffer of plotted values: 10 min at 20 Hz, in preallocated typed arrays.
 
 const SAMPLES = 600 * 20;
-const SPARE = SAMPLES / 8; // The oldest samples are dropped in batches of this size.
 
 export class PlotBuffer {
   length = 0;
-  /** Incremented on each clear. */
-  generation = 0;
   #columns = new Map<string, Float64Array>();
   readonly #times: Float64Array;
   readonly #samples: number;
 
-  constructor(samples = SAMPLES, spare = SPARE) {
+  /** The oldest samples are dropped in batches of `spare`. */
+  constructor(samples = SAMPLES, spare = samples / 8) {
     this.#samples = samples;
     this.#times = new Float64Array(samples + spare);
   }
@@ -32,57 +30,44 @@ export class PlotBuffer {
   }
 
   /** Keep these columns, add new ones and drop all others. */
-  select(names: Iterable<string>): void {
-    const before = this.#columns;
-    const made = () => new Float64Array(this.#times.length).fill(NaN);
-    this.#columns = new Map([...names].map((name) => [name, before.get(name) ?? made()]));
+  select(names: readonly string[]): void {
+    const column = (name: string) =>
+      this.#columns.get(name) ?? new Float64Array(this.#times.length).fill(NaN);
+    this.#columns = new Map(names.map((name) => [name, column(name)]));
   }
 
   clear(): void {
     this.length = 0;
-    this.generation += 1;
   }
 
   /** Add a sample; ignored unless newer than the last. */
   add(timeS: number, read: (name: string) => number): void {
     if (timeS <= this.newestS) return;
-    if (this.length === this.#times.length) this.#drop(this.length - this.#samples);
+    if (this.length === this.#times.length) {
+      const dropped = this.length - this.#samples;
+      for (const each of [this.#times, ...this.#columns.values()]) each.copyWithin(0, dropped);
+      this.length = this.#samples;
+    }
     this.#times[this.length] = timeS;
     for (const [name, column] of this.#columns) column[this.length] = read(name);
     this.length += 1;
   }
 
-  #drop(count: number): void {
-    for (const column of [this.#times, ...this.#columns.values()]) column.copyWithin(0, count);
-    this.length -= count;
-  }
-
   /** Return the index range [from, to) of the samples in a time span, both ends included. */
   places(fromS: number, toS: number): [number, number] {
-    return [this.#count((time) => time < fromS), this.#count((time) => time <= toS)];
-  }
-
-  /** Return the number of times before a limit. */
-  #count(isBefore: (time: number) => boolean): number {
-    let [low, high] = [0, this.length];
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (isBefore(this.#times[middle] as number)) low = middle + 1;
-      else high = middle;
-    }
-    return low;
+    const from = this.times.findIndex((time) => time >= fromS);
+    return [from < 0 ? this.length : from, this.times.findLastIndex((time) => time <= toS) + 1];
   }
 
   /** Return a time span as CSV: robot time in seconds, rounded to 1 µs, and a column per field. */
   csv(fields: readonly { name: string; unit: string }[], fromS: number, toS: number): string {
-    const unit = (text: string) => text.replace("°", "deg").replace("µ", "u");
-    const heads = fields.map((field) => `${field.name} [${unit(field.unit)}]`);
-    const lines = [["robot_time [s]", ...heads].join()];
+    const heads = fields.map(({ name, unit }) => `${name} [${unit}]`).join();
+    const lines = [`robot_time [s],${heads}`.replaceAll("°", "deg").replaceAll("µ", "u")];
     const columns = fields.map(({ name }) => this.values(name));
     const [from, to] = this.places(fromS, toS);
     for (let i = from; i < to; i += 1) {
       const numbers = [Number(this.#times[i]!.toFixed(6)), ...columns.map((each) => each[i]!)];
-      lines.push(numbers.map((value) => (Number.isNaN(value) ? "nan" : value)).join());
+      lines.push(numbers.join().replaceAll("NaN", "nan"));
     }
     return `${lines.join("\n")}\n`;
   }

@@ -8,6 +8,7 @@ export interface PlotField {
   /** Path to its value in a state. */
   keys: readonly string[];
   unit: string;
+  decimals: number;
   /** Fields with one title and unit share a plot, and fields with one part share a colour. */
   title: string;
   part: string;
@@ -22,62 +23,58 @@ const SUFFIXES: Record<string, string> = table(
 /** Units of keys without a suffix. */
 const UNITS: Record<string, string> = table("alpha=° beta=° tilt=° degrees=° metres=m");
 const DECIMALS: Record<string, number> = { "m/s": 3, m: 3, rad: 3, "°": 1, rpm: 0, ms: 1, Hz: 1 };
-const POSE = ["x", "y", "heading"];
-/** Element names of arrays, by key. */
-const ELEMENTS: Record<string, ArrayLike<string>> = { pose: POSE, truth: POSE, wxyz: "wxyz" };
-const COMPONENTS = "xyz"; // For any other short array.
 const NOT_PLOTTED = new Set(["status_seq", "robot_s", "plot"]);
 const ACTUATORS = new Set(["modules", "wheels", "joints", "setpoint"]);
 
+interface Element {
+  name: string;
+  unit?: string | undefined;
+}
+
+const named = (names: Iterable<string>, unit?: string): Element[] =>
+  Array.from(names, (name) => ({ name, unit }));
+const POSE = [...named("xy", "m"), { name: "heading", unit: "rad" }];
+
+/** Elements of an array in a state; without any, they are numbered. */
+function elementsOf(robot: RobotInfo, array: string): readonly Element[] {
+  if (array === "twist" || array === "commanded") return robot.twist_axes;
+  if (array === "modules" || array === "wheels") return named(robot[array]);
+  if (array === "pose" || array === "truth") return POSE;
+  if (array === "ideal" || array === "dual") return named("xyz", "rad/s");
+  return named(array === "wxyz" ? array : array.includes("axle") ? "xyz" : "");
+}
+
 /** Return the fields of a robot by name: those in its latest state, and those on request. */
 export function fieldsOf(robot: RobotInfo, state: object): Map<string, PlotField> {
-  const asked = robot.plot_fields.map((name) => field(robot, name.split("."), ["plot", name]));
-  return new Map([...leaves(robot, state, [], []), ...asked].map((each) => [each.name, each]));
+  const fields: PlotField[] = [];
+  const visit = (value: unknown, path: string[], keys: string[], unit?: string) => {
+    if (typeof value === "number") fields.push(fieldOf(path, keys, unit));
+    if (typeof value !== "object" || value === null) return;
+    const elements = Array.isArray(value) ? elementsOf(robot, path.at(-1) ?? "") : null;
+    for (const [key, inner] of Object.entries(value)) {
+      if (keys.length === 0 && NOT_PLOTTED.has(key)) continue;
+      const element = elements?.[Number(key)];
+      const name = elements ? (element?.name ?? String(Number(key) + 1)) : key;
+      visit(inner, [...path, name], [...keys, key], element?.unit);
+    }
+  };
+  visit(state, [], []);
+  for (const name of robot.plot_fields) fields.push(fieldOf(name.split("."), ["plot", name]));
+  return new Map(fields.map((field) => [field.name, field]));
 }
 
 /** Return the value of a field, or NaN if the state lacks it. */
-export function valueOf(of: PlotField | undefined, state: object): number {
-  let value: unknown = of && state;
-  for (const key of of?.keys ?? []) value = (value as Record<string, unknown> | null)?.[key];
+export function valueOf(field: PlotField | undefined, state: object): number {
+  let value: unknown = field && state;
+  for (const key of field?.keys ?? []) value = (value as Record<string, unknown> | null)?.[key];
   return typeof value === "number" ? value : NaN;
 }
 
-export function decimalsOf({ unit }: PlotField): number {
-  return DECIMALS[unit] ?? 2;
-}
-
-function* leaves(
-  robot: RobotInfo,
-  value: unknown,
-  path: string[],
-  keys: string[],
-): Generator<PlotField> {
-  if (typeof value === "number") yield field(robot, path, keys);
-  if (typeof value !== "object" || value === null) return;
-  for (const [key, inner] of Object.entries(value)) {
-    if (keys.length === 0 && NOT_PLOTTED.has(key)) continue;
-    const name = Array.isArray(value) ? element(robot, path, Number(key), value.length) : key;
-    yield* leaves(robot, inner, [...path, name], [...keys, key]);
-  }
-}
-
-function element(robot: RobotInfo, path: string[], i: number, length: number): string {
-  const key = path.at(-1) ?? "";
-  const number = String(i + 1);
-  if (key === "twist" || key === "commanded") return robot.twist_axes[i]?.name ?? number;
-  const isOwn = path.length === 1 && (key === "modules" || key === "wheels");
-  const names = isOwn ? robot[key] : ELEMENTS[key];
-  if (names !== undefined) return names[i] ?? number;
-  const isVector = /axle|ideal|dual/.test(key) && length <= COMPONENTS.length;
-  return isVector ? COMPONENTS[i]! : number;
-}
-
-function field(robot: RobotInfo, path: string[], keys: string[]): PlotField {
+function fieldOf(path: string[], keys: string[], ofElement = ""): PlotField {
   const [parent, last] = [path.at(-2) ?? "", path.at(-1) ?? ""];
   const base = last.replace(/^set_|_setpoint$/, ""); // Set-points share the plot of the measured value.
   const { quantity, unit: own } = quantityOf(base);
-  const unit =
-    own ?? SUFFIXES[suffixOf(parent) ?? ""] ?? UNITS[base] ?? unitInArray(robot, parent, last);
+  const unit = own ?? quantityOf(parent).unit ?? UNITS[base] ?? ofElement;
   const isActuator = path.length === 3 && ACTUATORS.has(path[0]!);
   const has = (...names: string[]) => names.some((name) => path.includes(name));
   const title = () => {
@@ -93,6 +90,7 @@ function field(robot: RobotInfo, path: string[], keys: string[]): PlotField {
     name: path.join("."),
     keys,
     unit,
+    decimals: DECIMALS[unit] ?? 2,
     title: title(),
     part: isActuator ? path[1]! : quantity.replaceAll("_", " "),
     line: isSet ? "set" : isOther ? "other" : "measured",
@@ -101,19 +99,8 @@ function field(robot: RobotInfo, path: string[], keys: string[]): PlotField {
 
 /** Split a key into quantity and unit, such as "battery" and "V" for "battery_v". */
 export function quantityOf(key: string): { quantity: string; unit: string | undefined } {
-  const suffix = suffixOf(key);
+  const isSuffix = (suffix: string) => key === suffix || key.endsWith(`_${suffix}`);
+  const suffix = Object.keys(SUFFIXES).find(isSuffix);
   if (suffix === undefined) return { quantity: key, unit: undefined };
-  const quantity = suffix === key ? key : key.slice(0, -suffix.length - 1);
-  return { quantity, unit: SUFFIXES[suffix] };
-}
-
-function suffixOf(key: string): string | undefined {
-  return Object.keys(SUFFIXES).find((suffix) => key === suffix || key.endsWith(`_${suffix}`));
-}
-
-function unitInArray(robot: RobotInfo, array: string, name: string): string {
-  if (array === "twist" || array === "commanded")
-    return robot.twist_axes.find((axis) => axis.name === name)?.unit ?? "";
-  if (array === "pose" || array === "truth") return name === "heading" ? "rad" : "m";
-  return array === "ideal" || array === "dual" ? "rad/s" : "";
+  return { quantity: key.slice(0, -suffix.length - 1) || key, unit: SUFFIXES[suffix] };
 }

@@ -9,6 +9,7 @@ const USUAL_WINDOW_S = 20;
 const [MIN_WINDOW_S, MAX_WINDOW_S] = [1, 600];
 
 export type Panes = readonly (readonly string[])[];
+type Fields = ReadonlyMap<string, PlotField>;
 
 export interface PlotLayout {
   windowS: number;
@@ -20,23 +21,15 @@ export function usualLayout({ panel, twist_axes, modules, wheels }: RobotInfo): 
   const twists = [...Map.groupBy(twist_axes, ({ unit }) => unit).values()].map((axes) =>
     ["commanded", "twist"].flatMap((twist) => axes.map(({ name }) => `${twist}.${name}`)),
   );
-  const speeds = ["rpm_setpoint", "rpm"].flatMap((speed) =>
-    wheels.map((name) => `wheels.${name}.${speed}`),
-  );
-  const own: Record<RobotInfo["panel"], string[]> = {
-    gimbals: modules.map((name) => `modules.${name}.tilt`),
-    wheels: speeds,
-    sphere: speeds,
-    twist: [],
-    joints: [],
-  };
-  const error = { twist: [], sphere: ["sphere.angle_deg"] } as Record<string, string[]>;
-  const residual = error[panel] ?? ["status.consistency.residual_mps"];
-  const panes = [...twists, own[panel], residual, ["link.round_trip_ms"]];
+  const speeds = wheels.flatMap((name) => [`wheels.${name}.rpm_setpoint`, `wheels.${name}.rpm`]);
+  const tilts = modules.map((name) => `modules.${name}.tilt`);
+  const residual = panel === "sphere" ? "sphere.angle_deg" : "status.consistency.residual_mps";
+  const errors = panel === "twist" ? [] : [residual];
+  const panes = [...twists, tilts, speeds, errors, ["link.round_trip_ms"]];
   return { windowS: USUAL_WINDOW_S, panes: limited(panes) };
 }
 
-export function limitedWindow(seconds: number): number {
+function limitedWindow(seconds: number): number {
   return Math.max(MIN_WINDOW_S, Math.min(MAX_WINDOW_S, seconds));
 }
 
@@ -49,34 +42,27 @@ function limited(panes: Panes): Panes {
 
 /** Put a field into the pane `to`, after the last one into a new pane; null removes it. */
 export function moved(panes: Panes, name: string, to: number | null): Panes {
-  const without = panes.map((pane) => pane.filter((each) => each !== name));
-  if (to === null) return limited(without);
-  return limited(
-    to < panes.length
-      ? without.map((pane, i) => (i === to ? [...pane, name] : pane))
-      : [...without, [name]],
-  );
+  const others = [...panes, []].map((pane) => pane.filter((each) => each !== name));
+  return limited(others.map((pane, i) => (i === to ? [...pane, name] : pane)));
 }
 
 /** Whether a pane has an axis for a field: it has one on either side. */
-export function fits(pane: readonly string[], of: PlotField, known: Fields): boolean {
-  const units = new Set([of.unit, ...pane.flatMap((name) => known.get(name)?.unit ?? [])]);
+export function fits(pane: readonly string[], field: PlotField, known: Fields): boolean {
+  const units = new Set([field.unit, ...pane.flatMap((name) => known.get(name)?.unit ?? [])]);
   return units.size <= MAX_UNITS;
 }
 
 /** Return the pane with fields like this one, or else a new one. */
 export function homeOf(panes: Panes, { title, unit }: PlotField, known: Fields): number {
-  const alike = (name: string) => known.get(name)?.title === title;
-  const at = panes.findIndex((pane) => pane.some((n) => alike(n) && known.get(n)?.unit === unit));
+  const isAlike = (field?: PlotField) => field?.title === title && field.unit === unit;
+  const at = panes.findIndex((pane) => pane.some((name) => isAlike(known.get(name))));
   return at < 0 ? panes.length : at;
 }
-
-type Fields = ReadonlyMap<string, PlotField>;
 
 /** Return a layout as text: `20:twist.vx,twist.vy;link.round_trip_ms`. */
 export function encode({ windowS, panes }: PlotLayout): string {
   const pane = (names: readonly string[]) => names.map(encodeURIComponent).join(",");
-  return `${Math.round(10 * windowS) / 10}:${panes.map(pane).join(";")}`;
+  return `${Math.round(10 * limitedWindow(windowS)) / 10}:${panes.map(pane).join(";")}`;
 }
 
 /** Return the layout in a text from a link or an older page, or null. */
@@ -85,7 +71,7 @@ export function decode(text: unknown): PlotLayout | null {
   const windowS = Number(seconds);
   if (panes === undefined || limitedWindow(windowS) !== windowS) return null;
   try {
-    const names = panes.split(";").map((pane) => pane.split(",").filter((name) => name !== ""));
+    const names = panes.split(";").map((pane) => pane.split(",").filter(Boolean));
     return { windowS, panes: limited(names.map((pane) => pane.map(decodeURIComponent))) };
   } catch {
     return null; // A damaged link.

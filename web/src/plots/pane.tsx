@@ -1,114 +1,72 @@
 // A pane: the fields with their values, each a menu and a thing to drag, and the chart below.
 
 import { useEffect, useRef } from "preact/hooks";
-import { useSession } from "../session";
-import { freshness, isCurrent } from "../store/freshness";
 import { figure } from "../text/numbers";
 import { texts } from "../text/text";
 import { Menu } from "../ui/menu";
-import { PlotChart, stylesOf, type LineStyle } from "./chart";
-import { decimalsOf, type PlotField } from "./fields";
-import { fits, moved } from "./layout";
-import type { Shared } from "./plots";
+import { newChart, stylesOf } from "./chart";
+import type { PlotField } from "./fields";
+import { fits } from "./layout";
+import type { PlotView } from "./view";
 
 interface PaneProps {
-  shared: Shared;
+  view: PlotView;
   fields: readonly PlotField[];
   /** Index in the layout. */
   at: number;
   isLast: boolean;
 }
 
-export function Pane({ shared, fields, at, isLast }: PaneProps) {
+export function Pane({ view, fields, at, isLast }: PaneProps) {
   const place = useRef<HTMLDivElement>(null);
   const words = texts().plots;
-  const titles = [...new Set(fields.map(({ title }) => words.titles[title] ?? title))];
-  const units = [...new Set(fields.map(({ unit }) => unit))].filter(Boolean);
+  const titles = [...new Set(fields.map(({ title }) => words.titles[title] ?? title))].join(", ");
+  const units = [...new Set(fields.map(({ unit }) => unit))].filter(Boolean).join(", ");
   const styles = stylesOf(fields);
   useEffect(() => {
-    const chart = new PlotChart(place.current!, fields, shared.view, isLast);
-    shared.charts.add(chart);
-    shared.redraw();
-    return () => {
-      shared.charts.delete(chart);
-      chart.plot.destroy();
-    };
+    const chart = newChart(place.current!, fields, view, isLast);
+    view.redraw();
+    return () => chart.destroy();
   }, [isLast]); // Other fields are another pane.
   return (
-    <figure class="chart" {...useDrop(shared, at)}>
+    <figure class="chart" {...dropInto(view, at)}>
       <figcaption>
-        <b>{titles.join(", ")}</b>
-        <span class="u">{units.join(", ")}</span>
+        <b>{titles}</b>
+        <span class="u">{units}</span>
       </figcaption>
       <div class="legend">
         {fields.map((field, i) => (
-          <Series key={field.name} shared={shared} field={field} style={styles[i]!} at={at} />
+          <Series key={field.name} view={view} field={field} style={styles[i]!} at={at} />
         ))}
       </div>
-      <div ref={place} role="img" aria-label={`${titles.join(", ")} ${units.join(", ")}`} />
+      <div ref={place} role="img" aria-label={`${titles} ${units}`} />
     </figure>
   );
 }
 
-/** Handlers of a place to which a dragged field moves. */
-function useDrop(shared: Shared, to: number) {
-  const { recorder } = useSession();
-  const dragged = () => recorder.known.peek().get(shared.dragged.value ?? "");
-  const accepts = () => {
-    const field = dragged();
-    const pane = recorder.layout.peek().panes[to] ?? [];
-    return field !== undefined && fits(pane, field, recorder.known.peek());
-  };
-  return {
-    onDragOver: (event: DragEvent) => accepts() && event.preventDefault(),
-    onDrop: (event: DragEvent) => {
-      event.preventDefault();
-      const layout = recorder.layout.peek();
-      const name = shared.dragged.value;
-      shared.dragged.value = null;
-      if (name) recorder.choose({ ...layout, panes: moved(layout.panes, name, to) });
-    },
-  };
-}
-
-/** Place for a field that should get a pane of its own, while one is dragged. */
-export function DropPane({ shared }: { shared: Shared }) {
-  const { recorder } = useSession();
-  const drop = useDrop(shared, recorder.layout.value.panes.length);
-  if (shared.dragged.value === null) return null;
-  return (
-    <div class="drop" {...drop}>
-      {texts().plots.newPane}
-    </div>
-  );
-}
-
 interface SeriesProps {
-  shared: Shared;
+  view: PlotView;
   field: PlotField;
-  style: LineStyle;
+  style: ReturnType<typeof stylesOf>[number];
   at: number;
 }
 
-function Series({ shared, field, style, at }: SeriesProps) {
-  const { recorder } = useSession();
+function Series({ view, field, style, at }: SeriesProps) {
+  const { recorder } = view;
   const words = texts().plots;
-  const { known, layout } = recorder;
-  const { panes } = layout.value;
+  const { panes } = recorder.layout.value;
   const { part, line, name } = field;
-  const prefix = line === "other" ? `${name.split(".")[0]} ` : "";
-  const label = `${prefix}${part}${line === "set" ? ` ${words.setPoint}` : ""}`;
-  const move = (to: number | null) =>
-    recorder.choose({ ...layout.peek(), panes: moved(panes, name, to) });
+  const source = line === "other" ? name.split(".")[0] : "";
+  const setPoint = line === "set" ? words.setPoint : "";
   const others = panes.map((pane, to) => ({
     text: words.moveTo(to + 1),
-    refused: fits(pane, field, known.value) ? null : words.twoUnits,
-    onChoose: () => move(to),
+    refused: fits(pane, field, recorder.known.value) ? null : words.twoUnits,
+    onChoose: () => recorder.move(name, to),
   }));
   const items = [
-    ...others.filter((_, to) => to !== at),
-    { text: words.moveToNew, onChoose: () => move(panes.length) },
-    { text: words.removeField, onChoose: () => move(null) },
+    ...others.toSpliced(at, 1),
+    { text: words.moveToNew, onChoose: () => recorder.move(name, panes.length) },
+    { text: words.removeField, onChoose: () => recorder.move(name, null) },
   ];
   const button = (
     <>
@@ -120,34 +78,47 @@ function Series({ shared, field, style, at }: SeriesProps) {
           stroke-dasharray={style.dash.join(" ")}
         />
       </svg>
-      {label} <Value shared={shared} field={field} />
+      {[source, part, setPoint].filter(Boolean).join(" ")} <Value view={view} field={field} />
     </>
   );
   return (
-    <span class="series" title={name} {...useDrag(shared, name)}>
+    <span class="series" title={name} {...dragOf(view, name)}>
       <Menu named label={words.fieldMenu(name)} button={button} items={items} />
     </span>
   );
 }
 
-export function useDrag(shared: Shared, name: string) {
+function Value({ view, field }: { view: PlotView; field: PlotField }) {
+  return <span class="value">{figure(view.value(field.name), field.decimals)}</span>;
+}
+
+/** Handlers of a thing that stands for a field and can be dragged. */
+export function dragOf(view: PlotView, name: string) {
   return {
     draggable: true,
     onDragStart: (event: DragEvent) => {
       event.dataTransfer?.setData("text/plain", name);
-      shared.dragged.value = name;
+      view.dragged.value = name;
     },
-    onDragEnd: () => (shared.dragged.value = null),
+    onDragEnd: () => (view.dragged.value = null),
   };
 }
 
-/** Value at the cursor, or the latest one while it is current. */
-function Value({ shared, field }: { shared: Shared; field: PlotField }) {
-  const { recorder, link } = useSession();
-  const { view, frame } = shared;
-  void [frame.value, link.beat.value];
-  const known = view.cursorS.value !== null || view.endS.value !== null;
-  const shown = known || isCurrent(freshness(link));
-  const value = shown ? recorder.buffer.values(field.name)[view.index()] : null;
-  return <span class="value">{figure(value, decimalsOf(field))}</span>;
+/** Handlers of a pane to which a dragged field moves. */
+export function dropInto(view: PlotView, to: number) {
+  const { recorder } = view;
+  const { known, layout } = recorder;
+  return {
+    onDragOver: (event: DragEvent) => {
+      const field = known.peek().get(view.dragged.peek() ?? "");
+      const pane = layout.peek().panes[to] ?? [];
+      if (field && fits(pane, field, known.peek())) event.preventDefault();
+    },
+    onDrop: (event: DragEvent) => {
+      event.preventDefault();
+      const name = view.dragged.peek();
+      view.dragged.value = null;
+      if (name !== null) recorder.move(name, to);
+    },
+  };
 }

@@ -1,126 +1,87 @@
 // Plots: fields over time in panes that share one axis, with pause, cursor, layouts and CSV.
 
-import { effect, signal, useSignal } from "@preact/signals";
+import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
-import { type Session, useSession } from "../session";
-import { freshness, isCurrent } from "../store/freshness";
+import { useSession } from "../session";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
+import { Icon } from "../ui/icon";
 import { Menu } from "../ui/menu";
-import { type PlotChart } from "./chart";
-import { Chooser } from "./chooser";
-import { copyText, saveText } from "./export";
-import { keys, listen } from "./gestures";
-import { decode, encode } from "./layout";
-import { DropPane, Pane } from "./pane";
-import { PlotView } from "./view";
+import { copyText, saveText } from "../ui/share";
+import { decode, encode, homeOf, MAX_FIELDS } from "./layout";
+import { dragOf, dropInto, Pane } from "./pane";
+import type { Recorder } from "./recorder";
+import { gesturesOf, PlotView } from "./view";
 import "./plots.css";
 
-const FRAME_MS = 100;
-const SLOWEST_FRAME_MS = 500;
 const WINDOWS_S = [20, 60, 120, 300, 600];
-
-/** State shared by the parts of the tab. */
-export interface Shared {
-  view: PlotView;
-  charts: Set<PlotChart>;
-  /** Counts drawn pictures: values beside them follow it. */
-  frame: { value: number };
-  /** Name of the field that is dragged. */
-  dragged: { value: string | null };
-  redraw: () => void;
-}
+const LONGEST_NAME = 40;
 
 /** Plots of the selected robot; open or not, the session's recorder records. */
 export function Plots() {
   const session = useSession();
-  const { recorder } = session;
+  const { recorder, link } = session;
+  const words = texts().plots;
   const area = useRef<HTMLDivElement>(null);
-  const shared = useMemo(() => share(session, area), [session]);
-  const open = useSignal(false);
-  const { layout, known } = recorder;
-  const panes = layout.value.panes
-    .map((names) => names.flatMap((name) => known.value.get(name) ?? []))
-    .map((fields, i) => ({ fields, i }))
+  const view = useMemo(() => new PlotView(recorder, link), [session]);
+  const gestures = useMemo(() => gesturesOf(view), [view]);
+  const isOpen = useSignal(false);
+  const all = recorder.layout.value.panes;
+  const panes = all
+    .map((names, at) => ({
+      at,
+      fields: names.flatMap((name) => recorder.known.value.get(name) ?? []),
+    }))
     .filter(({ fields }) => fields.length > 0);
-  useEffect(() => follow(session, shared, area), [session]);
-  useEffect(() => shared.redraw());
+  useEffect(() => view.follow(area.current!, session.view.dark), [view]);
   return (
-    <section class="plots" aria-label={texts().plots.title}>
-      <Tools shared={shared} open={open} />
-      {open.value && <Chooser shared={shared} />}
-      <Area shared={shared} place={area}>
-        {panes.map(({ fields, i }) => (
+    <section class="plots" aria-label={words.title}>
+      <Tools view={view} isOpen={isOpen} />
+      {isOpen.value && <Chooser view={view} />}
+      <div
+        ref={area}
+        class={view.isStale.value ? "charts stale" : "charts"}
+        role="group"
+        tabIndex={0}
+        aria-label={words.title}
+        aria-description={link.recording === null ? words.help : words.recordedHelp}
+        {...gestures}
+      >
+        {panes.map(({ at, fields }, i) => (
           <Pane
-            key={`${recorder.robot?.id} ${i} ${fields.map(({ name }) => name).join()}`}
-            shared={shared}
+            key={[recorder.robot?.id, at, ...fields.map(({ name }) => name)].join()}
+            view={view}
             fields={fields}
-            at={i}
-            isLast={i === panes.at(-1)?.i}
+            at={at}
+            isLast={i === panes.length - 1}
           />
         ))}
-      </Area>
-      <DropPane shared={shared} />
-      {panes.length === 0 && <p class="note">{texts().plots.empty}</p>}
+      </div>
+      {view.dragged.value !== null && (
+        <div class="drop" {...dropInto(view, all.length)}>
+          {words.newPane}
+        </div>
+      )}
+      {panes.length === 0 && <p class="note">{words.empty}</p>}
     </section>
   );
 }
 
-function share({ recorder, link }: Session, area: { current: HTMLElement | null }): Shared {
-  const view = new PlotView(recorder, link);
-  const charts = new Set<PlotChart>();
-  const frame = signal(0);
-  let asked = 0;
-  const draw = () => {
-    asked = 0;
-    if (!area.current?.clientWidth) return;
-    for (const chart of charts) chart.draw();
-    frame.value += 1;
-  };
-  // Several inputs before a picture lead to one.
-  const redraw = () => void (asked ||= requestAnimationFrame(draw));
-  return { view, charts, frame, dragged: signal<string | null>(null), redraw };
-}
-
-/** Draw after a shift by a pixel, at most ten times a second, and after changes of the view. */
-function follow(session: Session, shared: Shared, area: { current: HTMLElement | null }) {
-  const { recorder, link } = session;
-  const { view, redraw } = shared;
-  let [drawnMs, generation, width] = [-Infinity, -1, 0];
-  const beat = effect(() => {
-    void link.beat.value;
-    const now = area.current?.clientWidth ?? 0;
-    if (generation !== recorder.buffer.generation) view.endS.value = null; // Different clock.
-    const isOther = generation !== recorder.buffer.generation || width !== now;
-    [generation, width] = [recorder.buffer.generation, now];
-    const pixelMs = (1000 * recorder.layout.peek().windowS) / Math.max(1, now);
-    const waitMs = Math.min(SLOWEST_FRAME_MS, pixelMs) - FRAME_MS / 2;
-    const isDue = view.endS.peek() === null && performance.now() - drawnMs >= waitMs;
-    if (!isOther && !isDue) return;
-    drawnMs = performance.now();
-    redraw();
-  });
-  const changes = effect(() => {
-    void [view.endS.value, recorder.layout.value, session.view.dark.value];
-    redraw();
-  });
-  return () => (beat(), changes());
-}
-
-function Tools({ shared, open }: { shared: Shared; open: { value: boolean } }) {
-  const { recorder, link, notice } = useSession();
-  const { view } = shared;
+function Tools({ view, isOpen }: { view: PlotView; isOpen: Signal<boolean> }) {
+  const { notice } = useSession();
   const words = texts().plots;
+  const { recorder } = view;
   const { windowS } = recorder.layout.value;
-  const paused = view.endS.value !== null;
-  const copyLink = () => {
+  const isPaused = recorder.endS.value !== null;
+  const copyLink = async () => {
     const address = new URL(location.href);
     address.searchParams.set("plots", encode(recorder.layout.peek()));
-    void copyText(address.href).then((ok) => notice.say(ok ? words.copied : words.notCopied));
+    notice.say((await copyText(address.href)) ? words.copied : words.notCopied);
   };
   const saveCsv = () => {
-    const text = recorder.buffer.csv(recorder.fields, ...view.span());
-    saveText(text, `${recorder.robot?.id}-${Math.round(view.span()[1])}s.csv`);
+    const [fromS, toS] = view.span();
+    const text = recorder.buffer.csv(recorder.fields, fromS, toS);
+    saveText(text, `${recorder.robot?.id}-${Math.round(toS)}s.csv`, "text/csv");
   };
   return (
     <div class="tools">
@@ -128,7 +89,7 @@ function Tools({ shared, open }: { shared: Shared; open: { value: boolean } }) {
         class="field"
         aria-label={words.window}
         value={WINDOWS_S.includes(windowS) ? windowS : ""}
-        onChange={({ currentTarget }) => view.setWindow(Number(currentTarget.value))}
+        onChange={({ currentTarget }) => recorder.choose({ windowS: Number(currentTarget.value) })}
       >
         <option hidden value="" />
         {WINDOWS_S.map((seconds) => (
@@ -137,86 +98,117 @@ function Tools({ shared, open }: { shared: Shared; open: { value: boolean } }) {
           </option>
         ))}
       </select>
-      {(link.recording === null || paused) && (
-        <Button edge icon={paused ? "play" : "pause"} onPress={() => view.pause(!paused)}>
-          {paused ? words.goOn : words.pause}
+      {(view.link.recording === null || isPaused) && (
+        <Button
+          edge
+          icon={isPaused ? "play" : "pause"}
+          onPress={() => view.end(isPaused ? null : view.span()[1])}
+        >
+          {isPaused ? words.goOn : words.pause}
         </Button>
       )}
-      <Button edge expanded={open.value} onPress={() => (open.value = !open.value)}>
+      <Button edge expanded={isOpen.value} onPress={() => (isOpen.value = !isOpen.value)}>
         {words.fields}
       </Button>
       <span class="spacer" />
-      <Layouts />
-      <Button icon="share" label={words.copyLink} onPress={copyLink} />
+      <Layouts recorder={recorder} />
+      <Button icon="share" label={words.copyLink} onPress={() => void copyLink()} />
       <Button icon="download" label={words.csv} onPress={saveCsv} />
     </div>
   );
 }
 
 /** Menu of the layouts that this browser has by name. */
-function Layouts() {
-  const { recorder } = useSession();
-  const naming = useSignal(false);
-  const name = useRef<HTMLInputElement>(null);
+function Layouts({ recorder }: { recorder: Recorder }) {
+  const isNaming = useSignal(false);
   const words = texts().plots;
-  const saved = recorder.saved.value;
-  const remove = (gone: string) => {
-    const { [gone]: _, ...others } = saved;
-    recorder.saved.value = others;
+  const { saved } = recorder;
+  const remove = (name: string) => {
+    const { [name]: _, ...others } = saved.peek();
+    saved.value = others;
   };
   const save = (event: Event) => {
     event.preventDefault();
-    const typed = name.current?.value.normalize("NFC").trim().slice(0, 40);
-    if (typed) recorder.saved.value = { ...saved, [typed]: encode(recorder.layout.peek()) };
-    naming.value = false;
+    const input = (event.currentTarget as HTMLFormElement).elements[0] as HTMLInputElement;
+    const name = input.value.normalize("NFC").trim().slice(0, LONGEST_NAME);
+    if (name) saved.value = { ...saved.peek(), [name]: encode(recorder.layout.peek()) };
+    isNaming.value = false;
   };
-  useEffect(() => name.current?.focus(), [naming.value]);
-  if (naming.value)
+  if (isNaming.value)
     return (
       <form class="field" onSubmit={save} onFocusOut={save}>
-        <input ref={name} aria-label={words.nameOfLayout} placeholder={words.nameOfLayout} />
+        <input
+          ref={(input) => input?.focus()}
+          aria-label={words.nameOfLayout}
+          placeholder={words.nameOfLayout}
+        />
       </form>
     );
-  const named = Object.keys(saved).sort((a, b) => a.localeCompare(b));
+  const names = Object.keys(saved.value).sort((a, b) => a.localeCompare(b));
   const items = [
-    ...named.map((each) => ({
-      text: <bdi>{each}</bdi>,
-      onChoose: () => recorder.choose(decode(saved[each])),
+    ...names.map((name) => ({
+      text: <bdi>{name}</bdi>,
+      onChoose: () => recorder.choose(decode(saved.peek()[name])),
     })),
-    { text: words.usual, onChoose: () => recorder.choose(null) },
-    { text: words.saveAs, onChoose: () => (naming.value = true) },
-    ...named.map((each) => ({ text: words.remove(each), onChoose: () => remove(each) })),
+    { text: words.saveAs, onChoose: () => (isNaming.value = true) },
+    ...names.map((name) => ({ text: words.remove(name), onChoose: () => remove(name) })),
   ];
   return <Menu label={words.layouts} button={words.layouts} items={items} class="layouts" />;
 }
 
-interface AreaProps {
-  shared: Shared;
-  place: { current: HTMLDivElement | null };
-  children: preact.ComponentChildren;
-}
-
-/** The panes: wheel zooms, drag pans, two fingers zoom, a click seeks in a recording. */
-function Area({ shared, place, children }: AreaProps) {
-  const { link } = useSession();
+/** Selection of the plotted fields, with search. */
+function Chooser({ view }: { view: PlotView }) {
+  const { recorder } = view;
+  const { known, layout, names } = recorder;
+  const typed = useSignal("");
+  const input = useRef<HTMLInputElement>(null);
   const words = texts().plots;
-  const isStale = useSignal(false);
-  useEffect(
-    () => effect(() => void (link.beat.value, (isStale.value = !isCurrent(freshness(link))))),
-    [],
-  );
-  useEffect(() => listen(place.current!, shared), []);
+  useEffect(() => input.current?.focus(), []);
+  const parts = typed.value.toLowerCase().split(" ");
+  const found = [...known.value.values()].filter(({ name, title }) => {
+    const text = `${name} ${title} ${words.titles[title] ?? ""}`.toLowerCase();
+    return parts.every((part) => text.includes(part));
+  });
   return (
-    <div
-      ref={place}
-      class={isStale.value ? "charts stale" : "charts"}
-      role="group"
-      tabIndex={0}
-      aria-label={words.title}
-      aria-description={link.recording === null ? words.help : words.recordedHelp}
-      onKeyDown={(event) => keys(event, shared)}
-    >
-      {children}
+    <div class="chooser">
+      <div class="field">
+        <Icon name="search" />
+        <input
+          ref={input}
+          type="search"
+          aria-label={words.find}
+          placeholder={words.find}
+          onInput={({ currentTarget }) => (typed.value = currentTarget.value)}
+        />
+        <Button onPress={() => recorder.choose(null)}>{words.usual}</Button>
+      </div>
+      <div class="list" role="group" aria-label={words.fields}>
+        {found.map((field) => {
+          const { name, unit } = field;
+          const isChosen = names.includes(name);
+          const isRefused = !isChosen && names.length >= MAX_FIELDS;
+          const home = () => homeOf(layout.peek().panes, field, known.peek());
+          return (
+            // A button that Enter presses, because the space bar is STOP.
+            <button
+              key={name}
+              type="button"
+              class="btn"
+              role="checkbox"
+              aria-checked={isChosen}
+              aria-disabled={isRefused || undefined}
+              title={isRefused ? words.most(MAX_FIELDS) : undefined}
+              onClick={() => isRefused || recorder.move(name, isChosen ? null : home())}
+              {...dragOf(view, name)}
+            >
+              {isChosen ? <Icon name="ok" /> : <svg class="i" aria-hidden="true" />}
+              {name}
+              <span class="u">{unit}</span>
+            </button>
+          );
+        })}
+        {found.length === 0 && <p class="note">{words.noField}</p>}
+      </div>
     </div>
   );
 }

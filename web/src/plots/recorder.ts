@@ -8,25 +8,23 @@ import { remembered } from "../store/memory";
 import { jitterMs, roundTripMs } from "../store/quality";
 import { PlotBuffer } from "./buffer";
 import { fieldsOf, type PlotField, valueOf } from "./fields";
-import { decode, encode, type PlotLayout, usualLayout } from "./layout";
+import { decode, encode, moved, type PlotLayout, usualLayout } from "./layout";
 
 const RETRY_MS = 1000;
-const EMPTY: PlotLayout = { windowS: 20, panes: [] };
 
-/** Layouts as text by robot id or by name. */
-type Layouts = Record<string, string>;
-
-function isLayouts(stored: unknown): stored is Layouts {
-  if (typeof stored !== "object" || stored === null || Array.isArray(stored)) return false;
-  return Object.values(stored).every((text) => decode(text) !== null);
-}
+/** Layouts as text, by robot id or by name. */
+type Layouts = Record<string, unknown>;
+const isLayouts = (stored: unknown): stored is Layouts =>
+  typeof stored === "object" && stored !== null;
 
 export class Recorder {
   readonly buffer = new PlotBuffer();
-  readonly layout = signal(EMPTY);
+  readonly layout = signal<PlotLayout>({ windowS: 20, panes: [] });
   /** All fields, by name. */
   readonly known = signal<ReadonlyMap<string, PlotField>>(new Map());
   readonly saved = remembered<Layouts>("tsd-plot-layouts", {}, isLayouts);
+  /** Right edge of the plots in robot time while they are paused, else null: now. */
+  readonly endS = signal<number | null>(null);
   /** Recorded robot. */
   robot: RobotInfo | null = null;
   /** Seconds to add to robot time for time in the recording, or for the clock of this page. */
@@ -34,11 +32,9 @@ export class Recorder {
   readonly #kept = remembered<Layouts>("tsd-plots", {}, isLayouts);
   readonly #link: Link;
   #shared = decode(new URL(location.href).searchParams.get("plots"));
-  #sample: object = {};
   #arrivedMs = 0;
   #cursorS = NaN;
-  #searchedMs = -Infinity;
-  #requestedMs = -Infinity;
+  #soughtMs = -Infinity;
 
   constructor(link: Link) {
     this.#link = link;
@@ -46,7 +42,7 @@ export class Recorder {
     link.on("robot", (robot) => this.#begin(robot));
     link.on("cursor", ({ t_s }) => (this.#cursorS = t_s));
     link.on("past", ({ states }) => {
-      this.buffer.clear(); // The cursor of a recording has jumped.
+      this.#clear(); // The cursor of a recording has jumped.
       for (const state of states) this.#take(state);
     });
   }
@@ -67,36 +63,36 @@ export class Recorder {
     return this.buffer.newestS + Math.min(sinceMs, STALE_MS) / 1000;
   }
 
-  /** Plot this layout, or the usual one; kept for this robot. */
-  choose(layout: PlotLayout | null): void {
+  /** Change the layout, null to the usual one; kept for this robot. */
+  choose(change: Partial<PlotLayout> | null): void {
     if (this.robot === null) return;
-    const { [this.robot.id]: _, ...others } = this.#kept.peek();
-    this.#kept.value = layout ? { ...others, [this.robot.id]: encode(layout) } : others;
+    const layout = change ? encode({ ...this.layout.peek(), ...change }) : undefined;
+    this.#kept.value = { ...this.#kept.peek(), [this.robot.id]: layout };
     this.#shared = null;
-    this.#select();
+    this.#select(this.robot);
   }
 
-  /** Add the fields of the latest state to the known ones. */
-  search(): void {
-    if (this.robot === null) return;
-    this.known.value = new Map([...this.known.peek(), ...fieldsOf(this.robot, this.#sample)]);
-    this.#searchedMs = performance.now();
+  /** Move a field into a pane, or null: out of all. */
+  move(name: string, to: number | null): void {
+    this.choose({ panes: moved(this.layout.peek().panes, name, to) });
   }
 
-  #select(): void {
-    if (this.robot === null) return;
-    const kept = decode(this.#kept.peek()[this.robot.id]);
-    this.layout.value = this.#shared ?? kept ?? usualLayout(this.robot);
+  #select(robot: RobotInfo): void {
+    this.layout.value = this.#shared ?? decode(this.#kept.peek()[robot.id]) ?? usualLayout(robot);
     this.buffer.select(this.names);
-    this.#requestedMs = -Infinity;
+    this.#soughtMs = -Infinity;
   }
 
   #begin(robot: RobotInfo): void {
-    if (this.robot?.id !== robot.id) this.buffer.clear();
+    if (this.robot?.id !== robot.id) this.#clear();
     this.robot = robot; // The same robot may have a new description.
     this.known.value = new Map();
-    this.#searchedMs = -Infinity;
-    this.#select();
+    this.#select(robot);
+  }
+
+  #clear(): void {
+    this.buffer.clear();
+    this.endS.value = null; // It was on another clock.
   }
 
   #take(state: RobotState): void {
@@ -106,24 +102,23 @@ export class Recorder {
       jitter_ms: jitterMs(this.#link),
       lost_percent: 100 * this.#link.lost,
     };
-    this.#sample = { ...state, link };
+    const sample = { ...state, link };
     this.#arrivedMs = performance.now();
-    const isMissing = this.names.some((name) => !this.known.peek().has(name)); // Null until measured.
-    if (isMissing && this.#arrivedMs - this.#searchedMs >= RETRY_MS) this.search();
-    this.#request(state);
-    if (state.robot_s < this.buffer.newestS) this.buffer.clear(); // The robot has restarted.
+    if (this.#arrivedMs - this.#soughtMs >= RETRY_MS) this.#seek(this.robot, sample);
+    if (state.robot_s < this.buffer.newestS) this.#clear(); // The robot has restarted.
     const known = this.known.peek();
-    this.buffer.add(state.robot_s, (name) => valueOf(known.get(name), this.#sample));
+    this.buffer.add(state.robot_s, (name) => valueOf(known.get(name), sample));
     const clockS = this.#link.recording === null ? Date.now() / 1000 : this.#cursorS;
     this.offsetS = clockS - state.robot_s;
   }
 
-  /** Request fields that are not in every state until they arrive. */
-  #request({ plot }: RobotState): void {
-    const offered = this.robot?.plot_fields ?? [];
-    const names = this.names.filter((name) => offered.includes(name));
+  /** Learn the fields of a state, and request those that are not in every state until they arrive. */
+  #seek(robot: RobotInfo, sample: RobotState): void {
+    this.#soughtMs = this.#arrivedMs;
+    this.known.value = new Map([...this.known.peek(), ...fieldsOf(robot, sample)]);
+    const names = this.names.filter((name) => robot.plot_fields.includes(name));
+    const { plot } = sample;
     const isSent = Object.keys(plot).length === names.length && names.every((name) => name in plot);
-    if (isSent || this.#arrivedMs - this.#requestedMs < RETRY_MS) return;
-    if (this.#link.send({ t: "plot_fields", names })) this.#requestedMs = this.#arrivedMs;
+    if (!isSent) this.#link.send({ t: "plot_fields", names });
   }
 }

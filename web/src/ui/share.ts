@@ -16,8 +16,8 @@ export async function copyText(text: string): Promise<boolean> {
   }
 }
 
-export function saveText(text: string, name: string): void {
-  const href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
+export function saveText(text: string, name: string, type: string): void {
+  const href = URL.createObjectURL(new Blob([text], { type }));
   Object.assign(document.createElement("a"), { href, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(href), 10_000);
 }
