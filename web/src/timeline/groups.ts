@@ -69,15 +69,18 @@ export function spans<T>(samples: readonly T[]): Span<T>[] {
   return joined;
 }
 
-/** Path through samples from 0 to `most` on 1,000 by 20, interrupted where there are none. */
-export function linePath(samples: readonly (number | null)[], most: number): string {
+/**
+ * Path through samples in a square of 1, the greatest of which is at the top. It is interrupted
+ * where there are none.
+ */
+export function linePath(samples: readonly (number | null)[]): string {
+  const most = Math.max(0.1, ...samples.map((value) => value ?? 0));
   const last = Math.max(1, samples.length - 1);
   return samples
     .map((value, i) => {
       if (value === null) return "";
-      const begins = (samples[i - 1] ?? null) === null;
-      const y = 19 - 18 * Math.min(1, value / most);
-      return `${begins ? "M" : "L"}${((1000 * i) / last).toFixed(1)} ${y.toFixed(1)}`;
+      const command = (samples[i - 1] ?? null) === null ? "M" : "L";
+      return `${command}${(i / last).toFixed(4)} ${(1 - value / most).toFixed(3)}`;
     })
     .join("");
 }

@@ -1,40 +1,39 @@
 // Lanes of a recording, and the time that is shown.
 
-import { useMemo } from "preact/hooks";
-import type { RecordedLanes, Timeline } from "../generated/wire";
+import type { RecordedLanes, Timeline, TimelineEvent } from "../generated/wire";
 import { useSession } from "../session";
 import { duration, figure } from "../text/numbers";
-import { nameOf } from "../text/reasons";
-import { language, texts } from "../text/text";
+import { nameOf, sentence } from "../text/reasons";
+import { texts } from "../text/text";
 import { clock, iso, ticks } from "./clock";
-import { type Span, linePath, spans } from "./groups";
-import { Happenings, labelOf, textOf, useWidth } from "./happenings";
-import type { Playback } from "./playback";
-import { sliderHandlers } from "./slider";
+import { linePath, type Span, spans } from "./groups";
+import { type Happening, Happenings, Rail, shareAt, useWidth } from "./lane";
 
-const NARROW_PX = 36; // A shorter span has no text.
-
-export function Lanes({ playback }: { playback: Playback }) {
-  const { link } = useSession();
-  const [ref, width] = useWidth<HTMLDivElement>();
+export function Lanes() {
+  const { link, playback } = useSession();
+  const [ref, width] = useWidth();
   const timeline = playback.timeline.value;
-  const names = texts().timeline.lanes;
-  const robot = link.robot.value?.id;
-  const lanes = playback.lanes.value.find((each) => each.robot === robot);
+  const lanes = playback.lanes.value.find(({ robot }) => robot === link.robot.value?.id);
   return (
     <div class="lanes">
       <div class="names" aria-hidden="true">
-        {Object.values(names).map((name) => (
+        {Object.values(texts().timeline.lanes).map((name) => (
           <span key={name}>{name}</span>
         ))}
       </div>
       <div class="plane" ref={ref}>
         {timeline && (
           <>
-            <Grid timeline={timeline} width={width} />
-            {lanes && <Values lanes={lanes} timeline={timeline} width={width} />}
-            <Rail playback={playback} timeline={timeline} lanes={lanes} />
-            <Events playback={playback} timeline={timeline} width={width} />
+            <div class="grid" aria-hidden="true">
+              {ticks(timeline.start_ms, timeline.duration_s, width).map(({ tS, text }) => (
+                <span key={tS} style={{ left: `${(100 * tS) / timeline.duration_s}%` }}>
+                  {text}
+                </span>
+              ))}
+            </div>
+            {lanes && <Values lanes={lanes} durationS={timeline.duration_s} />}
+            <Cursor timeline={timeline} lanes={lanes} />
+            <Happenings list={happenings(timeline)} onSeek={(tS) => playback.seek(tS)} />
           </>
         )}
       </div>
@@ -42,104 +41,62 @@ export function Lanes({ playback }: { playback: Playback }) {
   );
 }
 
-interface PartProps {
-  timeline: Timeline;
-  width: number;
-}
-
-function Grid({ timeline, width }: PartProps) {
+/** Samples of the robot; a recording that grows is longer than they are. */
+function Values({ lanes, durationS }: { lanes: RecordedLanes; durationS: number }) {
+  const { common, timeline } = texts();
+  const part = (lane: string, { from, to }: Span<unknown>, text = "") => (
+    <span
+      key={`${lane} ${from}`}
+      class={`span ${lane}`}
+      title={text}
+      style={{ left: `${100 * from}%`, width: `${100 * (to - from)}%` }}
+    >
+      <bdi>{text}</bdi>
+    </span>
+  );
+  const silent = ({ from, to }: Span<unknown>) =>
+    timeline.silent(duration((to - from) * lanes.end_s));
   return (
-    <div class="grid" aria-hidden="true">
-      {ticks(timeline.start_ms, timeline.duration_s, width).map(({ tS, text }) => (
-        <span key={tS} style={{ left: `${(100 * tS) / timeline.duration_s}%` }}>
-          {text}
-        </span>
-      ))}
+    <div
+      class="values"
+      style={{ width: `${100 * Math.min(1, lanes.end_s / durationS)}%` }}
+      aria-hidden="true"
+    >
+      {spans(lanes.modes).map(
+        (span) =>
+          span.value && part(`mode m-${span.value}`, span, common.modes[span.value] ?? span.value),
+      )}
+      {spans(lanes.modes.map((mode) => mode === null)).map((span) =>
+        span.value ? part("link gap", span, silent(span)) : part("link", span),
+      )}
+      {spans(lanes.drivers).map((span) => span.value && part("driver", span, nameOf(span.value)))}
+      <svg class="speed" viewBox="0 0 1 1" preserveAspectRatio="none">
+        <path d={linePath(lanes.speeds)} />
+      </svg>
     </div>
   );
-}
-
-/** Samples of the robot; they change only when lanes are read again. */
-function Values({ lanes, timeline, width }: PartProps & { lanes: RecordedLanes }) {
-  const words = language.value;
-  return useMemo(() => {
-    const { common } = texts();
-    // A recording that grows is longer than its lanes.
-    const share = Math.min(1, lanes.end_s / Math.max(timeline.duration_s, 1e-3));
-    const most = Math.max(0.1, ...lanes.speeds.map((speed) => speed ?? 0));
-    const box = { width: `${100 * share}%` };
-    const part = (span: Span<string | null>, lane: string, text: string, kind = "") => (
-      <span
-        key={`${lane} ${span.from}`}
-        class={`span ${lane} ${kind}`}
-        title={text}
-        style={{ left: `${100 * span.from}%`, width: `${100 * (span.to - span.from)}%` }}
-      >
-        {(span.to - span.from) * share * width > NARROW_PX && <bdi>{text}</bdi>}
-      </span>
-    );
-    const links = spans(lanes.modes.map((mode) => (mode === null ? "gap" : "ok")));
-    const length = (span: Span<unknown>) => duration((span.to - span.from) * lanes.end_s);
-    return (
-      <div class="values" style={box} aria-hidden="true">
-        {spans(lanes.modes).map(
-          (span) =>
-            span.value &&
-            part(span, "mode", common.modes[span.value] ?? span.value, `m-${span.value}`),
-        )}
-        {spans(lanes.drivers).map((span) => span.value && part(span, "driver", nameOf(span.value)))}
-        <svg class="speed" viewBox="0 0 1000 20" preserveAspectRatio="none">
-          <path d={linePath(lanes.speeds, most)} />
-        </svg>
-        {links.map((span) =>
-          part(
-            span,
-            "link",
-            span.value === "gap" ? texts().timeline.silent(length(span)) : "",
-            span.value,
-          ),
-        )}
-      </div>
-    );
-  }, [lanes, timeline.duration_s, width, words]);
-}
-
-interface RailProps {
-  playback: Playback;
-  timeline: Timeline;
-  lanes: RecordedLanes | undefined;
 }
 
 /** The slider over all lanes, and the line of the time shown. */
-function Rail({ playback, timeline, lanes }: RailProps) {
+function Cursor({ timeline, lanes }: { timeline: Timeline; lanes: RecordedLanes | undefined }) {
+  const { playback } = useSession();
   const tS = playback.cursor.value.t_s;
-  const { duration_s: durationS, start_ms: startMs } = timeline;
-  const shownMs = startMs + 1000 * tS;
-  const percent = durationS > 0 ? (100 * tS) / durationS : 0;
-  const handlers = sliderHandlers(
-    (share) => playback.seek(share * durationS),
-    (seconds) => playback.move(seconds),
-  );
+  const shownMs = timeline.start_ms + 1000 * tS;
   return (
-    <div
-      {...handlers}
-      class="rail"
-      aria-label={texts().timeline.recordedSlider}
-      aria-valuemin={0}
-      aria-valuemax={durationS}
-      aria-valuenow={tS}
-      aria-valuetext={[clock(shownMs), ...(lanes ? told(lanes, tS) : [])].join(", ")}
+    <Rail
+      label={texts().timeline.recordedSlider}
+      fromS={0}
+      toS={timeline.duration_s}
+      atS={tS}
+      text={[clock(shownMs), ...(lanes ? told(lanes, tS) : [])].join(", ")}
+      onSeek={(wantedS) => playback.seek(wantedS)}
     >
-      <i class="cursor" style={{ left: `${percent}%` }}>
-        <time
-          dateTime={iso(shownMs)}
-          title={iso(shownMs)}
-          style={{ translate: `${-percent}%` }} // It stays inside at both ends.
-        >
+      <i class="cursor">
+        <time dateTime={iso(shownMs)} title={iso(shownMs)}>
           {clock(shownMs)}
         </time>
       </i>
-    </div>
+    </Rail>
   );
 }
 
@@ -156,29 +113,24 @@ function told(lanes: RecordedLanes, tS: number): string[] {
   ].filter(Boolean);
 }
 
-function Events({ playback, timeline, width }: PartProps & { playback: Playback }) {
-  const words = language.value;
-  const robots = new Set(timeline.events.map(({ robot }) => robot)).size > 2; // One is "", for marks.
-  const list = useMemo(
-    () =>
-      timeline.events.map((event) => {
-        const time = clock(timeline.start_ms + 1000 * event.t_s);
-        const who = robots && event.robot !== "" ? `${event.robot}: ` : "";
-        const title = `${time} ${who}${textOf(event)}`;
-        const at = event.t_s / Math.max(timeline.duration_s, 1e-3);
-        return { at, kind: event.kind, label: who + labelOf(event), title, tS: event.t_s };
-      }),
-    [timeline, words],
-  );
-  if (width === 0) return null;
-  return (
-    <>
-      <div class="exact" aria-hidden="true">
-        {list.slice(0, 500).map(({ at, kind }, i) => (
-          <i key={i} class={kind} style={{ left: `${100 * at}%` }} />
-        ))}
-      </div>
-      <Happenings labels list={list} roomPx={width} onChoose={({ tS }) => playback.seek(tS)} />
-    </>
-  );
+function happenings({ events, start_ms: startMs, duration_s: durationS }: Timeline): Happening[] {
+  const several = new Set(events.map(({ robot }) => robot)).size > 2; // One is "", for marks.
+  return events.map((event) => {
+    const { t_s: atS, robot, kind } = event;
+    const who = several && robot !== "" ? `${robot}: ` : "";
+    const title = `${clock(startMs + 1000 * atS)} ${who}${textOf(event)}`;
+    return { atS, share: shareAt(atS, 0, durationS), kind, label: who + labelOf(event), title };
+  });
+}
+
+/** Text of a recorded event; notes and old events have no reason. */
+function textOf({ why, text, kind }: TimelineEvent): string {
+  return why ? sentence(why) : text || (texts().timeline.kinds[kind] ?? kind);
+}
+
+/** A few words for a label: the cause of a stop rather than the change of the mode. */
+function labelOf(event: TimelineEvent): string {
+  const why = event.why?.cause ?? event.why;
+  const label = why ? sentence(why).slice(0, -1) : textOf(event);
+  return event.count > 1 ? `${label} × ${event.count}` : label;
 }

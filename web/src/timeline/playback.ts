@@ -1,10 +1,11 @@
-// Playback of the recording that this page shows.
+// Playback of the recording that this page shows, and addresses of recordings.
 
-import { computed, signal } from "@preact/signals";
+import { signal } from "@preact/signals";
 import type { Cursor, RecordedLanes, Timeline, TimelineEvent } from "../generated/wire";
+import { copyText } from "../plots/export";
 import type { Link } from "../store/link";
-import { timeInAddress } from "./past";
-import { request } from "./request";
+import { texts } from "../text/text";
+import { request } from "./library";
 import { throttled } from "./throttle";
 
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16];
@@ -28,15 +29,11 @@ export class Playback {
   readonly cursor = signal<Cursor>({ t: "cursor", t_s: 0, playing: false, speed: 1 });
   /** Speed at which it plays, or will. */
   readonly speed = signal(1);
+  /** Empty if the file is damaged, for example; events and cursor remain. */
   readonly lanes = signal<readonly RecordedLanes[]>([]);
-  /** Wall-clock time that is shown, or null before the recording is open. */
-  readonly shownMs = computed(() => {
-    const timeline = this.timeline.value;
-    return timeline && timeline.start_ms + 1000 * this.cursor.value.t_s;
-  });
   readonly #link: Link;
   readonly #seek: (tS: number) => void;
-  #seekS = timeInAddress();
+  #seekS = Number(new URL(location.href).searchParams.get("t") ?? NaN);
 
   constructor(link: Link) {
     this.#link = link;
@@ -54,11 +51,6 @@ export class Playback {
   seek(tS: number): void {
     const durationS = this.timeline.peek()?.duration_s ?? 0;
     this.#seek(Math.max(0, Math.min(durationS, tS)));
-  }
-
-  /** Move by some seconds. */
-  move(byS: number): void {
-    this.seek(this.cursor.peek().t_s + byS);
   }
 
   toggle(): void {
@@ -91,28 +83,30 @@ export class Playback {
   #take(timeline: Timeline): void {
     const events = [...timeline.events].sort((one, other) => one.t_s - other.t_s);
     this.timeline.value = { ...timeline, events };
-    const wantedS = this.#seekS;
-    this.#seekS = null;
-    if (wantedS !== null) this.seek(wantedS);
+    if (!Number.isNaN(this.#seekS)) this.seek(this.#seekS);
+    this.#seekS = NaN;
     const known = this.lanes.peek()[0]?.end_s ?? -Infinity;
     if (timeline.duration_s > known + GROWN_S) void this.#readLanes(timeline.name);
   }
 
-  /** Without lanes, for example of a damaged file, events and cursor remain. */
   async #readLanes(name: string): Promise<void> {
-    try {
-      this.lanes.value = await request<RecordedLanes[]>("GET", `${encodeURIComponent(name)}/lanes`);
-    } catch {
-      this.lanes.value = [];
-    }
+    const path = `recordings/${encodeURIComponent(name)}/lanes`;
+    this.lanes.value = await request<RecordedLanes[]>("GET", path).catch(() => []);
   }
 }
 
-const playbacks = new WeakMap<Link, Playback>();
+/** Address of a recording, optionally at a time in seconds since its start. */
+export function addressOf(name: string, tS?: number): URL {
+  const address = new URL(location.href);
+  address.searchParams.delete("t");
+  address.searchParams.set("recording", name);
+  if (tS !== undefined) address.searchParams.set("t", tS.toFixed(1));
+  return address;
+}
 
-/** The playback of a page. */
-export function playbackOf(link: Link): Playback {
-  const playback = playbacks.get(link) ?? new Playback(link);
-  playbacks.set(link, playback);
-  return playback;
+/** Copy the address of a recording, and return what to tell about it. */
+export async function shared(name: string, tS?: number): Promise<string> {
+  const { copied, copyYourself } = texts().timeline;
+  const { href } = addressOf(name, tS);
+  return (await copyText(href)) ? copied : `${copyYourself} ${href}`;
 }

@@ -1,7 +1,7 @@
 // The list of recordings, over the scene; the deck stays free.
 
 import { useState } from "preact/hooks";
-import type { RecordingRow, TrashRow } from "../generated/wire";
+import type { TrashRow } from "../generated/wire";
 import { useSession } from "../session";
 import { nameOf } from "../text/reasons";
 import { texts } from "../text/text";
@@ -10,44 +10,33 @@ import { Dialog } from "../ui/dialog";
 import { Fold } from "../ui/fold";
 import { Icon } from "../ui/icon";
 import { day, megabytes } from "./clock";
-import { type Library, recordingsOpen } from "./library";
-import { Row } from "./row";
-import { answer, problem } from "./request";
+import { answer } from "./library";
+import { type Result, Row, type RowProps } from "./row";
 
 const SHOWN = 40; // Rows drawn at first, of a list that may have hundreds.
 const QUERY_LENGTH = 100;
 
-/** What happened to a request, and whether it can be undone. */
-export interface Result {
-  text: string;
-  undo?: TrashRow;
-}
-
-export function Recordings({ library }: { library: Library }) {
-  const { link } = useSession();
+export function Recordings() {
+  const { library, link } = useSession();
   const { timeline, common } = texts();
   const [selected, select] = useState(link.recording);
   const [shown, show] = useState(SHOWN);
   const [result, setResult] = useState<Result | null>(null);
   const rows = library.rows.value;
-  /** Do something, and tell how it ended. */
-  const run = async (work: () => Promise<Result | null>) => {
+  const run: RowProps["run"] = (work) => {
     setResult(null);
-    try {
-      setResult(await work());
-    } catch (error) {
-      setResult({ text: problem(error) });
-    }
-    library.refresh();
+    void work()
+      .catch((error: Error) => ({ text: error.message }))
+      .then((ended) => setResult(ended ?? null))
+      .then(() => library.refresh());
   };
   const restore = (row: TrashRow) =>
-    void run(async () => {
-      await answer("POST", `trash/${encodeURIComponent(row.id)}/restore`);
+    run(async () => {
+      await answer("POST", `recordings/trash/${encodeURIComponent(row.id)}/restore`);
       select(row.name);
-      return null;
     });
   return (
-    <Dialog title={timeline.recordings} onClose={() => (recordingsOpen.value = false)}>
+    <Dialog title={timeline.recordings} onClose={() => (library.open.value = false)}>
       <label class="field">
         <Icon name="search" />
         <input
@@ -56,14 +45,14 @@ export function Recordings({ library }: { library: Library }) {
           placeholder={timeline.searchHint}
           aria-label={common.search}
           value={library.query.value}
-          onInput={(event) => library.search(event.currentTarget.value)}
+          onInput={(event) => (library.query.value = event.currentTarget.value)}
         />
       </label>
       <div class="result" role="status">
         {result && <bdi>{result.text}</bdi>}
         {result?.undo && <Button onPress={() => restore(result.undo!)}>{timeline.undo}</Button>}
       </div>
-      <Listed library={library} />
+      <Reason />
       <ul class="recs">
         {rows.slice(0, shown).map((row) => (
           <Row
@@ -80,13 +69,14 @@ export function Recordings({ library }: { library: Library }) {
           {timeline.more(rows.length - shown)}
         </Button>
       )}
-      {library.trash.value.length > 0 && <Trash rows={library.trash.value} onRestore={restore} />}
+      <Trash onRestore={restore} />
     </Dialog>
   );
 }
 
-/** Why there is no list. */
-function Listed({ library }: { library: Library }) {
+/** Why there are no rows. */
+function Reason() {
+  const { library } = useSession();
   const { timeline } = texts();
   const state = library.state.value;
   if (state === "ready" && library.rows.value.length > 0) return null;
@@ -99,14 +89,10 @@ function Listed({ library }: { library: Library }) {
   );
 }
 
-function Trash({
-  rows,
-  onRestore,
-}: {
-  rows: readonly TrashRow[];
-  onRestore: (row: TrashRow) => void;
-}) {
+function Trash({ onRestore }: { onRestore: (row: TrashRow) => void }) {
+  const rows = useSession().library.trash.value;
   const { timeline } = texts();
+  if (rows.length === 0) return null;
   return (
     <Fold title={timeline.trash} summary={String(rows.length)}>
       <ul class="recs">
@@ -124,6 +110,3 @@ function Trash({
     </Fold>
   );
 }
-
-/** Title of a recording, or when it was made. */
-export const titleOf = (row: RecordingRow): string => row.title || day(row.start_ms);

@@ -6,22 +6,32 @@ import { useSession } from "../session";
 import { duration } from "../text/numbers";
 import { nameOf } from "../text/reasons";
 import { texts } from "../text/text";
-import { Button } from "../ui/button";
+import { Button, type ButtonProps } from "../ui/button";
 import { day, iso, megabytes } from "./clock";
 import { Export } from "./export";
+import { answer, request } from "./library";
 import { LineForm } from "./line_form";
-import { openRecording, shared } from "./past";
-import { type Result, titleOf } from "./recordings";
-import { answer, request } from "./request";
-import { playbackOf } from "./playback";
+import { addressOf, shared } from "./playback";
 
 const TITLE_LENGTH = 40;
+
+/** What happened to a request, and whether it can be undone. */
+export interface Result {
+  text: string;
+  undo?: TrashRow;
+}
 
 export interface RowProps {
   row: RecordingRow;
   /** Do something, and tell how it ended. */
-  run: (work: () => Promise<Result | null>) => Promise<void>;
+  run: (work: () => Promise<Result | void>) => void;
 }
+
+/** Title of a recording, or when it was made. */
+export const titleOf = (row: RecordingRow): string => row.title || day(row.start_ms);
+
+/** Path of the requests about a recording. */
+export const pathOf = (row: RecordingRow): string => `recordings/${encodeURIComponent(row.name)}`;
 
 export function Row({
   open,
@@ -41,107 +51,93 @@ export function Row({
             {duration(row.duration_s)}
           </time>
         </span>
-        <Facts row={row} />
+        <span class="m">
+          {factsOf(row).map((fact) => (
+            <bdi key={fact}>{fact}</bdi>
+          ))}
+        </span>
       </button>
       {open && <Actions {...props} />}
     </li>
   );
 }
 
-function Facts({ row }: { row: RecordingRow }) {
+function factsOf(row: RecordingRow): string[] {
   const { timeline } = texts();
   const { details, marks } = row;
-  const [first] = details?.drivers ?? [];
-  const many = (details?.drivers.length ?? 0) > 1;
-  // Details of a file that grows are those of a moment ago.
-  const facts = row.writing
-    ? []
-    : details
-      ? [
-          many ? timeline.drivers(details.drivers.length) : first ? nameOf(first) : timeline.nobody,
-          timeline.stops(details.stops),
-          details.faults > 0 && timeline.faults(details.faults),
-        ]
-      : [row.details_pending ? timeline.pending : timeline.unreadable];
-  if (row.title !== "") facts.unshift(day(row.start_ms));
+  const facts: string[] = row.title === "" ? [] : [day(row.start_ms)];
+  if (row.writing) {
+    facts.push(timeline.writing); // Details of a file that grows are those of a moment ago.
+  } else if (details === null) {
+    facts.push(row.details_pending ? timeline.pending : timeline.unreadable);
+  } else {
+    const [first, ...others] = details.drivers;
+    if (first === undefined) facts.push(timeline.nobody);
+    else facts.push(others.length > 0 ? timeline.drivers(others.length + 1) : nameOf(first));
+    facts.push(timeline.stops(details.stops));
+    if (details.faults > 0) facts.push(timeline.faults(details.faults));
+  }
   if (marks > 0) facts.push(timeline.marks(marks));
-  return (
-    <span class="m">
-      {[...facts, row.writing && timeline.writing, megabytes(row.size_bytes)]
-        .filter(Boolean)
-        .map((fact) => (
-          <bdi key={fact}>{fact}</bdi>
-        ))}
-    </span>
-  );
+  return [...facts, megabytes(row.size_bytes)];
 }
 
 function Actions({ row, run }: RowProps) {
-  const { link } = useSession();
+  const { link, playback } = useSession();
   const { timeline } = texts();
-  const [renaming, setRenaming] = useState(false);
-  const [more, setMore] = useState(false);
-  const file = encodeURIComponent(row.name);
+  const [part, setPart] = useState<"rename" | "more" | null>(null);
+  const isShown = row.name === link.recording;
   const download = async () => {
-    await answer("HEAD", `${file}/download`); // A refusal becomes a sentence instead of a file.
-    save(`recordings/${file}/download`, row.name);
-    return null;
+    await answer("HEAD", `${pathOf(row)}/download`); // A refusal becomes a sentence, not a file.
+    save(`${pathOf(row)}/download`, row.name);
   };
-  const share = async () => {
-    const tS = row.name === link.recording ? playbackOf(link).cursor.peek().t_s : undefined;
-    return { text: await shared(row.name, tS) };
+  const share = async () => ({
+    text: await shared(row.name, isShown ? playback.cursor.peek().t_s : undefined),
+  });
+  const rename = async (title: string) => {
+    await answer("PUT", `${pathOf(row)}/title`, { title });
   };
-  const rename = (title: string) =>
-    void run(async () => {
-      await answer("PUT", `${file}/title`, { title });
-      return null;
-    });
   const remove = async () => {
-    const undo = await request<TrashRow>("DELETE", file);
+    const undo = await request<TrashRow>("DELETE", pathOf(row));
     return { text: `${timeline.deleted} ${titleOf(row)}`, undo };
   };
+  const buttons: ButtonProps[] = [
+    { icon: "download", children: timeline.download, onPress: () => run(download) },
+    { icon: "share", children: timeline.share, onPress: () => run(share) },
+    { icon: "rename", children: timeline.rename, onPress: () => setPart("rename") },
+  ];
   return (
     <div class="actions">
-      {renaming ? (
+      {part === "rename" ? (
         <LineForm
           label={timeline.rename}
           hint={timeline.renameHint}
           most={TITLE_LENGTH}
           initial={row.title}
-          onSend={rename}
-          onClose={() => setRenaming(false)}
+          onSend={(title) => run(() => rename(title))}
+          onClose={() => setPart(null)}
         />
       ) : (
         <div class="a">
-          {row.name !== link.recording && (
-            <Button edge icon="play" onPress={() => openRecording(row.name)}>
+          {!isShown && (
+            <Button edge icon="play" onPress={() => location.assign(addressOf(row.name))}>
               {timeline.open}
             </Button>
           )}
-          <Button icon="download" onPress={() => void run(download)}>
-            {timeline.download}
-          </Button>
-          <Button icon="share" onPress={() => void run(share)}>
-            {timeline.share}
-          </Button>
-          <Button icon="rename" onPress={() => setRenaming(true)}>
-            {timeline.rename}
-          </Button>
+          {buttons.map((button) => (
+            <Button key={button.icon} {...button} />
+          ))}
           <Button
             icon="more"
             label={timeline.moreActions}
-            expanded={more}
-            onPress={() => setMore(!more)}
+            expanded={part === "more"}
+            onPress={() => setPart(part === "more" ? null : "more")}
           />
         </div>
       )}
-      {more && (
+      {part === "more" && (
         <>
           <Export row={row} run={run} />
-          <Button
-            refused={row.writing ? timeline.isWritten : null}
-            onPress={() => void run(remove)}
-          >
+          <Button refused={row.writing ? timeline.isWritten : null} onPress={() => run(remove)}>
             {timeline.delete}
           </Button>
         </>
@@ -151,47 +147,35 @@ function Actions({ row, run }: RowProps) {
 }
 
 /** Let the browser save a file. */
-export function save(address: string, name: string): void {
-  const anchor = Object.assign(document.createElement("a"), { href: address, download: name });
-  anchor.click();
+export function save(href: string, download: string): void {
+  Object.assign(document.createElement("a"), { href, download }).click();
 }
 
-const WIDE = 72;
-const HIGH = 44;
-const MARGIN = 4;
 const LEAST_M = 0.5;
 
 /** Paths of the robots, as on the map: x up, y left. */
 function Preview({ paths }: { paths: readonly RecordedPath[] }) {
   const points = paths.flatMap((path) => path.points);
-  const side = (values: readonly number[], px: number) => {
+  if (points.length === 0) return <svg class="preview" aria-hidden="true" />;
+  const extent = (values: readonly number[]) => {
     const [low, high] = [Math.min(...values), Math.max(...values)];
-    return { middle: (low + high) / 2, scale: (px - 2 * MARGIN) / Math.max(LEAST_M, high - low) };
+    const length = Math.max(LEAST_M, high - low);
+    return { start: (low + high - length) / 2, length };
   };
-  const across = side(
-    points.map(([, y]) => -y),
-    WIDE,
-  );
-  const down = side(
-    points.map(([x]) => -x),
-    HIGH,
-  );
-  const scale = Math.min(across.scale, down.scale);
-  const place = ([x, y]: readonly [number, number]) => [
-    (WIDE / 2 + (-y - across.middle) * scale).toFixed(1),
-    (HIGH / 2 + (-x - down.middle) * scale).toFixed(1),
-  ];
+  const across = extent(points.map(([, y]) => -y));
+  const down = extent(points.map(([x]) => -x));
   return (
-    <svg class="preview" viewBox={`0 0 ${WIDE} ${HIGH}`} aria-hidden="true">
-      {paths.map(({ robot, colour, points: path }) => {
-        const [x, y] = path.length > 0 ? place(path.at(-1)!) : [];
-        return (
-          <g key={robot} style={{ color: colour }}>
-            <polyline points={path.map((point) => place(point).join()).join(" ")} />
-            {x !== undefined && <circle cx={x} cy={y} r="2.5" />}
-          </g>
-        );
-      })}
+    <svg
+      class="preview"
+      viewBox={[across.start, down.start, across.length, down.length].join(" ")}
+      aria-hidden="true"
+    >
+      {paths.map((path) => (
+        <g key={path.robot} style={{ color: path.colour }} transform="matrix(0 -1 -1 0 0 0)">
+          <polyline points={path.points.join(" ")} />
+          {path.points.length > 0 && <path d={`M${path.points.at(-1)} h0`} />}
+        </g>
+      ))}
     </svg>
   );
 }

@@ -1,8 +1,7 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
+import { shareAt } from "../../src/timeline/lane";
 import { LookBack } from "../../src/timeline/look_back";
-import { addressOf } from "../../src/timeline/past";
-import { eventFrom, Playback } from "../../src/timeline/playback";
-import { shareAt } from "../../src/timeline/slider";
+import { addressOf, eventFrom, Playback } from "../../src/timeline/playback";
 import { openLink, WELCOME } from "./link";
 
 const TIMELINE = { t: "timeline", name: "a.mcap", start_ms: 1_700_000_000_000, duration_s: 60 };
@@ -31,7 +30,7 @@ test("A look back ends with the return to live, and sends nothing that moves a r
   vi.advanceTimersByTime(60);
   back.look(99);
   vi.advanceTimersByTime(60);
-  back.live();
+  back.look(0);
   vi.advanceTimersByTime(1000);
   expect(messages(sent)).toEqual([
     { t: "look_back", history_offset_s: 12.3 },
@@ -93,8 +92,8 @@ test("Seeking stays within the recording", () => {
   const playback = new Playback(link);
   hear({ ...TIMELINE, events: [] });
   hear({ t: "cursor", t_s: 3, playing: false, speed: 1 });
-  for (const seek of [() => playback.seek(99), () => playback.move(-10), () => playback.move(1)]) {
-    seek();
+  for (const tS of [99, -7, 4]) {
+    playback.seek(tS);
     vi.advanceTimersByTime(60);
   }
   expect(messages(sent)).toEqual([60, 0, 4].map((t_s) => ({ t: "seek", t_s })));
