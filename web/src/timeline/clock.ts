@@ -22,23 +22,14 @@ export function megabytes(bytes: number): string {
   return texts().timeline.megabytes(figure(bytes / 1e6, bytes < 1e7 ? 1 : 0));
 }
 
-const STEPS_S = [
-  1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200,
-];
-const TICK_PX = 96;
+const STEPS_S = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600];
 
-/** Times for a grid whose labels have room, at round local times. */
-export function ticks(
-  startMs: number,
-  durationS: number,
-  widthPx: number,
-): { tS: number; text: string }[] {
-  if (widthPx <= 0 || durationS <= 0) return [];
-  const pxPerS = widthPx / durationS;
-  const stepS = STEPS_S.find((step) => step * pxPerS >= TICK_PX) ?? 86400;
+/** At most ten round local times for a grid; their labels have room at the right. */
+export function ticks(startMs: number, durationS: number): { tS: number; text: string }[] {
+  const stepS = STEPS_S.find((step) => 10 * step >= durationS) ?? 86400;
   const localS = startMs / 1000 - 60 * new Date(startMs).getTimezoneOffset();
   const found = [];
-  for (let tS = stepS - (localS % stepS); (durationS - tS) * pxPerS > TICK_PX / 2; tS += stepS)
+  for (let tS = stepS - (localS % stepS); tS < 0.93 * durationS; tS += stepS)
     found.push({ tS, text: clock(startMs + 1000 * tS, stepS < 60 ? "medium" : "short") });
   return found;
 }

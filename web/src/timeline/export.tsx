@@ -1,78 +1,63 @@
 // Export of a part of a recording. The dashboard makes it, which may take minutes.
 
-import { useRef, useState } from "preact/hooks";
 import { duration } from "../text/numbers";
 import { texts } from "../text/text";
-import { Button } from "../ui/button";
 import { parseTime } from "./clock";
 import { answer } from "./library";
 import { pathOf, type RowProps, save } from "./row";
 
 const ENDINGS = { html: ".html", mcap: ".mcap", csv: ".zip" };
-type Kind = keyof typeof ENDINGS;
+const KINDS = Object.keys(ENDINGS) as (keyof typeof ENDINGS)[];
 
-/** Query of an export, or null if the times are invalid; what is left empty is not limited. */
+/** Query of an export, or null if the times are invalid; without times, start and end. */
 export function exportQuery(form: FormData): URLSearchParams | null {
   const query = new URLSearchParams();
   for (const [name, value] of form) {
     const text = String(value).trim();
-    const told = name === "from" || name === "to" ? parseTime(text) : text;
-    if (told === null && text !== "") return null;
-    if (text !== "") query.set(name, String(told));
+    if (text === "") continue;
+    const told = name === "as" ? text : parseTime(text);
+    if (told === null) return null;
+    query.set(name, String(told));
   }
   return Number(query.get("to") ?? Infinity) > Number(query.get("from")) ? query : null;
 }
 
 export function Export({ row, run }: RowProps) {
   const { timeline } = texts();
-  const form = useRef<HTMLFormElement>(null);
-  const [busy, setBusy] = useState(false);
-  const make = async () => {
-    const query = exportQuery(new FormData(form.current!));
+  const make = async (form: FormData) => {
+    const query = exportQuery(form);
     if (query === null) throw new Error(timeline.notATime);
-    setBusy(true);
-    try {
-      const file = await answer("GET", `${pathOf(row)}/export?${query}`);
-      const address = URL.createObjectURL(await file.blob());
-      const ending = ENDINGS[query.get("as") as Kind];
-      save(address, (row.title || row.name.replace(/\.mcap$/, "")) + ending);
-      setTimeout(() => URL.revokeObjectURL(address), 60_000);
-    } finally {
-      setBusy(false);
-    }
+    const file = await answer("GET", `${pathOf(row)}/export?${query}`);
+    const address = URL.createObjectURL(await file.blob());
+    const name = row.title || row.name.replace(/\.mcap$/, "");
+    save(address, name + ENDINGS[query.get("as") as keyof typeof ENDINGS]);
+    setTimeout(() => URL.revokeObjectURL(address), 60_000);
   };
-  const time = (name: "from" | "to", hint: string) => (
-    <label>
-      {timeline[name]}
-      <span class="field">
-        <input name={name} inputMode="numeric" placeholder={hint} />
-      </span>
-    </label>
-  );
+  const submit = (event: SubmitEvent) => {
+    event.preventDefault();
+    const form = new FormData(event.currentTarget as HTMLFormElement, event.submitter);
+    run(() => make(form), timeline.exporting);
+  };
   return (
-    <form class="export" ref={form} onSubmit={(event) => event.preventDefault()}>
-      <span role="radiogroup" aria-label={timeline.exportAs}>
-        {(Object.keys(ENDINGS) as Kind[]).map((kind) => (
-          <label key={kind}>
-            <input type="radio" name="as" value={kind} defaultChecked={kind === "html"} />
-            {timeline.exports[kind]}
-          </label>
-        ))}
-      </span>
-      {time("from", "0:00")}
-      {time("to", duration(row.duration_s))}
-      {row.robots.length > 1 && (
-        <select name="robot" aria-label={timeline.robot}>
-          <option value="">{timeline.allRobots}</option>
-          {row.robots.map((robot) => (
-            <option key={robot}>{robot}</option>
-          ))}
-        </select>
-      )}
-      <Button edge refused={busy ? timeline.exporting : null} onPress={() => run(make)}>
-        {timeline.export}
-      </Button>
-      {busy && <span class="note">{timeline.exporting}</span>}
+    <form class="export" onSubmit={submit}>
+      {timeline.exportAs}
+      {KINDS.map((kind) => (
+        <button key={kind} class="btn edge" name="as" value={kind}>
+          {timeline.exports[kind]}
+        </button>
+      ))}
+      {(["from", "to"] as const).map((name) => (
+        <label key={name}>
+          {timeline[name]}
+          <span class="field">
+            <input
+              name={name}
+              inputMode="numeric"
+              placeholder={name === "from" ? "0:00" : duration(row.duration_s)}
+            />
+          </span>
+        </label>
+      ))}
     </form>
   );
 }

@@ -1,11 +1,9 @@
-// What both timelines share: a slider over a whole lane, its events, and buttons.
+// What both timelines share: a slider over a whole lane, and its events.
 
 import type { ComponentChildren, TargetedPointerEvent } from "preact";
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useSession } from "../session";
 import { texts } from "../text/text";
-import { Button } from "../ui/button";
 import { Icon, type IconName } from "../ui/icon";
-import { grouped, textPx } from "./groups";
 
 const KEYS_S: Record<string, number> = {
   ArrowLeft: -1,
@@ -73,20 +71,32 @@ export function shareAt(x: number, start: number, length: number): number {
   return length > 0 ? Math.max(0, Math.min(1, (x - start) / length)) : 0;
 }
 
-/** Width of an element in px, 0 before it is known. */
-export function useWidth() {
-  const ref = useRef<HTMLDivElement>(null);
-  const [width, setWidth] = useState(0);
-  useEffect(() => {
-    const observer = new ResizeObserver(([entry]) => setWidth(entry?.contentRect.width ?? 0));
-    observer.observe(ref.current!);
-    return () => observer.disconnect();
-  }, []);
-  return [ref, width] as const;
+/** Labels that are merged into one, and the room that they have as shares of the lane. */
+export interface Group<T> {
+  items: T[];
+  left: number;
+  width: number;
 }
 
-const ICON_PX = 20;
-const LABEL_PX = 190; // Longer labels are cut off; their title has all of it.
+/**
+ * Give each of some items, in order, at least a room of `least` to the right of its share of the
+ * lane. Where the next one is nearer, or the lane ends, they are merged.
+ */
+export function grouped<T extends { share: number }>(items: readonly T[], least: number) {
+  const groups: Group<T>[] = [];
+  for (const item of items) {
+    const left = Math.max(0, Math.min(item.share, 1 - least));
+    const last = groups.at(-1);
+    if (last && left - last.left < least) {
+      last.items.push(item);
+    } else {
+      if (last) last.width = left - last.left;
+      groups.push({ items: [item], left, width: 1 - left });
+    }
+  }
+  return groups;
+}
+
 const TOLD = 12; // Events in the title of a group.
 /** By severity: the first of a group gives its icon. */
 const ICONS: Record<string, IconName> = {
@@ -117,54 +127,29 @@ interface HappeningsProps {
 
 /** Events: an icon and a label each, merged into a count where they would overlap. */
 export function Happenings({ list, onSeek }: HappeningsProps) {
-  const [ref, roomPx] = useWidth();
-  const { events } = texts().timeline;
-  const text = ([first, ...more]: readonly Happening[]) =>
-    more.length > 0 ? events(more.length + 1) : first!.label;
-  const labelPx = (items: readonly Happening[]) => {
-    const px = Math.min(LABEL_PX, textPx(text(items)));
-    return px > 0 ? ICON_PX + 4 + px : ICON_PX;
-  };
-  const groups = grouped(list, roomPx, ({ share }) => share * roomPx - ICON_PX / 2, labelPx);
+  const { phone } = useSession().layout;
   return (
-    <div class="happened" ref={ref}>
-      {groups.map(({ items, leftPx, widthPx }) => {
-        const { atS, title } = items[0]!;
+    <div class="happened">
+      {grouped(list, phone.value ? 0.3 : 0.1).map(({ items, left, width }) => {
+        const { atS, label, title } = items[0]!;
         const has = (kind: string) => items.some((item) => item.kind === kind);
         const kind = Object.keys(ICONS).find(has) ?? "mark";
+        const titles = items.slice(0, TOLD).map((each) => each.title);
         return (
           <button
             key={`${atS} ${title}`}
             type="button"
             class={`event is-${kind}`}
-            style={{ left: `${leftPx}px`, width: `${widthPx}px` }}
+            style={{ left: `${100 * left}%`, maxWidth: `${100 * width}%` }}
             tabIndex={-1}
-            title={items
-              .slice(0, TOLD)
-              .map((each) => each.title)
-              .join("\n")}
+            title={titles.join("\n")}
             onClick={() => onSeek(atS)}
           >
             <Icon name={ICONS[kind]!} />
-            <bdi>{text(items)}</bdi>
+            <bdi>{items.length > 1 ? texts().timeline.events(items.length) : label}</bdi>
           </button>
         );
       })}
     </div>
-  );
-}
-
-interface WordButtonProps {
-  icon: IconName;
-  text: string;
-  onPress: () => void;
-}
-
-/** Button whose word is hidden on a phone. */
-export function WordButton({ icon, text, onPress }: WordButtonProps) {
-  return (
-    <Button icon={icon} label={text} onPress={onPress}>
-      <span class="word">{text}</span>
-    </Button>
   );
 }

@@ -6,12 +6,10 @@ import { duration, figure } from "../text/numbers";
 import { nameOf, sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { clock, iso, ticks } from "./clock";
-import { linePath, type Span, spans } from "./groups";
-import { type Happening, Happenings, Rail, shareAt, useWidth } from "./lane";
+import { type Happening, Happenings, Rail, shareAt } from "./lane";
 
 export function Lanes() {
   const { link, playback } = useSession();
-  const [ref, width] = useWidth();
   const timeline = playback.timeline.value;
   const lanes = playback.lanes.value.find(({ robot }) => robot === link.robot.value?.id);
   return (
@@ -21,11 +19,11 @@ export function Lanes() {
           <span key={name}>{name}</span>
         ))}
       </div>
-      <div class="plane" ref={ref}>
+      <div class="plane">
         {timeline && (
           <>
             <div class="grid" aria-hidden="true">
-              {ticks(timeline.start_ms, timeline.duration_s, width).map(({ tS, text }) => (
+              {ticks(timeline.start_ms, timeline.duration_s).map(({ tS, text }) => (
                 <span key={tS} style={{ left: `${(100 * tS) / timeline.duration_s}%` }}>
                   {text}
                 </span>
@@ -133,4 +131,37 @@ function labelOf(event: TimelineEvent): string {
   const why = event.why?.cause ?? event.why;
   const label = why ? sentence(why).slice(0, -1) : textOf(event);
   return event.count > 1 ? `${label} × ${event.count}` : label;
+}
+
+export interface Span<T> {
+  value: T;
+  /** Shares of the time for which there are samples. */
+  from: number;
+  to: number;
+}
+
+/** Join equal samples at even times from 0 to 1 to spans; borders are midway between samples. */
+export function spans<T>(samples: readonly T[]): Span<T>[] {
+  const joined: Span<T>[] = [];
+  const last = Math.max(1, samples.length - 1);
+  const border = (i: number) => Math.max(0, Math.min(1, (i - 0.5) / last));
+  samples.forEach((value, i) => {
+    const before = joined.at(-1);
+    if (before && before.value === value) before.to = border(i + 1);
+    else joined.push({ value, from: border(i), to: border(i + 1) });
+  });
+  return joined;
+}
+
+/** Path through samples in a square of 1, with gaps where there are none; it fills the height. */
+export function linePath(samples: readonly (number | null)[]): string {
+  const most = Math.max(0.1, ...samples.map((value) => value ?? 0));
+  const last = Math.max(1, samples.length - 1);
+  return samples
+    .map((value, i) => {
+      if (value === null) return "";
+      const command = (samples[i - 1] ?? null) === null ? "M" : "L";
+      return `${command}${(i / last).toFixed(4)} ${(1 - value / most).toFixed(3)}`;
+    })
+    .join("");
 }

@@ -10,12 +10,16 @@ const WATCH_BEATS = 100; // Ten seconds: nothing reports the end of a recording.
 /** Refusals without a body, as of HEAD or by a proxy. */
 const CODES: Record<number, string> = { 403: "viewer", 404: "no_recording", 429: "too_many" };
 
+interface List {
+  state: "loading" | "ready" | "absent" | "failed";
+  rows: readonly RecordingRow[];
+  trash: readonly TrashRow[];
+}
+
 export class Library {
   /** Whether the list is shown. */
   readonly open = signal(false);
-  readonly state = signal<"loading" | "ready" | "absent" | "failed">("loading");
-  readonly rows = signal<readonly RecordingRow[]>([]);
-  readonly trash = signal<readonly TrashRow[]>([]);
+  readonly list = signal<List>({ state: "loading", rows: [], trash: [] });
   /** Words that all recordings in the list contain. */
   readonly query = signal("");
   /** Recording that is being written, and when its length was reported. */
@@ -50,12 +54,10 @@ export class Library {
       const rows = found.status === 204 ? null : ((await found.json()) as RecordingRow[]);
       const trash = rows && isOpen ? await request<TrashRow[]>("GET", "recordings/trash") : [];
       if (number !== this.#number) return; // A later request is under way.
-      this.state.value = rows === null ? "absent" : "ready";
-      this.rows.value = rows ?? [];
-      this.trash.value = trash;
+      this.list.value = { state: rows ? "ready" : "absent", rows: rows ?? [], trash };
       if (query === "") this.#note(rows ?? []);
     } catch {
-      if (number === this.#number) this.state.value = "failed";
+      if (number === this.#number) this.list.value = { ...this.list.peek(), state: "failed" };
     }
   }
 

@@ -9,13 +9,14 @@ import { duration, figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { Icon } from "../ui/icon";
-import { type Happening, Happenings, Rail, WordButton } from "./lane";
+import { type Happening, Happenings, Rail } from "./lane";
 import { BACK_S } from "./look_back";
+import { ListButton } from "./recordings";
 
 const KEY_STEP_S = 5;
 
 export function Live() {
-  const { keyboard, library, link, lookBack } = useSession();
+  const { keyboard, link, lookBack } = useSession();
   const { timeline } = texts();
   useEffect(() => {
     const ends = [
@@ -75,11 +76,7 @@ export function Live() {
         <Happenings list={recent(link)} onSeek={seek} />
       </div>
       {agoS === null ? <Recorder /> : <PastState />}
-      <WordButton
-        icon="search"
-        text={timeline.recordings}
-        onPress={() => (library.open.value = true)}
-      />
+      <ListButton />
     </footer>
   );
 }

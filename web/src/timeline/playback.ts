@@ -13,14 +13,10 @@ const NEAR_S = 0.05;
 const GROWN_S = 10; // Lanes of a recording that grows are read again after this time.
 
 /** Return the next event after a time, or the previous one before it. */
-export function eventFrom(
-  events: readonly TimelineEvent[],
-  tS: number,
-  way: 1 | -1,
-): TimelineEvent | undefined {
+export function eventFrom(events: readonly TimelineEvent[], tS: number, way: 1 | -1) {
   return way > 0
-    ? events.find((each) => each.t_s > tS + NEAR_S)
-    : events.findLast((each) => each.t_s < tS - NEAR_S);
+    ? events.find(({ t_s }) => t_s > tS + NEAR_S)
+    : events.findLast(({ t_s }) => t_s < tS - NEAR_S);
 }
 
 export class Playback {
@@ -54,12 +50,8 @@ export class Playback {
   }
 
   toggle(): void {
-    if (this.cursor.peek().playing) this.pause();
-    else this.#link.send({ t: "play", speed: this.speed.peek() });
-  }
-
-  pause(): void {
-    this.#link.send({ t: "pause" });
+    const { playing } = this.cursor.peek();
+    this.#link.send(playing ? { t: "pause" } : { t: "play", speed: this.speed.peek() });
   }
 
   setSpeed(speed: number): void {
@@ -67,17 +59,9 @@ export class Playback {
     if (this.cursor.peek().playing) this.#link.send({ t: "play", speed });
   }
 
-  step(way: 1 | -1): void {
-    this.#link.send({ t: "step", back: way < 0 });
-  }
-
   jump(way: 1 | -1): void {
     const event = eventFrom(this.timeline.peek()?.events ?? [], this.cursor.peek().t_s, way);
     if (event !== undefined) this.seek(event.t_s);
-  }
-
-  mark(note: string): void {
-    this.#link.send({ t: "mark", note });
   }
 
   #take(timeline: Timeline): void {

@@ -22,9 +22,11 @@ export function Recordings() {
   const [selected, select] = useState(link.recording);
   const [shown, show] = useState(SHOWN);
   const [result, setResult] = useState<Result | null>(null);
-  const rows = library.rows.value;
-  const run: RowProps["run"] = (work) => {
-    setResult(null);
+  const { rows, trash, state } = library.list.value;
+  const isSearch = library.query.value.trim() !== "";
+  const empty = state !== "ready" ? state : rows.length > 0 ? null : isSearch ? "noMatch" : "empty";
+  const run: RowProps["run"] = (work, meanwhile = "") => {
+    setResult(meanwhile === "" ? null : { text: meanwhile });
     void work()
       .catch((error: Error) => ({ text: error.message }))
       .then((ended) => setResult(ended ?? null))
@@ -52,7 +54,14 @@ export function Recordings() {
         {result && <bdi>{result.text}</bdi>}
         {result?.undo && <Button onPress={() => restore(result.undo!)}>{timeline.undo}</Button>}
       </div>
-      <Reason />
+      {empty && (
+        <p class="note">
+          {timeline.list[empty]}
+          {empty === "failed" && (
+            <Button onPress={() => library.refresh()}>{timeline.again}</Button>
+          )}
+        </p>
+      )}
       <ul class="recs">
         {rows.slice(0, shown).map((row) => (
           <Row
@@ -69,44 +78,32 @@ export function Recordings() {
           {timeline.more(rows.length - shown)}
         </Button>
       )}
-      <Trash onRestore={restore} />
+      {trash.length > 0 && (
+        <Fold title={timeline.trash} summary={String(trash.length)}>
+          <ul class="recs">
+            {trash.map((row) => (
+              <li key={row.id} class="trashed">
+                <bdi>{row.title || row.name}</bdi>
+                <span class="note">
+                  {day(row.deleted_ms)}, <bdi>{timeline.by(nameOf(row.by))}</bdi>,{" "}
+                  {megabytes(row.size_bytes)}
+                </span>
+                <Button onPress={() => restore(row)}>{timeline.restore}</Button>
+              </li>
+            ))}
+          </ul>
+        </Fold>
+      )}
     </Dialog>
   );
 }
 
-/** Why there are no rows. */
-function Reason() {
-  const { library } = useSession();
-  const { timeline } = texts();
-  const state = library.state.value;
-  if (state === "ready" && library.rows.value.length > 0) return null;
-  const text = state !== "ready" ? state : library.query.value.trim() === "" ? "empty" : "noMatch";
+/** Opens the list. */
+export function ListButton() {
+  const { open } = useSession().library;
   return (
-    <p class="note">
-      {timeline.list[text]}
-      {state === "failed" && <Button onPress={() => library.refresh()}>{timeline.again}</Button>}
-    </p>
-  );
-}
-
-function Trash({ onRestore }: { onRestore: (row: TrashRow) => void }) {
-  const rows = useSession().library.trash.value;
-  const { timeline } = texts();
-  if (rows.length === 0) return null;
-  return (
-    <Fold title={timeline.trash} summary={String(rows.length)}>
-      <ul class="recs">
-        {rows.map((row) => (
-          <li key={row.id} class="trashed">
-            <bdi>{row.title || row.name}</bdi>
-            <span class="note">
-              {day(row.deleted_ms)}, <bdi>{timeline.by(nameOf(row.by))}</bdi>,{" "}
-              {megabytes(row.size_bytes)}
-            </span>
-            <Button onPress={() => onRestore(row)}>{timeline.restore}</Button>
-          </li>
-        ))}
-      </ul>
-    </Fold>
+    <Button icon="search" expanded={open.value} onPress={() => (open.value = true)}>
+      {texts().timeline.recordings}
+    </Button>
   );
 }

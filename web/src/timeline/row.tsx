@@ -23,8 +23,8 @@ export interface Result {
 
 export interface RowProps {
   row: RecordingRow;
-  /** Do something, and tell how it ended. */
-  run: (work: () => Promise<Result | void>) => void;
+  /** Do something, and tell how it ended; `meanwhile` is shown until then. */
+  run: (work: () => Promise<Result | void>, meanwhile?: string) => void;
 }
 
 /** Title of a recording, or when it was made. */
