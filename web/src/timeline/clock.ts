@@ -33,10 +33,3 @@ export function ticks(startMs: number, durationS: number): { tS: number; text: s
     found.push({ tS, text: clock(startMs + 1000 * tS, stepS < 60 ? "medium" : "short") });
   return found;
 }
-
-/** Seconds from 90, 1:30 or 1:02:03; null if it is not a time. */
-export function parseTime(text: string): number | null {
-  if (!/^\d+(:[0-5]?\d){0,2}([.,]\d+)?$/.test(text)) return null;
-  const parts = text.replace(",", ".").split(":");
-  return parts.reduce((total, part) => 60 * total + Number(part), 0);
-}

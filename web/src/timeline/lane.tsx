@@ -130,14 +130,14 @@ export function Happenings({ list, onSeek }: HappeningsProps) {
   const { phone } = useSession().layout;
   return (
     <div class="happened">
-      {grouped(list, phone.value ? 0.3 : 0.1).map(({ items, left, width }) => {
-        const { atS, label, title } = items[0]!;
+      {grouped(list, phone.value ? 0.3 : 0.1).map(({ items, left, width }, i) => {
+        const { atS, label } = items[0]!;
         const has = (kind: string) => items.some((item) => item.kind === kind);
         const kind = Object.keys(ICONS).find(has) ?? "mark";
         const titles = items.slice(0, TOLD).map((each) => each.title);
         return (
           <button
-            key={`${atS} ${title}`}
+            key={i}
             type="button"
             class={`event is-${kind}`}
             style={{ left: `${100 * left}%`, maxWidth: `${100 * width}%` }}

@@ -8,7 +8,6 @@ import { nameOf } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button, type ButtonProps } from "../ui/button";
 import { day, iso, megabytes } from "./clock";
-import { Export } from "./export";
 import { answer, request } from "./library";
 import { LineForm } from "./line_form";
 import { addressOf, shared } from "./playback";
@@ -28,10 +27,10 @@ export interface RowProps {
 }
 
 /** Title of a recording, or when it was made. */
-export const titleOf = (row: RecordingRow): string => row.title || day(row.start_ms);
+const titleOf = (row: RecordingRow): string => row.title || day(row.start_ms);
 
 /** Path of the requests about a recording. */
-export const pathOf = (row: RecordingRow): string => `recordings/${encodeURIComponent(row.name)}`;
+const pathOf = (row: RecordingRow): string => `recordings/${encodeURIComponent(row.name)}`;
 
 export function Row({
   open,
@@ -64,21 +63,21 @@ export function Row({
 
 function factsOf(row: RecordingRow): string[] {
   const { timeline } = texts();
-  const { details, marks } = row;
-  const facts: string[] = row.title === "" ? [] : [day(row.start_ms)];
-  if (row.writing) {
-    facts.push(timeline.writing); // Details of a file that grows are those of a moment ago.
-  } else if (details === null) {
-    facts.push(row.details_pending ? timeline.pending : timeline.unreadable);
-  } else {
-    const [first, ...others] = details.drivers;
-    if (first === undefined) facts.push(timeline.nobody);
-    else facts.push(others.length > 0 ? timeline.drivers(others.length + 1) : nameOf(first));
-    facts.push(timeline.stops(details.stops));
-    if (details.faults > 0) facts.push(timeline.faults(details.faults));
-  }
-  if (marks > 0) facts.push(timeline.marks(marks));
-  return [...facts, megabytes(row.size_bytes)];
+  const { drivers, stops, faults } = row.details ?? { drivers: [], stops: 0, faults: 0 };
+  const driver = drivers[0] === undefined ? timeline.nobody : nameOf(drivers[0]);
+  const unread =
+    row.details === null && (row.details_pending ? timeline.pending : timeline.unreadable);
+  // Details of a file that grows are those of a moment ago.
+  const unknown = row.writing ? timeline.writing : unread;
+  const facts = [
+    row.title !== "" && day(row.start_ms),
+    unknown || (drivers.length > 1 ? timeline.drivers(drivers.length) : driver),
+    !unknown && timeline.stops(stops),
+    !unknown && faults > 0 && timeline.faults(faults),
+    row.marks > 0 && timeline.marks(row.marks),
+    megabytes(row.size_bytes),
+  ];
+  return facts.filter((fact) => fact !== false);
 }
 
 function Actions({ row, run }: RowProps) {
@@ -146,8 +145,45 @@ function Actions({ row, run }: RowProps) {
   );
 }
 
+const ENDINGS: Record<string, string> = { html: ".html", mcap: ".mcap", csv: ".zip" };
+
+/** Export of all or a part. The dashboard makes it, which may take minutes. */
+function Export({ row, run }: RowProps) {
+  const { timeline } = texts();
+  const make = async (query: URLSearchParams) => {
+    const file = await answer("GET", `${pathOf(row)}/export?${query}`);
+    const address = URL.createObjectURL(await file.blob());
+    const name = row.title || row.name.replace(/\.mcap$/, "");
+    save(address, name + ENDINGS[query.get("as")!]);
+    setTimeout(() => URL.revokeObjectURL(address), 60_000);
+  };
+  const submit = (event: SubmitEvent) => {
+    event.preventDefault();
+    const form = new FormData(event.currentTarget as HTMLFormElement, event.submitter);
+    const query = new URLSearchParams();
+    form.forEach((value, name) => value !== "" && query.set(name, String(value)));
+    run(() => make(query), timeline.exporting);
+  };
+  return (
+    <form class="export" onSubmit={submit}>
+      {timeline.exportAs}
+      {Object.entries(timeline.exports).map(([kind, name]) => (
+        <button key={kind} class="btn edge" name="as" value={kind}>
+          {name}
+        </button>
+      ))}
+      {(["from", "to"] as const).map((name) => (
+        <label key={name} class="field">
+          {timeline[name]}
+          <input type="number" name={name} step="any" min="0" max={row.duration_s} /> s
+        </label>
+      ))}
+    </form>
+  );
+}
+
 /** Let the browser save a file. */
-export function save(href: string, download: string): void {
+function save(href: string, download: string): void {
   Object.assign(document.createElement("a"), { href, download }).click();
 }
 
@@ -156,24 +192,17 @@ const LEAST_M = 0.5;
 /** Paths of the robots, as on the map: x up, y left. */
 function Preview({ paths }: { paths: readonly RecordedPath[] }) {
   const points = paths.flatMap((path) => path.points);
-  if (points.length === 0) return <svg class="preview" aria-hidden="true" />;
-  const extent = (values: readonly number[]) => {
-    const [low, high] = [Math.min(...values), Math.max(...values)];
-    const length = Math.max(LEAST_M, high - low);
-    return { start: (low + high - length) / 2, length };
-  };
-  const across = extent(points.map(([, y]) => -y));
-  const down = extent(points.map(([x]) => -x));
+  const [xs, ys] = [points.map(([x]) => x), points.map(([, y]) => y)];
+  const extent = (values: readonly number[]) =>
+    Math.max(LEAST_M, Math.max(...values) - Math.min(...values));
+  const box = [-Math.max(...ys), -Math.max(...xs), extent(ys), extent(xs)];
+  const isEmpty = points.length === 0;
   return (
-    <svg
-      class="preview"
-      viewBox={[across.start, down.start, across.length, down.length].join(" ")}
-      aria-hidden="true"
-    >
-      {paths.map((path) => (
-        <g key={path.robot} style={{ color: path.colour }} transform="matrix(0 -1 -1 0 0 0)">
-          <polyline points={path.points.join(" ")} />
-          {path.points.length > 0 && <path d={`M${path.points.at(-1)} h0`} />}
+    <svg class="preview" viewBox={isEmpty ? undefined : box.join(" ")} aria-hidden="true">
+      {paths.map(({ robot, colour, points: path }) => (
+        <g key={robot} style={{ color: colour }} transform="matrix(0 -1 -1 0 0 0)">
+          <polyline points={path.join(" ")} />
+          {path.length > 0 && <path d={`M${path.at(-1)} h0`} />}
         </g>
       ))}
     </svg>

@@ -1,8 +1,7 @@
 import { expect, test } from "vitest";
-import { parseTime, ticks } from "../../src/timeline/clock";
-import { exportQuery } from "../../src/timeline/export";
+import { ticks } from "../../src/timeline/clock";
 import { grouped } from "../../src/timeline/lane";
-import { linePath, spans } from "../../src/timeline/lanes";
+import { linePath, spans } from "../../src/timeline/recorded";
 
 /** Random numbers from 0 to 1 that are the same in each run. */
 function random(seed: number): () => number {
@@ -69,21 +68,4 @@ test("The grid has few labels with room, and its times are round", () => {
     expect(found.every(({ tS }) => tS >= 0 && tS < 0.95 * durationS)).toBe(true);
   }
   expect(ticks(0, 0)).toEqual([]);
-});
-
-test("Times are read as seconds, minutes or hours, and nothing else is", () => {
-  expect(["90", "1:30", "1:02:03", "0:07,5"].map(parseTime)).toEqual([90, 90, 3723, 7.5]);
-  for (const text of ["", "x", "1:99", "-3", "1:2:3:4", "1e9"]) expect(parseTime(text)).toBeNull();
-});
-
-test("An export has its part in seconds; a part that ends before it begins is refused", () => {
-  const query = (as: string, from: string, to: string) => {
-    const form = new FormData();
-    Object.entries({ as, from, to }).forEach(([name, value]) => form.set(name, value));
-    return exportQuery(form)?.toString();
-  };
-  expect(query("csv", "0:10", "1:30")).toBe("as=csv&from=10&to=90");
-  expect(query("html", "", " ")).toBe("as=html");
-  expect(query("html", "1:30", "0:10")).toBeUndefined();
-  expect(query("html", "soon", "")).toBeUndefined();
 });
