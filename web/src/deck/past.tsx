@@ -11,7 +11,7 @@ import { NextStep } from "../ui/button";
 /** Leave the recording for the live robot. */
 export function goLive(): void {
   const address = new URL(location.href);
-  for (const name of ["recording", "t"]) address.searchParams.delete(name);
+  address.searchParams.delete("recording");
   location.assign(address);
 }
 

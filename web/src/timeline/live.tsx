@@ -1,7 +1,6 @@
 // One line: the last 30 s of the live robot, with its modes and events. A click looks back.
 
 import { useEffect } from "preact/hooks";
-import type { RobotEvent } from "../generated/wire";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import type { Link } from "../store/link";
@@ -9,9 +8,10 @@ import { duration, figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { Icon } from "../ui/icon";
-import { type Happening, Happenings, Rail } from "./lane";
+import { type Happening, Happenings } from "./happenings";
 import { BACK_S } from "./look_back";
 import { ListButton } from "./recordings";
+import { sliderHandlers } from "./slider";
 
 const KEY_STEP_S = 5;
 
@@ -53,13 +53,18 @@ export function Live() {
       </span>
       <span class="note">{timeline.last(figure(BACK_S))}</span>
       <div class="lane">
-        <Rail
-          label={timeline.slider}
-          fromS={-BACK_S}
-          toS={0}
-          atS={-(agoS ?? 0)}
-          text={ago ?? timeline.now}
-          onSeek={seek}
+        <div
+          {...sliderHandlers(
+            (share) => seek(BACK_S * (share - 1)),
+            (seconds) => seek(seconds - (lookBack.agoS.peek() ?? 0)),
+          )}
+          class="rail"
+          aria-label={timeline.slider}
+          aria-valuemin={-BACK_S}
+          aria-valuemax={0}
+          aria-valuenow={-(agoS ?? 0)}
+          aria-valuetext={ago ?? timeline.now}
+          style={{ "--at": `${100 - (100 * (agoS ?? 0)) / BACK_S}%` }}
         >
           <svg viewBox={`${-BACK_S} 0 ${BACK_S} 2`} preserveAspectRatio="none" aria-hidden="true">
             <path d={`M${-BACK_S} 1H0`} />
@@ -72,7 +77,7 @@ export function Live() {
             ))}
           </svg>
           <i class={ago === null ? "cursor" : "cursor back"} />
-        </Rail>
+        </div>
         <Happenings list={recent(link)} onSeek={seek} />
       </div>
       {agoS === null ? <Recorder /> : <PastState />}
@@ -113,20 +118,23 @@ function Recorder() {
   );
 }
 
+/** Kinds in recordings by kinds of live events, and by the mode after a change. */
+const KINDS: Record<string, string> = {
+  fault: "fault",
+  stopped: "stop",
+  stopping: "stop",
+  drop: "drop",
+  lease: "hand-over",
+  consistency: "consistency",
+};
+
 function recent(link: Link): Happening[] {
   const nowMs = Date.now();
-  return link.history.value.flatMap((event) => {
-    const [kind, agoS] = [kindOf(event), (nowMs - event.atMs) / 1000];
-    if (kind === null || agoS > BACK_S || agoS < 0) return [];
-    const title = `${texts().timeline.ago(figure(agoS))}: ${sentence(event.why)}`;
+  return link.history.value.flatMap(({ kind: name, why, atMs }) => {
+    const kind = KINDS[name === "mode" ? String(why.params?.["after"]) : name];
+    const agoS = (nowMs - atMs) / 1000;
+    if (kind === undefined || agoS > BACK_S || agoS < 0) return [];
+    const title = `${texts().timeline.ago(figure(agoS))}: ${sentence(why)}`;
     return [{ atS: -agoS, share: 1 - agoS / BACK_S, kind, label: "", title }];
   });
-}
-
-/** Kind of a live event as in recordings, or null if it is not shown. */
-function kindOf({ kind, why }: RobotEvent): string | null {
-  const after = why.params?.["after"];
-  if (kind === "mode" && after === "fault") return "fault";
-  if (kind === "mode") return after === "stopped" || after === "stopping" ? "stop" : null;
-  return { drop: "drop", lease: "hand-over", consistency: "consistency" }[kind] ?? null;
 }

@@ -1,10 +1,8 @@
-// Playback of the recording that this page shows, and addresses of recordings.
+// Playback of the recording that this page shows.
 
-import { signal } from "@preact/signals";
+import { computed, signal } from "@preact/signals";
 import type { Cursor, RecordedLanes, Timeline, TimelineEvent } from "../generated/wire";
-import { copyText } from "../plots/export";
 import type { Link } from "../store/link";
-import { texts } from "../text/text";
 import { request } from "./library";
 import { throttled } from "./throttle";
 
@@ -27,6 +25,11 @@ export class Playback {
   readonly speed = signal(1);
   /** Empty if the file is damaged, for example; events and cursor remain. */
   readonly lanes = signal<readonly RecordedLanes[]>([]);
+  /** Wall-clock time that is shown, or null before the recording is open. */
+  readonly shownMs = computed(() => {
+    const timeline = this.timeline.value;
+    return timeline && timeline.start_ms + 1000 * this.cursor.value.t_s;
+  });
   readonly #link: Link;
   readonly #seek: (tS: number) => void;
   #seekS = Number(new URL(location.href).searchParams.get("t") ?? NaN);
@@ -79,18 +82,11 @@ export class Playback {
   }
 }
 
-/** Address of a recording, optionally at a time in seconds since its start. */
-export function addressOf(name: string, tS?: number): URL {
-  const address = new URL(location.href);
-  address.searchParams.delete("t");
-  address.searchParams.set("recording", name);
-  if (tS !== undefined) address.searchParams.set("t", tS.toFixed(1));
-  return address;
-}
+const playbacks = new WeakMap<Link, Playback>();
 
-/** Copy the address of a recording, and return what to tell about it. */
-export async function shared(name: string, tS?: number): Promise<string> {
-  const { copied, copyYourself } = texts().timeline;
-  const { href } = addressOf(name, tS);
-  return (await copyText(href)) ? copied : `${copyYourself} ${href}`;
+/** The playback of a page. */
+export function playbackOf(link: Link): Playback {
+  const playback = playbacks.get(link) ?? new Playback(link);
+  playbacks.set(link, playback);
+  return playback;
 }

@@ -1,7 +1,6 @@
 // A recording: playback controls and lanes for mode, driver, speed, link and events.
 
 import { useEffect, useState } from "preact/hooks";
-import { goLive } from "../deck/past";
 import type { RecordedLanes, Timeline } from "../generated/wire";
 import { useSession } from "../session";
 import { duration, figure } from "../text/numbers";
@@ -10,15 +9,18 @@ import { language, texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Menu } from "../ui/menu";
 import { clock, iso, ticks } from "./clock";
-import { type Happening, Happenings, Rail, shareAt } from "./lane";
+import { type Happening, Happenings } from "./happenings";
 import { LineForm } from "./line_form";
-import { SPEEDS } from "./playback";
+import { backToLive } from "./past";
+import { type Playback, playbackOf, SPEEDS } from "./playback";
 import { ListButton } from "./recordings";
+import { shareAt, sliderHandlers } from "./slider";
 
 const NOTE_LENGTH = 200;
 
 export function Recorded() {
-  const { keyboard, link, playback } = useSession();
+  const { keyboard, link } = useSession();
+  const playback = playbackOf(link);
   const { timeline } = texts();
   const [noting, setNoting] = useState(false);
   const mark = () => {
@@ -28,7 +30,7 @@ export function Recorded() {
   const step = (way: 1 | -1) => link.send({ t: "step", back: way < 0 });
   useEffect(() => {
     const ends = [
-      keyboard.bind("KeyL", goLive),
+      keyboard.bind("KeyL", backToLive),
       keyboard.bind("KeyK", () => playback.toggle()),
       keyboard.bind("KeyM", mark),
       // With Shift, one status instead of an event, on any keyboard layout.
@@ -40,7 +42,7 @@ export function Recorded() {
   return (
     <footer class="time past" aria-label={timeline.name}>
       <div class="head">
-        <Controls />
+        <Controls playback={playback} />
         <span class="spacer" />
         {noting ? (
           <LineForm
@@ -59,13 +61,12 @@ export function Recorded() {
           </>
         )}
       </div>
-      <Lanes />
+      <Lanes playback={playback} />
     </footer>
   );
 }
 
-function Controls() {
-  const { playback } = useSession();
+function Controls({ playback }: { playback: Playback }) {
   const { timeline } = texts();
   const { playing } = playback.cursor.value;
   const speed = playback.speed.value;
@@ -93,8 +94,8 @@ function Controls() {
   );
 }
 
-function Lanes() {
-  const { link, playback } = useSession();
+function Lanes({ playback }: { playback: Playback }) {
+  const { link } = useSession();
   const timeline = playback.timeline.value;
   const lanes = playback.lanes.value.find(({ robot }) => robot === link.robot.value?.id);
   return (
@@ -115,7 +116,7 @@ function Lanes() {
               ))}
             </div>
             {lanes && <Values lanes={lanes} durationS={timeline.duration_s} />}
-            <Cursor timeline={timeline} lanes={lanes} />
+            <Rail playback={playback} timeline={timeline} lanes={lanes} />
             <Happenings list={happenings(timeline)} onSeek={(tS) => playback.seek(tS)} />
           </>
         )}
@@ -159,26 +160,37 @@ function Values({ lanes, durationS }: { lanes: RecordedLanes; durationS: number 
   );
 }
 
+interface RailProps {
+  playback: Playback;
+  timeline: Timeline;
+  lanes: RecordedLanes | undefined;
+}
+
 /** The slider over all lanes, and the line of the time shown. */
-function Cursor({ timeline, lanes }: { timeline: Timeline; lanes: RecordedLanes | undefined }) {
-  const { playback } = useSession();
+function Rail({ playback, timeline, lanes }: RailProps) {
+  const { start_ms: startMs, duration_s: durationS } = timeline;
   const tS = playback.cursor.value.t_s;
-  const shownMs = timeline.start_ms + 1000 * tS;
+  const shownMs = startMs + 1000 * tS;
   return (
-    <Rail
-      label={texts().timeline.recordedSlider}
-      fromS={0}
-      toS={timeline.duration_s}
-      atS={tS}
-      text={[clock(shownMs), ...(lanes ? told(lanes, tS) : [])].join(", ")}
-      onSeek={(wantedS) => playback.seek(wantedS)}
+    <div
+      {...sliderHandlers(
+        (share) => playback.seek(share * durationS),
+        (seconds) => playback.seek(playback.cursor.peek().t_s + seconds),
+      )}
+      class="rail"
+      aria-label={texts().timeline.recordedSlider}
+      aria-valuemin={0}
+      aria-valuemax={durationS}
+      aria-valuenow={tS}
+      aria-valuetext={[clock(shownMs), ...(lanes ? told(lanes, tS) : [])].join(", ")}
+      style={{ "--at": `${100 * shareAt(tS, 0, durationS)}%` }}
     >
       <i class="cursor">
         <time dateTime={iso(shownMs)} title={iso(shownMs)}>
           {clock(shownMs)}
         </time>
       </i>
-    </Rail>
+    </div>
   );
 }
 

@@ -10,7 +10,8 @@ import { Button, type ButtonProps } from "../ui/button";
 import { day, iso, megabytes } from "./clock";
 import { answer, request } from "./library";
 import { LineForm } from "./line_form";
-import { addressOf, shared } from "./playback";
+import { addressOf, shared } from "./past";
+import { playbackOf } from "./playback";
 
 const TITLE_LENGTH = 40;
 
@@ -81,7 +82,7 @@ function factsOf(row: RecordingRow): string[] {
 }
 
 function Actions({ row, run }: RowProps) {
-  const { link, playback } = useSession();
+  const { link } = useSession();
   const { timeline } = texts();
   const [part, setPart] = useState<"rename" | "more" | null>(null);
   const isShown = row.name === link.recording;
@@ -90,7 +91,7 @@ function Actions({ row, run }: RowProps) {
     save(`${pathOf(row)}/download`, row.name);
   };
   const share = async () => ({
-    text: await shared(row.name, isShown ? playback.cursor.peek().t_s : undefined),
+    text: await shared(row.name, isShown ? playbackOf(link).cursor.peek().t_s : undefined),
   });
   const rename = async (title: string) => {
     await answer("PUT", `${pathOf(row)}/title`, { title });
@@ -192,13 +193,15 @@ const LEAST_M = 0.5;
 /** Paths of the robots, as on the map: x up, y left. */
 function Preview({ paths }: { paths: readonly RecordedPath[] }) {
   const points = paths.flatMap((path) => path.points);
-  const [xs, ys] = [points.map(([x]) => x), points.map(([, y]) => y)];
-  const extent = (values: readonly number[]) =>
-    Math.max(LEAST_M, Math.max(...values) - Math.min(...values));
-  const box = [-Math.max(...ys), -Math.max(...xs), extent(ys), extent(xs)];
-  const isEmpty = points.length === 0;
+  const extent = (values: readonly number[]) => {
+    const [low, high] = [Math.min(...values), Math.max(...values)];
+    const length = Math.max(LEAST_M, high - low);
+    return { start: (low + high - length) / 2, length };
+  };
+  const [across, down] = [extent(points.map(([, y]) => -y)), extent(points.map(([x]) => -x))];
+  const box = [across.start, down.start, across.length, down.length].join(" ");
   return (
-    <svg class="preview" viewBox={isEmpty ? undefined : box.join(" ")} aria-hidden="true">
+    <svg class="preview" viewBox={points.length > 0 ? box : undefined} aria-hidden="true">
       {paths.map(({ robot, colour, points: path }) => (
         <g key={robot} style={{ color: colour }} transform="matrix(0 -1 -1 0 0 0)">
           <polyline points={path.join(" ")} />

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 import { ticks } from "../../src/timeline/clock";
-import { grouped } from "../../src/timeline/lane";
+import { grouped } from "../../src/timeline/happenings";
 import { linePath, spans } from "../../src/timeline/recorded";
 
 /** Random numbers from 0 to 1 that are the same in each run. */

@@ -1,75 +1,8 @@
-// What both timelines share: a slider over a whole lane, and its events.
+// Events on a lane, merged into a count where their labels would overlap.
 
-import type { ComponentChildren, TargetedPointerEvent } from "preact";
 import { useSession } from "../session";
 import { texts } from "../text/text";
 import { Icon, type IconName } from "../ui/icon";
-
-const KEYS_S: Record<string, number> = {
-  ArrowLeft: -1,
-  ArrowDown: -1,
-  ArrowRight: 1,
-  ArrowUp: 1,
-  PageDown: -10,
-  PageUp: 10,
-  Home: -Infinity,
-  End: Infinity,
-};
-
-interface RailProps {
-  label: string;
-  /** Ends of the lane, and the time that is shown, in seconds. */
-  fromS: number;
-  toS: number;
-  atS: number;
-  /** The time that is shown in words. */
-  text: string;
-  onSeek: (atS: number) => void;
-  children: ComponentChildren;
-}
-
-/** Slider over a whole lane, for pointer and keys; its children find the time at `--at`. */
-export function Rail({ label, fromS, toS, atS, text, onSeek, children }: RailProps) {
-  const point = (event: TargetedPointerEvent<HTMLElement>) => {
-    const rail = event.currentTarget;
-    if (!rail.hasPointerCapture(event.pointerId)) return;
-    const { left, width } = rail.getBoundingClientRect();
-    onSeek(fromS + (toS - fromS) * shareAt(event.clientX, left, width));
-  };
-  const press = (event: TargetedPointerEvent<HTMLElement>) => {
-    if (event.button !== 0) return;
-    event.currentTarget.setPointerCapture(event.pointerId);
-    point(event);
-  };
-  const key = (event: KeyboardEvent) => {
-    const seconds = KEYS_S[event.code];
-    if (seconds === undefined) return;
-    event.preventDefault();
-    onSeek(Math.max(fromS, Math.min(toS, atS + seconds)));
-  };
-  return (
-    <div
-      class="rail"
-      role="slider"
-      tabIndex={0}
-      aria-label={label}
-      aria-valuemin={fromS}
-      aria-valuemax={toS}
-      aria-valuenow={atS}
-      aria-valuetext={text}
-      style={{ "--at": `${100 * shareAt(atS, fromS, toS - fromS)}%` }}
-      onPointerDown={press}
-      onPointerMove={point}
-      onKeyDown={key}
-    >
-      {children}
-    </div>
-  );
-}
-
-export function shareAt(x: number, start: number, length: number): number {
-  return length > 0 ? Math.max(0, Math.min(1, (x - start) / length)) : 0;
-}
 
 /** Labels that are merged into one, and the room that they have as shares of the lane. */
 export interface Group<T> {
@@ -125,12 +58,12 @@ interface HappeningsProps {
   onSeek: (atS: number) => void;
 }
 
-/** Events: an icon and a label each, merged into a count where they would overlap. */
 export function Happenings({ list, onSeek }: HappeningsProps) {
   const { phone } = useSession().layout;
+  const least = list.some(({ label }) => label !== "") ? 0.1 : 0.03;
   return (
     <div class="happened">
-      {grouped(list, phone.value ? 0.3 : 0.1).map(({ items, left, width }, i) => {
+      {grouped(list, phone.value ? 3 * least : least).map(({ items, left, width }, i) => {
         const { atS, label } = items[0]!;
         const has = (kind: string) => items.some((item) => item.kind === kind);
         const kind = Object.keys(ICONS).find(has) ?? "mark";

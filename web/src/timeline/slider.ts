@@ -1,0 +1,45 @@
+// A slider over a whole track, for pointer and keys.
+
+import type { TargetedPointerEvent } from "preact";
+
+type Pointer = TargetedPointerEvent<HTMLElement>;
+
+const KEYS: Record<string, number> = {
+  ArrowLeft: -1,
+  ArrowDown: -1,
+  ArrowRight: 1,
+  ArrowUp: 1,
+  PageDown: -10,
+  PageUp: 10,
+};
+
+/** Handlers of a slider: `seek` gets the share of the track, `move` steps of a key. */
+export function sliderHandlers(seek: (share: number) => void, move: (steps: number) => void) {
+  const point = ({ currentTarget: track, pointerId, clientX }: Pointer) => {
+    const { left, width } = track.getBoundingClientRect();
+    if (track.hasPointerCapture(pointerId)) seek(shareAt(clientX, left, width));
+  };
+  return {
+    role: "slider" as const,
+    tabIndex: 0,
+    onPointerDown: (event: Pointer) => {
+      if (event.button !== 0) return;
+      event.currentTarget.setPointerCapture(event.pointerId);
+      point(event);
+    },
+    onPointerMove: point,
+    onKeyDown: (event: KeyboardEvent) => {
+      const steps = KEYS[event.code];
+      if (steps !== undefined) move(steps);
+      else if (event.code === "Home") seek(0);
+      else if (event.code === "End") seek(1);
+      else return;
+      event.preventDefault();
+      event.stopPropagation();
+    },
+  };
+}
+
+export function shareAt(x: number, start: number, length: number): number {
+  return length > 0 ? Math.max(0, Math.min(1, (x - start) / length)) : 0;
+}
