@@ -19,6 +19,7 @@ import { Requests } from "./store/requests";
 import { View } from "./store/view";
 import { Library } from "./timeline/library";
 import { LookBack } from "./timeline/look_back";
+import { Playback } from "./timeline/playback";
 
 export class Session {
   readonly name = remembered("tsd-name", "", isText);
@@ -37,6 +38,7 @@ export class Session {
   readonly fleet: FleetStore;
   readonly library: Library;
   readonly lookBack: LookBack;
+  readonly playback: Playback;
 
   constructor() {
     const recording = new URL(location.href).searchParams.get("recording");
@@ -66,6 +68,7 @@ export class Session {
     this.recorder = new Recorder(this.link);
     this.library = new Library(this.link);
     this.lookBack = new LookBack(this.link);
+    this.playback = new Playback(this.link);
   }
 
   /** Change the display name of the operator. */

@@ -81,12 +81,3 @@ export class Playback {
     this.lanes.value = await request<RecordedLanes[]>("GET", path).catch(() => []);
   }
 }
-
-const playbacks = new WeakMap<Link, Playback>();
-
-/** The playback of a page. */
-export function playbackOf(link: Link): Playback {
-  const playback = playbacks.get(link) ?? new Playback(link);
-  playbacks.set(link, playback);
-  return playback;
-}

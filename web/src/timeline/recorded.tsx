@@ -12,15 +12,14 @@ import { clock, iso, ticks } from "./clock";
 import { type Happening, Happenings } from "./happenings";
 import { LineForm } from "./line_form";
 import { backToLive } from "./past";
-import { type Playback, playbackOf, SPEEDS } from "./playback";
+import { SPEEDS } from "./playback";
 import { ListButton } from "./recordings";
 import { shareAt, sliderHandlers } from "./slider";
 
 const NOTE_LENGTH = 200;
 
 export function Recorded() {
-  const { keyboard, link } = useSession();
-  const playback = playbackOf(link);
+  const { keyboard, link, playback } = useSession();
   const { timeline } = texts();
   const [noting, setNoting] = useState(false);
   const mark = () => {
@@ -42,7 +41,7 @@ export function Recorded() {
   return (
     <footer class="time past" aria-label={timeline.name}>
       <div class="head">
-        <Controls playback={playback} />
+        <Controls />
         <span class="spacer" />
         {noting ? (
           <LineForm
@@ -61,12 +60,13 @@ export function Recorded() {
           </>
         )}
       </div>
-      <Lanes playback={playback} />
+      <Lanes />
     </footer>
   );
 }
 
-function Controls({ playback }: { playback: Playback }) {
+function Controls() {
+  const { playback } = useSession();
   const { timeline } = texts();
   const { playing } = playback.cursor.value;
   const speed = playback.speed.value;
@@ -94,8 +94,8 @@ function Controls({ playback }: { playback: Playback }) {
   );
 }
 
-function Lanes({ playback }: { playback: Playback }) {
-  const { link } = useSession();
+function Lanes() {
+  const { link, playback } = useSession();
   const timeline = playback.timeline.value;
   const lanes = playback.lanes.value.find(({ robot }) => robot === link.robot.value?.id);
   return (
@@ -116,7 +116,7 @@ function Lanes({ playback }: { playback: Playback }) {
               ))}
             </div>
             {lanes && <Values lanes={lanes} durationS={timeline.duration_s} />}
-            <Rail playback={playback} timeline={timeline} lanes={lanes} />
+            <Rail timeline={timeline} lanes={lanes} />
             <Happenings list={happenings(timeline)} onSeek={(tS) => playback.seek(tS)} />
           </>
         )}
@@ -160,14 +160,9 @@ function Values({ lanes, durationS }: { lanes: RecordedLanes; durationS: number 
   );
 }
 
-interface RailProps {
-  playback: Playback;
-  timeline: Timeline;
-  lanes: RecordedLanes | undefined;
-}
-
 /** The slider over all lanes, and the line of the time shown. */
-function Rail({ playback, timeline, lanes }: RailProps) {
+function Rail({ timeline, lanes }: { timeline: Timeline; lanes: RecordedLanes | undefined }) {
+  const { playback } = useSession();
   const { start_ms: startMs, duration_s: durationS } = timeline;
   const tS = playback.cursor.value.t_s;
   const shownMs = startMs + 1000 * tS;

@@ -11,7 +11,6 @@ import { day, iso, megabytes } from "./clock";
 import { answer, request } from "./library";
 import { LineForm } from "./line_form";
 import { addressOf, shared } from "./past";
-import { playbackOf } from "./playback";
 
 const TITLE_LENGTH = 40;
 
@@ -82,7 +81,7 @@ function factsOf(row: RecordingRow): string[] {
 }
 
 function Actions({ row, run }: RowProps) {
-  const { link } = useSession();
+  const { link, playback } = useSession();
   const { timeline } = texts();
   const [part, setPart] = useState<"rename" | "more" | null>(null);
   const isShown = row.name === link.recording;
@@ -91,7 +90,7 @@ function Actions({ row, run }: RowProps) {
     save(`${pathOf(row)}/download`, row.name);
   };
   const share = async () => ({
-    text: await shared(row.name, isShown ? playbackOf(link).cursor.peek().t_s : undefined),
+    text: await shared(row.name, isShown ? playback.cursor.peek().t_s : undefined),
   });
   const rename = async (title: string) => {
     await answer("PUT", `${pathOf(row)}/title`, { title });
