@@ -53,8 +53,8 @@ export function Recorded() {
           />
         ) : (
           <>
-            <Button icon="flag" onPress={mark}>
-              {timeline.mark}
+            <Button icon="flag" label={timeline.mark} onPress={mark}>
+              <span class="word">{timeline.mark}</span>
             </Button>
             <ListButton />
           </>

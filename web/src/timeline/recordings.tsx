@@ -98,12 +98,18 @@ export function Recordings() {
   );
 }
 
-/** Opens the list. */
+/** Opens the list; on a phone, without its word. */
 export function ListButton() {
   const { open } = useSession().library;
+  const { recordings } = texts().timeline;
   return (
-    <Button icon="search" expanded={open.value} onPress={() => (open.value = true)}>
-      {texts().timeline.recordings}
+    <Button
+      icon="search"
+      label={recordings}
+      expanded={open.value}
+      onPress={() => (open.value = true)}
+    >
+      <span class="word">{recordings}</span>
     </Button>
   );
 }
