@@ -17,6 +17,9 @@ import { News } from "./store/news";
 import { Notice } from "./store/notice";
 import { Requests } from "./store/requests";
 import { View } from "./store/view";
+import { Library } from "./timeline/library";
+import { LookBack } from "./timeline/look_back";
+import { Playback } from "./timeline/playback";
 
 export class Session {
   readonly name = remembered("tsd-name", "", isText);
@@ -33,6 +36,9 @@ export class Session {
   readonly recorder: Recorder;
   readonly layout = new Layout();
   readonly fleet: FleetStore;
+  readonly library: Library;
+  readonly lookBack: LookBack;
+  readonly playback: Playback;
 
   constructor() {
     const recording = new URL(location.href).searchParams.get("recording");
@@ -60,6 +66,9 @@ export class Session {
     new News(this);
     this.view = new View(this.link);
     this.recorder = new Recorder(this.link);
+    this.library = new Library(this.link);
+    this.lookBack = new LookBack(this.link);
+    this.playback = new Playback(this.link);
   }
 
   /** Change the display name of the operator. */

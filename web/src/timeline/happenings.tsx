@@ -1,14 +1,37 @@
-// Events on a lane: an icon and a label each, merged into a count where they would overlap.
+// Events on a lane, merged into a count where their labels would overlap.
 
-import { useEffect, useRef, useState } from "preact/hooks";
-import type { RobotEvent, TimelineEvent } from "../generated/wire";
-import { sentence } from "../text/reasons";
+import { useSession } from "../session";
 import { texts } from "../text/text";
 import { Icon, type IconName } from "../ui/icon";
-import { grouped, textPx } from "./groups";
 
-const ICON_PX = 20;
-const LABEL_PX = 190; // Longer labels are cut off; their title has all of it.
+/** Labels that are merged into one, and the room that they have as shares of the lane. */
+export interface Group<T> {
+  items: T[];
+  left: number;
+  width: number;
+}
+
+/**
+ * Give each of some items, in order, at least a room of `least` to the right of its share of the
+ * lane. Where the next one is nearer, or the lane ends, they are merged.
+ */
+export function grouped<T extends { share: number }>(items: readonly T[], least: number) {
+  const groups: Group<T>[] = [];
+  for (const item of items) {
+    const left = Math.max(0, Math.min(item.share, 1 - least));
+    const last = groups.at(-1);
+    if (last && left - last.left < least) {
+      last.items.push(item);
+    } else {
+      if (last) last.width = left - last.left;
+      groups.push({ items: [item], left, width: 1 - left });
+    }
+  }
+  return groups;
+}
+
+const TOLD = 12; // Events in the title of a group.
+/** By severity: the first of a group gives its icon. */
 const ICONS: Record<string, IconName> = {
   fault: "warn",
   stop: "stopsign",
@@ -16,94 +39,47 @@ const ICONS: Record<string, IconName> = {
   consistency: "half",
   "hand-over": "wheel",
   mark: "flag",
-}; // The first of a group gives the icon.
-const SEVERITY = Object.keys(ICONS);
+};
 
 export interface Happening {
+  atS: number;
   /** Share of the lane. */
-  at: number;
+  share: number;
   kind: string;
+  /** A few words, or "" for the icon alone. */
   label: string;
   /** The whole text, with its time. */
   title: string;
 }
 
-/** Kind of a live event as in recordings, or null if it is not shown. */
-export function kindOf({ kind, why }: RobotEvent): string | null {
-  const after = why.params?.["after"];
-  if (kind === "mode" && after === "fault") return "fault";
-  if (kind === "mode") return after === "stopped" || after === "stopping" ? "stop" : null;
-  return { drop: "drop", lease: "hand-over", consistency: "consistency" }[kind] ?? null;
-}
-
-/** Text of a recorded event; notes and old events have no reason. */
-export function textOf({ why, text, kind }: TimelineEvent): string {
-  return why ? sentence(why) : text || (texts().timeline.kinds[kind] ?? kind);
-}
-
-/** A few words for a label: the cause of a stop rather than the change of the mode. */
-export function labelOf(event: TimelineEvent): string {
-  const why = event.why?.cause ?? event.why;
-  const label = why ? sentence(why).slice(0, -1) : textOf(event);
-  return event.count > 1 ? `${label} × ${event.count}` : label;
-}
-
-/** Width of an element in px, 0 before it is known. */
-export function useWidth<T extends Element>() {
-  const ref = useRef<T>(null);
-  const [width, setWidth] = useState(0);
-  useEffect(() => {
-    if (ref.current === null) return undefined;
-    const observer = new ResizeObserver(([entry]) => setWidth(entry?.contentRect.width ?? 0));
-    observer.observe(ref.current);
-    return () => observer.disconnect();
-  }, []);
-  return [ref, width] as const;
-}
-
-interface HappeningsProps<T> {
+interface HappeningsProps {
   /** In order of time. */
-  list: readonly T[];
-  roomPx: number;
-  labels?: boolean;
-  onChoose: (first: T) => void;
+  list: readonly Happening[];
+  onSeek: (atS: number) => void;
 }
 
-export function Happenings<T extends Happening>(props: HappeningsProps<T>) {
-  const { list, roomPx, labels = false, onChoose } = props;
-  const text = (items: readonly T[]) =>
-    items.length > 1
-      ? labels
-        ? texts().timeline.events(items.length)
-        : `${items.length}`
-      : items[0]!.label;
-  const width = (items: readonly T[]) =>
-    ICON_PX + (labels || items.length > 1 ? 4 + Math.min(LABEL_PX, textPx(text(items))) : 0);
-  const groups = grouped(list, roomPx, ({ at }) => at * roomPx - ICON_PX / 2, width);
+export function Happenings({ list, onSeek }: HappeningsProps) {
+  const { phone } = useSession().layout;
+  const least = list.some(({ label }) => label !== "") ? 0.1 : 0.03;
   return (
     <div class="happened">
-      {groups.map(({ items, leftPx, widthPx }) => {
-        const kinds = items.map(({ kind }) => kind);
-        const kind = SEVERITY.find((each) => kinds.includes(each)) ?? "mark";
-        const title = items
-          .slice(0, 12)
-          .map((each) => each.title)
-          .join("\n");
+      {grouped(list, phone.value ? 3 * least : least).map(({ items, left, width }, i) => {
+        const { atS, label } = items[0]!;
+        const has = (kind: string) => items.some((item) => item.kind === kind);
+        const kind = Object.keys(ICONS).find(has) ?? "mark";
+        const titles = items.slice(0, TOLD).map((each) => each.title);
         return (
           <button
-            key={`${items[0]!.at} ${items[0]!.title}`}
+            key={i}
             type="button"
             class={`event is-${kind}`}
-            style={{ left: `${leftPx}px`, width: `${widthPx}px` }}
+            style={{ left: `${100 * left}%`, maxWidth: `${100 * width}%` }}
             tabIndex={-1}
-            title={title}
-            aria-label={
-              items.length > 1 ? `${texts().timeline.events(items.length)}: ${title}` : title
-            }
-            onClick={() => onChoose(items[0]!)}
+            title={titles.join("\n")}
+            onClick={() => onSeek(atS)}
           >
             <Icon name={ICONS[kind]!} />
-            {(labels || items.length > 1) && <bdi>{text(items)}</bdi>}
+            <bdi>{items.length > 1 ? texts().timeline.events(items.length) : label}</bdi>
           </button>
         );
       })}

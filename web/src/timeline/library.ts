@@ -1,28 +1,31 @@
-// The list of recordings, fetched again when the dashboard reports a change.
+// The list of recordings, fetched again when the dashboard reports a change, and requests about it.
 
 import { effect, signal } from "@preact/signals";
 import type { RecordingRow, TrashRow } from "../generated/wire";
 import type { Link } from "../store/link";
-import { answer, request } from "./request";
+import { texts } from "../text/text";
 
-export type ListState = "loading" | "ready" | "absent" | "failed";
-
-const REFRESH_MS = 1500; // Shortest time between two requests; details of many files come in quickly.
+const WAIT_MS = { open: 300, closed: 1500 }; // Details of many files come in quickly.
 const WATCH_BEATS = 100; // Ten seconds: nothing reports the end of a recording.
+/** Refusals without a body, as of HEAD or by a proxy. */
+const CODES: Record<number, string> = { 403: "viewer", 404: "no_recording", 429: "too_many" };
 
-/** Whether the list is shown; the timeline and the tabs of a phone open it. */
-export const recordingsOpen = signal(false);
+interface List {
+  state: "loading" | "ready" | "absent" | "failed";
+  rows: readonly RecordingRow[];
+  trash: readonly TrashRow[];
+}
 
 export class Library {
-  readonly state = signal<ListState>("loading");
-  readonly rows = signal<readonly RecordingRow[]>([]);
-  readonly trash = signal<readonly TrashRow[]>([]);
+  /** Whether the list is shown. */
+  readonly open = signal(false);
+  readonly list = signal<List>({ state: "loading", rows: [], trash: [] });
+  /** Words that all recordings in the list contain. */
   readonly query = signal("");
   /** Recording that is being written, and when its length was reported. */
   readonly written = signal<{ row: RecordingRow; atMs: number } | null>(null);
   #number = 0;
   #timer = 0;
-  #fetchedMs = -Infinity;
 
   constructor(link: Link) {
     link.on("welcome", () => this.refresh());
@@ -31,52 +34,57 @@ export class Library {
       if (link.beat.value % WATCH_BEATS === 0 && link.connected.peek()) void this.#watch();
     });
     effect(() => {
-      if (recordingsOpen.value) this.refresh();
+      void this.query.value;
+      if (this.open.value) this.refresh();
     });
   }
 
-  /** Show the recordings that contain all words. */
-  search(query: string): void {
-    this.query.value = query;
-    this.refresh();
-  }
-
   refresh(): void {
-    if (this.#timer !== 0) return;
-    const waitMs = Math.max(0, this.#fetchedMs + REFRESH_MS - performance.now());
-    const typed = recordingsOpen.peek() ? Math.min(waitMs, 200) : waitMs;
-    this.#timer = window.setTimeout(() => void this.#fetch(), typed);
+    const waitMs = WAIT_MS[this.open.peek() ? "open" : "closed"];
+    this.#timer ||= window.setTimeout(() => void this.#fetch(), waitMs);
   }
 
   async #fetch(): Promise<void> {
     this.#timer = 0;
-    this.#fetchedMs = performance.now();
     const number = ++this.#number;
-    const query = recordingsOpen.peek() ? this.query.peek() : "";
+    const isOpen = this.open.peek();
+    const query = isOpen ? this.query.peek() : "";
     try {
-      const response = await answer("GET", `?q=${encodeURIComponent(query)}`);
-      const rows = response.status === 204 ? null : ((await response.json()) as RecordingRow[]);
-      const trash = rows && recordingsOpen.peek() ? await request<TrashRow[]>("GET", "trash") : [];
+      const found = await answer("GET", `recordings?q=${encodeURIComponent(query)}`);
+      const rows = found.status === 204 ? null : ((await found.json()) as RecordingRow[]);
+      const trash = rows && isOpen ? await request<TrashRow[]>("GET", "recordings/trash") : [];
       if (number !== this.#number) return; // A later request is under way.
-      this.state.value = rows === null ? "absent" : "ready";
-      this.rows.value = rows ?? [];
-      this.trash.value = trash;
-      if (query === "") this.#note(rows?.find((row) => row.writing));
+      this.list.value = { state: rows ? "ready" : "absent", rows: rows ?? [], trash };
+      if (query === "") this.#note(rows ?? []);
     } catch {
-      if (number === this.#number) this.state.value = "failed";
+      if (number === this.#number) this.list.value = { ...this.list.peek(), state: "failed" };
     }
   }
 
   async #watch(): Promise<void> {
     const name = this.written.peek()?.row.name;
     if (name === undefined) return;
-    const rows = await request<RecordingRow[]>("GET", `?q=${encodeURIComponent(name)}`).catch(
-      () => [],
-    );
-    this.#note(rows.find((row) => row.name === name && row.writing));
+    const path = `recordings?q=${encodeURIComponent(name)}`;
+    this.#note(await request<RecordingRow[]>("GET", path).catch(() => []));
   }
 
-  #note(row: RecordingRow | undefined): void {
+  #note(rows: readonly RecordingRow[]): void {
+    const row = rows.find(({ writing }) => writing);
     this.written.value = row ? { row, atMs: performance.now() } : null;
   }
+}
+
+/** Send a request; return the answer, or throw an error whose message is a sentence. */
+export async function answer(method: string, path: string, body?: unknown): Promise<Response> {
+  const init = { method, body: body === undefined ? null : JSON.stringify(body) };
+  const found = await fetch(new URL(path, document.baseURI), init).catch(() => null);
+  if (found?.ok) return found;
+  const { code, text } = ((await found?.json().catch(() => null)) ?? {}) as Record<string, string>;
+  const known = texts().timeline.refusals;
+  const why = known[code ?? CODES[found?.status ?? 0] ?? ""] ?? (text || known["offline"]!);
+  throw new Error(why.slice(0, 1).toUpperCase() + why.slice(1).replace(/([^.!?])$/, "$1."));
+}
+
+export async function request<T>(method: string, path: string, body?: unknown): Promise<T> {
+  return (await (await answer(method, path, body)).json()) as T;
 }

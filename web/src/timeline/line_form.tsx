@@ -1,4 +1,3 @@
-import { useLayoutEffect, useRef } from "preact/hooks";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
 
@@ -12,17 +11,18 @@ interface LineFormProps {
   onClose: () => void;
 }
 
+/** Focus a field at once: the next key must not be one of the page. */
+function focus(input: HTMLInputElement | null): void {
+  input?.focus();
+  input?.select();
+}
+
 /** One line of text with a button; Escape leaves it, and not what is around it. */
 export function LineForm({ label, hint, most, initial, onSend, onClose }: LineFormProps) {
-  const input = useRef<HTMLInputElement>(null);
-  // At once: the next key must not be one of the page.
-  useLayoutEffect(() => {
-    input.current?.focus();
-    input.current?.select();
-  }, []);
-  const send = (event: Event) => {
+  const send = (event: SubmitEvent) => {
     event.preventDefault();
-    onSend(input.current?.value.trim() ?? "");
+    const text = new FormData(event.currentTarget as HTMLFormElement).get("text");
+    onSend(String(text).trim());
     onClose();
   };
   const key = (event: KeyboardEvent) => {
@@ -34,16 +34,17 @@ export function LineForm({ label, hint, most, initial, onSend, onClose }: LineFo
     <form class="line-form" onSubmit={send} onKeyDown={key}>
       <span class="field">
         <input
-          ref={input}
+          ref={focus}
+          name="text"
           maxLength={most}
           defaultValue={initial}
           placeholder={hint}
           aria-label={label}
         />
       </span>
-      <button type="submit" class="btn edge">
+      <Button edge submit>
         {label}
-      </button>
+      </Button>
       <Button icon="close" label={texts().common.cancel} onPress={onClose} />
     </form>
   );

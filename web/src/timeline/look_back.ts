@@ -33,11 +33,14 @@ export class LookBack {
       this.past.value = this.agoS.peek() === null ? null : past;
       this.#record(status.mode, performance.now());
     });
-    link.on("robot", () => this.#forget()); // The dashboard has ended it as well.
     link.on("welcome", () => this.#end());
+    link.on("robot", () => {
+      this.#end(); // The dashboard has ended it as well.
+      this.modes.length = 0;
+    });
   }
 
-  /** Look at the state of `agoS` ago; less than 0.1 s is now. */
+  /** Look at the state of `agoS` ago; less than 0.1 s ago is now, and live. */
   look(agoS: number): void {
     const wanted = agoS < LEAST_S ? null : Math.min(BACK_S, Math.round(10 * agoS) / 10);
     if (wanted === this.agoS.peek()) return;
@@ -46,18 +49,8 @@ export class LookBack {
     this.#send(wanted);
   }
 
-  /** Return to the live robot. */
-  live(): void {
-    this.look(0);
-  }
-
   #end(): void {
     this.agoS.value = this.past.value = null;
-  }
-
-  #forget(): void {
-    this.#end();
-    this.modes.length = 0;
   }
 
   #record(mode: string, nowMs: number): void {

@@ -3,8 +3,7 @@
 import { computed, signal } from "@preact/signals";
 import type { Cursor, RecordedLanes, Timeline, TimelineEvent } from "../generated/wire";
 import type { Link } from "../store/link";
-import { timeInAddress } from "./past";
-import { request } from "./request";
+import { request } from "./library";
 import { throttled } from "./throttle";
 
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16];
@@ -12,14 +11,10 @@ const NEAR_S = 0.05;
 const GROWN_S = 10; // Lanes of a recording that grows are read again after this time.
 
 /** Return the next event after a time, or the previous one before it. */
-export function eventFrom(
-  events: readonly TimelineEvent[],
-  tS: number,
-  way: 1 | -1,
-): TimelineEvent | undefined {
+export function eventFrom(events: readonly TimelineEvent[], tS: number, way: 1 | -1) {
   return way > 0
-    ? events.find((each) => each.t_s > tS + NEAR_S)
-    : events.findLast((each) => each.t_s < tS - NEAR_S);
+    ? events.find(({ t_s }) => t_s > tS + NEAR_S)
+    : events.findLast(({ t_s }) => t_s < tS - NEAR_S);
 }
 
 export class Playback {
@@ -28,6 +23,7 @@ export class Playback {
   readonly cursor = signal<Cursor>({ t: "cursor", t_s: 0, playing: false, speed: 1 });
   /** Speed at which it plays, or will. */
   readonly speed = signal(1);
+  /** Empty if the file is damaged, for example; events and cursor remain. */
   readonly lanes = signal<readonly RecordedLanes[]>([]);
   /** Wall-clock time that is shown, or null before the recording is open. */
   readonly shownMs = computed(() => {
@@ -36,7 +32,7 @@ export class Playback {
   });
   readonly #link: Link;
   readonly #seek: (tS: number) => void;
-  #seekS = timeInAddress();
+  #seekS = Number(new URL(location.href).searchParams.get("t") ?? NaN);
 
   constructor(link: Link) {
     this.#link = link;
@@ -56,18 +52,9 @@ export class Playback {
     this.#seek(Math.max(0, Math.min(durationS, tS)));
   }
 
-  /** Move by some seconds. */
-  move(byS: number): void {
-    this.seek(this.cursor.peek().t_s + byS);
-  }
-
   toggle(): void {
-    if (this.cursor.peek().playing) this.pause();
-    else this.#link.send({ t: "play", speed: this.speed.peek() });
-  }
-
-  pause(): void {
-    this.#link.send({ t: "pause" });
+    const { playing } = this.cursor.peek();
+    this.#link.send(playing ? { t: "pause" } : { t: "play", speed: this.speed.peek() });
   }
 
   setSpeed(speed: number): void {
@@ -75,44 +62,22 @@ export class Playback {
     if (this.cursor.peek().playing) this.#link.send({ t: "play", speed });
   }
 
-  step(way: 1 | -1): void {
-    this.#link.send({ t: "step", back: way < 0 });
-  }
-
   jump(way: 1 | -1): void {
     const event = eventFrom(this.timeline.peek()?.events ?? [], this.cursor.peek().t_s, way);
     if (event !== undefined) this.seek(event.t_s);
   }
 
-  mark(note: string): void {
-    this.#link.send({ t: "mark", note });
-  }
-
   #take(timeline: Timeline): void {
     const events = [...timeline.events].sort((one, other) => one.t_s - other.t_s);
     this.timeline.value = { ...timeline, events };
-    const wantedS = this.#seekS;
-    this.#seekS = null;
-    if (wantedS !== null) this.seek(wantedS);
+    if (!Number.isNaN(this.#seekS)) this.seek(this.#seekS);
+    this.#seekS = NaN;
     const known = this.lanes.peek()[0]?.end_s ?? -Infinity;
     if (timeline.duration_s > known + GROWN_S) void this.#readLanes(timeline.name);
   }
 
-  /** Without lanes, for example of a damaged file, events and cursor remain. */
   async #readLanes(name: string): Promise<void> {
-    try {
-      this.lanes.value = await request<RecordedLanes[]>("GET", `${encodeURIComponent(name)}/lanes`);
-    } catch {
-      this.lanes.value = [];
-    }
+    const path = `recordings/${encodeURIComponent(name)}/lanes`;
+    this.lanes.value = await request<RecordedLanes[]>("GET", path).catch(() => []);
   }
-}
-
-const playbacks = new WeakMap<Link, Playback>();
-
-/** The playback of a page. */
-export function playbackOf(link: Link): Playback {
-  const playback = playbacks.get(link) ?? new Playback(link);
-  playbacks.set(link, playback);
-  return playback;
 }

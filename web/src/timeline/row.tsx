@@ -6,22 +6,31 @@ import { useSession } from "../session";
 import { duration } from "../text/numbers";
 import { nameOf } from "../text/reasons";
 import { texts } from "../text/text";
-import { Button } from "../ui/button";
+import { Button, type ButtonProps } from "../ui/button";
 import { day, iso, megabytes } from "./clock";
-import { Export } from "./export";
+import { answer, request } from "./library";
 import { LineForm } from "./line_form";
-import { openRecording, shared } from "./past";
-import { type Result, titleOf } from "./recordings";
-import { answer, request } from "./request";
-import { playbackOf } from "./playback";
+import { addressOf, shared } from "./past";
 
 const TITLE_LENGTH = 40;
 
+/** What happened to a request, and whether it can be undone. */
+export interface Result {
+  text: string;
+  undo?: TrashRow;
+}
+
 export interface RowProps {
   row: RecordingRow;
-  /** Do something, and tell how it ended. */
-  run: (work: () => Promise<Result | null>) => Promise<void>;
+  /** Do something, and tell how it ended; `meanwhile` is shown until then. */
+  run: (work: () => Promise<Result | void>, meanwhile?: string) => void;
 }
+
+/** Title of a recording, or when it was made. */
+const titleOf = (row: RecordingRow): string => row.title || day(row.start_ms);
+
+/** Path of the requests about a recording. */
+const pathOf = (row: RecordingRow): string => `recordings/${encodeURIComponent(row.name)}`;
 
 export function Row({
   open,
@@ -41,107 +50,93 @@ export function Row({
             {duration(row.duration_s)}
           </time>
         </span>
-        <Facts row={row} />
+        <span class="m">
+          {factsOf(row).map((fact) => (
+            <bdi key={fact}>{fact}</bdi>
+          ))}
+        </span>
       </button>
       {open && <Actions {...props} />}
     </li>
   );
 }
 
-function Facts({ row }: { row: RecordingRow }) {
+function factsOf(row: RecordingRow): string[] {
   const { timeline } = texts();
-  const { details, marks } = row;
-  const [first] = details?.drivers ?? [];
-  const many = (details?.drivers.length ?? 0) > 1;
+  const { drivers, stops, faults } = row.details ?? { drivers: [], stops: 0, faults: 0 };
+  const driver = drivers[0] === undefined ? timeline.nobody : nameOf(drivers[0]);
+  const unread =
+    row.details === null && (row.details_pending ? timeline.pending : timeline.unreadable);
   // Details of a file that grows are those of a moment ago.
-  const facts = row.writing
-    ? []
-    : details
-      ? [
-          many ? timeline.drivers(details.drivers.length) : first ? nameOf(first) : timeline.nobody,
-          timeline.stops(details.stops),
-          details.faults > 0 && timeline.faults(details.faults),
-        ]
-      : [row.details_pending ? timeline.pending : timeline.unreadable];
-  if (row.title !== "") facts.unshift(day(row.start_ms));
-  if (marks > 0) facts.push(timeline.marks(marks));
-  return (
-    <span class="m">
-      {[...facts, row.writing && timeline.writing, megabytes(row.size_bytes)]
-        .filter(Boolean)
-        .map((fact) => (
-          <bdi key={fact}>{fact}</bdi>
-        ))}
-    </span>
-  );
+  const unknown = row.writing ? timeline.writing : unread;
+  const facts = [
+    row.title !== "" && day(row.start_ms),
+    unknown || (drivers.length > 1 ? timeline.drivers(drivers.length) : driver),
+    !unknown && timeline.stops(stops),
+    !unknown && faults > 0 && timeline.faults(faults),
+    row.marks > 0 && timeline.marks(row.marks),
+    megabytes(row.size_bytes),
+  ];
+  return facts.filter((fact) => fact !== false);
 }
 
 function Actions({ row, run }: RowProps) {
-  const { link } = useSession();
+  const { link, playback } = useSession();
   const { timeline } = texts();
-  const [renaming, setRenaming] = useState(false);
-  const [more, setMore] = useState(false);
-  const file = encodeURIComponent(row.name);
+  const [part, setPart] = useState<"rename" | "more" | null>(null);
+  const isShown = row.name === link.recording;
   const download = async () => {
-    await answer("HEAD", `${file}/download`); // A refusal becomes a sentence instead of a file.
-    save(`recordings/${file}/download`, row.name);
-    return null;
+    await answer("HEAD", `${pathOf(row)}/download`); // A refusal becomes a sentence, not a file.
+    save(`${pathOf(row)}/download`, row.name);
   };
-  const share = async () => {
-    const tS = row.name === link.recording ? playbackOf(link).cursor.peek().t_s : undefined;
-    return { text: await shared(row.name, tS) };
+  const share = async () => ({
+    text: await shared(row.name, isShown ? playback.cursor.peek().t_s : undefined),
+  });
+  const rename = async (title: string) => {
+    await answer("PUT", `${pathOf(row)}/title`, { title });
   };
-  const rename = (title: string) =>
-    void run(async () => {
-      await answer("PUT", `${file}/title`, { title });
-      return null;
-    });
   const remove = async () => {
-    const undo = await request<TrashRow>("DELETE", file);
+    const undo = await request<TrashRow>("DELETE", pathOf(row));
     return { text: `${timeline.deleted} ${titleOf(row)}`, undo };
   };
+  const buttons: ButtonProps[] = [
+    { icon: "download", children: timeline.download, onPress: () => run(download) },
+    { icon: "share", children: timeline.share, onPress: () => run(share) },
+    { icon: "rename", children: timeline.rename, onPress: () => setPart("rename") },
+  ];
   return (
     <div class="actions">
-      {renaming ? (
+      {part === "rename" ? (
         <LineForm
           label={timeline.rename}
           hint={timeline.renameHint}
           most={TITLE_LENGTH}
           initial={row.title}
-          onSend={rename}
-          onClose={() => setRenaming(false)}
+          onSend={(title) => run(() => rename(title))}
+          onClose={() => setPart(null)}
         />
       ) : (
         <div class="a">
-          {row.name !== link.recording && (
-            <Button edge icon="play" onPress={() => openRecording(row.name)}>
+          {!isShown && (
+            <Button edge icon="play" onPress={() => location.assign(addressOf(row.name))}>
               {timeline.open}
             </Button>
           )}
-          <Button icon="download" onPress={() => void run(download)}>
-            {timeline.download}
-          </Button>
-          <Button icon="share" onPress={() => void run(share)}>
-            {timeline.share}
-          </Button>
-          <Button icon="rename" onPress={() => setRenaming(true)}>
-            {timeline.rename}
-          </Button>
+          {buttons.map((button) => (
+            <Button key={button.icon} {...button} />
+          ))}
           <Button
             icon="more"
             label={timeline.moreActions}
-            expanded={more}
-            onPress={() => setMore(!more)}
+            expanded={part === "more"}
+            onPress={() => setPart(part === "more" ? null : "more")}
           />
         </div>
       )}
-      {more && (
+      {part === "more" && (
         <>
           <Export row={row} run={run} />
-          <Button
-            refused={row.writing ? timeline.isWritten : null}
-            onPress={() => void run(remove)}
-          >
+          <Button refused={row.writing ? timeline.isWritten : null} onPress={() => run(remove)}>
             {timeline.delete}
           </Button>
         </>
@@ -150,48 +145,68 @@ function Actions({ row, run }: RowProps) {
   );
 }
 
-/** Let the browser save a file. */
-export function save(address: string, name: string): void {
-  const anchor = Object.assign(document.createElement("a"), { href: address, download: name });
-  anchor.click();
+const ENDINGS: Record<string, string> = { html: ".html", mcap: ".mcap", csv: ".zip" };
+
+/** Export of all or a part. The dashboard makes it, which may take minutes. */
+function Export({ row, run }: RowProps) {
+  const { timeline } = texts();
+  const make = async (query: URLSearchParams) => {
+    const file = await answer("GET", `${pathOf(row)}/export?${query}`);
+    const address = URL.createObjectURL(await file.blob());
+    const name = row.title || row.name.replace(/\.mcap$/, "");
+    save(address, name + ENDINGS[query.get("as")!]);
+    setTimeout(() => URL.revokeObjectURL(address), 60_000);
+  };
+  const submit = (event: SubmitEvent) => {
+    event.preventDefault();
+    const form = new FormData(event.currentTarget as HTMLFormElement, event.submitter);
+    const query = new URLSearchParams();
+    form.forEach((value, name) => value !== "" && query.set(name, String(value)));
+    run(() => make(query), timeline.exporting);
+  };
+  return (
+    <form class="export" onSubmit={submit}>
+      {timeline.exportAs}
+      {Object.entries(timeline.exports).map(([kind, name]) => (
+        <button key={kind} class="btn edge" name="as" value={kind}>
+          {name}
+        </button>
+      ))}
+      {(["from", "to"] as const).map((name) => (
+        <label key={name} class="field">
+          {timeline[name]}
+          <input type="number" name={name} step="any" min="0" max={row.duration_s} /> s
+        </label>
+      ))}
+    </form>
+  );
 }
 
-const WIDE = 72;
-const HIGH = 44;
-const MARGIN = 4;
+/** Let the browser save a file. */
+function save(href: string, download: string): void {
+  Object.assign(document.createElement("a"), { href, download }).click();
+}
+
 const LEAST_M = 0.5;
 
 /** Paths of the robots, as on the map: x up, y left. */
 function Preview({ paths }: { paths: readonly RecordedPath[] }) {
   const points = paths.flatMap((path) => path.points);
-  const side = (values: readonly number[], px: number) => {
+  const extent = (values: readonly number[]) => {
     const [low, high] = [Math.min(...values), Math.max(...values)];
-    return { middle: (low + high) / 2, scale: (px - 2 * MARGIN) / Math.max(LEAST_M, high - low) };
+    const length = Math.max(LEAST_M, high - low);
+    return { start: (low + high - length) / 2, length };
   };
-  const across = side(
-    points.map(([, y]) => -y),
-    WIDE,
-  );
-  const down = side(
-    points.map(([x]) => -x),
-    HIGH,
-  );
-  const scale = Math.min(across.scale, down.scale);
-  const place = ([x, y]: readonly [number, number]) => [
-    (WIDE / 2 + (-y - across.middle) * scale).toFixed(1),
-    (HIGH / 2 + (-x - down.middle) * scale).toFixed(1),
-  ];
+  const [across, down] = [extent(points.map(([, y]) => -y)), extent(points.map(([x]) => -x))];
+  const box = [across.start, down.start, across.length, down.length].join(" ");
   return (
-    <svg class="preview" viewBox={`0 0 ${WIDE} ${HIGH}`} aria-hidden="true">
-      {paths.map(({ robot, colour, points: path }) => {
-        const [x, y] = path.length > 0 ? place(path.at(-1)!) : [];
-        return (
-          <g key={robot} style={{ color: colour }}>
-            <polyline points={path.map((point) => place(point).join()).join(" ")} />
-            {x !== undefined && <circle cx={x} cy={y} r="2.5" />}
-          </g>
-        );
-      })}
+    <svg class="preview" viewBox={points.length > 0 ? box : undefined} aria-hidden="true">
+      {paths.map(({ robot, colour, points: path }) => (
+        <g key={robot} style={{ color: colour }} transform="matrix(0 -1 -1 0 0 0)">
+          <polyline points={path.join(" ")} />
+          {path.length > 0 && <path d={`M${path.at(-1)} h0`} />}
+        </g>
+      ))}
     </svg>
   );
 }

@@ -1,6 +1,8 @@
-// What both timelines share: a slider over the whole lane, for pointer and keys.
+// A slider over a whole track, for pointer and keys.
 
 import type { TargetedPointerEvent } from "preact";
+
+type Pointer = TargetedPointerEvent<HTMLElement>;
 
 const KEYS: Record<string, number> = {
   ArrowLeft: -1,
@@ -11,26 +13,24 @@ const KEYS: Record<string, number> = {
   PageUp: 10,
 };
 
-/** Handlers of a slider: `seek` gets the share of the lane, `move` seconds, `end` 0 or 1. */
-export function sliderHandlers(seek: (share: number) => void, move: (seconds: number) => void) {
-  const point = (event: TargetedPointerEvent<HTMLElement>) => {
-    const box = event.currentTarget.getBoundingClientRect();
-    seek(shareAt(event.clientX, box.left, box.width));
+/** Handlers of a slider: `seek` gets the share of the track, `move` steps of a key. */
+export function sliderHandlers(seek: (share: number) => void, move: (steps: number) => void) {
+  const point = ({ currentTarget: track, pointerId, clientX }: Pointer) => {
+    const { left, width } = track.getBoundingClientRect();
+    if (track.hasPointerCapture(pointerId)) seek(shareAt(clientX, left, width));
   };
   return {
     role: "slider" as const,
     tabIndex: 0,
-    onPointerDown: (event: TargetedPointerEvent<HTMLElement>) => {
+    onPointerDown: (event: Pointer) => {
       if (event.button !== 0) return;
       event.currentTarget.setPointerCapture(event.pointerId);
       point(event);
     },
-    onPointerMove: (event: TargetedPointerEvent<HTMLElement>) => {
-      if (event.currentTarget.hasPointerCapture(event.pointerId)) point(event);
-    },
+    onPointerMove: point,
     onKeyDown: (event: KeyboardEvent) => {
-      const seconds = KEYS[event.code];
-      if (seconds !== undefined) move(seconds);
+      const steps = KEYS[event.code];
+      if (steps !== undefined) move(steps);
       else if (event.code === "Home") seek(0);
       else if (event.code === "End") seek(1);
       else return;
@@ -40,6 +40,6 @@ export function sliderHandlers(seek: (share: number) => void, move: (seconds: nu
   };
 }
 
-export function shareAt(x: number, left: number, width: number): number {
-  return width > 0 ? Math.max(0, Math.min(1, (x - left) / width)) : 0;
+export function shareAt(x: number, start: number, length: number): number {
+  return length > 0 ? Math.max(0, Math.min(1, (x - start) / length)) : 0;
 }

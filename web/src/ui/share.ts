@@ -8,10 +8,12 @@ export async function copyText(text: string): Promise<boolean> {
   } catch {
     const area = document.createElement("textarea");
     area.value = text;
+    const before = document.activeElement as HTMLElement | null;
     document.body.append(area);
     area.select();
     const done = document.execCommand("copy");
     area.remove();
+    before?.focus();
     return done;
   }
 }

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
-import { parseTime, ticks } from "../../src/timeline/clock";
-import { exportQuery } from "../../src/timeline/export";
-import { grouped, linePath, spans, textPx } from "../../src/timeline/groups";
+import { ticks } from "../../src/timeline/clock";
+import { grouped } from "../../src/timeline/happenings";
+import { linePath, spans } from "../../src/timeline/recorded";
 
 /** Random numbers from 0 to 1 that are the same in each run. */
 function random(seed: number): () => number {
@@ -12,38 +12,26 @@ function random(seed: number): () => number {
 test("Labels of random events never overlap, stay inside, and count each event once, in order", () => {
   for (let seed = 1; seed <= 300; seed++) {
     const next = random(seed);
-    const roomPx = 150 + 1500 * next();
+    const least = 0.05 + 0.3 * next();
     const events = Array.from({ length: Math.ceil(60 * next() ** 2) }, (_, number) => ({
       number,
-      at: next() * roomPx,
-      px: 20 + 180 * next(),
-    })).sort((one, other) => one.at - other.at);
-    const label = (items: typeof events) => (items.length > 1 ? 84 : items[0]!.px);
-    const groups = grouped(events, roomPx, ({ at }) => at - 10, label as never);
-    let endPx = 0;
-    for (const { leftPx, widthPx } of groups) {
-      expect(leftPx).toBeGreaterThanOrEqual(endPx);
-      endPx = leftPx + widthPx;
+      share: next(),
+    })).sort((one, other) => one.share - other.share);
+    const groups = grouped(events, least);
+    let end = 0;
+    for (const { left, width } of groups) {
+      expect(left).toBeGreaterThanOrEqual(end - 1e-9);
+      expect(width).toBeGreaterThanOrEqual(least - 1e-9);
+      end = left + width;
     }
-    expect(endPx).toBeLessThanOrEqual(roomPx + 1e-9);
+    expect(end).toBeLessThanOrEqual(1 + 1e-9);
     expect(groups.flatMap(({ items }) => items)).toEqual(events);
   }
 });
 
 test("Events with room for their labels are not merged", () => {
-  const groups = grouped(
-    [10, 200, 400],
-    600,
-    (at) => at,
-    () => 100,
-  );
-  expect(groups.map(({ items }) => items)).toEqual([[10], [200], [400]]);
-});
-
-test("The estimated width of a text grows with each of its characters, in any script", () => {
-  for (const text of ["STOP, Eva", "Ольга", "محمد", "山田"])
-    for (let i = 1; i <= text.length; i++)
-      expect(textPx(text.slice(0, i))).toBeGreaterThan(textPx(text.slice(0, i - 1)));
+  const events = [0.01, 0.3, 0.6].map((share) => ({ share }));
+  expect(grouped(events, 0.2).map(({ items }) => items)).toEqual(events.map((event) => [event]));
 });
 
 test("Spans cover the whole time without overlap and hold the values of their samples", () => {
@@ -67,30 +55,17 @@ test("Spans cover the whole time without overlap and hold the values of their sa
 });
 
 test("A line is interrupted where nothing was recorded", () => {
-  expect(linePath([0, 1, null, 1], 1).match(/M/g)).toHaveLength(2);
-  expect(linePath([0, 1, 0.5], 1).match(/M/g)).toHaveLength(1);
-  expect(linePath([null, null], 1)).toBe("");
+  expect(linePath([0, 1, null, 1]).match(/M/g)).toHaveLength(2);
+  expect(linePath([0, 1, 0.5]).match(/M/g)).toHaveLength(1);
+  expect(linePath([null, null])).toBe("");
 });
 
-test("The grid has room for its labels, and its times are round", () => {
-  for (const durationS of [3, 50, 761, 3600, 90_000])
-    for (const widthPx of [320, 1400]) {
-      const found = ticks(1_764_290_843_123, durationS, widthPx);
-      const px = found.map(({ tS }) => (tS / durationS) * widthPx);
-      px.slice(1).forEach((x, i) => expect(x - px[i]!).toBeGreaterThan(90));
-      expect(new Set(found.map(({ text }) => text)).size).toBe(found.length);
-    }
-  expect(ticks(0, 60, 0)).toEqual([]);
-});
-
-test("Times are read as seconds, minutes or hours, and nothing else is", () => {
-  expect(["90", "1:30", "1:02:03", "0:07,5"].map(parseTime)).toEqual([90, 90, 3723, 7.5]);
-  for (const text of ["", "x", "1:99", "-3", "1:2:3:4", "1e9"]) expect(parseTime(text)).toBeNull();
-});
-
-test("An export has its part in seconds; a part that ends before it begins is refused", () => {
-  expect(exportQuery("csv", "0:10", "1:30", "tsd")).toBe("as=csv&from=10&to=90&robot=tsd");
-  expect(exportQuery("html", "", " ", "")).toBe("as=html");
-  expect(exportQuery("html", "1:30", "0:10", "")).toBeNull();
-  expect(exportQuery("html", "soon", "", "")).toBeNull();
+test("The grid has few labels with room, and its times are round", () => {
+  for (const durationS of [3, 50, 761, 3600, 90_000]) {
+    const found = ticks(1_764_290_843_123, durationS);
+    expect(found.length).toBeLessThanOrEqual(10);
+    expect(new Set(found.map(({ text }) => text)).size).toBe(found.length);
+    expect(found.every(({ tS }) => tS >= 0 && tS < 0.95 * durationS)).toBe(true);
+  }
+  expect(ticks(0, 0)).toEqual([]);
 });

@@ -31,7 +31,7 @@ test("A look back ends with the return to live, and sends nothing that moves a r
   vi.advanceTimersByTime(60);
   back.look(99);
   vi.advanceTimersByTime(60);
-  back.live();
+  back.look(0);
   vi.advanceTimersByTime(1000);
   expect(messages(sent)).toEqual([
     { t: "look_back", history_offset_s: 12.3 },
@@ -93,8 +93,8 @@ test("Seeking stays within the recording", () => {
   const playback = new Playback(link);
   hear({ ...TIMELINE, events: [] });
   hear({ t: "cursor", t_s: 3, playing: false, speed: 1 });
-  for (const seek of [() => playback.seek(99), () => playback.move(-10), () => playback.move(1)]) {
-    seek();
+  for (const tS of [99, -7, 4]) {
+    playback.seek(tS);
     vi.advanceTimersByTime(60);
   }
   expect(messages(sent)).toEqual([60, 0, 4].map((t_s) => ({ t: "seek", t_s })));

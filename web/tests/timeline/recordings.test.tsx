@@ -3,7 +3,7 @@ import { act } from "preact/test-utils";
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import type { RecordingRow } from "../../src/generated/wire";
 import { type Session, SessionContext } from "../../src/session";
-import { Library, recordingsOpen } from "../../src/timeline/library";
+import { Library } from "../../src/timeline/library";
 import { Recordings } from "../../src/timeline/recordings";
 import { openLink, type Wire, WELCOME } from "./link";
 
@@ -39,7 +39,6 @@ beforeEach(() => {
     return Promise.resolve(new Response(status === 204 ? null : JSON.stringify(body), { status }));
   });
   wire = openLink();
-  recordingsOpen.value = true;
 });
 
 afterEach(() => {
@@ -52,11 +51,12 @@ const settle = () => act(() => vi.advanceTimersByTimeAsync(3000) as unknown as P
 
 async function show(): Promise<void> {
   const library = new Library(wire.link);
-  const session = { link: wire.link } as Session;
+  library.open.value = true;
+  const session = { link: wire.link, library } as Session;
   act(() =>
     render(
       <SessionContext.Provider value={session}>
-        <Recordings library={library} />
+        <Recordings />
       </SessionContext.Provider>,
       document.body,
     ),
@@ -177,7 +177,6 @@ test("Changes that others make appear, several of them with one request", async 
 });
 
 test("A recorder that writes is found without the list, and missed once it has ended", async () => {
-  recordingsOpen.value = false;
   answers = () => ({ body: [{ ...ROW, writing: true }] });
   const library = new Library(wire.link);
   wire.hear(WELCOME);
