@@ -17,6 +17,7 @@ import { News } from "./store/news";
 import { Notice } from "./store/notice";
 import { Requests } from "./store/requests";
 import { View } from "./store/view";
+import { StudentModel } from "./student/model";
 
 export class Session {
   readonly name = remembered("tsd-name", "", isText);
@@ -33,6 +34,7 @@ export class Session {
   readonly recorder: Recorder;
   readonly layout = new Layout();
   readonly fleet: FleetStore;
+  readonly student: StudentModel;
 
   constructor() {
     const recording = new URL(location.href).searchParams.get("recording");
@@ -60,6 +62,7 @@ export class Session {
     new News(this);
     this.view = new View(this.link);
     this.recorder = new Recorder(this.link);
+    this.student = new StudentModel(this.link, location.search);
   }
 
   /** Change the display name of the operator. */

@@ -6,28 +6,23 @@ import { figure } from "../text/numbers";
 import { texts } from "../text/text";
 
 export function Equations({ equations }: { equations: readonly Equation[] }) {
+  const { student } = texts();
   return (
     <div class="eqs">
-      {equations.map((equation) => (
-        <EquationCell key={equation.name} equation={equation} />
-      ))}
-    </div>
-  );
-}
-
-function EquationCell({ equation }: { equation: Equation }) {
-  const { student } = texts();
-  const { formula, values, name, paper, units } = equation;
-  const meaning = student.equations[name] ?? name.replaceAll("_", " ");
-  const unit = [...new Set(units)].filter(Boolean).join(", ");
-  return (
-    <div>
-      <math class="f">{formula.map(mathOf)}</math>
-      <output>{values.map((value) => figure(value, decimalsOf(value))).join(" · ")}</output>
-      <p class="note">
-        {unit ? `${unit}: ${meaning}` : meaning}
-        {paper && ` (${student.source(paper, equation.equation, equation.corrected)})`}
-      </p>
+      {equations.map(({ name, formula, values, units, paper, equation, corrected }) => {
+        const meaning = student.equations[name] ?? name.replaceAll("_", " ");
+        const unit = [...new Set(units)].filter(Boolean).join(", ");
+        return (
+          <div key={name}>
+            <math class="f">{formula.map(mathOf)}</math>
+            <output>{values.map((value) => figure(value, decimalsOf(value))).join(" · ")}</output>
+            <p class="note">
+              {unit ? `${unit}: ${meaning}` : meaning}
+              {paper && ` (${student.source(paper, equation, corrected)})`}
+            </p>
+          </div>
+        );
+      })}
     </div>
   );
 }
@@ -38,14 +33,11 @@ export function decimalsOf(value: number | null): number {
   return size >= 100 ? 0 : size >= 10 ? 1 : size >= 1 || size === 0 ? 2 : 3;
 }
 
-function mathOf(token: MathToken, key: number): ComponentChild {
-  const { kind, sub, sup, rows } = token;
-  if (rows) {
-    const parts = rows.map((row, i) => h("mrow", { key: i }, row.map(mathOf)));
-    return h(kind, { key }, parts);
-  }
-  const base = h(kind, kind === "mi" ? { key, mathvariant: "normal" } : { key }, token.text);
-  if (sub && sup) return h("msubsup", { key }, base, h("mi", null, sub), h("mn", null, sup));
-  if (sub) return h("msub", { key }, base, h("mi", null, sub));
-  return sup ? h("msup", { key }, base, h("mn", null, sup)) : base;
+function mathOf({ kind, text, sub, sup, rows }: MathToken): ComponentChild {
+  if (rows) return h(kind, null, ...rows.map((row) => h("mrow", null, ...row.map(mathOf))));
+  const base = h(kind, kind === "mi" ? { mathvariant: "normal" } : null, text);
+  const [below, above] = [sub && h("mi", null, sub), sup && h("mn", null, sup)];
+  if (below && above) return h("msubsup", null, base, below, above);
+  if (below) return h("msub", null, base, below);
+  return above ? h("msup", null, base, above) : base;
 }
