@@ -17,7 +17,7 @@ export async function copyText(text: string): Promise<boolean> {
 }
 
 export function saveText(text: string, name: string): void {
-  const href = URL.createObjectURL(new Blob([text], { type: "application/octet-stream" }));
+  const href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
   Object.assign(document.createElement("a"), { href, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(href), 10_000);
 }

@@ -2,9 +2,9 @@
 
 import { useSignal } from "@preact/signals";
 import type { StudentKnob } from "../generated/wire";
-import { copyText, saveText } from "../plots/export";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
+import { copyText, saveText } from "../ui/share";
 import { linkTo, type StudentModel } from "./model";
 
 export function Knobs({ model }: { model: StudentModel }) {
@@ -60,7 +60,7 @@ export function Actions({ model }: { model: StudentModel }) {
   const { student } = texts();
   const said = useSignal("");
   model.onToml = (base, toml) => {
-    saveText(toml, `my-${base}.toml`);
+    saveText(toml, `my-${base}.toml`, "application/toml");
     said.value = student.saved(`my-${base}.toml`);
   };
   const copy = async () => {
