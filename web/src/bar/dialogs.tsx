@@ -65,7 +65,8 @@ function Keys({ list }: { list: readonly string[] }) {
     <dl class="keys">
       {list.map((line) => {
         const [keys, what] = line.split(": ");
-        return [<dt>{<kbd>{keys}</kbd>}</dt>, <dd>{what}</dd>];
+        const key = <kbd>{keys}</kbd>;
+        return [<dt>{key}</dt>, <dd>{what}</dd>];
       })}
     </dl>
   );
@@ -77,8 +78,8 @@ export function OwnName() {
   const own = link.welcome.value?.user || name.value;
   return (
     <>
-      {own === "" ? yourName : <span class="sr">{yourName}: </span>}
-      <bdi>{own}</bdi>
+      {own ? <span class="sr">{yourName}: </span> : yourName}
+      {own && <bdi>{own}</bdi>}
     </>
   );
 }

@@ -5,7 +5,7 @@ import { freshness, isCurrent } from "../store/freshness";
 import { type Refusal, whyNotDisarm, whyNotTakeControl } from "../store/permission";
 import { nameOf, refusalText } from "../text/reasons";
 import { texts } from "../text/text";
-import { Button } from "../ui/button";
+import { Button, type ButtonProps } from "../ui/button";
 import type { Opened } from "./bar";
 
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
@@ -55,22 +55,11 @@ export function Who() {
   );
 }
 
-interface QuietProps {
-  text: string;
-  edge?: boolean;
-  refusal?: Refusal | null;
-  onPress: () => void;
-}
-
 /** Button that waits while a request is under way. */
-function Quiet({ text, edge, refusal, onPress }: QuietProps) {
+function Quiet({ refusal, ...button }: ButtonProps & { refusal?: Refusal | null }) {
   const isPending = useSession().requests.pending.value !== null;
   const refused = isPending ? texts().bar.underWay : refusal && refusalText(refusal);
-  return (
-    <Button edge={edge} refused={refused} onPress={onPress}>
-      {text}
-    </Button>
-  );
+  return <Button {...button} refused={refused} />;
 }
 
 export function Actions({ opened }: { opened: Opened }) {
@@ -86,12 +75,16 @@ export function Actions({ opened }: { opened: Opened }) {
   return (
     <>
       {!you && holder !== null && (
-        <Quiet text={bar.takeOver} refusal={whyNotTakeControl(link)} onPress={takeOver} />
+        <Quiet refusal={whyNotTakeControl(link)} onPress={takeOver}>
+          {bar.takeOver}
+        </Quiet>
       )}
       {isMine && !AT_REST.has(mode) && (
-        <Quiet text={bar.disarm} refusal={whyNotDisarm(link)} onPress={disarm} />
+        <Quiet refusal={whyNotDisarm(link)} onPress={disarm}>
+          {bar.disarm}
+        </Quiet>
       )}
-      {isMine && <Quiet text={bar.release} onPress={release} />}
+      {isMine && <Quiet onPress={release}>{bar.release}</Quiet>}
     </>
   );
 }
@@ -122,8 +115,10 @@ export function Question() {
               {Math.ceil(lease?.request_expires_in_s ?? 0)} s
             </span>
           </span>
-          <Quiet edge text={bar.answers.grant} onPress={() => answer("grant")} />
-          <Quiet text={bar.answers.deny} onPress={() => answer("deny")} />
+          <Quiet edge onPress={() => answer("grant")}>
+            {bar.answers.grant}
+          </Quiet>
+          <Quiet onPress={() => answer("deny")}>{bar.answers.deny}</Quiet>
         </div>
       )}
     </>

@@ -5,8 +5,8 @@ import type { StudentFigures } from "../generated/wire";
 import { figure } from "../text/numbers";
 import { texts } from "../text/text";
 import { Quantity } from "../ui/figure";
-import { decimalsOf } from "./equations";
 import type { StudentModel } from "./model";
+import { decimalsOf } from "./results";
 
 export interface PartProps {
   model: StudentModel;
@@ -45,16 +45,15 @@ export function Twist({ model, figures }: PartProps) {
 
 export function Joints({ model, figures }: PartProps) {
   const { student } = texts();
-  const { joints, knobs } = model.setting.value;
+  const { joints } = model.setting.value;
   const rows = model.joints();
   const isGimbal = figures.wheels[0]?.gimbal != null;
-  const tiltKnob = model.reply.value?.knobs.find(({ key }) => key.endsWith("max_tilt_deg"));
-  const tilt = knobs[tiltKnob?.key ?? ""] ?? tiltKnob?.value ?? 30;
+  const tilt = model.reply.value?.knobs.find(({ key }) => key.endsWith("max_tilt_deg"));
   const fastest = Math.max(1, ...rows.map((row) => Math.abs(row.at(-1) ?? 0)));
   // The range must not move under a hand that drags.
   const usual = useMemo(() => roundEnd(2 * fastest), [figures.wheels.length, isGimbal]);
   const { columns, unit, most } = isGimbal
-    ? { columns: ["α", "β"], unit: "°", most: tilt }
+    ? { columns: ["α", "β"], unit: "°", most: tilt?.value ?? 30 }
     : { columns: ["φ̇"], unit: "rpm", most: Math.max(usual, fastest) };
   return (
     <section class={joints === null ? "sec follows" : "sec"} aria-label={student.joints}>
@@ -94,10 +93,9 @@ function contradiction({ redundancy, residual_mps }: StudentFigures): string {
   return student.contradiction(figure(1000 * residual_mps, 1));
 }
 
-/** Round up to two digits, so that the ends of a slider are plain numbers. */
+/** Round up to a plain number of two digits, for the ends of a slider. */
 function roundEnd(value: number): number {
-  const step = 10 ** Math.floor(Math.log10(Math.max(value, 1e-9)) - 1);
-  return Number((Math.ceil(value / step - 1e-9) * step).toPrecision(6));
+  return Number((1.05 * value).toPrecision(2));
 }
 
 const STEPS = 200;

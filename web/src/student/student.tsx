@@ -2,14 +2,10 @@
 // the joints and from the joints to the twist. No robot moves.
 
 import { useEffect } from "preact/hooks";
-import type { StudentFigures } from "../generated/wire";
 import { useSession } from "../session";
-import { figure } from "../text/numbers";
 import { texts } from "../text/text";
-import { Fold } from "../ui/fold";
-import { paperPlot, PlotFigure, reachPlot } from "./curves";
-import { decimalsOf, Equations } from "./equations";
 import { Actions, Knobs } from "./knobs";
+import { Capabilities, Equations, outcome, Papers } from "./results";
 import { Sketch } from "./sketch";
 import { Joints, Twist } from "./sliders";
 import "./student.css";
@@ -39,61 +35,15 @@ export function Student() {
             <Joints model={model} figures={figures} />
           </div>
           <p>{outcome(figures)}</p>
-          <Equations equations={figures.equations} />
+          <Equations {...figures} />
         </>
       ) : (
         <p role="status">{student.waiting}</p>
       )}
       <Knobs model={model} />
       <Actions model={model} />
-      {figures && <Capabilities figures={figures} />}
-      {reply && reply.papers.length > 0 && (
-        <Fold title={student.paperFigures}>
-          <div class="plots-row">
-            {reply.papers.map((paper) => (
-              <PlotFigure key={paper.name} {...paperPlot(paper)} />
-            ))}
-          </div>
-        </Fold>
-      )}
+      {figures && <Capabilities {...figures} />}
+      {reply && reply.papers.length > 0 && <Papers {...reply} />}
     </div>
-  );
-}
-
-/** Utilization of the joint limits, and the largest twist in the same direction. */
-function outcome({ axes, twist, utilization: share }: StudentFigures): string {
-  const { student } = texts();
-  if (share === 0) return student.atRest;
-  const most = axes.map(({ symbol, unit }, i) => {
-    const part = ((twist[i] ?? 0) * Math.max(1, share)) / share;
-    return `${symbol} ${figure(part, 2)} ${unit}`;
-  });
-  return `${student.share(figure(100 * share), share > 1)} ${student.most(most.join(", "))}`;
-}
-
-function Capabilities({ figures }: { figures: StudentFigures }) {
-  const { student } = texts();
-  return (
-    <Fold title={student.figures}>
-      <dl class="results">
-        {figures.figures.map(({ name, value, unit, note }) => (
-          <div key={name}>
-            <dt>
-              {student.labels[name] ?? name} {note && <span class="note">{note}</span>}
-            </dt>
-            <dd>
-              {figure(value, decimalsOf(value))}
-              <span class="u">{unit}</span>
-            </dd>
-          </div>
-        ))}
-      </dl>
-      <p class="note">{student.reachHint}</p>
-      <div class="plots-row">
-        {figures.outlines.map((outline, i) => (
-          <PlotFigure key={i} {...reachPlot(outline, figures.axes)} />
-        ))}
-      </div>
-    </Fold>
   );
 }
