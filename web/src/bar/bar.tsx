@@ -40,6 +40,7 @@ export function Bar() {
 
 function OfRobot({ opened }: { opened: Opened }) {
   const { gamepad, layout, link } = useSession();
+  const { bar } = texts();
   return (
     <>
       <RobotMenu />
@@ -50,8 +51,13 @@ function OfRobot({ opened }: { opened: Opened }) {
       <Question />
       <span class="spacer" />
       {gamepad.name.value !== null && link.recording === null && (
-        <Button class="fact pad" icon="gamepad" onPress={() => (opened.value = "sheet")}>
-          <span>{texts().bar.gamepad}</span>
+        <Button
+          class="fact pad"
+          icon="gamepad"
+          label={bar.gamepad}
+          onPress={() => (opened.value = "sheet")}
+        >
+          <span>{bar.gamepad}</span>
         </Button>
       )}
       <LinkFact />

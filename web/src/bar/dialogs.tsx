@@ -27,6 +27,8 @@ export function Sheet({ opened }: OpenedProps) {
   const { bar } = texts();
   const { dark } = view.settings.value;
   const close = () => (opened.value = null);
+  // Lines "key: what it does".
+  const keys = gamepad.name.value === null ? bar.keyList : [...bar.padKeys, ...bar.keyList];
   return (
     <Dialog title={bar.help} onClose={close}>
       {layout.phone.value && layout.screen.value === "robot" && (
@@ -36,8 +38,13 @@ export function Sheet({ opened }: OpenedProps) {
           <FleetLink onClick={close} />
         </div>
       )}
-      <Keys list={bar.keyList} />
-      {gamepad.name.value !== null && <Keys list={bar.padKeys} />}
+      <dl class="keys">
+        {keys.map((line) => {
+          const [key, what] = line.split(": ");
+          const name = <kbd>{key}</kbd>;
+          return [<dt>{name}</dt>, <dd>{what}</dd>];
+        })}
+      </dl>
       <div class="row">
         <Button edge onPress={() => (opened.value = "name")}>
           <OwnName />
@@ -56,19 +63,6 @@ export function Sheet({ opened }: OpenedProps) {
         />
       </div>
     </Dialog>
-  );
-}
-
-/** List of lines "key: what it does". */
-function Keys({ list }: { list: readonly string[] }) {
-  return (
-    <dl class="keys">
-      {list.map((line) => {
-        const [keys, what] = line.split(": ");
-        const key = <kbd>{keys}</kbd>;
-        return [<dt>{key}</dt>, <dd>{what}</dd>];
-      })}
-    </dl>
   );
 }
 
