@@ -17,6 +17,7 @@ import { News } from "./store/news";
 import { Notice } from "./store/notice";
 import { Requests } from "./store/requests";
 import { View } from "./store/view";
+import { StudentModel } from "./student/model";
 import { Library } from "./timeline/library";
 import { LookBack } from "./timeline/look_back";
 import { Playback } from "./timeline/playback";
@@ -36,6 +37,7 @@ export class Session {
   readonly recorder: Recorder;
   readonly layout = new Layout();
   readonly fleet: FleetStore;
+  readonly student: StudentModel;
   readonly library: Library;
   readonly lookBack: LookBack;
   readonly playback: Playback;
@@ -66,6 +68,7 @@ export class Session {
     new News(this);
     this.view = new View(this.link);
     this.recorder = new Recorder(this.link);
+    this.student = new StudentModel(this.link, location.search);
     this.library = new Library(this.link);
     this.lookBack = new LookBack(this.link);
     this.playback = new Playback(this.link);

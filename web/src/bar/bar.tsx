@@ -7,14 +7,13 @@ import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Icon } from "../ui/icon";
 import { Menu } from "../ui/menu";
-import { NameDialog, OwnName, useLogin } from "./account";
-import { Actions, Question, TakeOver, Who } from "./driver";
-import { Battery, FleetLink, GamepadFact, LinkFact, Mode, withHash } from "./facts";
-import { GamepadDialog, Sheet } from "./sheet";
+import { NameDialog, OwnName, Sheet, TakeOver, useLogin } from "./dialogs";
+import { Actions, Question, Who } from "./driver";
+import { Battery, FleetLink, LinkFact, Mode, withHash } from "./facts";
 import "./bar.css";
 
 /** The dialog of the bar that is open. */
-export type Opened = Signal<"sheet" | "name" | "gamepad" | "take over" | null>;
+export type Opened = Signal<"sheet" | "name" | "take over" | null>;
 
 export function Bar() {
   const { layout, link, keyboard } = useSession();
@@ -30,15 +29,18 @@ export function Bar() {
       <Button class="roomy" onPress={() => (opened.value = "name")}>
         <OwnName />
       </Button>
-      {!isFleet && <FleetLink class="btn fleet-link" />}
+      {!isFleet && <FleetLink />}
       <Button icon="help" label={bar.help} onPress={toggle} />
-      <Dialogs opened={opened} />
+      {opened.value === "sheet" && <Sheet opened={opened} />}
+      {opened.value === "name" && <NameDialog opened={opened} />}
+      {opened.value === "take over" && <TakeOver opened={opened} />}
     </header>
   );
 }
 
 function OfRobot({ opened }: { opened: Opened }) {
-  const { layout, link } = useSession();
+  const { gamepad, layout, link } = useSession();
+  const { bar } = texts();
   return (
     <>
       <RobotMenu />
@@ -48,7 +50,16 @@ function OfRobot({ opened }: { opened: Opened }) {
       {!layout.phone.value && <Actions opened={opened} />}
       <Question />
       <span class="spacer" />
-      <GamepadFact onPress={() => (opened.value = "gamepad")} />
+      {gamepad.name.value !== null && link.recording === null && (
+        <Button
+          class="fact pad"
+          icon="gamepad"
+          label={bar.gamepad}
+          onPress={() => (opened.value = "sheet")}
+        >
+          <span>{bar.gamepad}</span>
+        </Button>
+      )}
       <LinkFact />
       <Battery />
     </>
@@ -81,10 +92,11 @@ function RobotMenu() {
       <bdi>{id}</bdi>
     </>
   );
+  const shown = named(robot.id);
   if (robots.length < 2)
     return (
       <span class="who" title={robot.title}>
-        {named(robot.id)}
+        {shown}
       </span>
     );
   const items = robots.map(({ id, title }) => ({
@@ -92,14 +104,6 @@ function RobotMenu() {
     checked: id === robot.id,
     onChoose: () => id !== robot.id && link.choose(id),
   }));
-  const button = [named(robot.id), <Icon name="down" />];
+  const button = [shown, <Icon name="down" />];
   return <Menu class="who" label={bar.chooseRobot(robot.id)} button={button} items={items} />;
-}
-
-function Dialogs({ opened }: { opened: Opened }) {
-  const close = () => (opened.value = null);
-  if (opened.value === "sheet") return <Sheet opened={opened} />;
-  if (opened.value === "name") return <NameDialog onClose={close} />;
-  if (opened.value === "gamepad") return <GamepadDialog onClose={close} />;
-  return opened.value && <TakeOver onClose={close} />;
 }

@@ -1,15 +1,12 @@
 // Who drives, and the quiet actions: the next step is in the deck.
 
-import { useEffect, useRef } from "preact/hooks";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import { type Refusal, whyNotDisarm, whyNotTakeControl } from "../store/permission";
-import { controlTerms } from "../store/requests";
 import { nameOf, refusalText } from "../text/reasons";
 import { texts } from "../text/text";
-import { Button } from "../ui/button";
+import { Button, type ButtonProps } from "../ui/button";
 import type { Opened } from "./bar";
-import { TextDialog } from "./text_dialog";
 
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
 
@@ -28,14 +25,14 @@ export function Named({ text, name }: { text: (name: string) => string; name: st
 }
 
 /** Who has control of the robot; null if the page cannot know. */
-function useLease() {
+export function useLease() {
   const { link } = useSession();
   void link.beat.value; // A robot falls silent without a message.
   const state = link.state.value;
   if (freshness(link).kind !== "live" || state === null) return null;
   const { lease, mode } = state.status;
-  const { role } = link.welcome.value ?? {};
-  return { ...lease, mode, you: state.has_control, isViewer: role === "viewer" };
+  const isViewer = link.welcome.value?.role === "viewer";
+  return { ...lease, mode, you: state.has_control, isViewer };
 }
 
 export function Who() {
@@ -58,43 +55,38 @@ export function Who() {
   );
 }
 
+/** Button that waits while a request is under way. */
+function Quiet({ refusal, ...button }: ButtonProps & { refusal?: Refusal | null }) {
+  const isPending = useSession().requests.pending.value !== null;
+  const refused = isPending ? texts().bar.underWay : refusal && refusalText(refusal);
+  return <Button {...button} refused={refused} />;
+}
+
 export function Actions({ opened }: { opened: Opened }) {
   const { link, requests } = useSession();
   const { bar } = texts();
   const lease = useLease();
-  const refused = useRefused();
-  if (lease === null || lease.isViewer || (!lease.you && lease.holder === null)) return null;
-  if (lease.you && lease.requested_by !== null) return null; // The question takes their place.
-  if (!lease.you)
-    return (
-      <Button
-        refused={refused(whyNotTakeControl(link))}
-        onPress={() => (opened.value = "take over")}
-      >
-        {bar.takeOver}
-      </Button>
-    );
+  if (lease === null || lease.isViewer) return null;
+  const { you, holder, mode, requested_by: asker } = lease;
+  const takeOver = () => (opened.value = "take over");
+  const disarm = () => requests.send({ t: "disarm" });
+  const release = () => requests.send({ t: "lease", op: "release" });
+  const isMine = you && asker === null; // A question takes their place.
   return (
     <>
-      {!AT_REST.has(lease.mode) && (
-        <Button
-          refused={refused(whyNotDisarm(link))}
-          onPress={() => requests.send({ t: "disarm" })}
-        >
-          {bar.disarm}
-        </Button>
+      {!you && holder !== null && (
+        <Quiet refusal={whyNotTakeControl(link)} onPress={takeOver}>
+          {bar.takeOver}
+        </Quiet>
       )}
-      <Button refused={refused(null)} onPress={() => requests.send({ t: "lease", op: "release" })}>
-        {bar.release}
-      </Button>
+      {isMine && !AT_REST.has(mode) && (
+        <Quiet refusal={whyNotDisarm(link)} onPress={disarm}>
+          {bar.disarm}
+        </Quiet>
+      )}
+      {isMine && <Quiet onPress={release}>{bar.release}</Quiet>}
     </>
   );
-}
-
-/** Function that words a refusal, or says that a request is under way. */
-function useRefused(): (refusal: Refusal | null) => string | null {
-  const isPending = useSession().requests.pending.value !== null;
-  return (refusal) => (isPending ? texts().bar.underWay : refusal && refusalText(refusal));
 }
 
 /**
@@ -105,16 +97,17 @@ export function Question() {
   const { requests, path } = useSession();
   const { bar } = texts();
   const lease = useLease();
-  const refused = useRefused()(null);
   const requester = lease?.you ? lease.requested_by : null;
-  if (requester === null) return <span class="sr" role="alert" />;
-  const name = nameOf(requester);
+  const name = nameOf(requester ?? "");
+  const asks = requester === null ? "" : `${bar.asksYou(name)} ${bar.youDriveOn}`;
+  const answer = (op: "grant" | "deny") =>
+    requester !== null && requests.send({ t: "lease", op, requester });
   return (
     <>
       <span class="sr" role="alert">
-        {`${bar.asksYou(name)} ${bar.youDriveOn}`}
+        {asks}
       </span>
-      {path.going.value && (
+      {requester !== null && path.going.value && (
         <div class="asks" role="group" aria-label={bar.request}>
           <span>
             <Named text={bar.asksYou} name={name} />
@@ -122,47 +115,12 @@ export function Question() {
               {Math.ceil(lease?.request_expires_in_s ?? 0)} s
             </span>
           </span>
-          {(["grant", "deny"] as const).map((op) => (
-            <Button
-              key={op}
-              edge={op === "grant"}
-              refused={refused}
-              onPress={() => requests.send({ t: "lease", op, requester })}
-            >
-              {bar.answers[op]}
-            </Button>
-          ))}
+          <Quiet edge onPress={() => answer("grant")}>
+            {bar.answers.grant}
+          </Quiet>
+          <Quiet onPress={() => answer("deny")}>{bar.answers.deny}</Quiet>
         </div>
       )}
     </>
-  );
-}
-
-/** Confirm that another operator loses control, and say why; it closes once the holder changes. */
-export function TakeOver({ onClose }: { onClose: () => void }) {
-  const { link, requests } = useSession();
-  const { bar } = texts();
-  const holder = useLease()?.holder ?? null;
-  const before = useRef(holder);
-  const isOver = holder === null || holder !== before.current;
-  useEffect(() => {
-    if (isOver) onClose();
-  }, [isOver]);
-  if (isOver) return null;
-  const takeOver = (reason: string) => {
-    const why = reason === "" ? {} : { reason };
-    requests.send({ t: "lease", op: "acquire", take_over: true, ...why, ...controlTerms(link) });
-  };
-  return (
-    <TextDialog
-      title={bar.takeOver}
-      label={bar.reason}
-      most={120}
-      action={bar.takeOver}
-      onSubmit={takeOver}
-      onClose={onClose}
-    >
-      <Named text={bar.loses} name={nameOf(holder)} />
-    </TextDialog>
   );
 }

@@ -1,8 +1,7 @@
-// Mode, gamepad, grade of the link and battery: what holds now, never what did.
+// Mode, grade of the link and battery: what holds now, never what did.
 
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
-import type { Link } from "../store/link";
 import { quality } from "../store/quality";
 import { figure } from "../text/numbers";
 import { texts } from "../text/text";
@@ -10,6 +9,7 @@ import { Button } from "../ui/button";
 import { Figure } from "../ui/figure";
 import { Icon, type IconName } from "../ui/icon";
 
+/** Icons of modes, and of what stands in their place while the mode is not known. */
 const ICONS: Record<string, IconName> = {
   disarmed: "ring",
   arming: "half",
@@ -18,49 +18,27 @@ const ICONS: Record<string, IconName> = {
   stopping: "pause",
   stopped: "stopsign",
   fault: "warn",
+  recorded: "previous",
+  starting: "half",
+  silent: "warn",
+  offline: "warn",
 };
 
 export function Mode() {
-  const { kind, icon, text } = shownMode(useSession().link);
-  return (
-    <span class={`mode ${kind}`} role="status" aria-label={texts().common.mode}>
-      <Icon name={icon} />
-      {text}
-    </span>
-  );
-}
-
-/** Return the mode, or what stands in its place while it is not known. */
-function shownMode(link: Link): { kind: string; icon: IconName; text: string } {
+  const { link } = useSession();
   const { bar, common } = texts();
   void link.beat.value; // A robot falls silent without a message.
   const fresh = freshness(link);
-  const mode = link.state.value?.status.mode ?? "";
-  if (fresh.kind === "live")
-    return { kind: mode, icon: ICONS[mode] ?? "ring", text: common.modes[mode] ?? mode };
-  if (fresh.kind === "recorded")
-    return { kind: "past", icon: "previous", text: bar.recordings[fresh.by] };
-  if (fresh.kind === "starting") return { kind: "none", icon: "half", text: bar.connecting };
-  if (fresh.kind === "no_robot") return { kind: "none", icon: "ring", text: bar.noRobot };
-  return { kind: "none", icon: "warn", text: bar.noSignal };
-}
-
-export function GamepadFact({ onPress }: { onPress: () => void }) {
-  const { gamepad, link } = useSession();
-  const name = gamepad.name.value;
-  if (name === null || link.recording !== null) return null;
+  const isLive = fresh.kind === "live";
+  const kind = isLive ? (link.state.value?.status.mode ?? "") : fresh.kind;
+  const unknown = { starting: bar.connecting, no_robot: bar.noRobot }[kind] ?? bar.noSignal;
+  const text = isLive ? (common.modes[kind] ?? kind) : unknown;
   return (
-    <Button class="fact pad" icon="gamepad" onPress={onPress}>
-      <span class="sr">{texts().bar.gamepad}: </span>
-      <bdi>{padName(name)}</bdi>
-    </Button>
+    <span class={`mode ${kind}`} role="status" aria-label={common.mode}>
+      <Icon name={ICONS[kind] ?? "ring"} />
+      {fresh.kind === "recorded" ? bar.recordings[fresh.by] : text}
+    </span>
   );
-}
-
-/** Return the name of a gamepad without the ids that browsers put around it. */
-export function padName(id: string): string {
-  const bare = id.replace(/^[0-9a-f]{4}-[0-9a-f]{4}-/i, "").replace(/\s*\(.*$/, "");
-  return bare.trim() || texts().bar.gamepad;
 }
 
 /** Grade of the link with the figure behind it; it opens Health, which has the rest. */
@@ -74,9 +52,12 @@ export function LinkFact() {
   const isKnown = kind !== "live" || of !== null;
   const unit = of?.unit === "%" ? bar.lost : grade === "uneven" ? bar.jitter : "ms";
   const warns = bad && isKnown;
-  const classes = warns ? "fact link warn" : "fact link";
   return (
-    <Button class={classes} icon={warns ? "warn" : "link"} onPress={() => layout.open("health")}>
+    <Button
+      class={warns ? "fact link warn" : "fact link"}
+      icon={warns ? "warn" : "link"}
+      onPress={() => layout.open("health")}
+    >
       <span class="sr">{bar.link}: </span>
       <b>{isKnown ? bar.grades[grade] : figure(null)}</b>
       <span>{of && <Figure value={of.value} unit={unit} />}</span>
@@ -113,10 +94,10 @@ export function withHash(hash: string): string {
   return `${location.pathname}${location.search}#${hash}`;
 }
 
-export function FleetLink(props: { class: string; onClick?: () => void }) {
+export function FleetLink({ onClick }: { onClick?: () => void }) {
   const { fleet } = texts().bar;
   return (
-    <a href={withHash("fleet")} aria-label={fleet} {...props}>
+    <a class="btn fleet-link" href={withHash("fleet")} aria-label={fleet} onClick={onClick}>
       <Icon name="grid" />
       <span>{fleet}</span>
     </a>

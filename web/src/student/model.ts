@@ -7,8 +7,8 @@ import type { Link } from "../store/link";
 
 const ASK_EVERY_MS = 80; // The server accepts 20 per second.
 const GIVE_UP_MS = 1500; // Retry a request without a response after this time.
-const DEFAULT_BASE = "tsd";
 const DEFAULT_TWIST: Triple = [0.5, 0, 0];
+const DEFAULT: Setting = { base: "tsd", knobs: {}, twist: DEFAULT_TWIST, joints: null };
 
 export type Triple = [number, number, number];
 
@@ -18,7 +18,7 @@ export interface Setting {
   knobs: Readonly<Record<string, number>>;
   twist: Triple;
   /** Joints that replace the twist: for each module α and β in degrees and rpm, for each wheel rpm. */
-  joints: readonly (readonly number[])[] | null;
+  joints: number[][] | null;
 }
 
 /** Return the setting in a query string, or null. */
@@ -26,22 +26,21 @@ export function settingOf(query: string): Setting | null {
   const parameters = new URLSearchParams(query);
   const base = parameters.get("student");
   if (base === null) return null;
-  const knobs: Record<string, number> = {};
-  for (const [key, text] of parameters) {
-    const value = numberOf(text);
-    if (key.includes(".") && value !== null) knobs[key] = value;
-  }
-  const [a = null, b = null, c = null, ...more] = numbersOf(parameters.get("twist") ?? "");
-  const isTwist = more.length === 0 && a !== null && b !== null && c !== null;
-  const rows = (parameters.get("joints") ?? "").split("~").map(numbersOf);
-  const isJoints = rows.every((row) => row.every((value) => value !== null));
+  const numbers = [...parameters].map(([key, text]) => [key, numberOf(text)] as const);
+  const knobs = numbers.filter(([key, value]) => key.includes(".") && Number.isFinite(value));
+  const rows = (name: string) =>
+    (parameters.get(name) ?? "").split("~").map((row) => row.split("_").map(numberOf));
+  const [twist, joints] = [rows("twist").flat(), rows("joints")];
+  const isTwist = twist.length === 3 && twist.every(Number.isFinite);
   return {
     base,
-    knobs,
-    twist: isTwist ? [a, b, c] : DEFAULT_TWIST,
-    joints: isJoints ? (rows as number[][]) : null,
+    knobs: Object.fromEntries(knobs),
+    twist: isTwist ? (twist as Triple) : DEFAULT_TWIST,
+    joints: joints.flat().every(Number.isFinite) ? joints : null,
   };
 }
+
+const numberOf = (text: string) => (text.trim() === "" ? NaN : Number(text));
 
 /** Return an address with the setting: robot, numbers that differ from it, twist or joints. */
 export function linkTo({ base, knobs, twist, joints }: Setting, address: string): string {
@@ -54,15 +53,6 @@ export function linkTo({ base, knobs, twist, joints }: Setting, address: string)
   return url.href;
 }
 
-function numbersOf(text: string): (number | null)[] {
-  return text.split("_").map(numberOf);
-}
-
-function numberOf(text: string): number | null {
-  const value = Number(text);
-  return text.trim() === "" || !Number.isFinite(value) ? null : value;
-}
-
 export class StudentModel {
   readonly setting;
   readonly reply = signal<StudentReply | null>(null);
@@ -70,29 +60,30 @@ export class StudentModel {
   onToml: (base: string, toml: string) => void = () => {};
   #shown = false;
   #number = 0;
-  #isSent = false; // The latest setting has been requested.
+  #isDue = false; // The latest setting has not been requested.
   #isAsking = false;
   #askedMs = -Infinity;
   #wantsToml = false;
-  #timer = 0;
+  #pause = 0; // Timer that runs after a request.
   readonly #link: Link;
 
   /** `query` is the query string of the page's address. */
   constructor(link: Link, query: string) {
-    const initial = { base: DEFAULT_BASE, knobs: {}, twist: DEFAULT_TWIST, joints: null };
-    this.setting = signal<Setting>(settingOf(query) ?? initial);
+    this.setting = signal(settingOf(query) ?? DEFAULT);
     this.#link = link;
     link.on("student", (reply) => this.#take(reply));
     link.on("welcome", () => this.#forget());
     effect(() => {
-      if (link.beat.value > 0 && this.#shown) this.#refresh();
+      if (link.beat.value === 0 || !this.#shown) return;
+      if (performance.now() - this.#askedMs > GIVE_UP_MS) this.#forget();
+      this.#ask();
     });
   }
 
   /** Compute while the tab is shown, and show the robot of the setting in the scene. */
   show(shown: boolean): void {
     this.#shown = shown;
-    this.#changed();
+    this.#askAgain();
   }
 
   choose(base: string): void {
@@ -109,88 +100,70 @@ export class StudentModel {
 
   /** Set a component of the twist, from which the joints follow. */
   move(axis: number, value: number): void {
-    const solved = this.reply.peek()?.figures;
     const { joints, twist } = this.setting.peek();
-    const before = joints !== null && solved ? solved.twist : twist;
-    const moved = before.map((old, i) => (i === axis ? value : old)) as Triple;
-    this.#set({ twist: moved, joints: null });
+    const solved = this.reply.peek()?.figures?.twist;
+    const before = joints === null ? twist : (solved ?? twist);
+    this.#set({ twist: before.with(axis, value) as Triple, joints: null });
   }
 
   /** Set one joint of a wheel and compute the twist; other joints keep their values. */
   bend(wheel: number, joint: number, value: number): void {
-    const rows = this.setting.peek().joints ?? this.joints();
-    const bent = rows.map((row, i) =>
-      i === wheel ? row.map((old, j) => (j === joint ? value : old)) : row,
-    );
-    this.#set({ joints: bent });
+    const rows = this.joints();
+    this.#set({ joints: rows.with(wheel, rows[wheel]!.with(joint, value)) });
   }
 
-  /** Joints of the latest reply. */
+  /** Joints of the setting, or of the latest reply if they follow from the twist. */
   joints(): number[][] {
     const wheels = this.reply.value?.figures?.wheels ?? [];
-    return wheels.map(({ gimbal, rpm }) => (gimbal ? [gimbal[0], gimbal[1], rpm] : [rpm]));
-  }
-
-  /** Address that opens the page with this setting. */
-  link(): string {
-    return linkTo(this.setting.peek(), location.href);
+    const solved = wheels.map(({ gimbal, rpm }) => [...(gimbal?.slice(0, 2) ?? []), rpm]);
+    return this.setting.value.joints ?? solved;
   }
 
   reset(): void {
-    this.#set({ knobs: {}, twist: DEFAULT_TWIST, joints: null });
+    this.#set({ ...DEFAULT, base: this.setting.peek().base });
   }
 
   /** Request the description as a file, which comes with the reply. */
   requestToml(): void {
     this.#wantsToml = true;
-    this.#changed();
+    this.#askAgain();
   }
 
   #set(change: Partial<Setting>): void {
     this.setting.value = { ...this.setting.peek(), ...change };
-    this.#changed();
+    this.#askAgain();
   }
 
-  /** Request the results unless known; called while they are shown. */
-  #refresh(): void {
-    if (performance.now() - this.#askedMs > GIVE_UP_MS) this.#forget();
-    if (!this.#isSent) this.#ask();
+  #askAgain(): void {
+    this.#isDue = true;
+    this.#ask();
   }
 
   /** A request in flight will get no response. */
   #forget(): void {
-    if (this.#isAsking) this.#isAsking = this.#isSent = false;
+    this.#isDue ||= this.#isAsking;
+    this.#isAsking = false;
   }
 
-  #changed(): void {
-    this.#isSent = false;
-    this.#ask();
-  }
-
+  /** Request the latest setting unless that was done; the response or the pause comes first. */
   #ask(): void {
-    if (this.#isAsking || this.#timer !== 0) return; // The latest setting is requested next.
-    const waitMs = this.#askedMs + ASK_EVERY_MS - performance.now();
-    if (waitMs > 0) {
-      this.#timer = window.setTimeout(() => {
-        this.#timer = 0;
-        this.#ask();
-      }, waitMs);
-      return;
-    }
+    if (!this.#isDue || this.#isAsking || this.#pause !== 0) return;
     this.#number += 1;
     this.#askedMs = performance.now();
-    const { base, knobs, twist, joints } = this.setting.peek();
-    this.#isSent = this.#isAsking = this.#link.send({
+    this.#isAsking = this.#link.send({
       t: "student",
       number: this.#number,
-      base,
-      knobs,
-      twist,
-      joints: joints?.map((row) => [...row]) ?? null,
+      ...this.setting.peek(),
       toml: this.#wantsToml,
       papers: true,
       show: this.#shown,
     });
+    if (!this.#isAsking) return;
+    this.#isDue = false;
+    this.#pause = window.setTimeout(() => {
+      this.#pause = 0;
+      this.#ask();
+    }, ASK_EVERY_MS);
   }
 
   #take(reply: StudentReply): void {
@@ -201,6 +174,6 @@ export class StudentModel {
     // Results stay while a setting is impossible.
     const figures = reply.figures ?? this.reply.peek()?.figures ?? null;
     this.reply.value = { ...reply, figures };
-    if (!this.#isSent) this.#ask();
+    this.#ask();
   }
 }

@@ -12,22 +12,19 @@ const ARROW = 18; // Length of the fastest arrow.
 type Point = readonly [number, number];
 
 /** Return a vector of the robot on the page, where its front is up: right and down. */
-export function fromAbove([x, y]: Point, scale = 1): [number, number] {
+export function fromAbove([x, y]: Point, scale = 1): Point {
   return [-y * scale + 0, -x * scale + 0];
 }
 
-const text = (point: Point, scale: number) =>
-  fromAbove(point, scale)
-    .map((part) => part.toFixed(2))
-    .join(" ");
-
 export function Sketch({ figures }: { figures: StudentFigures }) {
   const { student } = texts();
-  const { wheels, radius_m: radius, centre } = figures;
-  const far = Math.max(...wheels.map(({ at: [x, y] }) => Math.hypot(x, y))) + radius;
-  const fast = Math.max(1e-9, ...wheels.map(({ push: [x, y] }) => Math.hypot(x, y)));
-  const scale = REACH / far;
-  const body = `M${wheels.map(({ at }) => text(at, scale)).join("L")}Z`;
+  const { wheels, radius_m: radius, centre, axis } = figures;
+  const scale = REACH / (Math.max(...wheels.map(({ at }) => Math.hypot(...at))) + radius);
+  const perMps = ARROW / Math.max(1e-9, ...wheels.map(({ push }) => Math.hypot(...push)));
+  const pivots = wheels.map(({ at }) => fromAbove(at, scale));
+  let caption = student.noCentre;
+  if (centre) caption = student.centre(figure(Math.hypot(...centre), 2));
+  if (axis) caption = student.axis(axis.map((part) => figure(part, 2)).join(", "));
   return (
     <figure class="sketch">
       <svg
@@ -35,85 +32,55 @@ export function Sketch({ figures }: { figures: StudentFigures }) {
         role="img"
         aria-label={student.fromAbove}
       >
-        <path class="p-body" d={body} />
+        <marker id="push-tip" orient="auto" markerUnits="userSpaceOnUse" overflow="visible">
+          <path class="p-tip" d="M3 0L-1.5 2.5v-5z" />
+        </marker>
+        <path class="p-body" d={`M${pivots.join("L")}Z`} />
         <path class="p-front" d="M0-9l4 7h-8z" />
-        {centre && <Centre centre={centre} scale={scale} wheels={wheels} />}
+        {centre && <Centre at={fromAbove(centre, scale)} pivots={pivots} />}
         {wheels.map((wheel, i) => (
-          <Wheel key={i} {...{ wheel, scale, radius }} number={i + 1} perMps={ARROW / fast} />
+          <g key={i} transform={`translate(${pivots[i]})`}>
+            <Wheel wheel={wheel} half={Math.max(4, radius * scale)} perMps={perMps} />
+            <text y={Math.max(4, radius * scale) + 9}>{i + 1}</text>
+          </g>
         ))}
       </svg>
-      <figcaption>{caption(figures)}</figcaption>
+      <figcaption>{caption}</figcaption>
     </figure>
   );
 }
 
-function caption({ centre, axis }: StudentFigures): string {
-  const { student } = texts();
-  if (axis) return student.axis(axis.map((part) => figure(part, 2)).join(", "));
-  return centre ? student.centre(figure(Math.hypot(...centre), 2)) : student.noCentre;
-}
-
-interface CentreProps {
-  centre: Point;
-  scale: number;
-  wheels: readonly StudentWheel[];
-}
-
 /** The centre of rotation; if it is far away, only the direction towards it. */
-function Centre({ centre, scale, wheels }: CentreProps) {
-  const [right, down] = fromAbove(centre, scale);
+function Centre({ at: [right, down], pivots }: { at: Point; pivots: readonly Point[] }) {
   const share = Math.min(1, (HALF - 6) / Math.max(Math.abs(right), Math.abs(down), 1e-9));
-  const at = `${(right * share).toFixed(2)} ${(down * share).toFixed(2)}`;
+  const at = [right * share, down * share];
   return (
-    <g>
-      {wheels.map((wheel, i) => (
-        <path key={i} class="p-ray" d={`M${text(wheel.at, scale)}L${at}`} />
-      ))}
+    <>
+      <path class="p-ray" d={pivots.map((pivot) => `M${pivot}L${at}`).join("")} />
       <g class={share < 1 ? "p-icr far" : "p-icr"} transform={`translate(${at})`}>
         <circle r="4" />
         <path d="M-6 0H6M0-6V6" />
       </g>
-    </g>
+    </>
   );
 }
 
-interface WheelProps {
-  wheel: StudentWheel;
-  number: number;
-  scale: number;
-  radius: number;
-  perMps: number;
-}
-
-function Wheel({ wheel, number, scale, radius, perMps }: WheelProps) {
-  const { at, push, direction_deg: direction, axle } = wheel;
-  const wide = Math.max(4, radius * scale);
-  const [right, down] = fromAbove(push, perMps);
-  const angle = (Math.atan2(right, -down) * 180) / Math.PI;
-  const length = Math.hypot(right, down);
+/** A wheel with half its size; on gimbals it has an axle in place of a direction. */
+function Wheel({ wheel, half, perMps }: { wheel: StudentWheel; half: number; perMps: number }) {
+  const { push, direction_deg: direction, axle } = wheel;
+  const [width, height] = direction === null ? [2 * half, 2 * half] : [half / 1.5, 2 * half];
   return (
-    <g transform={`translate(${text(at, scale)})`}>
-      {direction === null ? (
-        <circle class="p-mod" r={wide} />
-      ) : (
-        <rect
-          class="p-mod"
-          x={-wide / 3}
-          y={-wide}
-          width={wide / 1.5}
-          height={2 * wide}
-          transform={`rotate(${-direction})`}
-        />
+    <>
+      <rect
+        class="p-mod"
+        {...{ x: -width / 2, y: -half, width, height }}
+        rx={direction === null ? half : 0}
+        transform={`rotate(${-(direction ?? 0)})`}
+      />
+      {axle && <path class="d-axle" d={`M0 0L${fromAbove(axle, 3 * half)}`} />}
+      {Math.hypot(...push) * perMps > 0.5 && (
+        <path class="p-push" d={`M0 0L${fromAbove(push, perMps)}`} marker-end="url(#push-tip)" />
       )}
-      {axle && <path class="d-axle" d={`M0 0L${text(axle, 3 * wide)}`} />}
-      {length > 0.5 && (
-        <path
-          class="p-push"
-          d={`M0 0V${-length}M0 ${-length - 3}l2.5 4.5h-5z`}
-          transform={`rotate(${angle})`}
-        />
-      )}
-      <text y={wide + 9}>{number}</text>
-    </g>
+    </>
   );
 }

@@ -299,6 +299,14 @@ test("the sheet of keys opens with ?, at its top, and sets language and theme", 
   expect(root.querySelector("[role=dialog]")).toBeNull();
 });
 
+test("a gamepad is shown, and opens the list of what its controls do", async () => {
+  await state();
+  expect(button("Gamepad")).toBeUndefined();
+  await act(() => void (page.session.gamepad.name.value = "054c-0ce6-Wireless Controller"));
+  await press("Gamepad");
+  expect(root.querySelector("[role=dialog]")?.textContent).toContain("Right stick");
+});
+
 test("on the screen of all robots there is a way back, and no mode of one", async () => {
   await state();
   const { pathname, search } = location;
