@@ -8,7 +8,7 @@ import { freshness, isCurrent } from "../store/freshness";
 import { refusalText } from "../text/reasons";
 import { figure } from "../text/numbers";
 import { texts } from "../text/text";
-import { createViewport, type FrameKey, type Viewport } from "../viewport/frame";
+import { Viewport } from "../viewport/frame";
 import { Cameras, Legend, Modes } from "./corners";
 import { FloorPicker } from "./floor_picker";
 import { type Box, watchFreeRectangle } from "./free_rectangle";
@@ -60,12 +60,12 @@ function Picture({ isCovered }: { isCovered: boolean }) {
   const [viewport, setViewport] = useState<Viewport | null>(null);
   useEffect(() => {
     const { link, view, keyboard, sphere } = session;
-    const made = createViewport(host.current!, {
+    const made = new Viewport(host.current!, {
       page: link.page,
       recording: link.recording,
       dark: view.dark.peek(),
       title: texts().scene.picture,
-      onKey: ({ code, key, mods }: FrameKey) => {
+      onKey: ({ code, key, mods }) => {
         const modified = mods.ctrl || mods.alt || mods.meta;
         keyboard.takeForwarded({ type: "keydown", code, key, repeat: false, modified });
       },
