@@ -16,7 +16,6 @@ import { Picker, PickLayer, type Pixel, type Point } from "./pick";
 
 const WHEEL_PER_PX = 0.0015;
 const LEAST_RADIUS_PX = 6;
-const LETTER_PX = 7; // Mean width of a letter.
 
 export class FloorMap {
   readonly open;
@@ -105,25 +104,18 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
   const isStale = untracked(() => !isCurrent(freshness(link)));
   const ordered = [...robots].sort((a, b) => Number(a === shown) - Number(b === shown));
   const colours = new Map(link.welcome.value?.robots.map(({ id, colour }) => [id, colour]));
-  const [px, span, step] = [view.scale(picker.size.value), view.span.value, view.gridM()];
+  const size = picker.size.value;
+  const [px, span, step] = [view.scale(size), view.span.value, view.gridM()];
   const [left, top] = [-view.middle[1] - span / 2, -view.middle[0] - span / 2];
+  const [right, down] = view.toPixel([0, 0], size).map((pixels) => `${pixels}px`);
+  const grid = { "--right": right, "--down": down, "--step": `${step / px}px` };
   const zoom = (event: WheelEvent) => {
     event.preventDefault();
     view.zoom(Math.exp(-WHEEL_PER_PX * event.deltaY));
   };
   return (
-    <div class="map" role="img" aria-label={texts().scene.map.picture} onWheel={zoom}>
+    <div class="map" role="img" aria-label={texts().scene.map.picture} style={grid} onWheel={zoom}>
       <svg viewBox={`${left} ${top} ${span} ${span}`}>
-        <pattern id="map-grid" width={step} height={step} patternUnits="userSpaceOnUse">
-          <path class="m-grid" d={`M0 ${step}V0H${step}`} stroke-width={2 * px} />
-        </pattern>
-        <rect
-          x={left - 5 * span}
-          y={top - 5 * span}
-          width={11 * span}
-          height={11 * span}
-          fill="url(#map-grid)"
-        />
         <g transform="matrix(0 -1 -1 0 0 0)">
           {envelope && shown && !isStale && (
             <path class="m-stops" d={`${pathOf(envelope)}Z`} transform={placed(shown)} />
@@ -136,25 +128,13 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
           ))}
           {ordered.map((robot) => {
             const isOld = robot.stale || isStale;
-            const color = isOld ? undefined : colours.get(robot.id);
-            const radius = Math.max(LEAST_RADIUS_PX * px, robot.reach_m);
-            const tip = `M${radius + 13 * px} 0l${-12 * px} ${5 * px}v${-10 * px}z`;
-            return (
-              <g
-                key={robot.id}
-                class={isOld ? "m-robot old" : "m-robot"}
-                style={{ color }}
-                transform={placed(robot)}
-              >
-                <circle r={radius} />
-                <path d={tip} />
-              </g>
-            );
+            const colour = isOld ? null : (colours.get(robot.id) ?? null);
+            return <Robot key={robot.id} robot={robot} colour={colour} px={px} />;
           })}
         </g>
       </svg>
       {colours.size > 1 &&
-        names(view, picker.size.value, ordered.reverse()).map(({ id, text, at }) => (
+        named(view, size, ordered.reverse()).map(({ id, text, at }) => (
           <span
             key={id}
             class="m-name"
@@ -163,24 +143,39 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
             {text}
           </span>
         ))}
-      <span class="m-bar" style={{ width: `${step / px}px` }}>
-        {lengthText(step)}
-      </span>
+      <span class="m-bar">{lengthText(step)}</span>
       <span class="m-x">x ↑</span>
       <PickLayer picker={picker} />
     </div>
   );
 }
 
-/** Names of robots and their places; the displayed robot has priority. */
-function names(view: MapView, size: Pixel, robots: readonly MapRobot[]) {
+interface RobotProps {
+  robot: MapRobot;
+  /** Null if it may have moved since. */
+  colour: string | null;
+  px: number;
+}
+
+/** Circle of a robot's reach, with a tip that points forward. */
+function Robot({ robot, colour, px }: RobotProps) {
+  const radius = Math.max(LEAST_RADIUS_PX * px, robot.reach_m);
+  return (
+    <g class="m-robot" style={{ color: colour }} transform={placed(robot)}>
+      <circle r={radius} />
+      <path d={`M${radius + 13 * px} 0l${-12 * px} ${5 * px}v${-10 * px}z`} />
+    </g>
+  );
+}
+
+/** Names of robots with their places; the first ones have priority. */
+function named(view: MapView, size: Pixel, robots: readonly MapRobot[]) {
   const labels = robots.map(({ id, pose: [x, y], reach_m, stale }) => {
     const text = stale ? texts().scene.map.silent(id) : id;
     const radius = Math.max(LEAST_RADIUS_PX, reach_m / view.scale(size));
-    return { id, text, radius, at: view.toPixel([x, y], size), width: LETTER_PX * text.length };
+    return { id, text, radius, at: view.toPixel([x, y], size) };
   });
-  const places = namePlaces(labels, [0, size[0]]);
-  return labels.map(({ id, text }, i) => ({ id, text, at: places[i]! }));
+  return namePlaces(labels, size[0]);
 }
 
 /** Transform of what is given around a robot: x ahead, y to the left. */

@@ -58,31 +58,33 @@ export function lengthText(metres: number): string {
   return metres < 0.995 ? `${figure(100 * metres)} cm` : `${figure(metres)} m`;
 }
 
-export interface Named {
+interface Named {
   at: Pixel;
   radius: number;
-  width: number;
+  text: string;
 }
 
-const BELOW_PX = 24; // Room for the tip of a robot, and the height of a name.
+const LETTER_PX = 7; // Mean width of a letter.
 const LINE_PX = 16;
+const BELOW_PX = 24; // Room for the tip of a robot, and the height of a name.
 
 /**
- * Return places of names (centre of the baseline, in pixels) below their robots, never on another
- * name. A name is not cut off at the edges `low` and `high` while its robot is between them.
+ * Return robots with the places of their names instead of their own (centre of the baseline): below
+ * them, and never on another name. A name is not cut off while its robot is in the picture.
  */
-export function namePlaces(robots: readonly Named[], [low, high]: Point): Pixel[] {
-  const taken: { place: Pixel; width: number }[] = [];
-  for (const { at, radius, width } of robots) {
-    const isIn = low <= at[0] && at[0] <= high;
-    const right = isIn ? clamped(at[0], low + width / 2 + 4, high - width / 2 - 4) : at[0];
-    let down = at[1] + radius + BELOW_PX;
-    const isTaken = ({ place, width: other }: (typeof taken)[number]) =>
-      Math.abs(place[0] - right) < (width + other) / 2 + 4 && Math.abs(place[1] - down) < LINE_PX;
-    while (taken.some(isTaken)) down += LINE_PX;
-    taken.push({ place: [right, down], width });
+export function namePlaces<T extends Named>(robots: readonly T[], roomPx: number): T[] {
+  const placed: (T & { half: number })[] = [];
+  for (const robot of robots) {
+    const half = (LETTER_PX * robot.text.length) / 2 + 4;
+    const [x, y] = robot.at;
+    const right = 0 <= x && x <= roomPx ? clamped(x, half, roomPx - half) : x;
+    let down = y + robot.radius + BELOW_PX;
+    const covers = (name: (typeof placed)[number]) =>
+      Math.abs(name.at[0] - right) < name.half + half && Math.abs(name.at[1] - down) < LINE_PX;
+    while (placed.some(covers)) down += LINE_PX;
+    placed.push({ ...robot, at: [right, down], half });
   }
-  return taken.map(({ place }) => place);
+  return placed;
 }
 
 const TRAIL_SPACING_M = 0.05; // As in sessions/map_data.py, like the next two.

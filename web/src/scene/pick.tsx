@@ -149,7 +149,7 @@ export function PickLayer({ picker }: { picker: Picker }) {
   }, [picker]);
   const goal = picker.goal();
   return (
-    <div ref={layer} class={`picks ${picker.surface.on}`} aria-hidden="true">
+    <div ref={layer} class={`picks on-${picker.surface.on}`} aria-hidden="true">
       <svg>
         <polyline class="pick-line" points={picker.line().join(" ")} />
         {goal && (

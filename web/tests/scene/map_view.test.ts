@@ -83,7 +83,7 @@ test("A trail extends that of the server, and breaks where the pose was set.", (
 });
 
 test("Names of robots never overlap, even if the robots do.", () => {
-  const width = 48;
+  const width = 49;
   for (const apartPx of [0, 3, 10, 25, 60, 200])
     for (const [stepX, stepY] of [
       [1, 0],
@@ -93,9 +93,9 @@ test("Names of robots never overlap, even if the robots do.", () => {
       const robots = [0, 1, 2, 3, 4].map((i) => ({
         at: [100 + i * apartPx * stepX, 80 + i * apartPx * stepY] as Pixel,
         radius: 9,
-        width,
+        text: "robot-1",
       }));
-      const places = namePlaces(robots, [-Infinity, Infinity]);
+      const places = namePlaces(robots, 1000).map(({ at }) => at);
       for (const [i, a] of places.entries())
         for (const b of places.slice(i + 1))
           expect(Math.abs(a[0] - b[0]) >= width || Math.abs(a[1] - b[1]) >= 12).toBe(true);
@@ -103,9 +103,10 @@ test("Names of robots never overlap, even if the robots do.", () => {
 });
 
 test("A name is not cut off at the edge of the picture.", () => {
-  const robot = (x: number) => ({ at: [x, 80] as Pixel, radius: 9, width: 60 });
-  const [right, left, beyond] = namePlaces([robot(290), robot(5), robot(400)], [0, 300]);
-  expect(right![0] + 30).toBeLessThanOrEqual(300);
-  expect(left![0] - 30).toBeGreaterThanOrEqual(0);
+  const robot = (x: number) => ({ at: [x, 80] as Pixel, radius: 9, text: "robot-10" });
+  const robots = namePlaces([robot(290), robot(5), robot(400)], 300);
+  const [right, left, beyond] = robots.map(({ at }) => at);
+  expect(right![0] + 28).toBeLessThanOrEqual(300);
+  expect(left![0] - 28).toBeGreaterThanOrEqual(0);
   expect(beyond![0]).toBe(400); // Its robot is outside too.
 });

@@ -71,14 +71,14 @@ test("Without control, a path cannot be chosen, and the reason is given.", async
 
 test("The layer that takes clicks is there only while a place is chosen and nothing moves.", async () => {
   const { session, state } = await show();
-  expect(find(".picks.picture")).toBeNull();
+  expect(find(".picks.on-picture")).toBeNull();
   radio("Go to")!.click();
   await settle();
-  expect(find(".picks.picture")).not.toBeNull();
+  expect(find(".picks.on-picture")).not.toBeNull();
   state({ route: route("planned") });
   session.path.hold();
   await settle();
-  expect(find(".picks.picture")).toBeNull();
+  expect(find(".picks.on-picture")).toBeNull();
   session.path.letGo();
 });
 
