@@ -37,8 +37,12 @@ export class FloorMap {
       this.trails = trails ?? this.trails;
     });
     link.on("state", ({ map }) => {
-      for (const { id, pose } of map?.robots ?? [])
-        this.trails[id] = extended(this.trails[id] ?? [], pose);
+      for (const { id, pose } of map?.robots ?? []) {
+        const [x, y] = pose;
+        this.trails[id] = extended(this.trails[id] ?? [], [x, y]);
+        const isPicked = this.picker.stroke.peek().length > 0;
+        if (id === link.robot.peek()?.id && !isPicked) this.view.follow([x, y]);
+      }
     });
     let on = false;
     effect(() => {
@@ -100,13 +104,12 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
   void link.beat.value;
   const { robots = [], envelope = null } = link.state.peek()?.map ?? {};
   const shown = robots.find(({ id }) => id === link.robot.peek()?.id);
-  if (shown && picker.stroke.value.length === 0) view.follow([shown.pose[0], shown.pose[1]]);
   const isStale = untracked(() => !isCurrent(freshness(link)));
   const ordered = [...robots].sort((a, b) => Number(a === shown) - Number(b === shown));
   const colours = new Map(link.welcome.value?.robots.map(({ id, colour }) => [id, colour]));
   const size = picker.size.value;
   const [px, span, step] = [view.scale(size), view.span.value, view.gridM()];
-  const [left, top] = [-view.middle[1] - span / 2, -view.middle[0] - span / 2];
+  const [x, y] = view.middle.value;
   const [right, down] = view.toPixel([0, 0], size).map((pixels) => `${pixels}px`);
   const grid = { "--right": right, "--down": down, "--step": `${step / px}px` };
   const zoom = (event: WheelEvent) => {
@@ -115,7 +118,7 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
   };
   return (
     <div class="map" role="img" aria-label={texts().scene.map.picture} style={grid} onWheel={zoom}>
-      <svg viewBox={`${left} ${top} ${span} ${span}`}>
+      <svg viewBox={`${-y - span / 2} ${-x - span / 2} ${span} ${span}`}>
         <g transform="matrix(0 -1 -1 0 0 0)">
           {envelope && shown && !isStale && (
             <path class="m-stops" d={`${pathOf(envelope)}Z`} transform={placed(shown)} />

@@ -2,7 +2,6 @@
 // the stick with the axes of the floor.
 
 import { signal } from "@preact/signals";
-import type { MapRobot } from "../generated/wire";
 import { figure } from "../text/numbers";
 import type { Pixel, Point } from "./pick";
 
@@ -12,17 +11,18 @@ const CALM = 0.25; // Maximum offset of the robot from the centre, relative to t
 export class MapView {
   /** Length along the smaller side, in metres. */
   readonly span = signal(4);
-  middle: Point = [0, 0];
+  readonly middle = signal<Point>([0, 0]);
 
   zoom(factor: number): void {
     this.span.value = clamped(this.span.peek() / factor, LEAST_SPAN_M, MOST_SPAN_M);
   }
 
   /** Pan as little as needed to keep a place near the centre. */
-  follow(place: Point): void {
+  follow([x, y]: Point): void {
+    const [atX, atY] = this.middle.peek();
     const most = CALM * this.span.peek();
-    const nearer = (at: number, to: number) => clamped(at, to - most, to + most);
-    this.middle = [nearer(this.middle[0], place[0]), nearer(this.middle[1], place[1])];
+    const next = [clamped(atX, x - most, x + most), clamped(atY, y - most, y + most)] as const;
+    if (next[0] !== atX || next[1] !== atY) this.middle.value = next;
   }
 
   /** Metres per pixel of a picture. */
@@ -31,15 +31,17 @@ export class MapView {
   }
 
   toPixel([x, y]: Point, size: Pixel): Pixel {
+    const [middleX, middleY] = this.middle.value;
     const scale = this.scale(size);
-    return [size[0] / 2 - (y - this.middle[1]) / scale, size[1] / 2 - (x - this.middle[0]) / scale];
+    return [size[0] / 2 - (y - middleY) / scale, size[1] / 2 - (x - middleX) / scale];
   }
 
   /** Floor point of a pixel, rounded to 1 mm. */
   toPlace([right, down]: Pixel, size: Pixel): [number, number] {
+    const [middleX, middleY] = this.middle.value;
     const scale = this.scale(size);
-    const x = this.middle[0] + (size[1] / 2 - down) * scale;
-    const y = this.middle[1] + (size[0] / 2 - right) * scale;
+    const x = middleX + (size[1] / 2 - down) * scale;
+    const y = middleY + (size[0] / 2 - right) * scale;
     return [Math.round(1000 * x) / 1000, Math.round(1000 * y) / 1000];
   }
 
@@ -95,7 +97,7 @@ const TRAIL_POINTS = 800;
 export type Trail = readonly (Point | null)[];
 
 /** Return a trail with the latest place, if that is far enough from the last one. */
-export function extended(trail: Trail, [x, y]: MapRobot["pose"]): Trail {
+export function extended(trail: Trail, [x, y]: Point): Trail {
   const last = trail.at(-1);
   const step = last ? Math.hypot(x - last[0], y - last[1]) : Infinity;
   if (step < TRAIL_SPACING_M) return trail;

@@ -72,7 +72,7 @@ test("The scale bar has a round length and fits into the picture.", () => {
 
 test("A trail extends that of the server, and breaks where the pose was set.", () => {
   let trail: Trail = [[0, 0]];
-  const at = (x: number) => (trail = extended(trail, [x, 0, 0]));
+  const at = (x: number) => (trail = extended(trail, [x, 0]));
   at(0.04);
   expect(trail).toHaveLength(1);
   at(0.06);
