@@ -11,8 +11,8 @@ import { degrees } from "../text/numbers";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Icon } from "../ui/icon";
-import { extended, lengthText, MapView, namePlaces, type Trail } from "./map_view";
-import { Picker, PickLayer, type Pixel, type Point } from "./pick";
+import { extended, lengthText, MapView, type Trail } from "./map_view";
+import { Picker, PickLayer, type Point } from "./pick";
 
 const WHEEL_PER_PX = 0.0015;
 const LEAST_RADIUS_PX = 6;
@@ -37,11 +37,11 @@ export class FloorMap {
       this.trails = trails ?? this.trails;
     });
     link.on("state", ({ map }) => {
-      for (const { id, pose } of map?.robots ?? []) {
-        const [x, y] = pose;
-        this.trails[id] = extended(this.trails[id] ?? [], [x, y]);
-        const isPicked = this.picker.stroke.peek().length > 0;
-        if (id === link.robot.peek()?.id && !isPicked) this.view.follow([x, y]);
+      const isPicked = this.picker.stroke.peek().length > 0;
+      for (const robot of map?.robots ?? []) {
+        const { id } = robot;
+        this.trails[id] = extended(this.trails[id] ?? [], placeOf(robot));
+        if (id === link.robot.peek()?.id && !isPicked) this.view.follow(placeOf(robot));
       }
     });
     let on = false;
@@ -101,6 +101,7 @@ export function MapInset({ map }: { map: FloorMap }) {
 /** The picture, in metres and drawn ten times a second. The style sheet has its colours. */
 function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
   const { link } = useSession();
+  const { map: words } = texts().scene;
   void link.beat.value;
   const { robots = [], envelope = null } = link.state.peek()?.map ?? {};
   const shown = robots.find(({ id }) => id === link.robot.peek()?.id);
@@ -117,7 +118,7 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
     view.zoom(Math.exp(-WHEEL_PER_PX * event.deltaY));
   };
   return (
-    <div class="map" role="img" aria-label={texts().scene.map.picture} style={grid} onWheel={zoom}>
+    <div class="map" role="img" aria-label={words.picture} style={grid} onWheel={zoom}>
       <svg viewBox={`${-y - span / 2} ${-x - span / 2} ${span} ${span}`}>
         <g transform="matrix(0 -1 -1 0 0 0)">
           {envelope && shown && !isStale && (
@@ -136,16 +137,17 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
           })}
         </g>
       </svg>
-      {colours.size > 1 &&
-        named(view, size, ordered.reverse()).map(({ id, text, at }) => (
-          <span
-            key={id}
-            class="m-name"
-            style={{ left: `${at[0]}px`, top: `${at[1]}px`, borderColor: colours.get(id) }}
-          >
-            {text}
+      {ordered.map((robot) => {
+        if (robot === shown) return null; // The bar has its name.
+        const below: Point = [robot.pose[0] - robot.reach_m, robot.pose[1]];
+        const [left, top] = view.toPixel(below, size).map((pixels) => `${pixels}px`);
+        const style = { left, top, borderColor: colours.get(robot.id) };
+        return (
+          <span key={robot.id} class="m-name" style={style}>
+            {robot.stale ? words.silent(robot.id) : robot.id}
           </span>
-        ))}
+        );
+      })}
       <span class="m-bar">{lengthText(step)}</span>
       <span class="m-x">x ↑</span>
       <PickLayer picker={picker} />
@@ -171,19 +173,13 @@ function Robot({ robot, colour, px }: RobotProps) {
   );
 }
 
-/** Names of robots with their places; the first ones have priority. */
-function named(view: MapView, size: Pixel, robots: readonly MapRobot[]) {
-  const labels = robots.map(({ id, pose: [x, y], reach_m, stale }) => {
-    const text = stale ? texts().scene.map.silent(id) : id;
-    const radius = Math.max(LEAST_RADIUS_PX, reach_m / view.scale(size));
-    return { id, text, radius, at: view.toPixel([x, y], size) };
-  });
-  return namePlaces(labels, size[0]);
-}
-
 /** Transform of what is given around a robot: x ahead, y to the left. */
 function placed({ pose: [x, y, heading] }: MapRobot): string {
   return `translate(${x} ${y}) rotate(${degrees(heading)})`;
+}
+
+function placeOf({ pose: [x, y] }: MapRobot): Point {
+  return [x, y];
 }
 
 function pathOf(points: Trail): string {

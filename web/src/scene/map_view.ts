@@ -60,35 +60,6 @@ export function lengthText(metres: number): string {
   return metres < 0.995 ? `${figure(100 * metres)} cm` : `${figure(metres)} m`;
 }
 
-interface Named {
-  at: Pixel;
-  radius: number;
-  text: string;
-}
-
-const LETTER_PX = 7; // Mean width of a letter.
-const LINE_PX = 16;
-const BELOW_PX = 24; // Room for the tip of a robot, and the height of a name.
-
-/**
- * Return robots with the places of their names instead of their own (centre of the baseline): below
- * them, and never on another name. A name is not cut off while its robot is in the picture.
- */
-export function namePlaces<T extends Named>(robots: readonly T[], roomPx: number): T[] {
-  const placed: (T & { half: number })[] = [];
-  for (const robot of robots) {
-    const half = (LETTER_PX * robot.text.length) / 2 + 4;
-    const [x, y] = robot.at;
-    const right = 0 <= x && x <= roomPx ? clamped(x, half, roomPx - half) : x;
-    let down = y + robot.radius + BELOW_PX;
-    const covers = (name: (typeof placed)[number]) =>
-      Math.abs(name.at[0] - right) < name.half + half && Math.abs(name.at[1] - down) < LINE_PX;
-    while (placed.some(covers)) down += LINE_PX;
-    placed.push({ ...robot, at: [right, down], half });
-  }
-  return placed;
-}
-
 const TRAIL_SPACING_M = 0.05; // As in sessions/map_data.py, like the next two.
 const TRAIL_JUMP_M = 0.5;
 const TRAIL_POINTS = 800;

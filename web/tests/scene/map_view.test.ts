@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { extended, lengthText, MapView, namePlaces, type Trail } from "../../src/scene/map_view";
+import { extended, lengthText, MapView, type Trail } from "../../src/scene/map_view";
 import type { Pixel } from "../../src/scene/pick";
 
 const SIZE: Pixel = [300, 200];
@@ -80,33 +80,4 @@ test("A trail extends that of the server, and breaks where the pose was set.", (
   expect(trail).toEqual([[0, 0], [0.06, 0], null, [3, 0]]);
   for (let i = 0; i < 3000; i++) at(3 + i / 10);
   expect(trail.length).toBeLessThanOrEqual(800);
-});
-
-test("Names of robots never overlap, even if the robots do.", () => {
-  const width = 49;
-  for (const apartPx of [0, 3, 10, 25, 60, 200])
-    for (const [stepX, stepY] of [
-      [1, 0],
-      [0, 1],
-      [0.7, -0.7],
-    ] as Pixel[]) {
-      const robots = [0, 1, 2, 3, 4].map((i) => ({
-        at: [100 + i * apartPx * stepX, 80 + i * apartPx * stepY] as Pixel,
-        radius: 9,
-        text: "robot-1",
-      }));
-      const places = namePlaces(robots, 1000).map(({ at }) => at);
-      for (const [i, a] of places.entries())
-        for (const b of places.slice(i + 1))
-          expect(Math.abs(a[0] - b[0]) >= width || Math.abs(a[1] - b[1]) >= 12).toBe(true);
-    }
-});
-
-test("A name is not cut off at the edge of the picture.", () => {
-  const robot = (x: number) => ({ at: [x, 80] as Pixel, radius: 9, text: "robot-10" });
-  const robots = namePlaces([robot(290), robot(5), robot(400)], 300);
-  const [right, left, beyond] = robots.map(({ at }) => at);
-  expect(right![0] + 28).toBeLessThanOrEqual(300);
-  expect(left![0] - 28).toBeGreaterThanOrEqual(0);
-  expect(beyond![0]).toBe(400); // Its robot is outside too.
 });
