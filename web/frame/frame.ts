@@ -6,8 +6,6 @@ import { setParameters } from "./address.ts";
 import { RenderThrottle } from "./throttle.ts";
 
 const TICK_MS = 50;
-const TICKS_PER_REPORT = 5;
-const TICKS_PER_S = 20;
 
 // The server has checked it: no other page can frame this one.
 const pageOrigin = new URL(location.href).searchParams.get("parent") ?? location.origin;
@@ -32,8 +30,7 @@ addEventListener("message", (event) => {
 // On the window before all others, so that no key moves viser's camera.
 for (const type of ["keydown", "keyup"] as const) addEventListener(type, forwardKey, true);
 addEventListener("keypress", (event) => event.stopImmediatePropagation(), true);
-addEventListener("blur", () => send({ tsd: 1, t: "blur" }));
-addEventListener("pointerdown", forwardPointer, true);
+addEventListener("pointerdown", () => send({ tsd: 1, t: "pointerdown" }), true);
 // The page keeps the focus, so that its keys still work after a click on the scene.
 addEventListener("mousedown", (event) => event.preventDefault(), true);
 
@@ -54,10 +51,6 @@ function forwardKey(event: KeyboardEvent): void {
   send({ tsd: 1, t: "key", code, key, down: event.type === "keydown", repeat, mods });
 }
 
-function forwardPointer(event: PointerEvent): void {
-  send({ tsd: 1, t: "pointerdown", pointer: event.pointerType });
-}
-
 /** Hide viser's panel, notices and logo: whatever neither is the scene nor contains it. */
 function showSceneOnly(): void {
   const style = document.createElement("style");
@@ -65,18 +58,13 @@ function showSceneOnly(): void {
   document.head.append(style);
 }
 
-/** Report the longest delay of this thread in the last second, which also shows that it runs. */
+/** Report by how much this thread is late, when it is. */
 function watchStalls(): void {
-  const lates: number[] = [];
   let lastMs = performance.now();
-  let count = 0;
   setInterval(() => {
     const nowMs = performance.now();
-    lates.push(Math.max(0, nowMs - lastMs - TICK_MS));
+    const lateMs = nowMs - lastMs - TICK_MS;
     lastMs = nowMs;
-    if (lates.length > TICKS_PER_S) lates.shift();
-    if (++count % TICKS_PER_REPORT === 0) {
-      send({ tsd: 1, t: "stalled", ms: Math.round(Math.max(...lates)) });
-    }
+    if (lateMs > TICK_MS) send({ tsd: 1, t: "stalled", ms: Math.round(lateMs) });
   }, TICK_MS);
 }

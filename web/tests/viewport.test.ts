@@ -1,7 +1,6 @@
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
-import { createViewport, viewportAddress } from "../src/viewport/frame.ts";
-import type { FrameKey } from "../src/viewport/frame.ts";
-import type { FromFrame } from "../src/viewport/messages.ts";
+import { Viewport, viewportAddress } from "../src/viewport/frame.ts";
+import type { FrameKey, FromFrame } from "../src/viewport/messages.ts";
 
 const keys: FrameKey[] = [];
 
@@ -18,7 +17,8 @@ afterEach(() => {
 
 function open() {
   const options = { page: "0123456789abcdef", recording: null, dark: true, title: "3D view" };
-  const viewport = createViewport(document.body, { ...options, onKey: (key) => keys.push(key) });
+  const onKey = (key: FrameKey) => void keys.push(key);
+  const viewport = new Viewport(document.body, { ...options, onKey, onPointer: () => {} });
   const frame = document.querySelector("iframe")!;
   const hear = (
     data: FromFrame,
@@ -43,13 +43,11 @@ test("The view has the page's address with another port, or at another origin.",
 });
 
 test("If the second port stays silent, the view comes from the page's origin.", () => {
-  const { viewport, frame } = open();
-  expect(new URL(frame.src).port).toBe("8090");
+  const { frame } = open();
   vi.advanceTimersByTime(4_900);
-  expect(viewport.shared.value).toBe(false);
+  expect(new URL(frame.src).port).toBe("8090");
   vi.advanceTimersByTime(200);
   expect(new URL(frame.src).origin).toBe(location.origin);
-  expect(viewport.shared.value).toBe(true);
 });
 
 test("If the second port answers in time, the view stays there.", () => {
@@ -67,15 +65,6 @@ test("Messages of other origins and windows are ignored.", () => {
   hear({ tsd: 1, t: "ready" }, "http://evil.example");
   hear({ tsd: 1, t: "ready" }, new URL(frame.src).origin, window);
   expect(viewport.ready.value).toBe(false);
-});
-
-test("A view that falls silent counts as stalled.", () => {
-  const { viewport, hear } = open();
-  hear({ tsd: 1, t: "loaded", software: false });
-  hear({ tsd: 1, t: "stalled", ms: 12 });
-  expect(viewport.stalledMs.value).toBe(12);
-  vi.advanceTimersByTime(3_000);
-  expect(viewport.stalledMs.value).toBeGreaterThan(2_500);
 });
 
 test("Keys count once, and only while the frame has the focus, which the page takes back.", () => {

@@ -52,12 +52,10 @@ function Turn() {
       <span class="lab">{deck.axes.turn}</span>
       <SprungSlider
         label={deck.axes.turn}
-        axis="turn"
         control={control}
         asked={turn}
         allowed={allowed}
         most={drive.scale.value.turn}
-        unit="rad/s"
         spoken={spokenOf("turn", turn, "rad/s")}
         mirrored
         ends={["‹", "›"]}

@@ -135,12 +135,10 @@ function Axis({ axis, sliders, robot }: AxisProps) {
       </div>
       <SprungSlider
         label={set[axis]}
-        axis={axis}
         control={control}
         asked={asked}
         allowed={drive.held.value ? (allowed?.[axis] ?? null) : null}
         most={most}
-        unit={unit}
         spoken={asked === 0 ? words.zero : words.spoken(figure(Math.abs(asked), 2), unit, way)}
         mirrored={mirrored}
         off={looks ? link.recording !== null : refusal !== null}

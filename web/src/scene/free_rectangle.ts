@@ -1,6 +1,6 @@
 // The part of the picture that nothing covers. The dashboard frames the robot in it.
 
-/** Edges in pixels, to the right and down. */
+/** Edges in pixels or fractions, to the right and down. */
 export interface Box {
   left: number;
   top: number;
@@ -12,59 +12,36 @@ const LEAST_SHARE = 0.4; // With less room, as under a large map, the robot stay
 const ROBOT_ASPECT = 1.6; // A robot on its floor is about so much wider in the picture than high.
 
 /**
- * Return the free rectangle of a picture in which a robot appears largest, in fractions.
- *
- * Each edge of it is one of the picture or of what covers it. Without room, it is the whole picture.
+ * Return the part of a picture that is left after each cover has cut off the side that costs a robot
+ * the least of its size, in fractions. Without room, it is the whole picture.
  */
-export function freeRectangle(picture: Box, covers: readonly Box[]): Box {
-  const inside = covers
-    .map((box) => clipped(box, picture))
-    .filter(({ left, top, right, bottom }) => right > left && bottom > top);
-  const edges = (low: keyof Box, high: keyof Box) => [
-    [picture[low], ...inside.map((box) => box[high])],
-    [picture[high], ...inside.map((box) => box[low])],
-  ];
-  const [lefts = [], rights = []] = edges("left", "right");
-  const [tops = [], bottoms = []] = edges("top", "bottom");
-  let best = picture;
-  const room = (width: number, height: number) => Math.min(width / ROBOT_ASPECT, height);
-  const least = LEAST_SHARE * room(picture.right - picture.left, picture.bottom - picture.top);
-  let most: [number, number] = [least, 0];
-  for (const left of lefts)
-    for (const right of rights.filter((edge) => edge > left))
-      for (const top of tops)
-        for (const bottom of bottoms.filter((edge) => edge > top)) {
-          const box = { left, top, right, bottom };
-          const [width, height] = [right - left, bottom - top];
-          const rank: [number, number] = [room(width, height), width * height];
-          const isBetter = rank[0] > most[0] || (rank[0] === most[0] && rank[1] > most[1]);
-          if (isBetter && !inside.some((cover) => overlap(cover, box))) [best, most] = [box, rank];
-        }
-  return fractions(best, picture);
-}
-
-function clipped(box: Box, { left, top, right, bottom }: Box): Box {
+export function freeRectangle({ left, top, right, bottom }: Box, covers: readonly Box[]): Box {
+  const picture = { left, top, right, bottom };
+  const size = (box: Box) => Math.min((box.right - box.left) / ROBOT_ASPECT, box.bottom - box.top);
+  const area = (box: Box) => (box.right - box.left) * (box.bottom - box.top);
+  let free = picture;
+  for (const cover of covers) {
+    if (!overlap(cover, free)) continue;
+    const cuts: Box[] = [
+      { ...free, left: cover.right },
+      { ...free, right: cover.left },
+      { ...free, top: cover.bottom },
+      { ...free, bottom: cover.top },
+    ];
+    free = cuts.sort((a, b) => size(b) - size(a) || area(b) - area(a))[0]!;
+  }
+  if (size(free) < LEAST_SHARE * size(picture)) free = picture;
+  const share = (part: number, whole: number) => Math.round((1000 * part) / whole) / 1000;
   return {
-    left: Math.max(left, box.left),
-    top: Math.max(top, box.top),
-    right: Math.min(right, box.right),
-    bottom: Math.min(bottom, box.bottom),
+    left: share(free.left - left, right - left),
+    top: share(free.top - top, bottom - top),
+    right: share(free.right - left, right - left),
+    bottom: share(free.bottom - top, bottom - top),
   };
 }
 
 function overlap(a: Box, b: Box): boolean {
   return a.left < b.right && a.right > b.left && a.top < b.bottom && a.bottom > b.top;
-}
-
-function fractions(box: Box, picture: Box): Box {
-  const [width, height] = [picture.right - picture.left, picture.bottom - picture.top];
-  const round = (share: number) => Math.round(1000 * share) / 1000;
-  return {
-    left: round((box.left - picture.left) / width),
-    top: round((box.top - picture.top) / height),
-    right: round((box.right - picture.left) / width),
-    bottom: round((box.bottom - picture.top) / height),
-  };
 }
 
 const CHECK_MS = 200;
@@ -78,16 +55,17 @@ const CHECK_MS = 200;
  */
 export function watchFreeRectangle(view: HTMLElement, report: (free: Box) => void): () => void {
   let before = "";
-  const check = () => {
+  const timer = setInterval(() => {
     const picture = view.getBoundingClientRect();
     if (picture.width === 0 || picture.height === 0) return;
     const covers = document.querySelectorAll(".view [data-covers], .deck > *");
-    const boxes = [...covers].map((node) => node.getBoundingClientRect());
-    const free = freeRectangle(picture, boxes);
+    const free = freeRectangle(
+      picture,
+      [...covers].map((node) => node.getBoundingClientRect()),
+    );
     const now = JSON.stringify(free);
     if (now === before) report(free);
     before = now;
-  };
-  const timer = setInterval(check, CHECK_MS);
+  }, CHECK_MS);
   return () => clearInterval(timer);
 }

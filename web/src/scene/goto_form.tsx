@@ -1,6 +1,5 @@
 // Form for a goal in numbers. It plans; the path is then followed by holding G or the deck's button.
 
-import { useRef } from "preact/hooks";
 import { isOnFloor } from "../drive/axes";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
@@ -10,45 +9,37 @@ import { refusalText } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
 
-const FIELDS = ["x", "y", "heading"] as const;
 const MOST = 10_000; // Limit of a message.
 
 export function GoToForm() {
   const { link, path } = useSession();
-  const form = useRef<HTMLFormElement>(null);
   const { form: words } = texts().scene;
   if (!isOnFloor(link.robot.value)) return null;
   const pose = isCurrent(freshness(link)) ? link.state.value?.pose : null;
-  const [x = 0, y = 0, heading] = pose ?? [];
-  const shown = {
-    x: figure(pose?.[0], 2),
-    y: figure(pose?.[1], 2),
-    heading: figure(degrees(heading)),
-  };
   const refusal = whyNotPlan(link);
-  const plan = () => {
-    if (!pose || !form.current?.reportValidity()) return; // The browser reports invalid numbers.
-    const typed = (name: (typeof FIELDS)[number]) => {
-      const { value } = form.current!.elements.namedItem(name) as HTMLInputElement;
-      return value === "" ? null : Number(value);
-    };
-    const headingDeg = typed("heading");
+  const submit = (event: SubmitEvent) => {
+    event.preventDefault();
+    if (refusal !== null || !pose) return;
+    const typed = new FormData(event.currentTarget as HTMLFormElement);
+    const numberOf = (name: string) => (typed.get(name) === "" ? null : Number(typed.get(name)));
+    const heading = numberOf("heading");
     path.plan({
       kind: "to",
       on: "floor",
-      points: [[typed("x") ?? x, typed("y") ?? y]],
-      heading: headingDeg === null ? null : (headingDeg * Math.PI) / 180,
+      points: [[numberOf("x") ?? pose[0], numberOf("y") ?? pose[1]]],
+      heading: heading === null ? null : (heading * Math.PI) / 180,
     });
-  };
-  const submit = (event: Event) => {
-    event.preventDefault();
-    if (refusal === null) plan();
   };
   const route = path.route.value;
   const next = route?.phase === "planned" ? words.planned(figure(route.length_m, 2)) : words.hint;
+  const fields = {
+    x: figure(pose?.[0], 2),
+    y: figure(pose?.[1], 2),
+    heading: figure(degrees(pose?.[2])),
+  };
   return (
-    <form ref={form} class="goto" aria-label={words.label} noValidate onSubmit={submit}>
-      {FIELDS.map((name) => (
+    <form class="goto" aria-label={words.label} onSubmit={submit}>
+      {(["x", "y", "heading"] as const).map((name) => (
         <label key={name}>
           {words[name]}
           <span class="field">
@@ -59,7 +50,7 @@ export function GoToForm() {
               min={-MOST}
               max={MOST}
               inputMode="decimal"
-              placeholder={shown[name]}
+              placeholder={fields[name]}
             />
           </span>
         </label>

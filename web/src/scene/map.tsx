@@ -1,54 +1,49 @@
 // Map: a small picture of the floor from above. A click on it plans a path, with the same request as
-// a click in the scene; nothing moves. Wheel and pinch zoom, a drag moves the picture.
+// a click in the scene; nothing moves.
 
 import { effect, signal, untracked } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
 import { isOnFloor } from "../drive/axes";
-import { HeldPointer } from "../drive/held";
-import type { MapLines } from "../generated/wire";
+import type { MapLines, MapRobot } from "../generated/wire";
 import { type Session, useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import { isFlag, remembered } from "../store/memory";
+import { degrees } from "../text/numbers";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Icon } from "../ui/icon";
-import { MapPicture } from "./map_picture";
-import { MapTrails, MapView, type Pixel } from "./map_view";
-import { MIN_STEP_PX, Picker } from "./picker";
+import { extended, lengthText, MapView, type Trail } from "./map_view";
+import { Picker, PickLayer, type Point } from "./pick";
 
 const WHEEL_PER_PX = 0.0015;
-const BUTTON_ZOOM = 2;
-
-const isSpan = (stored: unknown): stored is number => typeof stored === "number";
+const LEAST_RADIUS_PX = 6;
 
 export class FloorMap {
-  readonly open = remembered("tsd-map", !matchMedia("(max-width: 899px)").matches, isFlag);
+  readonly open;
   readonly large = signal(false);
-  /** Whether it was moved away from the robot by hand. */
-  readonly away = signal(false);
-  /** Counts movements by hand, which are drawn at once. */
-  readonly moves = signal(0);
   readonly view = new MapView();
-  readonly trails = new MapTrails();
   readonly picker: Picker;
   routes: MapLines["routes"] = {};
-  readonly #session: Session;
-  readonly #span = remembered("tsd-map-span", this.view.spanM, isSpan);
+  trails: Record<string, Trail> = {};
 
-  constructor(session: Session) {
-    this.#session = session;
-    const { link, path } = session;
-    this.view.setSpan(this.#span.peek());
+  constructor({ link, path, layout }: Session) {
+    this.open = remembered("tsd-map", !layout.narrow.peek(), isFlag);
     this.picker = new Picker(path, {
       on: "floor",
-      toPlace: (pixel) => this.view.toFloor(pixel),
-      toPixel: (place) => this.view.toPixels(place),
+      toPlace: (pixel, size) => this.view.toPlace(pixel, size),
+      toPixel: (place, size) => this.view.toPixel(place, size),
     });
     link.on("map_lines", ({ routes, trails }) => {
       this.routes = routes;
-      if (trails !== null) this.trails.replace(trails);
+      this.trails = trails ?? this.trails;
     });
-    link.on("state", ({ map }) => map && this.trails.extend(map.robots));
+    link.on("state", ({ map }) => {
+      const isPicked = this.picker.stroke.peek().length > 0;
+      for (const robot of map?.robots ?? []) {
+        const { id } = robot;
+        this.trails[id] = extended(this.trails[id] ?? [], placeOf(robot));
+        if (id === link.robot.peek()?.id && !isPicked) this.view.follow(placeOf(robot));
+      }
+    });
     let on = false;
     effect(() => {
       const robot = link.welcome.value && link.robot.value; // After each connection.
@@ -61,96 +56,6 @@ export class FloorMap {
     this.open.value = !this.open.peek();
     this.large.value = false;
   }
-
-  zoom(factor: number, at?: Pixel): void {
-    this.view.zoom(factor, at);
-    this.#span.value = this.view.spanM;
-    this.moves.value++;
-  }
-
-  /** Take the pointers of the picture; returns a function that ends it. */
-  attach(node: Element & HTMLOrSVGElement): () => void {
-    const pointer = this.#takePointer(node as HTMLElement);
-    const ending = new AbortController();
-    const wheel = (event: WheelEvent) => {
-      event.preventDefault();
-      this.zoom(Math.exp(-WHEEL_PER_PX * event.deltaY), placeOn(node, event));
-    };
-    node.addEventListener("wheel", wheel as EventListener, {
-      passive: false,
-      signal: ending.signal,
-    });
-    this.#takePinch(node, pointer, ending.signal);
-    return () => {
-      pointer.end();
-      ending.abort();
-    };
-  }
-
-  /** A click chooses a goal; a drag moves the picture, or turns the goal or draws in those modes. */
-  #takePointer(node: HTMLElement): HeldPointer {
-    const { path } = this.#session;
-    let [first, last]: Pixel[] = [];
-    return new HeldPointer(node, {
-      came: (event) => {
-        first = placeOn(node, event);
-        last = undefined; // While it may still be a click.
-        this.picker.begin(first);
-      },
-      moved: (event) => {
-        const here = placeOn(node, event);
-        if (path.mode.peek() !== "stick") return this.picker.move(here);
-        const from = last ?? first ?? here;
-        const by: Pixel = [here[0] - from[0], here[1] - from[1]];
-        if (last === undefined && Math.hypot(...by) < MIN_STEP_PX) return;
-        this.picker.cancel();
-        this.view.pan(by);
-        this.away.value = true;
-        this.moves.value++;
-        last = here;
-      },
-      gone: ({ type }) => (type === "pointerup" ? this.#pick() : this.picker.cancel()),
-    });
-  }
-
-  #pick(): void {
-    const { path } = this.#session;
-    const before = path.wish.peek();
-    this.picker.finish();
-    // In that mode the goal can be turned by its handle.
-    if (path.wish.peek() !== before && path.mode.peek() === "stick") path.choose("to");
-  }
-
-  /** Two fingers zoom; the second one ends what the first has begun. */
-  #takePinch(node: Element, pointer: HeldPointer, signal: AbortSignal): void {
-    const fingers = new Map<number, Pixel>();
-    const take = (event: PointerEvent) => {
-      const before = spreadOf(fingers);
-      const stays = event.type === "pointerdown" || event.type === "pointermove";
-      if (event.type === "pointermove" && !fingers.has(event.pointerId)) return;
-      if (stays) fingers.set(event.pointerId, placeOn(node, event));
-      else fingers.delete(event.pointerId);
-      const [a, b] = [...fingers.values()];
-      if (!a || !b) return;
-      pointer.cancel();
-      this.picker.cancel();
-      const middle: Pixel = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
-      if (before > 0) this.zoom(spreadOf(fingers) / before, middle);
-    };
-    for (const type of ["down", "move", "up", "cancel", "leave"])
-      node.addEventListener(`pointer${type}`, take as EventListener, { signal });
-  }
-}
-
-/** Distance of two fingers, or zero. */
-function spreadOf(fingers: ReadonlyMap<number, Pixel>): number {
-  const [a, b] = [...fingers.values()];
-  return a && b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 0;
-}
-
-function placeOn(node: Element, { clientX, clientY }: MouseEvent): Pixel {
-  const { left, top } = node.getBoundingClientRect();
-  return [clientX - left, clientY - top];
 }
 
 export function MapInset({ map }: { map: FloorMap }) {
@@ -167,18 +72,19 @@ export function MapInset({ map }: { map: FloorMap }) {
       </div>
     );
   const large = map.large.value;
-  const zoom = (factor: number) => () => map.zoom(factor);
   return (
     <section class={large ? "inset large" : "inset"} aria-label={words.label} data-covers>
       <header>
         <Icon name="map" />
         {words.label}
         <span class="spacer" />
-        {large && <Button children="+" label={words.nearer} onPress={zoom(BUTTON_ZOOM)} />}
-        {large && <Button children="−" label={words.farther} onPress={zoom(1 / BUTTON_ZOOM)} />}
-        {map.away.value && (
-          <Button icon="home" label={words.centre} onPress={() => (map.away.value = false)} />
-        )}
+        <Button class="zoom" children="+" label={words.nearer} onPress={() => map.view.zoom(2)} />
+        <Button
+          class="zoom"
+          children="−"
+          label={words.farther}
+          onPress={() => map.view.zoom(0.5)}
+        />
         <Button
           icon="expand"
           class="enlarge"
@@ -192,37 +98,91 @@ export function MapInset({ map }: { map: FloorMap }) {
   );
 }
 
-/** The picture, drawn ten times a second and when a pointer draws on it. */
-function Floor({ map }: { map: FloorMap }) {
+/** The picture, in metres and drawn ten times a second. The style sheet has its colours. */
+function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
   const { link } = useSession();
-  const svg = useRef<SVGSVGElement>(null);
-  useEffect(() => map.attach(svg.current!), [map]);
-  useEffect(() => {
-    const resized = new ResizeObserver(() => void map.moves.value++);
-    resized.observe(svg.current!);
-    return () => resized.disconnect();
-  }, [map]);
-  const { clientWidth: width, clientHeight: height } = svg.current ?? {};
-  if (link.beat.value + map.moves.value >= 0 && width && height) map.view.size = { width, height };
-  const state = link.state.peek()?.map;
-  const robots = state?.robots ?? [];
+  const { map: words } = texts().scene;
+  void link.beat.value;
+  const { robots = [], envelope = null } = link.state.peek()?.map ?? {};
   const shown = robots.find(({ id }) => id === link.robot.peek()?.id);
-  if (shown && !map.away.value && map.picker.stroke.value.length === 0)
-    map.view.follow([shown.pose[0], shown.pose[1]]);
+  const isStale = untracked(() => !isCurrent(freshness(link)));
+  const ordered = [...robots].sort((a, b) => Number(a === shown) - Number(b === shown));
+  const colours = new Map(link.welcome.value?.robots.map(({ id, colour }) => [id, colour]));
+  const size = picker.size.value;
+  const [px, span, step] = [view.scale(size), view.span.value, view.gridM()];
+  const [x, y] = view.middle.value;
+  const [right, down] = view.toPixel([0, 0], size).map((pixels) => `${pixels}px`);
+  const grid = { "--right": right, "--down": down, "--step": `${step / px}px` };
+  const zoom = (event: WheelEvent) => {
+    event.preventDefault();
+    view.zoom(Math.exp(-WHEEL_PER_PX * event.deltaY));
+  };
   return (
-    <svg ref={svg} class="map" role="img" aria-label={texts().scene.map.picture}>
-      <MapPicture
-        view={map.view}
-        robots={robots}
-        shown={shown}
-        names={new Map(link.welcome.value?.robots.map((robot) => [robot.id, robot]))}
-        isStale={untracked(() => !isCurrent(freshness(link)))}
-        envelope={state?.envelope ?? null}
-        routes={map.routes}
-        trailOf={(id) => map.trails.of(id)}
-        goal={map.picker.goal()}
-        line={map.picker.line()}
-      />
-    </svg>
+    <div class="map" role="img" aria-label={words.picture} style={grid} onWheel={zoom}>
+      <svg viewBox={`${-y - span / 2} ${-x - span / 2} ${span} ${span}`}>
+        <g transform="matrix(0 -1 -1 0 0 0)">
+          {envelope && shown && !isStale && (
+            <path class="m-stops" d={`${pathOf(envelope)}Z`} transform={placed(shown)} />
+          )}
+          {robots.map(({ id }) => (
+            <path key={id} class="m-trail" d={pathOf(trails[id] ?? [])} />
+          ))}
+          {Object.entries(routes).map(([id, points]) => (
+            <path key={id} class="m-route" d={pathOf(points)} />
+          ))}
+          {ordered.map((robot) => {
+            const isOld = robot.stale || isStale;
+            const colour = isOld ? null : (colours.get(robot.id) ?? null);
+            return <Robot key={robot.id} robot={robot} colour={colour} px={px} />;
+          })}
+        </g>
+      </svg>
+      {ordered.map((robot) => {
+        if (robot === shown) return null; // The bar has its name.
+        const below: Point = [robot.pose[0] - robot.reach_m, robot.pose[1]];
+        const [left, top] = view.toPixel(below, size).map((pixels) => `${pixels}px`);
+        const style = { left, top, borderColor: colours.get(robot.id) };
+        return (
+          <span key={robot.id} class="m-name" style={style}>
+            {robot.stale ? words.silent(robot.id) : robot.id}
+          </span>
+        );
+      })}
+      <span class="m-bar">{lengthText(step)}</span>
+      <span class="m-x">x ↑</span>
+      <PickLayer picker={picker} />
+    </div>
   );
+}
+
+interface RobotProps {
+  robot: MapRobot;
+  /** Null if it may have moved since. */
+  colour: string | null;
+  px: number;
+}
+
+/** Circle of a robot's reach, with a tip that points forward. */
+function Robot({ robot, colour, px }: RobotProps) {
+  const radius = Math.max(LEAST_RADIUS_PX * px, robot.reach_m);
+  return (
+    <g class="m-robot" style={{ color: colour }} transform={placed(robot)}>
+      <circle r={radius} />
+      <path d={`M${radius + 13 * px} 0l${-12 * px} ${5 * px}v${-10 * px}z`} />
+    </g>
+  );
+}
+
+/** Transform of what is given around a robot: x ahead, y to the left. */
+function placed({ pose: [x, y, heading] }: MapRobot): string {
+  return `translate(${x} ${y}) rotate(${degrees(heading)})`;
+}
+
+function placeOf({ pose: [x, y] }: MapRobot): Point {
+  return [x, y];
+}
+
+function pathOf(points: Trail): string {
+  const step = (point: Point, i: number) => `${points[i - 1] ? "L" : "M"}${point}`;
+  return points.map((point, i) => (point === null ? "" : step(point, i))).join("");
 }

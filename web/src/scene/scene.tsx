@@ -3,25 +3,19 @@
 
 import { effect, signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+import { CAMERA_PRESETS } from "../generated/wire";
 import { type Session, useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import { refusalText } from "../text/reasons";
-import { figure } from "../text/numbers";
 import { texts } from "../text/text";
-import { createViewport, type FrameKey, type Viewport } from "../viewport/frame";
+import { Viewport } from "../viewport/frame";
 import { Cameras, Legend, Modes } from "./corners";
-import { FloorPicker } from "./floor_picker";
 import { type Box, watchFreeRectangle } from "./free_rectangle";
 import { FloorMap, MapInset } from "./map";
+import { PicturePicker } from "./pick";
 import { RimArrow } from "./rim_arrow";
 import { Splash } from "./splash";
 import "./scene.css";
-
-const CAMERA_KEYS = [
-  ["1", "3-D"],
-  ["2", "top"],
-  ["3", "chase"],
-] as const;
 
 const hidden = signal(document.hidden);
 document.addEventListener("visibilitychange", () => (hidden.value = document.hidden));
@@ -31,11 +25,11 @@ export function Scene() {
   const view = useRef<HTMLElement>(null);
   const map = useMemo(() => new FloorMap(session), [session]);
   const isCovered = session.layout.screen.value === "fleet";
-  useEffect(() => bindKeys(session, map), [session, map]);
   useEffect(() => {
     session.path.onRefused = (refusal, holds) => session.notice.say(refusalText(refusal), holds);
-  }, [session]);
-  useEffect(() => watchFreeRectangle(view.current!, reportTo(session)), [session]);
+    const ends = [bindKeys(session, map), watchFreeRectangle(view.current!, reportTo(session))];
+    return () => ends.forEach((end) => end());
+  }, [session, map]);
   return (
     <main
       ref={view}
@@ -44,7 +38,7 @@ export function Scene() {
       aria-hidden={isCovered || undefined}
     >
       <Picture isCovered={isCovered} />
-      <FloorPicker />
+      <PicturePicker />
       <Modes />
       <Cameras />
       <MapInset map={map} />
@@ -55,19 +49,19 @@ export function Scene() {
   );
 }
 
-/** The frame of the picture; grey and with its age once it is not current. */
+/** The frame of the picture; grey once it is not current; the deck says since when. */
 function Picture({ isCovered }: { isCovered: boolean }) {
   const session = useSession();
   const host = useRef<HTMLDivElement>(null);
   const [viewport, setViewport] = useState<Viewport | null>(null);
   useEffect(() => {
     const { link, view, keyboard, sphere } = session;
-    const made = createViewport(host.current!, {
+    const made = new Viewport(host.current!, {
       page: link.page,
       recording: link.recording,
       dark: view.dark.peek(),
       title: texts().scene.picture,
-      onKey: ({ code, key, mods }: FrameKey) => {
+      onKey: ({ code, key, mods }) => {
         const modified = mods.ctrl || mods.alt || mods.meta;
         keyboard.takeForwarded({ type: "keydown", code, key, repeat: false, modified });
       },
@@ -85,36 +79,14 @@ function Picture({ isCovered }: { isCovered: boolean }) {
   }, [session]);
   const rests = isCovered || hidden.value;
   useEffect(() => viewport?.pause(rests), [viewport, rests]);
-  const isOld = useIsOld() && (viewport?.ready.value ?? false);
+  void session.link.beat.value;
+  const fresh = freshness(session.link);
+  const isOld = viewport?.ready.value && !isCurrent(fresh) && fresh.kind !== "starting";
   return (
     <>
       <div ref={host} class={isOld ? "picture-host old" : "picture-host"} />
       {viewport && !viewport.ready.value && <Splash viewport={viewport} />}
-      {isOld && <Lost />}
     </>
-  );
-}
-
-function useIsOld(): boolean {
-  const { link } = useSession();
-  const fresh = link.beat.value >= 0 ? freshness(link) : null;
-  return fresh !== null && !isCurrent(fresh) && fresh.kind !== "starting";
-}
-
-/** How long the robot has not been heard, over its last picture. */
-function Lost() {
-  const { link } = useSession();
-  const fresh = link.beat.value >= 0 ? freshness(link) : null;
-  const { scene, common } = texts();
-  if (fresh === null || fresh.kind === "no_robot")
-    return <p class="lost">{common.refusals.no_robot}</p>;
-  if (fresh.kind !== "offline" && fresh.kind !== "silent") return null;
-  const seconds = Number.isFinite(fresh.forMs) ? fresh.forMs / 1000 : null;
-  return (
-    <p class="lost">
-      <strong>{scene.noSignal(figure(seconds, seconds !== null && seconds < 10 ? 1 : 0))}</strong>
-      {scene.oldPicture}
-    </p>
   );
 }
 
@@ -132,13 +104,13 @@ function NoticeLine() {
 }
 
 function bindKeys({ keyboard, view }: Session, map: FloorMap): () => void {
-  const unbind = CAMERA_KEYS.flatMap(([digit, camera]) =>
-    [`Digit${digit}`, `Numpad${digit}`].map((code) =>
-      keyboard.bind(code, () => view.set({ camera }, true)),
+  const ends = CAMERA_PRESETS.flatMap((camera, i) =>
+    ["Digit", "Numpad"].map((key) =>
+      keyboard.bind(`${key}${i + 1}`, () => view.set({ camera }, true)),
     ),
   );
-  unbind.push(keyboard.bind("KeyN", () => map.toggle()));
-  return () => unbind.forEach((end) => end());
+  ends.push(keyboard.bind("KeyN", () => map.toggle()));
+  return () => ends.forEach((end) => end());
 }
 
 /** Send the free rectangle when it changes, and to each new connection. */

@@ -13,26 +13,25 @@ const SLOW_MS = 30_000; // Without WebGL it never appears.
 
 export function Splash({ viewport }: { viewport: Viewport }) {
   const { link } = useSession();
-  const { splash, path: _, ...scene } = texts().scene;
+  const { splash } = texts().scene;
   const [slow, setSlow] = useState(false);
   useEffect(() => {
     const timer = setTimeout(() => setSlow(true), SLOW_MS);
     return () => clearTimeout(timer);
   }, []);
   const robot = link.robot.value;
-  const done = [link.connected.value, robot !== null, viewport.loaded.value];
-  const at = Math.max(0, [...done, false].indexOf(false));
+  const at = [link.connected.value, robot !== null, viewport.loaded.value, false].indexOf(false);
   const noRobot = freshness(link).kind === "no_robot";
-  const words = noRobot ? texts().common.refusals.no_robot : splash[STEPS[at] ?? "drawing"];
+  const step = slow && viewport.loaded.value ? "slow" : STEPS[at]!;
   return (
-    <div class="splash" role="group" aria-label={splash.label ?? scene.region}>
+    <div class="splash" role="group" aria-label={splash.label}>
       <Silhouette robot={robot} />
       {robot && (
         <strong>
           <bdi>{robot.title}</bdi>
         </strong>
       )}
-      <p role="status">{slow && at === STEPS.length - 1 ? splash.slow : words}</p>
+      <p role="status">{noRobot ? texts().common.refusals.no_robot : splash[step]}</p>
       <progress max={STEPS.length} value={at} aria-label={splash.label} />
     </div>
   );
@@ -48,9 +47,7 @@ function Silhouette({ robot }: { robot: RobotInfo | null }) {
       <circle r={isRound ? 40 : 26} />
       {!isRound &&
         Array.from({ length: count }, (_, i) => (
-          <g key={i} transform={turned(i)}>
-            <rect x="-13" y="-46" width="26" height="20" rx="9" />
-          </g>
+          <rect key={i} x="-13" y="-46" width="26" height="20" rx="9" transform={turned(i)} />
         ))}
     </svg>
   );

@@ -1,6 +1,6 @@
 // Addresses of recordings and of the live page. Each is a page load, so that nothing held is sent.
 
-import { copyText } from "../plots/export";
+import { copyText } from "../ui/share";
 import { texts } from "../text/text";
 
 /** Address of a recording, optionally at a time in seconds since its start; null is the live page. */

@@ -1,10 +1,10 @@
-// Buttons. A disabled one stays focusable and says why.
+// Buttons. A disabled one stays focusable and says why, as its description.
 
-import type { ComponentChildren } from "preact";
-import { useEffect, useId, useRef, useState } from "preact/hooks";
+import type { AriaAttributes, ComponentChildren } from "preact";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { Icon, type IconName } from "./icon";
 
-export interface ButtonProps {
+export interface ButtonProps extends AriaAttributes {
   children?: ComponentChildren;
   icon?: IconName;
   /** Accessible name, if it has no text or needs more. */
@@ -13,36 +13,30 @@ export interface ButtonProps {
   refused?: string | null;
   edge?: boolean;
   class?: string;
-  pressed?: boolean;
   expanded?: boolean;
   /** Whether it submits its form, as Enter in a field then does. */
   submit?: boolean;
+  role?: "radio" | "menuitem" | "menuitemradio";
+  tabIndex?: number;
   onPress?: () => void;
 }
 
 export function Button(props: ButtonProps) {
-  const { children, icon, label, refused = null, edge, pressed, expanded, submit } = props;
-  const why = useId();
+  const { children, icon, label, refused, edge, expanded, submit, onPress, ...others } = props;
   const classes = ["btn", edge && "edge", children === undefined && "icon", props.class];
   return (
     <button
+      {...others}
       type={submit ? "submit" : "button"}
       class={classes.filter(Boolean).join(" ")}
       aria-label={label}
       title={refused ?? (children === undefined ? label : undefined)}
-      aria-disabled={refused !== null || undefined}
-      aria-describedby={refused === null ? undefined : why}
-      aria-pressed={pressed}
+      aria-disabled={refused ? true : undefined}
       aria-expanded={expanded}
-      onClick={() => refused === null && props.onPress?.()}
+      onClick={() => !refused && onPress?.()}
     >
       {icon && <Icon name={icon} />}
       {children}
-      {refused !== null && (
-        <span class="sr" id={why}>
-          {refused}
-        </span>
-      )}
     </button>
   );
 }
@@ -68,25 +62,20 @@ export function NextStep(props: NextStepProps) {
   const latest = useRef(props); // What is allowed may change during a hold.
   latest.current = props;
   const [holding, setHolding] = useState(false);
-  const timer = useRef(0);
-  const why = useId();
   const act = () => {
     const { refused: refusal = null, busy: pending, onPress } = latest.current;
     if (refusal === null && !pending) onPress();
   };
-  const end = () => {
-    clearTimeout(timer.current);
-    setHolding(false);
-  };
-  const begin = () => {
-    if (!hold) return;
-    clearTimeout(timer.current);
-    setHolding(true);
-    timer.current = window.setTimeout(() => {
-      setHolding(false);
+  const begin = () => setHolding(hold);
+  const end = () => setHolding(false);
+  useEffect(() => {
+    if (!holding) return undefined;
+    const timer = setTimeout(() => {
+      end();
       act();
     }, HOLD_MS);
-  };
+    return () => clearTimeout(timer);
+  }, [holding]);
   const key = (event: KeyboardEvent) => {
     if (event.key !== "Enter" || !hold) return;
     event.preventDefault();
@@ -95,14 +84,12 @@ export function NextStep(props: NextStepProps) {
   };
   // Assistive technology cannot hold: its click counts, with neither key nor pointer before it.
   const click = (event: MouseEvent) => (!hold || event.detail === 0) && act();
-  useEffect(() => () => clearTimeout(timer.current), []);
   return (
     <button
       type="button"
       class={holding ? "next holding" : "next"}
       aria-disabled={refused !== null || undefined}
       aria-busy={busy || undefined}
-      aria-describedby={refused === null ? undefined : why}
       title={refused ?? undefined}
       onClick={click}
       onPointerDown={(event) => event.button === 0 && begin()}
@@ -116,11 +103,6 @@ export function NextStep(props: NextStepProps) {
     >
       <i class="fill" aria-hidden="true" />
       <span>{children}</span>
-      {refused !== null && (
-        <span class="sr" id={why}>
-          {refused}
-        </span>
-      )}
     </button>
   );
 }

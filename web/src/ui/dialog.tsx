@@ -22,12 +22,12 @@ export function Dialog({ title, children, onClose }: DialogProps) {
   };
   // At once: the next key must not be one of the page.
   useLayoutEffect(() => {
+    const node = box.current!;
     const before = document.activeElement as HTMLElement | null;
-    const first = box.current?.querySelector<HTMLElement>("input, textarea, select");
-    (first ?? box.current)?.focus();
+    (node.querySelector<HTMLElement>("input, textarea, select") ?? node).focus();
     // Escape closes it wherever the focus has gone meanwhile; what is inside it comes first.
     const outside = (event: KeyboardEvent) =>
-      box.current?.contains(event.target as Node) || key.current(event);
+      node.contains(event.target as Node) || key.current(event);
     document.addEventListener("keydown", outside, true);
     return () => {
       document.removeEventListener("keydown", outside, true);

@@ -22,7 +22,6 @@ const SHAPES = {
   share:
     '<path d="M9 12l6-4M9 12l6 4"/><circle cx="7" cy="12" r="2.5"/><circle cx="17" cy="7" r="2.5"/><circle cx="17" cy="17" r="2.5"/>',
   rename: '<path d="M4 20l1-4L16 5l3 3L8 19z"/>',
-  camera: '<path d="M3 8h4l2-2h6l2 2h4v11H3z"/><circle cx="12" cy="13" r="3.5"/>',
   close: '<path d="M6 6l12 12M18 6L6 18"/>',
   expand: '<path d="M14 4h6v6M20 4l-7 7M10 20H4v-6M4 20l7-7"/>',
   pause: '<path d="M8 5v14M16 5v14"/>',
@@ -36,7 +35,6 @@ const SHAPES = {
   sliders:
     '<path d="M4 8h10M18 8h2M4 16h2M10 16h10"/><circle cx="16" cy="8" r="2"/><circle cx="8" cy="16" r="2"/>',
   half: '<circle cx="12" cy="12" r="8"/><path fill="currentColor" d="M12 4a8 8 0 010 16z"/>',
-  divide: '<path d="M4 12h5M15 12h5M12 4v16"/>',
   map: '<path d="M4 6l5-2 6 2 5-2v14l-5 2-6-2-5 2zM9 4v14M15 6v14"/>',
   leave: '<path d="M10 4H5v16h5M13 8l4 4-4 4M8 12h9"/>',
 } as const;

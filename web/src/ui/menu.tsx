@@ -2,6 +2,7 @@
 
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
+import { Button } from "./button";
 
 export interface MenuItem {
   text: ComponentChildren;
@@ -23,23 +24,24 @@ interface MenuProps {
 export function Menu({ label, named = false, button, items, class: classes = "" }: MenuProps) {
   const [open, setOpen] = useState(false);
   const box = useRef<HTMLSpanElement>(null);
-  const close = (refocus: boolean) => {
+  const nodes = () => [...(box.current?.querySelectorAll<HTMLElement>("[role^=menuitem]") ?? [])];
+  const close = () => {
     setOpen(false);
-    if (refocus) box.current?.querySelector("button")?.focus();
+    box.current?.querySelector("button")?.focus();
   };
   useEffect(() => {
     if (!open) return undefined;
-    box.current?.querySelector<HTMLElement>("[role^=menuitem]")?.focus();
+    nodes()[0]?.focus();
     const outside = (event: Event) => box.current?.contains(event.target as Node) || setOpen(false);
     addEventListener("pointerdown", outside);
     return () => removeEventListener("pointerdown", outside);
   }, [open]);
   const move = (event: KeyboardEvent) => {
     if (!open) return;
-    const list = [...(box.current?.querySelectorAll<HTMLElement>("[role^=menuitem]") ?? [])];
+    const list = nodes();
     const at = list.indexOf(document.activeElement as HTMLElement);
     const to = { ArrowDown: at + 1, ArrowUp: at - 1, Home: 0, End: -1 }[event.code];
-    if (event.code === "Escape") close(true);
+    if (event.code === "Escape") close();
     else if (to === undefined) return;
     else list.at(to % list.length)?.focus();
     event.preventDefault();
@@ -47,37 +49,31 @@ export function Menu({ label, named = false, button, items, class: classes = "" 
   };
   return (
     <span class={`menu ${classes}`} ref={box} onKeyDown={move}>
-      <button
-        type="button"
-        class="btn"
-        aria-label={named ? undefined : label}
+      <Button
+        label={named ? undefined : label}
         aria-description={named ? label : undefined}
         aria-haspopup="menu"
-        aria-expanded={open}
-        onClick={() => setOpen(!open)}
+        expanded={open}
+        onPress={() => setOpen(!open)}
       >
         {button}
-      </button>
+      </Button>
       {open && (
         <div class="items" role="menu" aria-label={label}>
-          {items.map((item, i) => (
-            <button
+          {items.map(({ text, checked, refused, onChoose }, i) => (
+            <Button
               key={i}
-              type="button"
-              role={item.checked === undefined ? "menuitem" : "menuitemradio"}
-              aria-checked={item.checked}
-              aria-disabled={item.refused ? true : undefined}
-              title={item.refused ?? undefined}
-              class="btn"
+              role={checked === undefined ? "menuitem" : "menuitemradio"}
+              aria-checked={checked}
+              refused={refused}
               tabIndex={-1}
-              onClick={() => {
-                if (item.refused) return;
-                close(true);
-                item.onChoose();
+              onPress={() => {
+                close();
+                onChoose();
               }}
             >
-              {item.text}
-            </button>
+              {text}
+            </Button>
           ))}
         </div>
       )}

@@ -1,8 +1,9 @@
 // A few choices side by side, one of which holds: a radio group with arrow keys.
 
 import type { ComponentChildren } from "preact";
+import { Button } from "./button";
 
-export interface SegmentedProps<T extends string> {
+interface SegmentedProps<T extends string> {
   label: string;
   value: T;
   choices: readonly { value: T; text: ComponentChildren; refused?: string | null }[];
@@ -15,32 +16,27 @@ export function Segmented<T extends string>(props: SegmentedProps<T>) {
     const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.code];
     if (step === undefined) return;
     event.preventDefault();
+    const free = choices.filter((choice) => choice.value === value || !choice.refused);
+    const at = free.findIndex((choice) => choice.value === value);
+    const next = free.at((at + step) % free.length)!;
+    onChoose(next.value);
     const group = event.currentTarget as HTMLElement;
-    const at = choices.findIndex((choice) => choice.value === value);
-    for (let i = 1; i <= choices.length; i++) {
-      const next = (at + i * step + i * choices.length) % choices.length;
-      if (choices[next]?.refused) continue;
-      onChoose(choices[next]!.value);
-      (group.children[next] as HTMLElement).focus();
-      return;
-    }
+    (group.children[choices.indexOf(next)] as HTMLElement).focus();
   };
   return (
     <div class="seg" role="radiogroup" aria-label={label} onKeyDown={move}>
-      {choices.map((choice) => (
-        <button
-          key={choice.value}
-          type="button"
+      {choices.map(({ value: each, text, refused }) => (
+        <Button
+          key={each}
           role="radio"
-          class={choice.value === value ? "btn on" : "btn"}
-          aria-checked={choice.value === value}
-          aria-disabled={choice.refused ? true : undefined}
-          title={choice.refused ?? undefined}
-          tabIndex={choice.value === value ? 0 : -1}
-          onClick={() => !choice.refused && onChoose(choice.value)}
+          class={each === value ? "on" : ""}
+          aria-checked={each === value}
+          refused={refused}
+          tabIndex={each === value ? 0 : -1}
+          onPress={() => onChoose(each)}
         >
-          {choice.text}
-        </button>
+          {text}
+        </Button>
       ))}
     </div>
   );

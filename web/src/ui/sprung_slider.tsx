@@ -5,17 +5,14 @@ import { CENTRED, type Deflection } from "../drive/axes";
 import { type Holder, SprungControl } from "../drive/sprung";
 import { figure } from "../text/numbers";
 
-export interface SprungSliderProps {
+interface SprungSliderProps {
   label: string;
-  /** Component of the command that it changes. */
-  axis: keyof Deflection;
   /** Control behind it; `useSprungSlider` makes one. */
   control: SprungControl;
   /** Value asked by all controls, allowed value or null, and the value at the ends. */
   asked: number;
   allowed: number | null;
   most: number;
-  unit: string;
   /** Value in words for a screen reader. */
   spoken: string;
   /** Whether the positive end is on the left, as for turning left. */
@@ -34,18 +31,15 @@ const COVERS = 0.24;
 export function useSprungSlider(drive: Holder, axis: keyof Deflection, mirrored = false) {
   return useMemo(() => {
     const way = mirrored ? -1 : 1;
-    const along = (share: number): Deflection => ({
-      ...CENTRED,
-      [axis]: Math.max(-1, Math.min(1, way * share)),
-    });
-    const arrow = (share: number): [number, number, number] => {
+    const along = (share: number): Deflection => ({ ...CENTRED, [axis]: clamped(way * share) });
+    const arrow = (share: number) => {
       const { x, y, turn } = along(share);
-      return [x, y, turn];
+      return [x, y, turn] as const;
     };
-    const read = (event: PointerEvent, box: DOMRect) => {
-      const track = event.currentTarget as HTMLElement;
-      const thumb = track.querySelector<HTMLElement>(".thumb")?.offsetWidth ?? 0;
-      return along((2 * (event.clientX - box.left) - box.width) / Math.max(1, box.width - thumb));
+    const read = ({ currentTarget, clientX }: PointerEvent, { left, width }: DOMRect) => {
+      const thumb = (currentTarget as HTMLElement).querySelector<HTMLElement>(".thumb");
+      const range = width - (thumb?.offsetWidth ?? 0);
+      return along((2 * (clientX - left) - width) / Math.max(1, range));
     };
     return new SprungControl(drive, read, {
       ArrowRight: arrow(1),
@@ -57,22 +51,16 @@ export function useSprungSlider(drive: Holder, axis: keyof Deflection, mirrored 
 }
 
 export function SprungSlider(props: SprungSliderProps) {
-  const { label, control, asked, allowed, most, spoken, mirrored, off } = props;
+  const { label, control, asked, allowed, most, spoken, mirrored, off, refused } = props;
   const track = useRef<HTMLDivElement>(null);
-  useEffect(() => (track.current ? control.attach(track.current) : undefined), [control]);
-  const at = (value: number) => {
-    const share = most > 0 ? Math.max(-1, Math.min(1, value / most)) : 0;
-    return (mirrored ? -share : share) * 0.5;
-  };
-  const decimals = most >= 10 ? 1 : 2;
-  const ends = props.ends ?? [
-    figure(mirrored ? most : -most, 1),
-    figure(mirrored ? -most : most, 1),
-  ];
+  useEffect(() => control.attach(track.current!), [control]);
+  const way = mirrored ? -1 : 1;
+  /** Place on the track, from -0.5 to 0.5. */
+  const at = (value: number) => (most > 0 ? 0.5 * clamped((way * value) / most) : 0);
+  const [left, right] = props.ends ?? [figure(-way * most, 1), figure(way * most, 1)];
   const differs = allowed !== null && Math.abs(allowed - asked) > 0.02 * most;
   const rests = asked === 0 && !control.held;
   const classes = ["js", rests && "rest", off && "off", props.looksOnly && "looks"];
-  const place = (name: string, share: number) => ({ [name]: String(share) });
   return (
     <div
       ref={track}
@@ -81,19 +69,21 @@ export function SprungSlider(props: SprungSliderProps) {
       tabIndex={0}
       aria-label={label}
       aria-disabled={off || undefined}
-      title={props.refused ?? undefined}
+      title={refused ?? undefined}
       aria-valuemin={-most}
       aria-valuemax={most}
       aria-valuenow={asked}
       aria-valuetext={spoken}
-      style={{ ...place("--at", at(asked)), ...place("--allowed", at(allowed ?? 0)) }}
+      style={{ "--at": `${at(asked)}`, "--allowed": `${at(allowed ?? 0)}` }}
     >
-      {at(asked) > -COVERS && <span class="end l">{ends[0]}</span>}
-      {at(asked) < COVERS && <span class="end r">{ends[1]}</span>}
+      {at(asked) > -COVERS && <span class="end l">{left}</span>}
+      {at(asked) < COVERS && <span class="end r">{right}</span>}
       <span class="zero" />
       <span class="from" />
       {differs && <span class="allowed" />}
-      <span class="thumb">{figure(asked, decimals)}</span>
+      <span class="thumb">{figure(asked, most >= 10 ? 1 : 2)}</span>
     </div>
   );
 }
+
+const clamped = (share: number) => Math.max(-1, Math.min(1, share));

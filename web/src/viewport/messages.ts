@@ -1,13 +1,6 @@
 // Messages between the page and the frame that shows viser's page. Both sides check the sender's
 // origin and window. Types only, so that the frame's script shares no module with the page.
 
-export interface Modifiers {
-  ctrl: boolean;
-  alt: boolean;
-  shift: boolean;
-  meta: boolean;
-}
-
 export interface FrameKey {
   tsd: 1;
   t: "key";
@@ -15,7 +8,7 @@ export interface FrameKey {
   key: string;
   down: boolean;
   repeat: boolean;
-  mods: Modifiers;
+  mods: { ctrl: boolean; alt: boolean; shift: boolean; meta: boolean };
 }
 
 export type FromFrame =
@@ -23,11 +16,10 @@ export type FromFrame =
   | { tsd: 1; t: "loaded"; software: boolean }
   /** The first frame has been drawn. */
   | { tsd: 1; t: "ready" }
-  /** Longest delay of the frame's thread in the last second; sent four times a second. */
+  /** How long the frame's thread was blocked; for measurements. */
   | { tsd: 1; t: "stalled"; ms: number }
   | FrameKey
-  | { tsd: 1; t: "pointerdown"; pointer: string }
-  | { tsd: 1; t: "blur" };
+  | { tsd: 1; t: "pointerdown" };
 
 /** Stop drawing, or resume. */
 export type ToFrame = { tsd: 1; t: "pause"; on: boolean };

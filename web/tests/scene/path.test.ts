@@ -1,7 +1,6 @@
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
 import type { Wish } from "../../src/drive/path";
-import { MIN_STEP_PX, Picker, thinned } from "../../src/scene/picker";
-import type { Pixel } from "../../src/scene/map_view";
+import { MIN_STEP_PX, Picker, type Pixel, thinned } from "../../src/scene/pick";
 import { codeOf } from "../../src/store/permission";
 import { openSession, press, ROBOT, route } from "./support";
 

@@ -71,14 +71,14 @@ test("Without control, a path cannot be chosen, and the reason is given.", async
 
 test("The layer that takes clicks is there only while a place is chosen and nothing moves.", async () => {
   const { session, state } = await show();
-  expect(find(".floor-picker")).toBeNull();
+  expect(find(".picks.on-picture")).toBeNull();
   radio("Go to")!.click();
   await settle();
-  expect(find(".floor-picker")).not.toBeNull();
+  expect(find(".picks.on-picture")).not.toBeNull();
   state({ route: route("planned") });
   session.path.hold();
   await settle();
-  expect(find(".floor-picker")).toBeNull();
+  expect(find(".picks.on-picture")).toBeNull();
   session.path.letGo();
 });
 
@@ -120,7 +120,7 @@ test("Empty fields of the form keep the robot's place, and its heading.", async 
 test("The legend has only what the scene of a robot can show.", () => {
   const names = (robot: Partial<RobotInfo>, hidden: Layer[] = []) =>
     legend({ ...ROBOT, ...robot }, (layer) => !hidden.includes(layer), false, false).flatMap(
-      (row) => row.names,
+      (row) => row.name,
     );
   expect(names({})).toEqual(["push", "axle", "trail", "stopsWithin"]);
   expect(names({ modules: [], wheels: ["1"] })).toEqual(["push", "trail", "stopsWithin"]);
