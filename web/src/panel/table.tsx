@@ -1,16 +1,37 @@
 // A table of figures: quantities down, modules or kinds of values across.
 
 import type { ComponentChildren } from "preact";
-import type { RobotInfo, RobotState } from "../generated/wire";
-import { figure } from "../text/numbers";
+import type { JointPreview, RobotInfo, RobotState } from "../generated/wire";
+import { useSession } from "../session";
+import { freshness, isCurrent } from "../store/freshness";
 import { texts } from "../text/text";
+import { Figure } from "../ui/figure";
+
+/** What the panel shows of a robot. */
+export interface Shown {
+  robot: RobotInfo;
+  /** Null while the figures are not those of now. */
+  state: RobotState | null;
+  /** Joints that are only looked at, in place of the set-points. */
+  preview?: JointPreview | null;
+}
+
+/** Robot in view and its state, or null without a robot. */
+export function useShown(): Shown | null {
+  const { link } = useSession();
+  const robot = link.robot.value;
+  if (robot === null || link.beat.value < 0) return null;
+  return { robot, state: isCurrent(freshness(link)) ? link.state.value : null };
+}
+
+type Row = readonly ComponentChildren[];
 
 interface TableProps {
   label: string;
   /** Heads of all columns; the first, of the names of the rows, may be empty. */
   heads: readonly string[];
   /** Name and cells of each row; one without a name shows pictures. */
-  rows: readonly (readonly ComponentChildren[])[];
+  rows: readonly Row[];
   pairs?: boolean;
 }
 
@@ -20,7 +41,7 @@ export function Table({ label, heads, rows, pairs }: TableProps) {
       <thead>
         <tr>
           {heads.map((head, i) => (
-            <th scope="col" key={i} class={i === 0 ? "note" : undefined}>
+            <th scope="col" key={i}>
               {head || <span class="sr">{texts().panel.wheels.quantity}</span>}
             </th>
           ))}
@@ -28,7 +49,7 @@ export function Table({ label, heads, rows, pairs }: TableProps) {
       </thead>
       <tbody>
         {rows.map(([name, ...cells], i) => (
-          <tr key={i} class={name ? undefined : "pic"}>
+          <tr key={i}>
             {name ? <th scope="row">{name}</th> : <td />}
             {cells.map((cell, j) => (
               <td key={j}>{cell}</td>
@@ -40,22 +61,14 @@ export function Table({ label, heads, rows, pairs }: TableProps) {
   );
 }
 
-/** Figure with its unit, which an unknown figure has not; degrees follow without a space. */
-export function value(
-  number: number | null | undefined,
-  decimals: number,
+/** Row of one quantity: its name and its figures. */
+export function quantity(
+  name: ComponentChildren,
   unit: string,
-  sign = false,
-) {
-  const text = figure(number, decimals, sign);
-  if (unit === "" || typeof number !== "number") return text;
-  if (unit === "°") return `${text}°`;
-  return (
-    <>
-      {text}
-      <span class="u">{unit}</span>
-    </>
-  );
+  decimals: number,
+  ...values: (number | null | undefined)[]
+): Row {
+  return [name, ...values.map((value) => <Figure value={value} decimals={decimals} unit={unit} />)];
 }
 
 /** Length of a push, negative for a wheel that turns backward. */
@@ -63,27 +76,20 @@ export function pushOf(velocity: readonly [number, number] | undefined, rpm = 1)
   return velocity && Math.sign(rpm) * Math.hypot(...velocity);
 }
 
-interface ValuesProps {
-  robot: RobotInfo;
-  state: RobotState | null;
-  /** What is looked at, in place of the set-points. */
-  preview?: (Pick<RobotState, "joints"> & { twist: [number, number, number] }) | null;
-}
-
 /** Joints by name, or the components of the speed of a robot that has no joints. */
-export function Values({ robot, state, preview = null }: ValuesProps) {
+export function Values({ robot, state, preview }: Shown) {
   const { wheels: words } = texts().panel;
+  const goals = (preview ?? state)?.joints;
+  const twist = preview?.twist ?? state?.commanded;
   const rows =
     robot.joints.length > 0
-      ? robot.joints.map(({ name, unit }, i) => {
-          const goal = (preview ?? state)?.joints[i]?.setpoint;
-          return [name, value(goal, 2, unit), value(state?.joints[i]?.value, 2, unit)];
-        })
-      : robot.twist_axes.map(({ symbol, unit }, i) => {
-          const goal = (preview?.twist ?? state?.commanded)?.[i];
-          return [symbol, value(goal, 2, unit), value(state?.twist?.[i], 2, unit)];
-        });
+      ? robot.joints.map(({ name, unit }, i) =>
+          quantity(name, unit, 2, state?.joints[i]?.value, goals?.[i]?.setpoint),
+        )
+      : robot.twist_axes.map(({ symbol, unit }, i) =>
+          quantity(symbol, unit, 2, state?.twist?.[i], twist?.[i]),
+        );
   return (
-    <Table label={words.title} heads={["", words.setPoint, words.measured]} rows={rows} pairs />
+    <Table label={words.title} heads={["", words.measured, words.setPoint]} rows={rows} pairs />
   );
 }

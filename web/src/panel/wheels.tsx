@@ -1,42 +1,30 @@
 // What the modules or wheels do for the command: a dial each, and the figures of the inverse
 // kinematics. While the sliders only look, those of the twist that is looked at.
 
-import type { ComponentChildren } from "preact";
 import { useRef } from "preact/hooks";
-import type { JointPreview, RobotInfo, RobotState } from "../generated/wire";
-import { useSession } from "../session";
-import { freshness, isCurrent } from "../store/freshness";
+import type { JointPreview, RobotInfo } from "../generated/wire";
 import { figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { Dial, endOfAxle, ringRange, tipOf } from "./dial";
-import { pushOf, Table, value, Values } from "./table";
-
-const COLUMNS = 4; // Of one table; the next four follow below it.
-
-interface Shown {
-  robot: RobotInfo;
-  /** Null while the figures are not those of now. */
-  state: RobotState | null;
-  preview: JointPreview | null;
-}
+import { pushOf, quantity, type Shown, Table, useShown, Values } from "./table";
 
 export function WheelsDo({ preview }: { preview: JointPreview | null }) {
-  const { link } = useSession();
-  const robot = link.robot.value;
-  const latest = link.state.value;
-  if (robot === null || link.beat.value < 0) return null;
-  const shown = { robot, state: isCurrent(freshness(link)) ? latest : null, preview };
+  const now = useShown();
+  if (now === null) return null;
+  const shown = { ...now, preview };
+  const { robot } = shown;
   const words = texts().panel.wheels;
+  const isGimbals = robot.panel === "gimbals";
   return (
     <section class={preview ? "sec looks" : "sec"}>
       <h2>
         {words.title}
         <small>{preview ? words.looked : words.setPoints}</small>
       </h2>
-      {robot.panel === "gimbals" && <Gimbals {...shown} />}
+      {isGimbals && <Gimbals {...shown} />}
       {robot.wheels.length > 0 && <Wheels {...shown} />}
-      {robot.panel !== "gimbals" && robot.wheels.length === 0 && <Values {...shown} />}
+      {!isGimbals && robot.wheels.length === 0 && <Values {...shown} />}
       <InUse {...shown} />
     </section>
   );
@@ -46,93 +34,77 @@ function Gimbals({ robot, state, preview }: Shown) {
   const range = useRef(0);
   const words = texts().panel.wheels;
   const now = state?.modules;
-  const poses = preview?.modules ?? now?.map(({ setpoint }) => setpoint);
-  const tilts = [...(now ?? []), ...(poses ?? [])].map(({ tilt }) => tilt);
+  const poses = preview?.modules ?? now?.map(({ setpoint }) => setpoint) ?? [];
+  const tilts = [...(now ?? []), ...poses].map(({ tilt }) => tilt);
   const ring = (range.current = ringRange(tilts, range.current));
   const most = mostPush(robot, poses);
-  const columns = robot.modules.map((_, i) => {
-    const [pose, measured] = [poses?.[i], now?.[i]];
-    const name = words.module(i + 1);
-    const dial = (
+  const names = robot.modules.map((_, i) => words.module(i + 1));
+  const dials = names.map((name, i) => {
+    const [pose, measured] = [poses[i], now?.[i]];
+    return (
       <Dial
-        isAxle
-        dot={measured ? endOfAxle(measured, ring) : null}
-        ring={pose ? endOfAxle(pose, ring) : null}
-        arrow={pose ? tipOf(pose.push, most) : null}
-        looks={preview !== null}
         label={words.dial(name, figure(pose?.tilt, 1), figure(pose?.direction))}
+        dot={measured && endOfAxle(measured, ring)}
+        goal={pose && endOfAxle(pose, ring)}
+        push={pose && tipOf(pose.push, most)}
       />
     );
-    return [
-      name,
-      dial,
-      <b class="lead">{value(pose?.tilt, 1, "°")}</b>,
-      value(pose?.alpha, 1, "°", true),
-      value(pose?.beta, 1, "°", true),
-      value(pushOf(pose?.push), 2, "m/s"),
-      value(pose?.rpm, 0, words.rpm),
-    ];
   });
-  const names = [words.ring(figure(ring)), "", words.tilt, "α", "β", words.push, words.wheel];
-  const goal = preview ? words.looked : words.setPoint;
-  return <Columns names={names} columns={columns} goal={goal} />;
+  const each = names.map((_, i) => poses[i]);
+  const rows = [
+    ["", ...dials],
+    quantity(words.tilt, "°", 1, ...each.map((pose) => pose?.tilt)),
+    quantity("α", "°", 1, ...each.map((pose) => pose?.alpha)),
+    quantity("β", "°", 1, ...each.map((pose) => pose?.beta)),
+    quantity(words.push, "m/s", 2, ...each.map((pose) => pushOf(pose?.push))),
+    quantity(words.wheel, words.rpm, 0, ...each.map((pose) => pose?.rpm)),
+  ];
+  return (
+    <>
+      <Table label={words.title} heads={[words.ring(figure(ring)), ...names]} rows={rows} />
+      <p class="keys note">
+        <span>{words.axle}</span>
+        <span class="k-set">{preview ? words.looked : words.setPoint}</span>
+        <span class="k-push">{words.push}</span>
+      </p>
+    </>
+  );
 }
 
 function Wheels({ robot, state, preview }: Shown) {
   const words = texts().panel.wheels;
   const now = state?.wheels;
-  const goals = now?.map(({ rpm_setpoint: rpm, push_setpoint: push }) => ({ rpm, push }));
-  const poses = preview?.wheels ?? goals;
+  const poses =
+    preview?.wheels ?? now?.map((one) => ({ rpm: one.rpm_setpoint, push: one.push_setpoint })) ?? [];
   const most = mostPush(robot, poses);
-  const columns = robot.wheels.map((_, i) => {
-    const [pose, measured] = [poses?.[i], now?.[i]];
-    const name = words.wheelNumber(i + 1);
-    const push = pose && pushOf(pose.push, pose.rpm);
-    const dial = (
-      <Dial
-        isAxle={false}
-        dot={measured ? tipOf(measured.push, most) : null}
-        ring={null}
-        arrow={pose ? tipOf(pose.push, most) : null}
-        looks={preview !== null}
-        label={words.wheelDial(name, figure(push, 2))}
-      />
-    );
-    return [name, dial, value(push, 2, "m/s"), <b class="lead">{figure(pose?.rpm)}</b>];
-  });
-  return <Columns names={["", "", words.push, words.rpm]} columns={columns} goal={null} />;
-}
-
-/** Fastest push of a dial, in m/s: all of them have one scale. */
-function mostPush(robot: RobotInfo, poses: readonly { push: [number, number] }[] = []): number {
-  return Math.max(robot.limits.speed_mps, ...poses.map(({ push }) => Math.hypot(...push)));
-}
-
-interface ColumnsProps {
-  /** Names of the rows, of which the first is that of the heads. */
-  names: readonly string[];
-  columns: readonly (readonly ComponentChildren[])[];
-  /** What the ring of a dial is, if it has an axle. */
-  goal: string | null;
-}
-
-function Columns({ names, columns, goal }: ColumnsProps) {
-  const words = texts().panel.wheels;
-  const tables = [];
-  for (let i = 0; i < columns.length; i += COLUMNS) tables.push(columns.slice(i, i + COLUMNS));
+  const names = robot.wheels.map((_, i) => words.wheelNumber(i + 1));
+  const pushes = names.map((_, i) => poses[i] && pushOf(poses[i].push, poses[i].rpm));
+  const dials = names.map((name, i) => (
+    <Dial
+      label={words.wheelDial(name, figure(pushes[i], 2))}
+      dot={now?.[i] && tipOf(now[i].push, most)}
+      push={poses[i] && tipOf(poses[i].push, most)}
+    />
+  ));
+  const rows = [
+    ["", ...dials],
+    quantity(words.rpm, "", 0, ...names.map((_, i) => poses[i]?.rpm)),
+    quantity(words.push, "m/s", 2, ...pushes),
+  ];
   return (
     <>
-      {tables.map((some, table) => {
-        const [heads = [], ...rows] = names.map((name, i) => [name, ...some.map((one) => one[i])]);
-        return <Table key={table} label={words.title} heads={heads as string[]} rows={rows} />;
-      })}
+      <Table label={words.title} heads={["", ...names]} rows={rows} />
       <p class="keys note">
-        <span class="k-dot">{goal ? words.axle : words.measured}</span>
-        {goal && <span class="k-set">{goal}</span>}
+        <span>{words.measured}</span>
         <span class="k-push">{words.push}</span>
       </p>
     </>
   );
+}
+
+/** Fastest push of a dial, in m/s: all of them have one scale. */
+function mostPush(robot: RobotInfo, poses: readonly { push: [number, number] }[]): number {
+  return Math.max(robot.limits.speed_mps, ...poses.map(({ push }) => Math.hypot(...push)));
 }
 
 /** Share of the joint limit in use, and the limit that holds the robot back. */
