@@ -12,8 +12,8 @@ interface Point {
 
 /** Tilt in degrees, and the direction towards which the axle tilts, from ahead to the left. */
 interface Lean {
-  tilt: number;
-  direction: number | null;
+  tilt?: number;
+  direction?: number | null;
 }
 
 export const REACH = 36; // Radius of the ring.
@@ -30,9 +30,9 @@ export function ringRange(tilts: readonly number[], before: number): number {
 }
 
 /** Point of the end of an axle on a ring of `range` degrees. */
-export function endOfAxle({ tilt, direction }: Lean, range: number): Point {
+export function endOfAxle({ tilt = 0, direction }: Lean, range: number): Point {
   const angle = ((direction ?? 0) * Math.PI) / 180;
-  const length = direction === null ? 0 : REACH * Math.min(1, tilt / range);
+  const length = direction == null ? 0 : REACH * Math.min(1, tilt / range);
   return onScreen({ x: length * Math.cos(angle), y: length * Math.sin(angle) });
 }
 
@@ -70,7 +70,7 @@ export function Dial({ label, dot, goal, push }: DialProps) {
       {dot && <line class="d-axle" x2={dot.right} y2={dot.down} />}
       {goal && <line class="d-plan" x2={goal.right} y2={goal.down} />}
       {goal && <circle class="d-set" r="6.5" cx={goal.right} cy={goal.down} />}
-      {dot && <circle class="d-dot" r="3.6" cx={dot.right} cy={dot.down} />}
+      {dot && <circle class="d-dot" r="2.4" cx={dot.right} cy={dot.down} />}
       {push && <Arrow {...push} />}
     </Ring>
   );

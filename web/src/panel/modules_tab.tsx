@@ -5,7 +5,16 @@ import { figure } from "../text/numbers";
 import { texts } from "../text/text";
 import { Figure } from "../ui/figure";
 import { Sphere } from "./sphere";
-import { pushOf, quantity, type Shown, Table, useShown, Values } from "./table";
+import {
+  type Actuator,
+  actuatorsOf,
+  poseRows,
+  quantity,
+  type Shown,
+  Table,
+  useShown,
+  Values,
+} from "./table";
 
 const SHUT_OFF = new Set(["disarmed", "stopped", "fault"]);
 const OFF_DEG = 0.5; // A gimbal that is farther from its set-point does not follow.
@@ -22,8 +31,8 @@ export function ModulesTab() {
       {robot.wheels.length > 0 && <Wheels {...shown} />}
       {isGimbals && (
         <div class="modules">
-          {robot.modules.map((name, i) => (
-            <Gimbal key={name} state={state} name={name} index={i} />
+          {actuatorsOf(shown).map((actuator) => (
+            <Gimbal key={actuator.id} state={state} actuator={actuator} />
           ))}
         </div>
       )}
@@ -44,55 +53,40 @@ export function ModulesTab() {
   );
 }
 
-interface GimbalProps {
-  state: RobotState | null;
-  name: string;
-  index: number;
-}
-
-function Gimbal({ state, name, index }: GimbalProps) {
+function Gimbal({ state, actuator }: { state: RobotState | null; actuator: Actuator }) {
   const { modules: words, wheels } = texts().panel;
-  const module = state?.modules[index];
-  const goal = module?.setpoint;
+  const { id, name, measured, goal } = actuator;
   const { suspect, contributions } = state?.status.consistency ?? {};
-  const isSuspect = suspect === name;
-  const percent = 100 * (contributions?.[name] ?? NaN);
-  const phase = module && (module.spinning ? words.spinning : words.atRest);
-  const title = wheels.module(index + 1);
+  const percent = 100 * (contributions?.[id] ?? NaN);
+  const phase = measured && (measured.spinning ? words.spinning : words.atRest);
   const rows = [
-    quantity(wheels.tilt, "°", 1, module?.tilt, goal?.tilt),
-    quantity(words.direction, "°", 0, module?.direction, goal?.direction),
-    quantity("α", "°", 1, module?.alpha, goal?.alpha),
-    quantity("β", "°", 1, module?.beta, goal?.beta),
-    quantity(wheels.push, "m/s", 2, pushOf(module?.push), pushOf(goal?.push)),
-    quantity(wheels.wheel, wheels.rpm, 0, module?.rpm, goal?.rpm),
-    [...quantity(words.radius, "mm", 1, module?.radius_mm), ""],
+    ...poseRows([measured, goal], true),
+    quantity(words.direction, "°", 0, measured?.direction, goal?.direction),
+    [...quantity(words.radius, "mm", 1, measured?.radius_mm), ""],
     [...quantity(words.share, "%", 0, percent), ""],
   ];
   return (
-    <section class={isSuspect ? "sec suspect" : "sec"}>
+    <section class={suspect === id ? "sec suspect" : "sec"}>
       <h2>
-        {title}
-        <small>{isSuspect ? words.suspect : phase}</small>
+        {name}
+        <small>{suspect === id ? words.suspect : phase}</small>
       </h2>
-      <Table label={title} heads={["", wheels.measured, wheels.setPoint]} rows={rows} pairs />
+      <Table label={name} heads={["", wheels.measured, wheels.setPoint]} rows={rows} />
     </section>
   );
 }
 
-function Wheels({ robot, state }: Shown) {
+function Wheels(shown: Shown) {
   const { modules: words, wheels } = texts().panel;
-  const suspect = state?.status.consistency.suspect;
-  const rows = robot.wheels.map((name, i) => {
-    const wheel = state?.wheels[i];
-    const title = <span class={suspect === name ? "suspect" : ""}>{wheels.wheelNumber(i + 1)}</span>;
-    return [
-      ...quantity(title, wheels.rpm, 0, wheel?.rpm, wheel?.rpm_setpoint),
-      <Figure value={wheel?.residual_mps} decimals={3} unit="m/s" />,
-    ];
-  });
+  const suspect = shown.state?.status.consistency.suspect;
+  const rows = actuatorsOf(shown).map(({ id, name, measured, goal }) => [
+    <span class={suspect === id ? "suspect" : ""}>{name}</span>,
+    <Figure value={measured?.rpm} unit={wheels.rpm} />,
+    <Figure value={goal?.rpm} unit={wheels.rpm} />,
+    <Figure value={measured?.residual_mps} decimals={3} unit="m/s" />,
+  ]);
   const heads = ["", wheels.measured, wheels.setPoint, words.unexplained];
-  return <Table label={wheels.title} heads={heads} rows={rows} pairs />;
+  return <Table label={wheels.title} heads={heads} rows={rows} />;
 }
 
 /** Whether the actuators agree on one motion, and which of them does not. */
@@ -112,19 +106,23 @@ function Agreement(shown: Shown) {
   );
 }
 
-function verdictOf({ robot, state }: Shown): string | null {
-  const { modules: words, wheels } = texts().panel;
+function verdictOf(shown: Shown): string | null {
+  const { modules: words } = texts().panel;
+  const { robot, state } = shown;
   if (state === null) return null;
   const { suspect } = state.status.consistency;
-  const isGimbals = robot.panel === "gimbals";
   if (suspect === null) {
-    if (isGimbals) return words.modulesAgree;
+    if (robot.panel === "gimbals") return words.modulesAgree;
     return robot.wheels.length < 4 ? words.threeWheels : words.wheelsAgree;
   }
-  const at = (isGimbals ? robot.modules : robot.wheels).indexOf(suspect);
-  const name = isGimbals ? wheels.module(at + 1) : wheels.wheelNumber(at + 1);
-  const { alpha = 0, beta = 0, setpoint = { alpha, beta } } = state.modules[at] ?? {};
-  const [alphaDeg, betaDeg] = [Math.abs(alpha - setpoint.alpha), Math.abs(beta - setpoint.beta)];
+  const {
+    name = suspect,
+    measured,
+    goal,
+  } = actuatorsOf(shown).find(({ id }) => id === suspect) ?? {};
+  const [alphaDeg = 0, betaDeg = 0] = (["alpha", "beta"] as const).map((angle) =>
+    Math.abs((measured?.[angle] ?? 0) - (goal?.[angle] ?? 0)),
+  );
   const offDeg = Math.max(alphaDeg, betaDeg);
   if (offDeg < OFF_DEG) return words.contradicts(name);
   const end = SHUT_OFF.has(state.status.mode) ? words.shutOff : words.pushes;

@@ -32,7 +32,6 @@ export function Sphere({ sphere }: { sphere: SphereState | null }) {
       <div class="globe">
         <Ring label={words.picture}>{sphere && <Marks wxyz={sphere.wxyz} />}</Ring>
         <Table
-          pairs
           label={words.models}
           heads={["rad/s", words.ideal, words.dual]}
           rows={["ωx", "ωy", "ωz"].map((name, i) =>

@@ -1,7 +1,14 @@
-// A table of figures: quantities down, modules or kinds of values across.
+// Tables of figures: quantities down, modules or kinds of values across.
 
 import type { ComponentChildren } from "preact";
-import type { JointPreview, RobotInfo, RobotState } from "../generated/wire";
+import type {
+  GimbalPose,
+  GimbalState,
+  JointPreview,
+  RobotInfo,
+  RobotState,
+  WheelState,
+} from "../generated/wire";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
 import { texts } from "../text/text";
@@ -24,7 +31,64 @@ export function useShown(): Shown | null {
   return { robot, state: isCurrent(freshness(link)) ? link.state.value : null };
 }
 
-type Row = readonly ComponentChildren[];
+/** A wheel, on its module if it has one. */
+type Pose = Pick<GimbalPose, "rpm" | "push"> & Partial<GimbalPose>;
+type Measured = Pose &
+  Partial<Omit<GimbalState, keyof Pose>> &
+  Partial<Omit<WheelState, keyof Pose>>;
+
+export interface Actuator {
+  id: string;
+  name: string;
+  measured: Measured | undefined;
+  /** Set-point, or what is looked at. */
+  goal: Pose | undefined;
+}
+
+export function actuatorsOf({ robot, state, preview }: Shown): Actuator[] {
+  const { wheels: words } = texts().panel;
+  if (robot.panel === "gimbals")
+    return robot.modules.map((id, i) => {
+      const measured = state?.modules[i];
+      const goal = preview?.modules[i] ?? measured?.setpoint;
+      return { id, name: words.module(i + 1), measured, goal };
+    });
+  return robot.wheels.map((id, i) => {
+    const measured = state?.wheels[i];
+    const set = measured && { rpm: measured.rpm_setpoint, push: measured.push_setpoint };
+    const goal = preview?.wheels[i] ?? set;
+    return { id, name: words.wheelNumber(i + 1), measured, goal };
+  });
+}
+
+/** Rows of figures, with a column for each pose; a wheel without a module has no angles. */
+export function poseRows(poses: readonly (Pose | undefined)[], isGimbal: boolean): Row[] {
+  const { wheels: words } = texts().panel;
+  const sign = (rpm: number) => (isGimbal ? 1 : Math.sign(rpm)); // A wheel turns backward.
+  const pushOf = ({ push, rpm }: Pose) => sign(rpm) * Math.hypot(...push);
+  const angles = [
+    quantity(words.tilt, "°", 1, ...poses.map((pose) => pose?.tilt)),
+    quantity("α", "°", 1, ...poses.map((pose) => pose?.alpha)),
+    quantity("β", "°", 1, ...poses.map((pose) => pose?.beta)),
+  ];
+  return [
+    ...(isGimbal ? angles : []),
+    quantity(words.push, "m/s", 2, ...poses.map((pose) => pose && pushOf(pose))),
+    quantity(words.wheel, words.rpm, 0, ...poses.map((pose) => pose?.rpm)),
+  ];
+}
+
+export type Row = readonly ComponentChildren[];
+
+/** Row of one quantity: its name and its figures. */
+export function quantity(
+  name: ComponentChildren,
+  unit: string,
+  decimals: number,
+  ...values: (number | null | undefined)[]
+): Row {
+  return [name, ...values.map((value) => <Figure value={value} decimals={decimals} unit={unit} />)];
+}
 
 interface TableProps {
   label: string;
@@ -32,12 +96,11 @@ interface TableProps {
   heads: readonly string[];
   /** Name and cells of each row; one without a name shows pictures. */
   rows: readonly Row[];
-  pairs?: boolean;
 }
 
-export function Table({ label, heads, rows, pairs }: TableProps) {
+export function Table({ label, heads, rows }: TableProps) {
   return (
-    <table class={pairs ? "mods pairs" : "mods"} aria-label={label}>
+    <table class="mods" aria-label={label}>
       <thead>
         <tr>
           {heads.map((head, i) => (
@@ -61,35 +124,17 @@ export function Table({ label, heads, rows, pairs }: TableProps) {
   );
 }
 
-/** Row of one quantity: its name and its figures. */
-export function quantity(
-  name: ComponentChildren,
-  unit: string,
-  decimals: number,
-  ...values: (number | null | undefined)[]
-): Row {
-  return [name, ...values.map((value) => <Figure value={value} decimals={decimals} unit={unit} />)];
-}
-
-/** Length of a push, negative for a wheel that turns backward. */
-export function pushOf(velocity: readonly [number, number] | undefined, rpm = 1) {
-  return velocity && Math.sign(rpm) * Math.hypot(...velocity);
-}
-
 /** Joints by name, or the components of the speed of a robot that has no joints. */
 export function Values({ robot, state, preview }: Shown) {
   const { wheels: words } = texts().panel;
   const goals = (preview ?? state)?.joints;
   const twist = preview?.twist ?? state?.commanded;
-  const rows =
-    robot.joints.length > 0
-      ? robot.joints.map(({ name, unit }, i) =>
-          quantity(name, unit, 2, state?.joints[i]?.value, goals?.[i]?.setpoint),
-        )
-      : robot.twist_axes.map(({ symbol, unit }, i) =>
-          quantity(symbol, unit, 2, state?.twist?.[i], twist?.[i]),
-        );
-  return (
-    <Table label={words.title} heads={["", words.measured, words.setPoint]} rows={rows} pairs />
+  const joints = robot.joints.map(({ name, unit }, i) =>
+    quantity(name, unit, 2, state?.joints[i]?.value, goals?.[i]?.setpoint),
   );
+  const components = robot.twist_axes.map(({ symbol, unit }, i) =>
+    quantity(symbol, unit, 2, state?.twist?.[i], twist?.[i]),
+  );
+  const rows = joints.length > 0 ? joints : components;
+  return <Table label={words.title} heads={["", words.measured, words.setPoint]} rows={rows} />;
 }

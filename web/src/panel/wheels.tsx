@@ -2,12 +2,12 @@
 // kinematics. While the sliders only look, those of the twist that is looked at.
 
 import { useRef } from "preact/hooks";
-import type { JointPreview, RobotInfo } from "../generated/wire";
+import type { JointPreview } from "../generated/wire";
 import { figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { Dial, endOfAxle, ringRange, tipOf } from "./dial";
-import { pushOf, quantity, type Shown, Table, useShown, Values } from "./table";
+import { actuatorsOf, poseRows, type Shown, Table, useShown, Values } from "./table";
 
 export function WheelsDo({ preview }: { preview: JointPreview | null }) {
   const now = useShown();
@@ -15,96 +15,56 @@ export function WheelsDo({ preview }: { preview: JointPreview | null }) {
   const shown = { ...now, preview };
   const { robot } = shown;
   const words = texts().panel.wheels;
-  const isGimbals = robot.panel === "gimbals";
+  const hasDials = robot.panel === "gimbals" || robot.wheels.length > 0;
   return (
     <section class={preview ? "sec looks" : "sec"}>
       <h2>
         {words.title}
         <small>{preview ? words.looked : words.setPoints}</small>
       </h2>
-      {isGimbals && <Gimbals {...shown} />}
-      {robot.wheels.length > 0 && <Wheels {...shown} />}
-      {!isGimbals && robot.wheels.length === 0 && <Values {...shown} />}
+      {hasDials ? <Dials {...shown} /> : <Values {...shown} />}
       <InUse {...shown} />
     </section>
   );
 }
 
-function Gimbals({ robot, state, preview }: Shown) {
+function Dials(shown: Shown) {
   const range = useRef(0);
   const words = texts().panel.wheels;
-  const now = state?.modules;
-  const poses = preview?.modules ?? now?.map(({ setpoint }) => setpoint) ?? [];
-  const tilts = [...(now ?? []), ...poses].map(({ tilt }) => tilt);
-  const ring = (range.current = ringRange(tilts, range.current));
-  const most = mostPush(robot, poses);
-  const names = robot.modules.map((_, i) => words.module(i + 1));
-  const dials = names.map((name, i) => {
-    const [pose, measured] = [poses[i], now?.[i]];
-    return (
-      <Dial
-        label={words.dial(name, figure(pose?.tilt, 1), figure(pose?.direction))}
-        dot={measured && endOfAxle(measured, ring)}
-        goal={pose && endOfAxle(pose, ring)}
-        push={pose && tipOf(pose.push, most)}
-      />
-    );
-  });
-  const each = names.map((_, i) => poses[i]);
-  const rows = [
-    ["", ...dials],
-    quantity(words.tilt, "°", 1, ...each.map((pose) => pose?.tilt)),
-    quantity("α", "°", 1, ...each.map((pose) => pose?.alpha)),
-    quantity("β", "°", 1, ...each.map((pose) => pose?.beta)),
-    quantity(words.push, "m/s", 2, ...each.map((pose) => pushOf(pose?.push))),
-    quantity(words.wheel, words.rpm, 0, ...each.map((pose) => pose?.rpm)),
-  ];
-  return (
-    <>
-      <Table label={words.title} heads={[words.ring(figure(ring)), ...names]} rows={rows} />
-      <p class="keys note">
-        <span>{words.axle}</span>
-        <span class="k-set">{preview ? words.looked : words.setPoint}</span>
-        <span class="k-push">{words.push}</span>
-      </p>
-    </>
-  );
-}
-
-function Wheels({ robot, state, preview }: Shown) {
-  const words = texts().panel.wheels;
-  const now = state?.wheels;
-  const poses =
-    preview?.wheels ?? now?.map((one) => ({ rpm: one.rpm_setpoint, push: one.push_setpoint })) ?? [];
-  const most = mostPush(robot, poses);
-  const names = robot.wheels.map((_, i) => words.wheelNumber(i + 1));
-  const pushes = names.map((_, i) => poses[i] && pushOf(poses[i].push, poses[i].rpm));
-  const dials = names.map((name, i) => (
+  const actuators = actuatorsOf(shown);
+  const isGimbal = shown.robot.panel === "gimbals";
+  const goals = actuators.map(({ goal }) => goal);
+  const poses = [...goals, ...actuators.map(({ measured }) => measured)];
+  const ring = (range.current = ringRange(
+    poses.map((pose) => pose?.tilt ?? 0),
+    range.current,
+  ));
+  const pushes = goals.map((goal) => Math.hypot(...(goal?.push ?? [])));
+  const most = Math.max(shown.robot.limits.speed_mps, ...pushes); // All dials have one scale.
+  const dials = actuators.map(({ name, measured, goal }, i) => (
     <Dial
-      label={words.wheelDial(name, figure(pushes[i], 2))}
-      dot={now?.[i] && tipOf(now[i].push, most)}
-      push={poses[i] && tipOf(poses[i].push, most)}
+      label={
+        isGimbal
+          ? words.dial(name, figure(goal?.tilt, 1), figure(goal?.direction))
+          : words.wheelDial(name, figure(goal && pushes[i], 2))
+      }
+      dot={measured && (isGimbal ? endOfAxle(measured, ring) : tipOf(measured.push, most))}
+      goal={isGimbal ? goal && endOfAxle(goal, ring) : undefined}
+      push={goal && tipOf(goal.push, most)}
     />
   ));
-  const rows = [
-    ["", ...dials],
-    quantity(words.rpm, "", 0, ...names.map((_, i) => poses[i]?.rpm)),
-    quantity(words.push, "m/s", 2, ...pushes),
-  ];
+  const heads = [isGimbal ? words.ring(figure(ring)) : "", ...actuators.map(({ name }) => name)];
+  const rows = [["", ...dials], ...poseRows(goals, isGimbal)];
   return (
     <>
-      <Table label={words.title} heads={["", ...names]} rows={rows} />
+      <Table label={words.title} heads={heads} rows={rows} />
       <p class="keys note">
-        <span>{words.measured}</span>
+        <span>{isGimbal ? words.axle : words.measured}</span>
+        {isGimbal && <span class="k-set">{shown.preview ? words.looked : words.setPoint}</span>}
         <span class="k-push">{words.push}</span>
       </p>
     </>
   );
-}
-
-/** Fastest push of a dial, in m/s: all of them have one scale. */
-function mostPush(robot: RobotInfo, poses: readonly { push: [number, number] }[]): number {
-  return Math.max(robot.limits.speed_mps, ...poses.map(({ push }) => Math.hypot(...push)));
 }
 
 /** Share of the joint limit in use, and the limit that holds the robot back. */
