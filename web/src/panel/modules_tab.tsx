@@ -3,7 +3,6 @@
 import type { RobotState } from "../generated/wire";
 import { figure } from "../text/numbers";
 import { texts } from "../text/text";
-import { Figure } from "../ui/figure";
 import { Sphere } from "./sphere";
 import {
   type Actuator,
@@ -13,6 +12,7 @@ import {
   type Shown,
   Table,
   useShown,
+  Value,
   Values,
 } from "./table";
 
@@ -57,13 +57,13 @@ function Gimbal({ state, actuator }: { state: RobotState | null; actuator: Actua
   const { modules: words, wheels } = texts().panel;
   const { id, name, measured, goal } = actuator;
   const { suspect, contributions } = state?.status.consistency ?? {};
-  const percent = 100 * (contributions?.[id] ?? NaN);
+  const share = contributions?.[id];
   const phase = measured && (measured.spinning ? words.spinning : words.atRest);
   const rows = [
     ...poseRows([measured, goal], true),
     quantity(words.direction, "°", 0, measured?.direction, goal?.direction),
     [...quantity(words.radius, "mm", 1, measured?.radius_mm), ""],
-    [...quantity(words.share, "%", 0, percent), ""],
+    [...quantity(words.share, "%", 0, share && 100 * share), ""],
   ];
   return (
     <section class={suspect === id ? "sec suspect" : "sec"}>
@@ -81,9 +81,9 @@ function Wheels(shown: Shown) {
   const suspect = shown.state?.status.consistency.suspect;
   const rows = actuatorsOf(shown).map(({ id, name, measured, goal }) => [
     <span class={suspect === id ? "suspect" : ""}>{name}</span>,
-    <Figure value={measured?.rpm} unit={wheels.rpm} />,
-    <Figure value={goal?.rpm} unit={wheels.rpm} />,
-    <Figure value={measured?.residual_mps} decimals={3} unit="m/s" />,
+    <Value value={measured?.rpm} unit={wheels.rpm} />,
+    <Value value={goal?.rpm} unit={wheels.rpm} />,
+    <Value value={measured?.residual_mps} decimals={3} unit="m/s" />,
   ]);
   const heads = ["", wheels.measured, wheels.setPoint, words.unexplained];
   return <Table label={wheels.title} heads={heads} rows={rows} />;
@@ -98,7 +98,7 @@ function Agreement(shown: Shown) {
       <h2>
         {agreement}
         <small>
-          {unexplained} <Figure value={residual_mps} decimals={3} unit="m/s" />
+          {unexplained} <Value value={residual_mps} decimals={3} unit="m/s" />
         </small>
       </h2>
       <p>{verdictOf(shown)}</p>

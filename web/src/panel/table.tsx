@@ -1,6 +1,6 @@
 // Tables of figures: quantities down, modules or kinds of values across.
 
-import type { ComponentChildren } from "preact";
+import type { ComponentChildren, ComponentProps } from "preact";
 import type {
   GimbalPose,
   GimbalState,
@@ -87,7 +87,12 @@ export function quantity(
   decimals: number,
   ...values: (number | null | undefined)[]
 ): Row {
-  return [name, ...values.map((value) => <Figure value={value} decimals={decimals} unit={unit} />)];
+  return [name, ...values.map((value) => <Value value={value} decimals={decimals} unit={unit} />)];
+}
+
+/** Figure of a table; an unknown one has no unit. */
+export function Value({ unit, ...figure }: ComponentProps<typeof Figure>) {
+  return <Figure {...figure} unit={(typeof figure.value === "number" && unit) || ""} />;
 }
 
 interface TableProps {

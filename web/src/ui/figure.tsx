@@ -1,4 +1,4 @@
-// A value and its unit, smaller and paler; an unknown value has none.
+// A value and its unit, smaller and paler.
 
 import { figure } from "../text/numbers";
 
@@ -23,7 +23,7 @@ export function Figure({ value, decimals = 0, unit, sign }: FigureProps) {
   return (
     <>
       {figure(value, decimals, sign)}
-      {unit && typeof value === "number" && <span class="u">{unit}</span>}
+      {unit && <span class="u">{unit}</span>}
     </>
   );
 }
