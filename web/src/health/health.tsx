@@ -119,8 +119,8 @@ function Feed() {
               </li>
             );
           })}
-          {events.length === 0 && <li class="note">{words.noEvents}</li>}
         </ul>
+        {events.length === 0 && <p class="note">{words.noEvents}</p>}
       </div>
     </div>
   );

@@ -2,19 +2,11 @@
 
 import type { ComponentChildren } from "preact";
 import { onScreen } from "../drive/axes";
+import type { GimbalPose } from "../generated/wire";
 import { degrees } from "../text/numbers";
 
 /** Point on a dial: right and down of its centre. */
-interface Point {
-  right: number;
-  down: number;
-}
-
-/** Tilt in degrees, and the direction towards which the axle tilts, from ahead to the left. */
-interface Lean {
-  tilt?: number;
-  direction?: number | null;
-}
+type Point = ReturnType<typeof onScreen>;
 
 export const REACH = 36; // Radius of the ring.
 const RANGES = [5, 10, 20, 30];
@@ -29,14 +21,17 @@ export function ringRange(tilts: readonly number[], before: number): number {
   return Math.max(fits(most), Math.min(before, fits(most / HYSTERESIS)));
 }
 
-/** Point of the end of an axle on a ring of `range` degrees. */
-export function endOfAxle({ tilt = 0, direction }: Lean, range: number): Point {
+/** End of an axle on a ring of `range` degrees; its direction counts from ahead to the left. */
+export function endOfAxle(
+  { tilt = 0, direction = null }: Partial<Pick<GimbalPose, "tilt" | "direction">>,
+  range: number,
+): Point {
   const angle = ((direction ?? 0) * Math.PI) / 180;
-  const length = direction == null ? 0 : REACH * Math.min(1, tilt / range);
+  const length = direction === null ? 0 : REACH * Math.min(1, tilt / range);
   return onScreen({ x: length * Math.cos(angle), y: length * Math.sin(angle) });
 }
 
-/** Point of the tip of a velocity, ahead and left, on a ring of radius `most`. */
+/** Tip of a velocity, ahead and left, on a ring of radius `most`. */
 export function tipOf([x, y]: readonly [number, number], most: number): Point {
   const scale = most > 0 ? REACH / Math.max(most, Math.hypot(x, y)) : 0;
   return onScreen({ x: scale * x, y: scale * y });

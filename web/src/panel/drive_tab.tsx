@@ -56,7 +56,6 @@ export function DriveTab() {
 function Command({ sliders, robot }: { sliders: PanelSliders; robot: RobotInfo }) {
   const { drive: words } = texts().panel;
   const mode = sliders.mode.value;
-  const notes = { springs: words.springsNote, keeps: words.keepsNote, looks: words.looksNote };
   const axes = robot.sideways ? (["x", "y", "turn"] as const) : (["x", "turn"] as const);
   const key = (event: KeyboardEvent) => event.code === "Home" && sliders.zero();
   return (
@@ -94,7 +93,7 @@ function Command({ sliders, robot }: { sliders: PanelSliders; robot: RobotInfo }
         />
       </div>
       <p class="note" role="status">
-        {notes[mode]}
+        {words[`${mode}Note`]}
       </p>
     </section>
   );

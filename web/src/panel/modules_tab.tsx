@@ -12,8 +12,8 @@ import {
   type Shown,
   Table,
   useShown,
-  Value,
   Values,
+  value,
 } from "./table";
 
 const SHUT_OFF = new Set(["disarmed", "stopped", "fault"]);
@@ -81,9 +81,9 @@ function Wheels(shown: Shown) {
   const suspect = shown.state?.status.consistency.suspect;
   const rows = actuatorsOf(shown).map(({ id, name, measured, goal }) => [
     <span class={suspect === id ? "suspect" : ""}>{name}</span>,
-    <Value value={measured?.rpm} unit={wheels.rpm} />,
-    <Value value={goal?.rpm} unit={wheels.rpm} />,
-    <Value value={measured?.residual_mps} decimals={3} unit="m/s" />,
+    value(measured?.rpm, 0, wheels.rpm),
+    value(goal?.rpm, 0, wheels.rpm),
+    value(measured?.residual_mps, 3, "m/s"),
   ]);
   const heads = ["", wheels.measured, wheels.setPoint, words.unexplained];
   return <Table label={wheels.title} heads={heads} rows={rows} />;
@@ -98,7 +98,7 @@ function Agreement(shown: Shown) {
       <h2>
         {agreement}
         <small>
-          {unexplained} <Value value={residual_mps} decimals={3} unit="m/s" />
+          {unexplained} {value(residual_mps, 3, "m/s")}
         </small>
       </h2>
       <p>{verdictOf(shown)}</p>
@@ -115,17 +115,13 @@ function verdictOf(shown: Shown): string | null {
     if (robot.panel === "gimbals") return words.modulesAgree;
     return robot.wheels.length < 4 ? words.threeWheels : words.wheelsAgree;
   }
-  const {
-    name = suspect,
-    measured,
-    goal,
-  } = actuatorsOf(shown).find(({ id }) => id === suspect) ?? {};
-  const [alphaDeg = 0, betaDeg = 0] = (["alpha", "beta"] as const).map((angle) =>
-    Math.abs((measured?.[angle] ?? 0) - (goal?.[angle] ?? 0)),
-  );
-  const offDeg = Math.max(alphaDeg, betaDeg);
+  const found = actuatorsOf(shown).find(({ id }) => id === suspect);
+  const name = found?.name ?? suspect;
+  const off = (angle: "alpha" | "beta") =>
+    Math.abs((found?.measured?.[angle] ?? 0) - (found?.goal?.[angle] ?? 0));
+  const offDeg = Math.max(off("alpha"), off("beta"));
   if (offDeg < OFF_DEG) return words.contradicts(name);
   const end = SHUT_OFF.has(state.status.mode) ? words.shutOff : words.pushes;
-  const gimbal = betaDeg > alphaDeg ? "β" : "α";
+  const gimbal = off("beta") > off("alpha") ? "β" : "α";
   return `${words.doesNotFollow(name, gimbal, figure(offDeg, 1))} ${end}`;
 }

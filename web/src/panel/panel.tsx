@@ -38,6 +38,7 @@ export function Panel() {
   const toggle = () => (layout.panelOpen.peek() ? layout.fold() : layout.open(layout.tab.peek()));
   useEffect(() => keyboard.bind("KeyP", toggle), [keyboard]);
   useLayoutEffect(() => {
+    moves.current = false; // A phone has no button to open the panel.
     if (body.current) body.current.scrollTop = scrolls.current[tab] ?? 0;
   }, [tab, isOpen]);
   const press = () => {

@@ -1,6 +1,6 @@
 // Tables of figures: quantities down, modules or kinds of values across.
 
-import type { ComponentChildren, ComponentProps } from "preact";
+import type { ComponentChildren } from "preact";
 import type {
   GimbalPose,
   GimbalState,
@@ -11,6 +11,7 @@ import type {
 } from "../generated/wire";
 import { useSession } from "../session";
 import { freshness, isCurrent } from "../store/freshness";
+import { figure } from "../text/numbers";
 import { texts } from "../text/text";
 import { Figure } from "../ui/figure";
 
@@ -33,14 +34,11 @@ export function useShown(): Shown | null {
 
 /** A wheel, on its module if it has one. */
 type Pose = Pick<GimbalPose, "rpm" | "push"> & Partial<GimbalPose>;
-type Measured = Pose &
-  Partial<Omit<GimbalState, keyof Pose>> &
-  Partial<Omit<WheelState, keyof Pose>>;
 
 export interface Actuator {
   id: string;
   name: string;
-  measured: Measured | undefined;
+  measured: (Pose & Partial<GimbalState> & Partial<WheelState>) | undefined;
   /** Set-point, or what is looked at. */
   goal: Pose | undefined;
 }
@@ -61,20 +59,23 @@ export function actuatorsOf({ robot, state, preview }: Shown): Actuator[] {
   });
 }
 
+/** Length of a push; negative for a wheel that turns backward. */
+export function pushOf({ push, rpm }: Pose): number {
+  return Math.sign(rpm) * Math.hypot(...push);
+}
+
 /** Rows of figures, with a column for each pose; a wheel without a module has no angles. */
 export function poseRows(poses: readonly (Pose | undefined)[], isGimbal: boolean): Row[] {
   const { wheels: words } = texts().panel;
-  const sign = (rpm: number) => (isGimbal ? 1 : Math.sign(rpm)); // A wheel turns backward.
-  const pushOf = ({ push, rpm }: Pose) => sign(rpm) * Math.hypot(...push);
-  const angles = [
+  const rpm = poses.map((pose) => pose?.rpm);
+  const push = quantity(words.push, "m/s", 2, ...poses.map((pose) => pose && pushOf(pose)));
+  if (!isGimbal) return [quantity(words.rpm, "", 0, ...rpm), push];
+  return [
     quantity(words.tilt, "°", 1, ...poses.map((pose) => pose?.tilt)),
     quantity("α", "°", 1, ...poses.map((pose) => pose?.alpha)),
     quantity("β", "°", 1, ...poses.map((pose) => pose?.beta)),
-  ];
-  return [
-    ...(isGimbal ? angles : []),
-    quantity(words.push, "m/s", 2, ...poses.map((pose) => pose && pushOf(pose))),
-    quantity(words.wheel, words.rpm, 0, ...poses.map((pose) => pose?.rpm)),
+    push,
+    quantity(words.wheel, words.rpm, 0, ...rpm),
   ];
 }
 
@@ -87,18 +88,20 @@ export function quantity(
   decimals: number,
   ...values: (number | null | undefined)[]
 ): Row {
-  return [name, ...values.map((value) => <Value value={value} decimals={decimals} unit={unit} />)];
+  return [name, ...values.map((each) => value(each, decimals, unit))];
 }
 
-/** Figure of a table; an unknown one has no unit. */
-export function Value({ unit, ...figure }: ComponentProps<typeof Figure>) {
-  return <Figure {...figure} unit={(typeof figure.value === "number" && unit) || ""} />;
+/** Figure with its unit, which an unknown one has not; degrees follow without a space. */
+export function value(number: number | null | undefined, decimals: number, unit: string) {
+  if (typeof number !== "number") return figure(number);
+  if (unit === "°") return `${figure(number, decimals)}°`;
+  return <Figure value={number} decimals={decimals} unit={unit} />;
 }
 
 interface TableProps {
   label: string;
   /** Heads of all columns; the first, of the names of the rows, may be empty. */
-  heads: readonly string[];
+  heads: Row;
   /** Name and cells of each row; one without a name shows pictures. */
   rows: readonly Row[];
 }

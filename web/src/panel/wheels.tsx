@@ -7,7 +7,18 @@ import { figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import { Dial, endOfAxle, ringRange, tipOf } from "./dial";
-import { actuatorsOf, poseRows, type Shown, Table, useShown, Values } from "./table";
+import {
+  actuatorsOf,
+  poseRows,
+  pushOf,
+  type Row,
+  type Shown,
+  Table,
+  useShown,
+  Values,
+} from "./table";
+
+const COLUMNS = 4; // Of one table; the next four follow below it.
 
 export function WheelsDo({ preview }: { preview: JointPreview | null }) {
   const now = useShown();
@@ -34,19 +45,17 @@ function Dials(shown: Shown) {
   const actuators = actuatorsOf(shown);
   const isGimbal = shown.robot.panel === "gimbals";
   const goals = actuators.map(({ goal }) => goal);
-  const poses = [...goals, ...actuators.map(({ measured }) => measured)];
-  const ring = (range.current = ringRange(
-    poses.map((pose) => pose?.tilt ?? 0),
-    range.current,
-  ));
-  const pushes = goals.map((goal) => Math.hypot(...(goal?.push ?? [])));
-  const most = Math.max(shown.robot.limits.speed_mps, ...pushes); // All dials have one scale.
+  const tilts = actuators.flatMap(({ goal, measured }) => [goal?.tilt ?? 0, measured?.tilt ?? 0]);
+  const ring = (range.current = ringRange(tilts, range.current));
+  const pushes = goals.map((goal) => goal && pushOf(goal));
+  const all = pushes.map((push = 0) => Math.abs(push));
+  const most = Math.max(shown.robot.limits.speed_mps, ...all); // All dials have one scale.
   const dials = actuators.map(({ name, measured, goal }, i) => (
     <Dial
       label={
         isGimbal
           ? words.dial(name, figure(goal?.tilt, 1), figure(goal?.direction))
-          : words.wheelDial(name, figure(goal && pushes[i], 2))
+          : words.wheelDial(name, figure(pushes[i], 2))
       }
       dot={measured && (isGimbal ? endOfAxle(measured, ring) : tipOf(measured.push, most))}
       goal={isGimbal ? goal && endOfAxle(goal, ring) : undefined}
@@ -55,9 +64,13 @@ function Dials(shown: Shown) {
   ));
   const heads = [isGimbal ? words.ring(figure(ring)) : "", ...actuators.map(({ name }) => name)];
   const rows = [["", ...dials], ...poseRows(goals, isGimbal)];
+  const starts = [...actuators.keys()].filter((i) => i % COLUMNS === 0);
   return (
     <>
-      <Table label={words.title} heads={heads} rows={rows} />
+      {starts.map((at) => {
+        const part = ([name, ...cells]: Row) => [name, ...cells.slice(at, at + COLUMNS)];
+        return <Table key={at} label={words.title} heads={part(heads)} rows={rows.map(part)} />;
+      })}
       <p class="keys note">
         <span>{isGimbal ? words.axle : words.measured}</span>
         {isGimbal && <span class="k-set">{shown.preview ? words.looked : words.setPoint}</span>}
