@@ -20,7 +20,8 @@ export class PanelSliders implements Source, Holder {
   readonly #drive: Drive;
   readonly #reply = signal<JointPreview | null>(null);
   readonly #controls = new Set<SprungControl>();
-  readonly #kept = new Map<SprungControl, Deflection>();
+  /** What each slider asks for that is held, or was let go and keeps its value. */
+  readonly #asked = new Map<SprungControl, Deflection>();
 
   constructor(drive: Drive) {
     this.#drive = drive;
@@ -41,12 +42,11 @@ export class PanelSliders implements Source, Holder {
 
   get held(): boolean {
     // A page that shows a recording may ask for no preview.
-    if (this.looksOnly && this.#drive.link.recording !== null) return false;
-    return this.#kept.size > 0 || this.#inHand;
+    return this.#asked.size > 0 && !(this.looksOnly && this.#drive.link.recording !== null);
   }
 
   get alone(): boolean {
-    return this.#kept.size > 0 && !this.#inHand;
+    return this.#asked.size > 0 && ![...this.#controls].some(({ held }) => held);
   }
 
   get looksOnly(): boolean {
@@ -55,10 +55,7 @@ export class PanelSliders implements Source, Holder {
 
   get share(): Deflection {
     let { x, y, turn } = CENTRED;
-    for (const control of this.#controls) {
-      const one = control.held ? control.share : (this.#kept.get(control) ?? CENTRED);
-      [x, y, turn] = [x + one.x, y + one.y, turn + one.turn];
-    }
+    for (const one of this.#asked.values()) [x, y, turn] = [x + one.x, y + one.y, turn + one.turn];
     return { x, y, turn };
   }
 
@@ -66,7 +63,7 @@ export class PanelSliders implements Source, Holder {
     this.#controls.add(control);
     return () => {
       control.cancel();
-      this.#kept.delete(control);
+      this.#asked.delete(control);
       this.#controls.delete(control);
       this.changed();
     };
@@ -74,11 +71,10 @@ export class PanelSliders implements Source, Holder {
 
   changed(): void {
     for (const control of this.#controls) {
-      if (!control.held) continue;
-      const { x, y, turn } = control.share;
+      const { x, y, turn } = this.#asked.get(control) ?? CENTRED;
       const keeps = this.mode.peek() === "keeps" && (x !== 0 || y !== 0 || turn !== 0);
-      if (keeps) this.#kept.set(control, control.share);
-      else this.#kept.delete(control);
+      if (control.held) this.#asked.set(control, control.share);
+      else if (!keeps) this.#asked.delete(control);
     }
     this.#drive.changed();
     if (!this.#drive.looksOnly.peek()) this.#reply.value = null;
@@ -86,8 +82,8 @@ export class PanelSliders implements Source, Holder {
 
   cancel(): void {
     for (const control of this.#controls) control.cancel();
-    if (this.#kept.size > 0) this.mode.value = "springs";
-    this.#kept.clear();
+    if (this.mode.peek() === "keeps" && this.#asked.size > 0) this.mode.value = "springs";
+    this.#asked.clear();
   }
 
   /** Centre all sliders: the robot stops. */
@@ -99,9 +95,5 @@ export class PanelSliders implements Source, Holder {
   choose(mode: SliderMode): void {
     this.zero();
     this.mode.value = mode;
-  }
-
-  get #inHand(): boolean {
-    return [...this.#controls].some(({ held }) => held);
   }
 }

@@ -56,7 +56,7 @@ export function ViewTab() {
   );
 }
 
-/** Choice of one value; `words` has the text of each. */
+/** Choice of one of the values with a text in `words`, in that order. */
 function choice<T extends string>(
   label: string,
   value: T,
