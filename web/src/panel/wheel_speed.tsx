@@ -85,10 +85,9 @@ export function WheelSpeed({ robot, limits }: { robot: RobotInfo; limits: WheelS
   );
 }
 
-function changeOf({ spin_rpm, requested_rpm }: WheelSpeedStatus): string | null {
+function changeOf({ spin_rpm: now, requested_rpm: asked }: WheelSpeedStatus) {
   const { speed: words } = texts().panel;
-  if (spin_rpm <= 1) return words.standing;
-  return Math.abs(spin_rpm - requested_rpm) > CHANGING_RPM ? words.now(figure(spin_rpm)) : null;
+  return now <= 1 ? words.standing : Math.abs(now - asked) > CHANGING_RPM && words.now(figure(now));
 }
 
 function effectOf(robot: RobotInfo, limits: WheelSpeedLimits, rpm: number, topMps: number) {
