@@ -1,14 +1,13 @@
 // Readings of the robot and the link to it, each judged by its band where it has one.
 
-import { quantityOf } from "../plots/fields";
 import type { RobotInfo, RobotState, RobotStatus, ShadowReport } from "../generated/wire";
+import { quantityOf } from "../plots/fields";
 import { STALE_MS } from "../store/freshness";
 import type { Link } from "../store/link";
 import { FAIR, FAIR_LOSS, GOOD, GOOD_LOSS, jitterMs, quality, roundTripMs } from "../store/quality";
-import { degrees, figure } from "../text/numbers";
-import { nameOf, sentence } from "../text/reasons";
-import { texts } from "../text/text";
-import type { Increases } from "./increases";
+import { figure } from "../text/numbers";
+import { sentence } from "../text/reasons";
+import { language, texts } from "../text/text";
 
 /** 0: fine, or without a band; 1: look at it; 2: do not drive on. */
 export type Level = 0 | 1 | 2;
@@ -34,38 +33,68 @@ export interface Row {
   remedy: string;
 }
 
-export type GroupKey = keyof ReturnType<typeof texts>["health"]["groups"];
+type Words = ReturnType<typeof texts>["health"];
+export type GroupKey = keyof Words["groups"];
 export type Groups = Partial<Record<GroupKey, Row[]>>;
-type RowKey = keyof ReturnType<typeof texts>["health"]["rows"];
+type RowKey = keyof Words["rows"];
 
-interface Limits {
-  least?: number;
-  most: number;
-  from?: number;
-  to: number;
-  level?: Level;
-  about?: string;
-}
-
-const LOOP_HZ = 100; // PERIOD_S of node/robot_node.py.
+const LOOP_HZ = { least: 95, most: 105, from: 50, to: 150 }; // PERIOD_S of node/robot_node.py.
 const LOOP_JITTER_MS = 5; // Half a period.
 const HOT_C = 70; // HOT_C of control/monitors.py.
 const COUNTED = new Set(["missed", "broken", "reconnects"]); // Errors of serial lines.
 const LOW_BATTERY = "battery_low"; // Its own row shows it.
+const RECENT_S = 10;
+
+/** Recent increase of counters, since a counter alone only shows that something happened once. */
+export class Increases {
+  #counts = new Map<string, { ms: number; count: number }[]>();
+
+  /** Note a counter now, and return its increase in the last seconds; after a restart, zero. */
+  of(name: string, count: number): number {
+    const ms = performance.now();
+    const before = this.#counts.get(name) ?? [];
+    const kept = before.filter((each) => ms - each.ms <= 1000 * RECENT_S && each.count <= count);
+    this.#counts.set(name, [...kept, { ms, count }]);
+    return count - (kept[0]?.count ?? count);
+  }
+}
 
 /** Return the rows of all groups that this robot has; counters refer to the last seconds. */
 export function rowsOf(link: Link, state: RobotState, isLive: boolean, recent: Increases): Groups {
   const { status, shadow } = state;
+  const { loop, limits, hardware } = status;
+  const { dropped } = status.command;
   const robot = link.robot.peek();
   return {
     ...(isLive ? { link: linkRows(link, state) } : {}),
-    loop: loopRows(status, recent),
-    estimate: estimateRows(robot, state, recent),
-    hardware: hardwareRows(status, status.hardware, recent),
-    commands: commandRows(status, recent),
-    control: controlRows(state, robot),
-    ...(shadow ? { shadow: shadowRows(shadow) } : {}),
+    loop: [
+      reading("rate", loop.hz, 1, "Hz", LOOP_HZ),
+      reading("loopJitter", loop.jitter_p99_ms, 1, "ms", { most: LOOP_JITTER_MS, to: 20 }),
+      count("overruns", recent.of("overruns", loop.overruns)),
+    ],
+    estimate: [...estimateRows(robot, state, recent)],
+    hardware: hardwareRows(status, hardware, recent),
+    commands: [
+      count("dropped", recent.of("dropped", sum(dropped)), reasons(dropped)),
+      plain(texts().health.rows.droppedAll, reasons(dropped)),
+      reading("ageLimit", 1000 * limits.max_command_age_s, 0, "ms"),
+    ],
+    control: controlRows(status, robot),
+    ...(shadow ? { shadow: [...shadowRows(shadow)] } : {}),
   };
+}
+
+function plain(name: string, value: string, unit = ""): Row {
+  return { name, value, unit, band: null, level: 0, remedy: "" };
+}
+
+interface Limits extends Omit<Partial<Band>, "at"> {
+  most: number;
+  to: number;
+  /** Level outside the band. */
+  level?: Level;
+  /** What the remedy names; by default, the limit. */
+  about?: string;
 }
 
 function reading(
@@ -76,29 +105,25 @@ function reading(
   limits?: Limits,
 ): Row {
   const { rows, remedies } = texts().health;
-  const shown = plain(rows[key], figure(value, decimals), unit);
-  if (!limits) return shown;
+  const row = plain(rows[key], figure(value, decimals), unit);
+  if (!limits) return row;
   const { least = -Infinity, most, from = 0, to, level = 1, about } = limits;
-  const isOutside = value !== null && (value < least || value >= most);
-  const limit = isOutside && value < least ? least : most;
+  const band = { least, most, from, to, at: value };
+  if (value === null || (value >= least && value < most)) return { ...row, band };
+  const limit = value < least ? least : most;
   const text = `${figure(limit, Number.isInteger(limit) ? 0 : decimals)} ${unit}`;
-  return {
-    ...shown,
-    band: { least, most, from, to, at: value },
-    level: isOutside ? level : 0,
-    remedy: isOutside ? (remedies[key]?.(about ?? text) ?? "") : "",
-  };
-}
-
-function plain(name: string, value: string, unit = ""): Row {
-  return { name, value, unit, band: null, level: 0, remedy: "" };
+  return { ...row, band, level, remedy: remedies[key]?.(about ?? text) ?? "" };
 }
 
 /** A fact without a scale that is wrong or not. */
 function fact(key: RowKey, value: string, level: Level, about = ""): Row {
-  const row = reading(key, level, 0, "", { most: 1, to: 1, level, about });
-  return { ...row, value, band: null };
+  const { rows, remedies } = texts().health;
+  return { ...plain(rows[key], value), level, remedy: level ? (remedies[key]?.(about) ?? "") : "" };
 }
+
+/** Events in the last seconds, of which a few do no harm. */
+const count = (key: RowKey, events: number, about?: string) =>
+  reading(key, events, 0, "", { most: 10, to: 50, ...(about && { about }) });
 
 function linkRows(link: Link, { status, age_ms }: RobotState): Row[] {
   const [trip, spread] = [roundTripMs(link), jitterMs(link)];
@@ -107,7 +132,7 @@ function linkRows(link: Link, { status, age_ms }: RobotState): Row[] {
     return [fact("unknownTrip", "–", 2)];
   const level = (trip + spread) / limitMs >= FAIR ? 2 : 1;
   // The limit applies to the sum; the larger part gets the band that the other part leaves.
-  const rest = (other: number) => ({ most: GOOD * limitMs - other, to: limitMs, level }) as const;
+  const rest = (other: number): Limits => ({ most: GOOD * limitMs - other, to: limitMs, level });
   return [
     reading("trip", trip, 0, "ms", spread > trip ? undefined : rest(spread)),
     reading("jitter", spread, 0, "ms", spread > trip ? rest(trip) : undefined),
@@ -122,98 +147,42 @@ function linkRows(link: Link, { status, age_ms }: RobotState): Row[] {
   ];
 }
 
-function loopRows({ loop }: RobotStatus, recent: Increases): Row[] {
-  const rate = { least: 0.95 * LOOP_HZ, most: 1.05 * LOOP_HZ, from: 0.5 * LOOP_HZ };
-  return [
-    reading("rate", loop.hz, 1, "Hz", { ...rate, to: 1.5 * LOOP_HZ }),
-    reading("loopJitter", loop.jitter_p99_ms, 1, "ms", { most: LOOP_JITTER_MS, to: 20 }),
-    reading("overruns", recent.of("overruns", loop.overruns), 0, "", { most: 10, to: 50 }),
-  ];
+function* estimateRows(
+  robot: RobotInfo | null,
+  { status, estimate_difference: difference }: RobotState,
+  recent: Increases,
+): Generator<Row> {
+  const { consistency, pose_sensor: poses } = status;
+  if (robot?.not_promised.length) {
+    yield fact("notTested", "–", 0);
+  } else {
+    const { level, suspect } = consistency;
+    const percent = 100 * (suspect === null ? level : Math.max(1, level));
+    const about = texts().health.actuator(suspect ?? "");
+    yield reading("contradiction", percent, 0, "%", { most: 100, to: 200, level: 2, about });
+  }
+  if (poses) {
+    yield reading("poseRate", poses.hz, 0, "Hz", { least: 1, most: Infinity, to: 60 });
+    yield reading("poseLatency", poses.latency_s && 1000 * poses.latency_s, 0, "ms");
+    yield count("poseDropped", recent.of("poses", sum(poses.dropped)), reasons(poses.dropped));
+  }
+  if (difference) yield reading("difference", difference.metres, 2, "m");
 }
 
-function estimateRows(robot: RobotInfo | null, state: RobotState, recent: Increases): Row[] {
-  const { consistency, pose_sensor: poses, learned } = state.status;
-  const { level, suspect, residual_mps } = consistency;
-  const limits = {
-    most: 100,
-    to: 200,
-    level: 2,
-    about: texts().health.actuator(suspect ?? ""),
-  } as const;
-  const share = suspect === null ? level : Math.max(1, level);
-  const tested = [
-    reading("contradiction", 100 * share, 0, "%", limits),
-    reading("residual", 1000 * residual_mps, 1, "mm/s"),
-  ];
-  const sum = (counts: object) => Object.values(counts).reduce((all: number, n) => all + n, 0);
-  const difference = state.estimate_difference;
-  return [
-    ...(robot?.not_promised.length ? [fact("notTested", "–", 0)] : tested),
-    ...(poses
-      ? [
-          reading("poseRate", poses.hz, 0, "Hz", { least: 1, most: Infinity, to: 60 }),
-          reading("poseLatency", poses.latency_s && 1000 * poses.latency_s, 0, "ms"),
-          reading("poseDropped", recent.of("poses", sum(poses.dropped)), 0, "", {
-            most: 10,
-            to: 50,
-            about: dropped(poses.dropped),
-          }),
-        ]
-      : []),
-    ...(difference ? [reading("difference", difference.metres, 2, "m")] : []),
-    ...Object.entries(learned ?? {}).map(([name, bias]) => biasRow(name, bias.value, bias.sigma)),
-  ];
-}
+const sum = (counts: object) => Object.values(counts).reduce((all: number, n) => all + n, 0);
 
-/** End of a name; factor, digits and unit of the page. */
-const BIASES: readonly [string, number, number, string][] = [
-  ["_rad_per_s", degrees(1)!, 3, "°/s"],
-  ["_rad", degrees(1)!, 3, "°"],
-  ["_mps", 1000, 2, "mm/s"],
-  ["_share", 100, 2, "%"],
-  ["_s", 1000, 1, "ms"],
-];
-
-function biasRow(name: string, value: number, sigma: number): Row {
-  const [end, factor, digits, unit] = BIASES.find(([last]) => name.endsWith(last)) ?? [
-    "",
-    1,
-    3,
-    "",
-  ];
-  const base = name.slice(0, name.length - end.length).replaceAll("_", " ");
-  const figures = [value, sigma].map((each) => figure(factor * each, digits));
-  return plain(`${texts().health.rows.learned} ${base}`, figures.join(" ± "), unit);
-}
-
-function dropped(counts: object): string {
+/** What was dropped, by reason. */
+function reasons(counts: object): string {
   const words: Record<string, string> = texts().health.drops;
-  const found = Object.entries(counts).filter(([, count]) => count > 0);
-  return found.map(([why, count]) => `${words[why] ?? why} ${count}`).join(", ") || "–";
+  const found = Object.entries(counts).filter(([, n]) => n > 0);
+  return found.map(([why, n]) => `${words[why] ?? why} ${n}`).join(", ") || "–";
 }
 
-function commandRows({ command, limits }: RobotStatus, recent: Increases): Row[] {
-  const { dropped: counts, accepted } = command;
-  const all = Object.values(counts).reduce((sum, count) => sum + count, 0);
-  const about = dropped(counts);
+function controlRows({ limits }: RobotStatus, robot: RobotInfo | null): Row[] {
+  const { rows, notPromised } = texts().health;
+  const others = (limits.why ?? []).filter(({ code }) => code !== LOW_BATTERY);
+  const why = others.map((reason) => sentence(reason)).join(" ");
   return [
-    reading("accepted", accepted, 0, ""),
-    reading("dropped", recent.of("dropped", all), 0, "", { most: 10, to: 50, about }),
-    plain(texts().health.rows.droppedAll, about),
-    reading("ageLimit", 1000 * limits.max_command_age_s, 0, "ms"),
-  ];
-}
-
-function controlRows({ status }: RobotState, robot: RobotInfo | null): Row[] {
-  const { lease, limits } = status;
-  const { rows, nobody, notPromised } = texts().health;
-  const name = (operator: string | null) => (operator === null ? nobody : nameOf(operator));
-  const reasons = (limits.why ?? []).filter(({ code }) => code !== LOW_BATTERY);
-  const why = reasons.map((reason) => sentence(reason)).join(" ");
-  return [
-    plain(rows.holder, name(lease.holder)),
-    ...(lease.requested_by === null ? [] : [plain(rows.askedBy, name(lease.requested_by))]),
-    ...(lease.reserved_for === null ? [] : [plain(rows.reservedFor, name(lease.reserved_for))]),
     { ...reading("speedLimit", limits.speed_mps, 2, "m/s"), remedy: why, level: why ? 1 : 0 },
     robot?.not_promised.length
       ? plain(rows.stopDistance, notPromised)
@@ -221,7 +190,7 @@ function controlRows({ status }: RobotState, robot: RobotInfo | null): Row[] {
   ];
 }
 
-function shadowRows({ joints, pose, drifts, note }: ShadowReport): Row[] {
+function* shadowRows({ joints, pose, drifts, note }: ShadowReport): Generator<Row> {
   const { rows, actuator } = texts().health;
   const compare = (name: string, value: number | null, band: number, unit: string): Row => {
     const decimals = unit === "°" ? 2 : 0;
@@ -229,17 +198,13 @@ function shadowRows({ joints, pose, drifts, note }: ShadowReport): Row[] {
     const about = `±${figure(band, decimals)} ${unit}`;
     return { ...reading("compared", value, decimals, unit, { ...limits, about }), name };
   };
-  const [names, units, off] = [pose?.names ?? [], pose?.units ?? [], pose?.difference ?? []];
-  return [
-    ...drifts.map(({ part, text }) => ({ ...fact("drift", "", 1, text), name: actuator(part) })),
-    ...joints.map(({ name, unit, measured, simulated, band }) =>
-      compare(actuator(name), measured === null ? null : measured - simulated, band, unit),
-    ),
-    ...names.map((name, i) =>
-      compare(`${rows.motion} ${name}`, off[i]!, pose!.band[i]!, units[i]!),
-    ),
-    ...(note ? [plain(rows.note, note)] : []),
-  ];
+  for (const { part, text } of drifts)
+    yield { ...fact("drift", "", 1, text), name: actuator(part) };
+  for (const { name, unit, measured, simulated, band } of joints)
+    yield compare(actuator(name), measured === null ? null : measured - simulated, band, unit);
+  for (const [i, name] of pose?.names.entries() ?? [])
+    yield compare(`${rows.motion} ${name}`, pose!.difference[i]!, pose!.band[i]!, pose!.units[i]!);
+  if (note) yield plain(rows.note, note);
 }
 
 type Facts = Record<string, unknown>;
@@ -256,25 +221,25 @@ function hardwareRows(status: RobotStatus, facts: Facts, recent: Increases, path
     if (key === "temperature_c" && all.length > 0)
       return reading("temperature", Math.max(...all), 0, "°C", { most: HOT_C, from: 20, to: 90 });
     if (key === "alive" && all.length > 0) {
-      const count = all.filter(Boolean).length;
-      return fact("servos", `${count} / ${all.length}`, count < all.length ? 2 : 0);
+      const alive = all.filter(Boolean).length;
+      return fact("servos", `${alive} / ${all.length}`, alive < all.length ? 2 : 0);
     }
     if (key === "connected") return fact("connected", written(value), value === false ? 2 : 0);
     if (!COUNTED.has(key) || typeof value !== "number") return plain(name, written(value), unit);
-    const row = reading("serial", recent.of(name, value), 0, "", { most: 10, to: 50 });
+    const row = count("serial", recent.of(name, value));
     return { ...row, name: `${row.name} ${name}` };
   });
 }
 
 /** Low until the robot takes its limit back, which needs some more voltage than the threshold. */
-function batteryRow({ limits }: RobotStatus, volts: unknown): Row {
+function batteryRow({ limits }: RobotStatus, value: unknown): Row {
   const low = (limits.why ?? []).find(({ code }) => code === LOW_BATTERY);
-  const known = typeof volts === "number" ? volts : null;
-  if (low === undefined) return reading("battery", known, 1, "V");
+  const volts = typeof value === "number" ? value : null;
+  if (low === undefined) return reading("battery", volts, 1, "V");
   const least = Number(low.params?.["volts"]);
   const band = { least, most: Infinity, from: 0.8 * least, to: 1.3 * least };
-  const remedy = texts().health.remedies["battery"]!(`${figure(least, 1)} V`);
-  return { ...reading("battery", known, 1, "V", band), level: 1, remedy };
+  const { remedy } = fact("battery", "", 1, `${figure(least, 1)} V`);
+  return { ...reading("battery", volts, 1, "V", band), level: 1, remedy };
 }
 
 function written(value: unknown): string {
@@ -282,6 +247,5 @@ function written(value: unknown): string {
   if (Array.isArray(value)) return value.map(written).join(", ");
   if (typeof value === "boolean") return value ? yes : no;
   if (typeof value !== "number") return value === null ? "–" : String(value);
-  const digits = [0, 1].find((count) => Math.abs(value - Number(value.toFixed(count))) < 0.005);
-  return figure(value, digits ?? 2);
+  return value.toLocaleString(language.value, { maximumFractionDigits: 2 }).replace("-", "−");
 }

@@ -6,8 +6,7 @@ import type { Link } from "../store/link";
 import { sentence } from "../text/reasons";
 import { duration } from "../text/numbers";
 import { texts } from "../text/text";
-import type { Increases } from "./increases";
-import { type Groups, type Level, type Row, rowsOf } from "./rows";
+import { type Groups, type Increases, type Level, type Row, rowsOf } from "./rows";
 
 export interface Report {
   level: Level;
@@ -25,38 +24,45 @@ export function inspect(link: Link, recent: Increases): Report {
     const state = link.state.peek();
     const groups = state ? rowsOf(link, state, fresh.kind === "live", recent) : {};
     if (state === null || !isCurrent(fresh)) return unknown(fresh, groups);
-    const { status } = state;
-    const rows = Object.values(groups).flat();
-    const outside = rows.filter(({ level }) => level > 0);
-    const ofMode = MODE_LEVELS[status.mode] ?? 0;
-    const level = Math.max(ofMode, ...rows.map((row) => row.level)) as Level;
+    const { mode, stop } = state.status;
     const { modes, findings, advice } = texts().health;
-    const names = outside.sort((a, b) => b.level - a.level).map(({ name }) => name);
-    const stop = ofMode > 0 && status.stop ? [sentence(status.stop)] : [];
-    const what = names.length > 0 ? [advice[level](names.join(", "))] : [];
-    const judged = rows.filter(({ band }) => band).length;
+    const rows = Object.values(groups).flat();
+    const names = outside(rows).map(({ name }) => name);
+    const ofMode = MODE_LEVELS[mode] ?? 0;
+    const level = Math.max(ofMode, ...rows.map((row) => row.level)) as Level;
+    const said = [
+      ofMode > 0 && stop && sentence(stop),
+      names.length > 0 && advice[level](names.join(", ")),
+    ].filter(Boolean);
     return {
       level,
-      title: `${modes[status.mode] ?? ""} ${findings(names.length)}`.trim(),
-      advice: [...stop, ...what].join(" ") || advice[0](String(judged)),
+      title: `${modes[mode] ?? ""} ${findings(names.length)}`.trim(),
+      advice: said.join(" ") || advice[0](String(rows.filter(({ band }) => band).length)),
       groups,
     };
   });
+}
+
+/** Rows outside their bands, the worst first. */
+export function outside(rows: readonly Row[]): Row[] {
+  return rows.filter(({ level }) => level > 0).sort((a, b) => b.level - a.level);
 }
 
 /** Without a signal no figure is known, so none is judged. */
 function unknown(fresh: Freshness, groups: Groups): Report {
   const { unknown: words, waiting } = texts().health;
   const isLost = fresh.kind === "offline" || fresh.kind === "silent";
-  const blank = (row: Row): Row => {
-    const band = row.band && { ...row.band, at: null };
-    return { ...row, value: "–", band, level: 0, remedy: "" };
-  };
-  const blanks = Object.entries(groups).map(([key, rows]) => [key, rows.map(blank)]);
+  for (const row of Object.values(groups).flat())
+    Object.assign(row, {
+      value: "–",
+      level: 0,
+      remedy: "",
+      band: row.band && { ...row.band, at: null },
+    });
   return {
     level: isLost ? 2 : 1,
     title: isLost ? words[fresh.kind](duration(fresh.forMs / 1000)) : words.starting,
     advice: waiting,
-    groups: Object.fromEntries(blanks) as Groups,
+    groups,
   };
 }

@@ -1,24 +1,18 @@
 // A module or wheel from above: the robot's front is up, its left is left.
 
+import type { ComponentChildren } from "preact";
 import { onScreen } from "../drive/axes";
+import type { GimbalPose } from "../generated/wire";
+import { degrees } from "../text/numbers";
 
 /** Point on a dial: right and down of its centre. */
-export interface Point {
-  right: number;
-  down: number;
-}
+type Point = ReturnType<typeof onScreen>;
 
-/** Tilt in degrees, and the direction towards which the axle tilts, from ahead to the left. */
-export interface Lean {
-  tilt: number;
-  direction: number | null;
-}
-
-const REACH = 36; // Radius of the ring.
+export const REACH = 36; // Radius of the ring.
 const RANGES = [5, 10, 20, 30];
 const HYSTERESIS = 0.9; // So that tilts near a range do not switch it back and forth.
 const HEAD = 9;
-const LEAST = 0.01; // Smaller shares of the ring are drawn as nothing.
+const LEAST = 0.4; // Shorter arrows are not drawn.
 
 /** Range of all rings in degrees: the smallest that shows the largest tilt. */
 export function ringRange(tilts: readonly number[], before: number): number {
@@ -27,68 +21,64 @@ export function ringRange(tilts: readonly number[], before: number): number {
   return Math.max(fits(most), Math.min(before, fits(most / HYSTERESIS)));
 }
 
-/** Point of the end of an axle on a ring of `range` degrees. */
-export function endOfAxle({ tilt, direction }: Lean, range: number): Point {
+/** End of an axle on a ring of `range` degrees; its direction counts from ahead to the left. */
+export function endOfAxle(
+  { tilt = 0, direction = null }: Partial<Pick<GimbalPose, "tilt" | "direction">>,
+  range: number,
+): Point {
   const angle = ((direction ?? 0) * Math.PI) / 180;
   const length = direction === null ? 0 : REACH * Math.min(1, tilt / range);
   return onScreen({ x: length * Math.cos(angle), y: length * Math.sin(angle) });
 }
 
-/** Point of the tip of a velocity, ahead and left, on a ring of radius `most`. */
+/** Tip of a velocity, ahead and left, on a ring of radius `most`. */
 export function tipOf([x, y]: readonly [number, number], most: number): Point {
   const scale = most > 0 ? REACH / Math.max(most, Math.hypot(x, y)) : 0;
   return onScreen({ x: scale * x, y: scale * y });
 }
 
-interface DialProps {
-  /** Measured, with a line from the centre if it is an axle. */
-  dot: Point | null;
-  isAxle: boolean;
-  /** Set-point, or what is looked at. */
-  ring: Point | null;
-  arrow: Point | null;
-  looks: boolean;
-  label: string;
-}
-
-export function Dial({ dot, isAxle, ring, arrow, looks, label }: DialProps) {
-  const at = ({ right, down }: Point) => `${right.toFixed(1)} ${down.toFixed(1)}`;
-  const centre = ({ right, down }: Point) => ({ cx: right.toFixed(1), cy: down.toFixed(1) });
+/** The ring, with what is drawn on it. */
+export function Ring({ label, children }: { label: string; children: ComponentChildren }) {
   return (
-    <svg
-      class={looks ? "dial looks" : "dial"}
-      viewBox="-42 -42 84 84"
-      role="img"
-      aria-label={label}
-    >
+    <svg class="dial" viewBox="-42 -42 84 84" role="img" aria-label={label}>
       <circle class="d-ring" r={REACH} />
-      <circle class="d-half" r={REACH / 2} />
+      <circle class="d-cross" r={REACH / 2} />
       <path class="d-cross" d={`M-${REACH} 0H${REACH}M0-${REACH}V${REACH}`} />
       <path class="d-front" d={`M-3.5-${REACH}L0-41L3.5-${REACH}z`} />
-      {isAxle && dot && <path class="d-axle" d={`M0 0L${at(dot)}`} />}
-      {looks && isAxle && ring && <path class="d-plan" d={`M0 0L${at(ring)}`} />}
-      {ring && <circle class="d-set" r="6.5" {...centre(ring)} />}
-      {dot && <circle class="d-dot" r="3.6" {...centre(dot)} />}
-      {arrow && <Arrow {...arrow} />}
+      {children}
     </svg>
+  );
+}
+
+interface DialProps {
+  label: string;
+  /** Measured axle or push. */
+  dot: Point | undefined;
+  /** Axle of the set-point, or of what is looked at. */
+  goal?: Point | undefined;
+  push: Point | undefined;
+}
+
+export function Dial({ label, dot, goal, push }: DialProps) {
+  return (
+    <Ring label={label}>
+      {dot && <line class="d-axle" x2={dot.right} y2={dot.down} />}
+      {goal && <line class="d-plan" x2={goal.right} y2={goal.down} />}
+      {goal && <circle class="d-set" r="6.5" cx={goal.right} cy={goal.down} />}
+      {dot && <circle class="d-dot" r="2.4" cx={dot.right} cy={dot.down} />}
+      {push && <Arrow {...push} />}
+    </Ring>
   );
 }
 
 function Arrow({ right, down }: Point) {
   const length = Math.hypot(right, down);
-  if (length < LEAST * REACH) return null;
-  const [r, d] = [right / length, down / length];
+  if (length < LEAST) return null;
   const head = Math.min(HEAD, 0.7 * length);
-  const [backRight, backDown] = [right - head * r, down - head * d];
-  const corner = (side: number) =>
-    `${(backRight - (side * d * head) / 2).toFixed(1)} ${(backDown + (side * r * head) / 2).toFixed(1)}`;
   return (
-    <g class="d-push">
-      <path d={`M0 0L${backRight.toFixed(1)} ${backDown.toFixed(1)}`} />
-      <path
-        class="head"
-        d={`M${right.toFixed(1)} ${down.toFixed(1)}L${corner(1)}L${corner(-1)}z`}
-      />
+    <g class="d-push" transform={`rotate(${degrees(Math.atan2(right, -down))})`}>
+      <path d={`M0 0V${head - length}`} />
+      <path class="head" d={`M0-${length}l${head / 2} ${head}h-${head}z`} />
     </g>
   );
 }

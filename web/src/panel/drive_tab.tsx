@@ -3,7 +3,6 @@
 
 import { useEffect, useMemo } from "preact/hooks";
 import { type Deflection, deflectionOf, isOnFloor, rotated } from "../drive/axes";
-import type { Drive } from "../drive/drive";
 import type { RobotInfo } from "../generated/wire";
 import { GoToForm } from "../scene/goto_form";
 import { useSession } from "../session";
@@ -12,6 +11,7 @@ import { whyNotDrive } from "../store/permission";
 import { figure } from "../text/numbers";
 import { refusalText } from "../text/reasons";
 import { texts } from "../text/text";
+import { Quantity } from "../ui/figure";
 import { Fold } from "../ui/fold";
 import { Icon } from "../ui/icon";
 import { Menu } from "../ui/menu";
@@ -29,11 +29,10 @@ export function DriveTab() {
   const { link, drive, layout } = useSession();
   const sliders = useMemo(() => new PanelSliders(drive), [drive]);
   useEffect(() => sliders.open(), [sliders]);
-  const isBeside = beside.value;
   useEffect(() => {
-    layout.panelWidth.value = isBeside ? "wide" : null;
+    layout.panelWidth.value = beside.value ? "wide" : null;
     return () => (layout.panelWidth.value = null);
-  }, [isBeside]);
+  }, [beside.value]);
   const robot = link.robot.value;
   const { drive: words } = texts().panel;
   if (robot === null) return <p class="note">{words.waiting}</p>;
@@ -58,8 +57,8 @@ export function DriveTab() {
 
 function Command({ sliders, robot }: { sliders: PanelSliders; robot: RobotInfo }) {
   const { drive: words } = texts().panel;
-  const looks = sliders.looks.value;
-  const axes = (["x", "y", "turn"] as const).filter((axis) => axis !== "y" || robot.sideways);
+  const mode = sliders.mode.value;
+  const axes = robot.sideways ? (["x", "y", "turn"] as const) : (["x", "turn"] as const);
   const key = (event: KeyboardEvent) => event.code === "Home" && sliders.zero();
   return (
     <section class="sec" onPointerCancel={() => sliders.zero()} onKeyDown={key}>
@@ -70,23 +69,22 @@ function Command({ sliders, robot }: { sliders: PanelSliders; robot: RobotInfo }
       <div class="switch">
         <Segmented
           label={words.effect}
-          value={looks ? "look" : "drive"}
+          value={mode === "looks" ? "looks" : "springs"}
           choices={[
-            { value: "drive", text: words.drive },
-            { value: "look", text: words.look },
+            { value: "springs", text: words.drive },
+            { value: "looks", text: words.look },
           ]}
-          onChoose={(value) => sliders.setLooks(value === "look")}
+          onChoose={(value) => sliders.choose(value)}
         />
         <Menu
           label={words.menu}
           button={<Icon name="more" />}
-          class="end"
           items={[
             {
               text: words.keep,
-              checked: sliders.keeps.value,
-              refused: looks ? words.keepsNoLook : null,
-              onChoose: () => sliders.setKeeps(!sliders.keeps.peek()),
+              checked: mode === "keeps",
+              refused: mode === "looks" ? words.keepsNoLook : null,
+              onChoose: () => sliders.choose(mode === "keeps" ? "springs" : "keeps"),
             },
             {
               text: words.beside,
@@ -97,7 +95,7 @@ function Command({ sliders, robot }: { sliders: PanelSliders; robot: RobotInfo }
         />
       </div>
       <p class="note" role="status">
-        {looks ? words.looksNote : sliders.keeps.value ? words.keepsNote : words.springsNote}
+        {words[`${mode}Note`]}
       </p>
     </section>
   );
@@ -114,31 +112,36 @@ function Axis({ axis, sliders, robot }: AxisProps) {
   const { drive: words } = texts().panel;
   const mirrored = axis !== "x"; // Left is on the left.
   const control = useSprungSlider(sliders, axis, mirrored);
-  const looks = sliders.looks.value;
-  const asked = drive.asked.value[axis];
-  const scale = drive.scale.value;
-  const most = axis === "turn" ? scale.turn : scale.speed;
+  const looks = sliders.mode.value === "looks";
   const refusal = link.beat.value >= 0 && !looks ? whyNotDrive(link) : null;
-  const { sign, symbol, unit } = componentOf(robot, axis);
+  const asked = drive.asked.value[axis];
+  const { speed, turn } = drive.scale.value;
   const onFloor = isOnFloor(robot);
-  const set = onFloor ? (drive.frame.value === "odom" ? words.odom : words.floor) : words.sphere;
-  const allowed = looks ? reached(sliders, robot, drive) : drive.allowed.value;
+  const onOdom = drive.frame.value === "odom";
+  const name = words[onFloor ? (onOdom ? "odom" : "floor") : "sphere"][axis];
+  // Ahead, a sphere turns about Y; to the left, about minus X.
+  const component = { x: onFloor ? 0 : 1, y: onFloor ? 1 : 0, turn: 2 }[axis];
+  const { symbol = "", unit = "" } = robot.twist_axes[component] ?? {};
   const way = words.ways[axis][asked < 0 ? 1 : 0] ?? "";
+  const twist = looks ? sliders.preview.value?.twist : null;
+  const heading = onOdom ? (link.state.value?.pose?.[2] ?? 0) : 0;
+  const looked = twist ? rotated(deflectionOf(robot, twist), heading) : null;
+  const allowed = drive.held.value ? (looks ? looked : drive.allowed.value) : null;
   return (
     <div class="axis">
       <div class="h">
-        <b>{set[axis]}</b>
+        <b>{name}</b>
         <span>
-          {sign + symbol.slice(0, 1)}
-          <sub>{symbol.slice(1)}</sub> {words.inUnit(unit)}
+          {axis === "y" && !onFloor && "−"}
+          <Quantity symbol={symbol} /> {words.inUnit(unit)}
         </span>
       </div>
       <SprungSlider
-        label={set[axis]}
+        label={name}
         control={control}
         asked={asked}
-        allowed={drive.held.value ? (allowed?.[axis] ?? null) : null}
-        most={most}
+        allowed={allowed?.[axis] ?? null}
+        most={axis === "turn" ? turn : speed}
         spoken={asked === 0 ? words.zero : words.spoken(figure(Math.abs(asked), 2), unit, way)}
         mirrored={mirrored}
         off={looks ? link.recording !== null : refusal !== null}
@@ -147,20 +150,4 @@ function Axis({ axis, sliders, robot }: AxisProps) {
       />
     </div>
   );
-}
-
-/** Deflection that the limits leave of the one that is looked at, along the axes of the controls. */
-function reached(sliders: PanelSliders, robot: RobotInfo, drive: Drive): Deflection | null {
-  const preview = sliders.preview.value;
-  if (preview === null) return null;
-  const heading = drive.frame.value === "odom" ? (drive.link.state.value?.pose?.[2] ?? 0) : 0;
-  return rotated(deflectionOf(robot, preview.twist), heading);
-}
-
-/** Component of the twist behind an axis of the controls; ahead, a sphere turns about Y. */
-function componentOf(robot: RobotInfo, axis: keyof Deflection) {
-  const onFloor = isOnFloor(robot);
-  const index = { x: onFloor ? 0 : 1, y: onFloor ? 1 : 0, turn: 2 }[axis];
-  const { symbol = "", unit = "" } = robot.twist_axes[index] ?? {};
-  return { sign: axis === "y" && !onFloor ? "−" : "", symbol, unit };
 }

@@ -1,46 +1,44 @@
 // Modules tab: measured values and set-points of each module or wheel, and whether they agree.
 
-import type { RobotInfo, RobotState } from "../generated/wire";
-import { useSession } from "../session";
-import { freshness, isCurrent } from "../store/freshness";
+import type { RobotState } from "../generated/wire";
 import { figure } from "../text/numbers";
 import { texts } from "../text/text";
 import { Sphere } from "./sphere";
-import { pushOf, Table, value, Values } from "./table";
+import {
+  type Actuator,
+  actuatorsOf,
+  poseRows,
+  quantity,
+  type Shown,
+  Table,
+  useShown,
+  Values,
+  value,
+} from "./table";
 
 const SHUT_OFF = new Set(["disarmed", "stopped", "fault"]);
 const OFF_DEG = 0.5; // A gimbal that is farther from its set-point does not follow.
 
-interface Shown {
-  robot: RobotInfo;
-  /** Null while the figures are not those of now. */
-  state: RobotState | null;
-}
-
 export function ModulesTab() {
-  const { link } = useSession();
   const { drive, modules: words } = texts().panel;
-  const robot = link.robot.value;
-  if (robot === null || link.beat.value < 0) return <p class="note">{drive.waiting}</p>;
-  const state = isCurrent(freshness(link)) ? link.state.peek() : null; // Beats suffice for figures.
-  const shown = { robot, state };
+  const shown = useShown();
+  if (shown === null) return <p class="note">{drive.waiting}</p>;
+  const { robot, state } = shown;
   const isGimbals = robot.panel === "gimbals";
   return (
     <>
       {(isGimbals || robot.panel === "wheels") && <Agreement {...shown} />}
       {robot.wheels.length > 0 && <Wheels {...shown} />}
-      {isGimbals ? (
+      {isGimbals && (
         <div class="modules">
-          {robot.modules.map((name, i) => (
-            <Gimbal key={name} {...shown} name={name} index={i} />
+          {actuatorsOf(shown).map((actuator) => (
+            <Gimbal key={actuator.id} state={state} actuator={actuator} />
           ))}
         </div>
-      ) : (
-        robot.wheels.length === 0 && <Values {...shown} />
       )}
       {isGimbals && <p class="note">{words.directions}</p>}
+      {!isGimbals && robot.wheels.length === 0 && <Values {...shown} />}
       {robot.panel === "sphere" && <Sphere sphere={state?.sphere ?? null} />}
-      <OtherEstimate {...shown} />
       {robot.not_promised.length > 0 && (
         <section class="sec">
           <h2>{words.notPromised}</h2>
@@ -55,104 +53,75 @@ export function ModulesTab() {
   );
 }
 
-function Gimbal({ state, name, index }: Shown & { name: string; index: number }) {
+function Gimbal({ state, actuator }: { state: RobotState | null; actuator: Actuator }) {
   const { modules: words, wheels } = texts().panel;
-  const module = state?.modules[index];
-  const goal = module?.setpoint;
+  const { id, name, measured, goal } = actuator;
   const { suspect, contributions } = state?.status.consistency ?? {};
-  const share = contributions?.[name];
-  const phase = module && (module.spinning ? words.spinning : words.atRest);
-  const title = wheels.module(index + 1);
-  const row = (
-    label: string,
-    unit: string,
-    decimals: number,
-    ...pair: (number | null | undefined)[]
-  ) => [label, ...pair.map((one) => value(one, decimals, unit))];
+  const share = contributions?.[id];
+  const phase = measured && (measured.spinning ? words.spinning : words.atRest);
   const rows = [
-    row(wheels.tilt, "°", 1, module?.tilt, goal?.tilt),
-    row(words.direction, "°", 0, module?.direction, goal?.direction),
-    row("α", "°", 1, module?.alpha, module?.alpha_setpoint),
-    row("β", "°", 1, module?.beta, module?.beta_setpoint),
-    row(wheels.push, "m/s", 2, pushOf(module?.push), pushOf(goal?.push)),
-    row(wheels.wheel, wheels.rpm, 0, module?.rpm, goal?.rpm),
-    [...row(words.radius, "mm", 1, module?.radius_mm), ""],
-    [...row(words.share, "%", 0, share === undefined ? null : 100 * share), ""],
+    ...poseRows([measured, goal], true),
+    quantity(words.direction, "°", 0, measured?.direction, goal?.direction),
+    [...quantity(words.radius, "mm", 1, measured?.radius_mm), ""],
+    [...quantity(words.share, "%", 0, share && 100 * share), ""],
   ];
   return (
-    <section class={suspect === name ? "sec suspect" : "sec"}>
+    <section class={suspect === id ? "sec suspect" : "sec"}>
       <h2>
-        {title}
-        <small>{suspect === name ? words.suspect : phase}</small>
+        {name}
+        <small>{suspect === id ? words.suspect : phase}</small>
       </h2>
-      <Table label={title} heads={["", wheels.measured, wheels.setPoint]} rows={rows} pairs />
+      <Table label={name} heads={["", wheels.measured, wheels.setPoint]} rows={rows} />
     </section>
   );
 }
 
-function Wheels({ robot, state }: Shown) {
+function Wheels(shown: Shown) {
   const { modules: words, wheels } = texts().panel;
-  const rows = robot.wheels.map((name, i) => {
-    const wheel = state?.wheels[i];
-    const isSuspect = state?.status.consistency.suspect === name;
-    return [
-      <span class={isSuspect ? "suspect" : undefined}>{wheels.wheelNumber(i + 1)}</span>,
-      value(wheel?.rpm, 0, wheels.rpm),
-      value(wheel?.rpm_setpoint, 0, wheels.rpm),
-      value(wheel?.residual_mps, 3, "m/s"),
-    ];
-  });
+  const suspect = shown.state?.status.consistency.suspect;
+  const rows = actuatorsOf(shown).map(({ id, name, measured, goal }) => [
+    <span class={suspect === id ? "suspect" : ""}>{name}</span>,
+    value(measured?.rpm, 0, wheels.rpm),
+    value(goal?.rpm, 0, wheels.rpm),
+    value(measured?.residual_mps, 3, "m/s"),
+  ]);
   const heads = ["", wheels.measured, wheels.setPoint, words.unexplained];
-  return <Table label={wheels.title} heads={heads} rows={rows} pairs />;
+  return <Table label={wheels.title} heads={heads} rows={rows} />;
 }
 
 /** Whether the actuators agree on one motion, and which of them does not. */
-function Agreement({ robot, state }: Shown) {
-  const isSuspicious = (state?.status.consistency.suspect ?? null) !== null;
+function Agreement(shown: Shown) {
+  const { agreement, unexplained } = texts().panel.modules;
+  const { residual_mps, suspect } = shown.state?.status.consistency ?? {};
   return (
-    <section class={isSuspicious ? "sec suspect" : "sec"}>
+    <section class={suspect ? "sec suspect" : "sec"}>
       <h2>
-        {texts().panel.modules.agreement}
+        {agreement}
         <small>
-          {texts().panel.modules.unexplained}{" "}
-          {value(state?.status.consistency.residual_mps, 3, "m/s")}
+          {unexplained} {value(residual_mps, 3, "m/s")}
         </small>
       </h2>
-      <p>{state && verdictOf(robot, state)}</p>
+      <p>{verdictOf(shown)}</p>
     </section>
   );
 }
 
-function verdictOf(robot: RobotInfo, state: RobotState): string {
-  const { modules: words, wheels } = texts().panel;
+function verdictOf(shown: Shown): string | null {
+  const { modules: words } = texts().panel;
+  const { robot, state } = shown;
+  if (state === null) return null;
   const { suspect } = state.status.consistency;
-  const isGimbals = robot.panel === "gimbals";
   if (suspect === null) {
-    if (isGimbals) return words.modulesAgree;
+    if (robot.panel === "gimbals") return words.modulesAgree;
     return robot.wheels.length < 4 ? words.threeWheels : words.wheelsAgree;
   }
-  const at = (isGimbals ? robot.modules : robot.wheels).indexOf(suspect);
-  const name = isGimbals ? wheels.module(at + 1) : wheels.wheelNumber(at + 1);
-  const module = state.modules[at];
-  const alphaDeg = module ? Math.abs(module.alpha - module.alpha_setpoint) : 0;
-  const betaDeg = module ? Math.abs(module.beta - module.beta_setpoint) : 0;
-  const offDeg = Math.max(alphaDeg, betaDeg);
+  const found = actuatorsOf(shown).find(({ id }) => id === suspect);
+  const name = found?.name ?? suspect;
+  const off = (angle: "alpha" | "beta") =>
+    Math.abs((found?.measured?.[angle] ?? 0) - (found?.goal?.[angle] ?? 0));
+  const offDeg = Math.max(off("alpha"), off("beta"));
   if (offDeg < OFF_DEG) return words.contradicts(name);
   const end = SHUT_OFF.has(state.status.mode) ? words.shutOff : words.pushes;
-  const gimbal = betaDeg > alphaDeg ? "β" : "α";
+  const gimbal = off("beta") > off("alpha") ? "β" : "α";
   return `${words.doesNotFollow(name, gimbal, figure(offDeg, 1))} ${end}`;
-}
-
-function OtherEstimate({ robot, state }: Shown) {
-  const { modules: words } = texts().panel;
-  const source = robot.alternative_estimate;
-  const difference = state?.estimate_difference;
-  if (source === null || !difference) return null;
-  const metres = state?.pose ? figure(difference.metres, 3) : null; // A sphere has no place.
-  return (
-    <section class="sec">
-      <h2>{words.otherEstimate}</h2>
-      <p>{words.differs(source, metres, figure(difference.degrees, 1))}</p>
-    </section>
-  );
 }

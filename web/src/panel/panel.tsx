@@ -15,109 +15,99 @@ import { ModulesTab } from "./modules_tab";
 import { ViewTab } from "./view_tab";
 import "./panel.css";
 
-const CONTENTS: Record<Tab, FunctionComponent> = {
-  drive: DriveTab,
-  modules: ModulesTab,
-  plots: Plots,
-  health: Health,
-  view: ViewTab,
-  student: Student,
+/** Contents of the tabs, and their icons on a phone, which has no room for the Student tab. */
+const CONTENTS: Record<Tab, { Content: FunctionComponent; icon?: IconName }> = {
+  drive: { Content: DriveTab, icon: "sliders" },
+  modules: { Content: ModulesTab, icon: "wheel" },
+  plots: { Content: Plots, icon: "plot" },
+  health: { Content: Health, icon: "heart" },
+  view: { Content: ViewTab, icon: "half" },
+  student: { Content: Student },
 };
-
-/** A phone has room for five; the Student tab needs a larger window. */
-const PHONE_TABS: readonly (readonly [Tab, IconName])[] = [
-  ["drive", "sliders"],
-  ["modules", "wheel"],
-  ["plots", "plot"],
-  ["health", "heart"],
-  ["view", "half"],
-];
 
 export function Panel() {
   const { layout, keyboard } = useSession();
-  const { shell: words } = texts().panel;
+  const { shell: words, tabs } = texts().panel;
+  const tab = layout.tab.value;
   const isOpen = layout.panelOpen.value;
-  const scrolls = useRef(new Map<Tab, number>());
-  const moved = useRef(false); // Whether the button with the focus is about to disappear.
-  const unfold = useRef<HTMLDivElement>(null);
-  const panel = useRef<HTMLElement>(null);
-  useEffect(
-    () =>
-      keyboard.bind("KeyP", () => {
-        if (layout.panelOpen.peek()) layout.fold();
-        else layout.open(layout.tab.peek());
-      }),
-    [keyboard],
-  );
-  // At once, so that it takes the focus from nothing that a later key opens.
+  const isPhone = layout.phone.value;
+  const { Content } = CONTENTS[tab];
+  const body = useRef<HTMLDivElement>(null);
+  const scrolls = useRef<Partial<Record<Tab, number>>>({});
+  const moves = useRef(false); // Whether the button with the focus is about to disappear.
+  const toggle = () => (layout.panelOpen.peek() ? layout.fold() : layout.open(layout.tab.peek()));
+  useEffect(() => keyboard.bind("KeyP", toggle), [keyboard]);
   useLayoutEffect(() => {
-    if (!moved.current) return;
-    moved.current = false;
-    const place = isOpen ? panel.current : unfold.current;
-    place?.querySelector<HTMLElement>("[aria-selected=true], .btn")?.focus();
-  }, [isOpen]);
-  const fold = () => {
-    moved.current = true;
-    layout.fold();
+    moves.current = false; // A phone has no button to open the panel.
+    if (body.current) body.current.scrollTop = scrolls.current[tab] ?? 0;
+  }, [tab, isOpen]);
+  const press = () => {
+    moves.current = true;
+    toggle();
   };
   const escape = (event: KeyboardEvent) => {
     if (event.code !== "Escape" || !(layout.narrow.peek() || layout.sideways.peek())) return;
     event.stopPropagation();
-    fold();
+    press();
+  };
+  /** At once, so that it takes the focus from nothing that a later key opens. */
+  const takeFocus = (node: HTMLElement | null) => {
+    if (node === null || !moves.current) return;
+    moves.current = false;
+    node.querySelector<HTMLElement>("[aria-selected=true], .btn")?.focus();
   };
   return (
     <>
       {isOpen && (
-        <aside ref={panel} class="panel" aria-label={words.label} onKeyDown={escape}>
-          <Head onFold={fold} />
-          <Body scrolls={scrolls.current} key={layout.tab.value} tab={layout.tab.value} />
+        <aside ref={takeFocus} class="panel" aria-label={words.label} onKeyDown={escape}>
+          <div class="tabs">
+            {isPhone ? (
+              <h2 class="t" id={`tab-${tab}`}>
+                {tabs[tab]}
+              </h2>
+            ) : (
+              <Tabs />
+            )}
+            <span class="spacer" />
+            <Button icon={isPhone ? "close" : "fold"} label={words.fold} onPress={press} />
+          </div>
+          <div
+            key={tab}
+            ref={body}
+            id="tab-body"
+            class="body"
+            role={isPhone ? "region" : "tabpanel"}
+            aria-labelledby={`tab-${tab}`}
+            tabIndex={0}
+            onScroll={({ currentTarget }) => (scrolls.current[tab] = currentTarget.scrollTop)}
+          >
+            <Content />
+          </div>
         </aside>
       )}
-      {!isOpen && !layout.phone.value && (
-        <div class="unfold" ref={unfold}>
-          <Button
-            icon="fold"
-            label={words.unfold}
-            onPress={() => {
-              moved.current = true;
-              layout.open(layout.tab.peek());
-            }}
-          />
+      {!isOpen && !isPhone && (
+        <div class="unfold" ref={takeFocus}>
+          <Button icon="fold" label={words.unfold} onPress={press} />
         </div>
       )}
-      <PhoneTabs />
+      {isPhone && <PhoneTabs />}
     </>
-  );
-}
-
-function Head({ onFold }: { onFold: () => void }) {
-  const { layout } = useSession();
-  const { shell: words, tabs } = texts().panel;
-  const isPhone = layout.phone.value;
-  return (
-    <div class="tabs">
-      {isPhone ? <h2 class="t">{tabs[layout.tab.value]}</h2> : <Tabs />}
-      <span class="spacer" />
-      <Button icon={isPhone ? "close" : "fold"} label={words.fold} onPress={onFold} />
-    </div>
   );
 }
 
 function Tabs() {
   const { layout } = useSession();
   const { shell: words, tabs } = texts().panel;
-  const list = useRef<HTMLDivElement>(null);
   const move = (event: KeyboardEvent) => {
     const at = TABS.indexOf(layout.tab.peek());
     const to = { ArrowRight: at + 1, ArrowLeft: at - 1, Home: 0, End: -1 }[event.code];
     if (to === undefined) return;
     event.preventDefault();
-    const tab = TABS.at(to % TABS.length)!;
-    layout.tab.value = tab;
-    list.current?.querySelector<HTMLElement>(`#tab-${tab}`)?.focus();
+    layout.tab.value = TABS.at(to % TABS.length)!;
+    document.getElementById(`tab-${layout.tab.value}`)?.focus();
   };
   return (
-    <div ref={list} class="list" role="tablist" aria-label={words.label} onKeyDown={move}>
+    <div class="list" role="tablist" aria-label={words.label} onKeyDown={move}>
       {TABS.map((tab) => (
         <button
           key={tab}
@@ -136,50 +126,28 @@ function Tabs() {
   );
 }
 
-/** Contents of a tab, scrolled as it was left. */
-function Body({ tab, scrolls }: { tab: Tab; scrolls: Map<Tab, number> }) {
-  const { layout } = useSession();
-  const body = useRef<HTMLDivElement>(null);
-  useLayoutEffect(() => {
-    if (body.current) body.current.scrollTop = scrolls.get(tab) ?? 0;
-  }, []);
-  const Content = CONTENTS[tab];
-  const named = layout.phone.value
-    ? { role: "region" as const, "aria-label": texts().panel.tabs[tab] }
-    : { role: "tabpanel" as const, "aria-labelledby": `tab-${tab}` };
-  return (
-    <div
-      {...named}
-      ref={body}
-      id="tab-body"
-      class="body"
-      tabIndex={0}
-      onScroll={({ currentTarget }) => scrolls.set(tab, currentTarget.scrollTop)}
-    >
-      <Content />
-    </div>
-  );
-}
-
 function PhoneTabs() {
   const { layout } = useSession();
   const { shell: words, tabs } = texts().panel;
-  if (!layout.phone.value) return null;
-  const isOpen = (tab: Tab) => layout.drawerOpen.value && layout.tab.value === tab;
   return (
     <nav class="phone-tabs" aria-label={words.label}>
-      {PHONE_TABS.map(([tab, icon]) => (
-        <button
-          key={tab}
-          type="button"
-          class={isOpen(tab) ? "on" : undefined}
-          aria-expanded={isOpen(tab)}
-          onClick={() => (isOpen(tab) ? layout.fold() : layout.open(tab))}
-        >
-          <Icon name={icon} />
-          {tabs[tab]}
-        </button>
-      ))}
+      {TABS.map((tab) => {
+        const { icon } = CONTENTS[tab];
+        if (icon === undefined) return null;
+        const isOpen = tab === layout.tab.value && layout.drawerOpen.value;
+        return (
+          <button
+            key={tab}
+            type="button"
+            class={isOpen ? "on" : undefined}
+            aria-expanded={isOpen}
+            onClick={() => (isOpen ? layout.fold() : layout.open(tab))}
+          >
+            <Icon name={icon} />
+            {tabs[tab]}
+          </button>
+        );
+      })}
     </nav>
   );
 }

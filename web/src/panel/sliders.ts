@@ -6,18 +6,22 @@ import type { Drive, Source } from "../drive/drive";
 import type { Holder, SprungControl } from "../drive/sprung";
 import type { JointPreview } from "../generated/wire";
 
+/**
+ * A slider that is let go springs to zero, or keeps its value until any other input; one that looks
+ * springs too, and shows joints without moving the robot.
+ */
+export type SliderMode = "springs" | "keeps" | "looks";
+
 export class PanelSliders implements Source, Holder {
-  /** Whether the sliders show joints without moving the robot. */
-  readonly looks = signal(false);
-  /** Whether a slider that is let go keeps its value; any other input ends it. */
-  readonly keeps = signal(false);
+  readonly mode = signal<SliderMode>("springs");
   /** Joints of the twist that is looked at, or null. */
   readonly preview = computed(() => (this.#drive.looksOnly.value ? this.#reply.value : null));
 
   readonly #drive: Drive;
   readonly #reply = signal<JointPreview | null>(null);
-  readonly #kept = new Map<SprungControl, Deflection>();
-  #controls: SprungControl[] = [];
+  readonly #controls = new Set<SprungControl>();
+  /** What each slider asks for that is held, or was let go and keeps its value. */
+  readonly #asked = new Map<SprungControl, Deflection>();
 
   constructor(drive: Drive) {
     this.#drive = drive;
@@ -25,13 +29,12 @@ export class PanelSliders implements Source, Holder {
 
   /** Take part in driving; returns a function that ends it, and with it a kept motion. */
   open(): () => void {
-    const { link } = this.#drive;
+    const { link, looksOnly } = this.#drive;
     const ends = [
       this.#drive.add(this),
       link.on("robot", () => this.zero()),
       link.on("preview", (reply) => {
-        if (this.#drive.looksOnly.peek() && reply.robot === link.robot.peek()?.id)
-          this.#reply.value = reply;
+        if (looksOnly.peek() && reply.robot === link.robot.peek()?.id) this.#reply.value = reply;
       }),
     ];
     return () => ends.forEach((end) => end());
@@ -39,47 +42,48 @@ export class PanelSliders implements Source, Holder {
 
   get held(): boolean {
     // A page that shows a recording may ask for no preview.
-    if (this.looks.peek() && this.#drive.link.recording !== null) return false;
-    return this.#kept.size > 0 || this.#inHand;
+    return this.#asked.size > 0 && !(this.looksOnly && this.#drive.link.recording !== null);
   }
 
   get alone(): boolean {
-    return this.#kept.size > 0 && !this.#inHand;
+    return this.#asked.size > 0 && ![...this.#controls].some(({ held }) => held);
   }
 
   get looksOnly(): boolean {
-    return this.looks.peek();
+    return this.mode.peek() === "looks";
   }
 
   get share(): Deflection {
     let { x, y, turn } = CENTRED;
-    for (const control of this.#controls) {
-      const one = control.held ? control.share : (this.#kept.get(control) ?? CENTRED);
-      [x, y, turn] = [x + one.x, y + one.y, turn + one.turn];
-    }
+    for (const one of this.#asked.values()) [x, y, turn] = [x + one.x, y + one.y, turn + one.turn];
     return { x, y, turn };
   }
 
   add(control: SprungControl): () => void {
-    this.#controls.push(control);
+    this.#controls.add(control);
     return () => {
       control.cancel();
-      this.#kept.delete(control);
-      this.#controls = this.#controls.filter((other) => other !== control);
+      this.#asked.delete(control);
+      this.#controls.delete(control);
       this.changed();
     };
   }
 
   changed(): void {
-    for (const control of this.#controls) if (control.held) this.#keep(control);
+    for (const control of this.#controls) {
+      const { x, y, turn } = this.#asked.get(control) ?? CENTRED;
+      const keeps = this.mode.peek() === "keeps" && (x !== 0 || y !== 0 || turn !== 0);
+      if (control.held) this.#asked.set(control, control.share);
+      else if (!keeps) this.#asked.delete(control);
+    }
     this.#drive.changed();
     if (!this.#drive.looksOnly.peek()) this.#reply.value = null;
   }
 
   cancel(): void {
     for (const control of this.#controls) control.cancel();
-    if (this.#kept.size > 0) this.keeps.value = false;
-    this.#kept.clear();
+    if (this.mode.peek() === "keeps" && this.#asked.size > 0) this.mode.value = "springs";
+    this.#asked.clear();
   }
 
   /** Centre all sliders: the robot stops. */
@@ -88,25 +92,8 @@ export class PanelSliders implements Source, Holder {
     this.changed();
   }
 
-  setLooks(on: boolean): void {
+  choose(mode: SliderMode): void {
     this.zero();
-    this.looks.value = on;
-    if (on) this.keeps.value = false;
-  }
-
-  setKeeps(on: boolean): void {
-    this.zero();
-    this.keeps.value = on;
-  }
-
-  get #inHand(): boolean {
-    return this.#controls.some(({ held }) => held);
-  }
-
-  #keep(control: SprungControl): void {
-    const { x, y, turn } = control.share;
-    if (this.keeps.peek() && (x !== 0 || y !== 0 || turn !== 0))
-      this.#kept.set(control, control.share);
-    else this.#kept.delete(control);
+    this.mode.value = mode;
   }
 }

@@ -10,9 +10,9 @@ import { figure } from "../text/numbers";
 import { refusalText } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
-import { Table } from "./table";
+import { REACH, Ring } from "./dial";
+import { quantity, Table } from "./table";
 
-const RADIUS = 36; // In the drawing.
 const MARKS = [
   ["front", [1, 0, 0]],
   ["back", [-1, 0, 0]],
@@ -26,21 +26,17 @@ export function Sphere({ sphere }: { sphere: SphereState | null }) {
   const { link, sphere: turn } = useSession();
   const { sphere: words } = texts().panel;
   const refusal = whyNotDrive(link);
-  const refused = refusal && refusalText(refusal);
   return (
     <section class="sec">
       <h2>{words.title}</h2>
       <div class="globe">
-        <Globe sphere={sphere} />
+        <Ring label={words.picture}>{sphere && <Marks wxyz={sphere.wxyz} />}</Ring>
         <Table
-          pairs
           label={words.models}
           heads={["rad/s", words.ideal, words.dual]}
-          rows={["ωx", "ωy", "ωz"].map((name, i) => [
-            name,
-            figure(sphere?.ideal[i], 2),
-            figure(sphere?.dual?.[i], 2),
-          ])}
+          rows={["ωx", "ωy", "ωz"].map((name, i) =>
+            quantity(name, "", 2, sphere?.ideal[i], sphere?.dual?.[i]),
+          )}
         />
       </div>
       {typeof sphere?.angle_deg === "number" && (
@@ -52,7 +48,12 @@ export function Sphere({ sphere }: { sphere: SphereState | null }) {
       <p>{words.bringHint}</p>
       <div class="bring" role="group" aria-label={words.bring}>
         {MARKS.map(([name, at]) => (
-          <Button key={name} edge refused={refused} onPress={() => turn.bring(at)}>
+          <Button
+            key={name}
+            edge
+            refused={refusal && refusalText(refusal)}
+            onPress={() => turn.bring(at)}
+          >
             {words.marks[name]}
           </Button>
         ))}
@@ -61,19 +62,15 @@ export function Sphere({ sphere }: { sphere: SphereState | null }) {
   );
 }
 
-function Globe({ sphere }: { sphere: SphereState | null }) {
+function Marks({ wxyz }: Pick<SphereState, "wxyz">) {
   return (
-    <svg class="dial" viewBox="-42 -42 84 84" role="img" aria-label={texts().panel.sphere.picture}>
-      <circle class="d-ring" r={RADIUS} />
-      <path class="d-cross" d={`M-${RADIUS} 0H${RADIUS}M0-${RADIUS}V${RADIUS}`} />
-      <path class="d-front" d={`M-3.5-${RADIUS}L0-41L3.5-${RADIUS}z`} />
-      {sphere &&
-        MARKS.map(([name, at]) => {
-          const [x, y, z] = turned(sphere.wxyz, at);
-          const { right, down } = onScreen({ x: RADIUS * x, y: RADIUS * y });
-          const below = z < 0 ? "below" : "";
-          return <circle key={name} class={`mark ${name} ${below}`} r="5" cx={right} cy={down} />;
-        })}
-    </svg>
+    <>
+      {MARKS.map(([name, at]) => {
+        const [x, y, z] = turned(wxyz, at);
+        const { right, down } = onScreen({ x: REACH * x, y: REACH * y });
+        const below = z < 0 ? "below" : "";
+        return <circle key={name} class={`mark ${name} ${below}`} r="5" cx={right} cy={down} />;
+      })}
+    </>
   );
 }

@@ -1,26 +1,118 @@
-// A table of figures: quantities down, modules or kinds of values across.
+// Tables of figures: quantities down, modules or kinds of values across.
 
 import type { ComponentChildren } from "preact";
-import type { RobotInfo, RobotState } from "../generated/wire";
+import type {
+  GimbalPose,
+  GimbalState,
+  JointPreview,
+  RobotInfo,
+  RobotState,
+  WheelState,
+} from "../generated/wire";
+import { useSession } from "../session";
+import { freshness, isCurrent } from "../store/freshness";
 import { figure } from "../text/numbers";
 import { texts } from "../text/text";
+import { Figure } from "../ui/figure";
+
+/** What the panel shows of a robot. */
+export interface Shown {
+  robot: RobotInfo;
+  /** Null while the figures are not those of now. */
+  state: RobotState | null;
+  /** Joints that are only looked at, in place of the set-points. */
+  preview?: JointPreview | null;
+}
+
+/** Robot in view and its state, or null without a robot. */
+export function useShown(): Shown | null {
+  const { link } = useSession();
+  const robot = link.robot.value;
+  if (robot === null || link.beat.value < 0) return null;
+  return { robot, state: isCurrent(freshness(link)) ? link.state.value : null };
+}
+
+/** A wheel, on its module if it has one. */
+type Pose = Pick<GimbalPose, "rpm" | "push"> & Partial<GimbalPose>;
+
+export interface Actuator {
+  id: string;
+  name: string;
+  measured: (Pose & Partial<GimbalState> & Partial<WheelState>) | undefined;
+  /** Set-point, or what is looked at. */
+  goal: Pose | undefined;
+}
+
+export function actuatorsOf({ robot, state, preview }: Shown): Actuator[] {
+  const { wheels: words } = texts().panel;
+  if (robot.panel === "gimbals")
+    return robot.modules.map((id, i) => {
+      const measured = state?.modules[i];
+      const goal = preview?.modules[i] ?? measured?.setpoint;
+      return { id, name: words.module(i + 1), measured, goal };
+    });
+  return robot.wheels.map((id, i) => {
+    const measured = state?.wheels[i];
+    const set = measured && { rpm: measured.rpm_setpoint, push: measured.push_setpoint };
+    const goal = preview?.wheels[i] ?? set;
+    return { id, name: words.wheelNumber(i + 1), measured, goal };
+  });
+}
+
+/** Length of a push; negative for a wheel that turns backward. */
+export function pushOf({ push, rpm }: Pose): number {
+  return Math.sign(rpm) * Math.hypot(...push);
+}
+
+/** Rows of figures, with a column for each pose; a wheel without a module has no angles. */
+export function poseRows(poses: readonly (Pose | undefined)[], isGimbal: boolean): Row[] {
+  const { wheels: words } = texts().panel;
+  const rpm = poses.map((pose) => pose?.rpm);
+  const push = quantity(words.push, "m/s", 2, ...poses.map((pose) => pose && pushOf(pose)));
+  if (!isGimbal) return [quantity(words.rpm, "", 0, ...rpm), push];
+  return [
+    quantity(words.tilt, "°", 1, ...poses.map((pose) => pose?.tilt)),
+    quantity("α", "°", 1, ...poses.map((pose) => pose?.alpha)),
+    quantity("β", "°", 1, ...poses.map((pose) => pose?.beta)),
+    push,
+    quantity(words.wheel, words.rpm, 0, ...rpm),
+  ];
+}
+
+export type Row = readonly ComponentChildren[];
+
+/** Row of one quantity: its name and its figures. */
+export function quantity(
+  name: ComponentChildren,
+  unit: string,
+  decimals: number,
+  ...values: (number | null | undefined)[]
+): Row {
+  return [name, ...values.map((each) => value(each, decimals, unit))];
+}
+
+/** Figure with its unit, which an unknown one has not; degrees follow without a space. */
+export function value(number: number | null | undefined, decimals: number, unit: string) {
+  if (typeof number !== "number") return figure(number);
+  if (unit === "°") return `${figure(number, decimals)}°`;
+  return <Figure value={number} decimals={decimals} unit={unit} />;
+}
 
 interface TableProps {
   label: string;
   /** Heads of all columns; the first, of the names of the rows, may be empty. */
-  heads: readonly string[];
+  heads: Row;
   /** Name and cells of each row; one without a name shows pictures. */
-  rows: readonly (readonly ComponentChildren[])[];
-  pairs?: boolean;
+  rows: readonly Row[];
 }
 
-export function Table({ label, heads, rows, pairs }: TableProps) {
+export function Table({ label, heads, rows }: TableProps) {
   return (
-    <table class={pairs ? "mods pairs" : "mods"} aria-label={label}>
+    <table class="mods" aria-label={label}>
       <thead>
         <tr>
           {heads.map((head, i) => (
-            <th scope="col" key={i} class={i === 0 ? "note" : undefined}>
+            <th scope="col" key={i}>
               {head || <span class="sr">{texts().panel.wheels.quantity}</span>}
             </th>
           ))}
@@ -28,7 +120,7 @@ export function Table({ label, heads, rows, pairs }: TableProps) {
       </thead>
       <tbody>
         {rows.map(([name, ...cells], i) => (
-          <tr key={i} class={name ? undefined : "pic"}>
+          <tr key={i}>
             {name ? <th scope="row">{name}</th> : <td />}
             {cells.map((cell, j) => (
               <td key={j}>{cell}</td>
@@ -40,50 +132,17 @@ export function Table({ label, heads, rows, pairs }: TableProps) {
   );
 }
 
-/** Figure with its unit, which an unknown figure has not; degrees follow without a space. */
-export function value(
-  number: number | null | undefined,
-  decimals: number,
-  unit: string,
-  sign = false,
-) {
-  const text = figure(number, decimals, sign);
-  if (unit === "" || typeof number !== "number") return text;
-  if (unit === "°") return `${text}°`;
-  return (
-    <>
-      {text}
-      <span class="u">{unit}</span>
-    </>
-  );
-}
-
-/** Length of a push, negative for a wheel that turns backward. */
-export function pushOf(velocity: readonly [number, number] | undefined, rpm = 1) {
-  return velocity && Math.sign(rpm) * Math.hypot(...velocity);
-}
-
-interface ValuesProps {
-  robot: RobotInfo;
-  state: RobotState | null;
-  /** What is looked at, in place of the set-points. */
-  preview?: (Pick<RobotState, "joints"> & { twist: [number, number, number] }) | null;
-}
-
 /** Joints by name, or the components of the speed of a robot that has no joints. */
-export function Values({ robot, state, preview = null }: ValuesProps) {
+export function Values({ robot, state, preview }: Shown) {
   const { wheels: words } = texts().panel;
-  const rows =
-    robot.joints.length > 0
-      ? robot.joints.map(({ name, unit }, i) => {
-          const goal = (preview ?? state)?.joints[i]?.setpoint;
-          return [name, value(goal, 2, unit), value(state?.joints[i]?.value, 2, unit)];
-        })
-      : robot.twist_axes.map(({ symbol, unit }, i) => {
-          const goal = (preview?.twist ?? state?.commanded)?.[i];
-          return [symbol, value(goal, 2, unit), value(state?.twist?.[i], 2, unit)];
-        });
-  return (
-    <Table label={words.title} heads={["", words.setPoint, words.measured]} rows={rows} pairs />
+  const goals = (preview ?? state)?.joints;
+  const twist = preview?.twist ?? state?.commanded;
+  const joints = robot.joints.map(({ name, unit }, i) =>
+    quantity(name, unit, 2, state?.joints[i]?.value, goals?.[i]?.setpoint),
   );
+  const components = robot.twist_axes.map(({ symbol, unit }, i) =>
+    quantity(symbol, unit, 2, state?.twist?.[i], twist?.[i]),
+  );
+  const rows = joints.length > 0 ? joints : components;
+  return <Table label={words.title} heads={["", words.measured, words.setPoint]} rows={rows} />;
 }

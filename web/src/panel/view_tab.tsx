@@ -1,9 +1,8 @@
 // View tab: what the scene shows on this page, and the colours and language of the page.
 
-import { LAYERS, TILT_FACTORS, TRUE_POSE_DISPLAYS } from "../generated/wire";
+import { type Layer, LAYERS, TILT_FACTORS, type TiltFactor } from "../generated/wire";
 import { useSession } from "../session";
-import { SHARPNESS } from "../store/view";
-import { type Language, language, LANGUAGES, texts } from "../text/text";
+import { language, texts } from "../text/text";
 import { Segmented } from "../ui/segmented";
 
 const THEMES = { system: null, light: false, dark: true };
@@ -13,104 +12,70 @@ export function ViewTab() {
   const { view: words } = texts().panel;
   const settings = view.settings.value;
   const { hidden } = settings;
+  const tilts = Object.fromEntries(
+    TILT_FACTORS.map((factor) => [factor, words.times(factor.slice(1))]),
+  ) as Record<TiltFactor, string>;
+  const themes = Object.keys(THEMES) as (keyof typeof THEMES)[];
+  const theme = themes.find((one) => THEMES[one] === settings.dark) ?? "system";
   const layers = LAYERS.filter(
     (layer) =>
       layer !== "true_pose" && // It has more than two choices, below.
       (layer !== "other_estimate" || link.robot.value?.alternative_estimate),
   );
-  const theme = (["system", "light", "dark"] as const).find((one) => THEMES[one] === settings.dark);
+  const show = (layer: Layer, on: boolean) => {
+    const others = hidden.filter((other) => other !== layer);
+    view.set({ hidden: on ? others : [...others, layer] });
+  };
   return (
     <>
       <section class="sec">
         <h2>{words.scene}</h2>
-        <Choice
-          label={words.tilt}
-          value={settings.tilt}
-          choices={TILT_FACTORS.map((value) => [value, words.times(value.slice(1))])}
-          onChoose={(tilt) => view.set({ tilt })}
-        />
-        <Tick label={words.follow} on={settings.follow} onTick={(follow) => view.set({ follow })} />
-        <Choice
-          label={words.sharpness}
-          value={view.sharpness.value}
-          choices={SHARPNESS.map((value) => [value, words.sharpnesses[value]])}
-          onChoose={(value) => (view.sharpness.value = value)}
-        />
+        {choice(words.tilt, settings.tilt, tilts, (tilt) => view.set({ tilt }))}
+        {tick(words.follow, settings.follow, (follow) => view.set({ follow }))}
+        {choice(words.sharpness, view.sharpness.value, words.sharpnesses, (sharpness) => {
+          view.sharpness.value = sharpness;
+        })}
       </section>
       <section class="sec">
         <h2>{words.layers}</h2>
         <div class="ticks">
-          {layers.map((layer) => (
-            <Tick
-              key={layer}
-              label={words.layer[layer]}
-              on={!hidden.includes(layer)}
-              onTick={(on) =>
-                view.set({
-                  hidden: on ? hidden.filter((other) => other !== layer) : [...hidden, layer],
-                })
-              }
-            />
-          ))}
+          {layers.map((layer) =>
+            tick(words.layer[layer], !hidden.includes(layer), (on) => show(layer, on)),
+          )}
         </div>
-        <Choice
-          label={words.truePose}
-          value={settings.true_pose}
-          choices={TRUE_POSE_DISPLAYS.map((value) => [value, words.truePoses[value]])}
-          onChoose={(true_pose) =>
-            view.set({ true_pose, hidden: hidden.filter((layer) => layer !== "true_pose") })
-          }
-        />
+        {choice(words.truePose, settings.true_pose, words.truePoses, (true_pose) =>
+          view.set({ true_pose, hidden: hidden.filter((layer) => layer !== "true_pose") }),
+        )}
       </section>
       <section class="sec">
         <h2>{words.page}</h2>
-        <Choice
-          label={words.theme}
-          value={theme ?? "system"}
-          choices={(["system", "light", "dark"] as const).map((one) => [one, words.themes[one]])}
-          onChoose={(one) => view.set({ dark: THEMES[one] })}
-        />
-        <Choice<Language>
-          label={words.language}
-          value={language.value}
-          choices={LANGUAGES.map((one) => [one, words.languages[one]])}
-          onChoose={(one) => (language.value = one)}
-        />
+        {choice(words.theme, theme, words.themes, (one) => view.set({ dark: THEMES[one] }))}
+        {choice(words.language, language.value, words.languages, (one) => (language.value = one))}
       </section>
     </>
   );
 }
 
-interface ChoiceProps<T extends string> {
-  label: string;
-  value: T;
-  choices: readonly (readonly [T, string])[];
-  onChoose: (value: T) => void;
-}
-
-function Choice<T extends string>({ label, value, choices, onChoose }: ChoiceProps<T>) {
+/** Choice of one of the values with a text in `words`, in that order. */
+function choice<T extends string>(
+  label: string,
+  value: T,
+  words: Record<T, string>,
+  onChoose: (value: T) => void,
+) {
+  const all = Object.entries<string>(words) as [T, string][];
+  const choices = all.map(([one, text]) => ({ value: one, text }));
   return (
     <div class="choice">
       <span aria-hidden="true">{label}</span>
-      <Segmented
-        label={label}
-        value={value}
-        choices={choices.map(([one, text]) => ({ value: one, text }))}
-        onChoose={onChoose}
-      />
+      <Segmented label={label} value={value} choices={choices} onChoose={onChoose} />
     </div>
   );
 }
 
-interface TickProps {
-  label: string;
-  on: boolean;
-  onTick: (on: boolean) => void;
-}
-
-function Tick({ label, on, onTick }: TickProps) {
+function tick(label: string, on: boolean, onTick: (on: boolean) => void) {
   return (
-    <label class="tick">
+    <label class="tick" key={label}>
       <input
         type="checkbox"
         checked={on}

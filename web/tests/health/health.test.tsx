@@ -35,7 +35,7 @@ test("The shadow twin is compared only while Health is shown, also after a new c
 test("Rows outside come first and open; groups count the rest; events are sentences.", async () => {
   const page = connect();
   const session = { link: page.link } as Session;
-  page.say({ ...ROBOT, not_promised: ["Where it stops."] });
+  page.say(ROBOT);
   page.say({ t: "event", kind: "mode", text: "", why: { code: "released" }, robot_s: 1, age_s: 0 });
   const slow = { loop: { hz: 80, overruns: 0, jitter_p99_ms: 1, longest_ms: 9 } };
   page.state({}, slow);
@@ -55,7 +55,6 @@ test("Rows outside come first and open; groups count the rest; events are senten
   expect(text(".reading.l1 p")).not.toBe("");
   expect(document.querySelector(".reading.l1")!.closest("details")).toBe(null);
   expect(document.body.textContent).toContain(health.fine(2));
-  expect(text(".promises")).toBe("Where it stops.");
   expect(text(".feed li span")).toBe("Released.");
   const time = document.querySelector<HTMLTimeElement>(".feed time")!;
   expect(time.title).toBe(time.dateTime);

@@ -1,6 +1,5 @@
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
-import { Increases } from "../../src/health/increases.ts";
-import type { Level, Row } from "../../src/health/rows.ts";
+import { Increases, type Level, type Row } from "../../src/health/rows.ts";
 import { inspect } from "../../src/health/verdict.ts";
 import { quality } from "../../src/store/quality.ts";
 import { texts } from "../../src/text/text.ts";
