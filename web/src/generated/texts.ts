@@ -238,9 +238,11 @@ export interface Table {
       readonly keep: string;
       readonly beside: string;
       readonly keepsNoLook: string;
-      readonly springsNote: string;
-      readonly looksNote: string;
-      readonly keepsNote: string;
+      readonly notes: {
+        readonly springs: string;
+        readonly looks: string;
+        readonly keeps: string;
+      };
       readonly goTo: string;
     };
     readonly wheels: {
@@ -300,8 +302,6 @@ export interface Table {
       readonly doesNotFollow: (name: Value, gimbal: Value, off: Value) => string;
       readonly shutOff: string;
       readonly pushes: string;
-      readonly otherEstimate: string;
-      readonly differs: (source: Value, metres: Value | null, angle: Value) => string;
       readonly notPromised: string;
     };
     readonly sphere: {
@@ -394,8 +394,6 @@ export interface Table {
     readonly planned: string;
     readonly tilt: string;
     readonly times: (factor: Value) => string;
-    readonly noSignal: (seconds: Value) => string;
-    readonly oldPicture: string;
     readonly splash: {
       readonly label: string;
       readonly connecting: string;
@@ -412,7 +410,6 @@ export interface Table {
       readonly close: string;
       readonly nearer: string;
       readonly farther: string;
-      readonly centre: string;
       readonly silent: (name: Value) => string;
     };
     readonly path: {
@@ -476,9 +473,7 @@ export interface Table {
     readonly fine: (count: Value) => string;
     readonly events: string;
     readonly noEvents: string;
-    readonly promises: string;
     readonly notPromised: string;
-    readonly nobody: string;
     readonly yes: string;
     readonly no: string;
     readonly modes: Readonly<Record<string, string>>;
@@ -511,20 +506,14 @@ export interface Table {
       readonly loopJitter: string;
       readonly overruns: string;
       readonly contradiction: string;
-      readonly residual: string;
       readonly notTested: string;
       readonly poseRate: string;
       readonly poseLatency: string;
       readonly poseDropped: string;
       readonly difference: string;
-      readonly learned: string;
-      readonly accepted: string;
       readonly dropped: string;
       readonly droppedAll: string;
       readonly ageLimit: string;
-      readonly holder: string;
-      readonly askedBy: string;
-      readonly reservedFor: string;
       readonly speedLimit: string;
       readonly stopDistance: string;
       readonly compared: string;
@@ -564,8 +553,6 @@ export interface Table {
     readonly pause: string;
     readonly previousEvent: string;
     readonly nextEvent: string;
-    readonly stepBack: string;
-    readonly stepOn: string;
     readonly speed: string;
     readonly times: (factor: Value) => string;
     readonly mark: string;
@@ -616,11 +603,7 @@ export interface Table {
     };
     readonly from: string;
     readonly to: string;
-    readonly robot: string;
-    readonly allRobots: string;
-    readonly export: string;
     readonly exporting: string;
-    readonly notATime: string;
     readonly delete: string;
     readonly isWritten: string;
     readonly deleted: string;
@@ -639,12 +622,6 @@ export interface Table {
       readonly driving: (count: number) => string;
     };
     readonly search: string;
-    readonly sort: string;
-    readonly sortings: {
-      readonly need: string;
-      readonly name: string;
-      readonly driver: string;
-    };
     readonly waiting: string;
     readonly none: string;
     readonly noMatch: string;
@@ -683,7 +660,6 @@ export interface Table {
     readonly progress: (done: Value, all: Value) => string;
     readonly missed: (names: Value) => string;
     readonly floor: string;
-    readonly extent: (x: Value, y: Value) => string;
     readonly metre: (length: Value) => string;
     readonly pale: string;
     readonly noFloor: string;
@@ -716,7 +692,6 @@ export interface Table {
     readonly source: (paper: Value, number: Value | null, corrected: boolean) => string;
     readonly knobs: string;
     readonly base: string;
-    readonly wheel: (number: Value) => string;
     readonly figures: string;
     readonly reachHint: string;
     readonly reach: (a: Value, b: Value) => string;

@@ -95,7 +95,7 @@ function Command({ sliders, robot }: { sliders: PanelSliders; robot: RobotInfo }
         />
       </div>
       <p class="note" role="status">
-        {words[`${mode}Note`]}
+        {words.notes[mode]}
       </p>
     </section>
   );
