@@ -25,7 +25,9 @@ from tsd_twin.dashboard.gateway.viewport_page import BUNDLE
 OPERATOR = "web-01234567"
 _VIEWPORT = """<!doctype html><script>
 const origin = new URL(location.href).searchParams.get("parent");
-for (const t of ["loaded", "ready"]) parent.postMessage({tsd: 1, t}, origin);
+const post = (t) => parent.postMessage({tsd: 1, t}, origin);
+post("loaded");
+setInterval(post, 50, "drawn");
 </script>"""
 _SOCKET = """
 window.sent = [];
@@ -163,6 +165,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "estimate_difference": None,
         "route": None,
         "plot": {},
+        "camera": {"off_screen_rad": None},
         "map": None,
         "past": None,
         "shadow": None,

@@ -15,11 +15,7 @@ document.hasFocus = () => true;
 const software = setParameters(new URL(location.href));
 showSceneOnly();
 
-let isReady = false;
-const throttle = new RenderThrottle(() => {
-  if (!isReady) send({ tsd: 1, t: "ready" });
-  isReady = true;
-});
+const throttle = new RenderThrottle(() => send({ tsd: 1, t: "drawn" }));
 
 addEventListener("message", (event) => {
   if (event.source !== parent || event.origin !== pageOrigin) return;

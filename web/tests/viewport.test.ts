@@ -15,10 +15,11 @@ afterEach(() => {
   document.body.innerHTML = "";
 });
 
-function open() {
+function open(isComplete = () => true) {
   const options = { page: "0123456789abcdef", recording: null, dark: true, title: "3D view" };
   const onKey = (key: FrameKey) => void keys.push(key);
-  const viewport = new Viewport(document.body, { ...options, onKey, onPointer: () => {} });
+  const hooks = { onKey, onPointer: () => {}, isComplete };
+  const viewport = new Viewport(document.body, { ...options, ...hooks });
   const frame = document.querySelector("iframe")!;
   const hear = (
     data: FromFrame,
@@ -51,20 +52,31 @@ test("If the second port stays silent, the view comes from the page's origin.", 
 });
 
 test("If the second port answers in time, the view stays there.", () => {
-  const { viewport, frame, hear } = open();
+  const { frame, hear } = open();
   hear({ tsd: 1, t: "loaded", software: false });
   vi.advanceTimersByTime(60_000);
   expect(new URL(frame.src).port).toBe("8090");
+});
+
+test("The view is shown once all of the scene has been drawn.", () => {
+  let isComplete = false;
+  const { viewport, hear } = open(() => isComplete);
+  const draw = (frames: number) => {
+    for (let i = 0; i < frames; i += 1) hear({ tsd: 1, t: "drawn" });
+  };
+  draw(10);
+  isComplete = true;
+  draw(2);
   expect(viewport.ready.value).toBe(false);
-  hear({ tsd: 1, t: "ready" });
+  draw(1);
   expect(viewport.ready.value).toBe(true);
 });
 
 test("Messages of other origins and windows are ignored.", () => {
   const { viewport, frame, hear } = open();
-  hear({ tsd: 1, t: "ready" }, "http://evil.example");
-  hear({ tsd: 1, t: "ready" }, new URL(frame.src).origin, window);
-  expect(viewport.ready.value).toBe(false);
+  hear({ tsd: 1, t: "loaded", software: false }, "http://evil.example");
+  hear({ tsd: 1, t: "loaded", software: false }, new URL(frame.src).origin, window);
+  expect(viewport.loaded.value).toBe(false);
 });
 
 test("Keys count once, and only while the frame has the focus, which the page takes back.", () => {

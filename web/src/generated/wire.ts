@@ -399,8 +399,8 @@ export interface RobotState {
   route: RouteState | null;
   /** Values that this page has requested for its plots. */
   plot: Record<string, number | null>;
-  /** Direction of the robot outside the page's picture, from right to up; null inside. */
-  off_screen_rad: number | null;
+  /** Null before the page's camera was placed in front of the robot. */
+  camera: CameraState | null;
   /** Present while the page shows the map. */
   map: MapState | null;
   /** Present while the page draws the past state. */
@@ -659,6 +659,12 @@ export interface RouteState {
   off_mm: number;
   /** Reason why the run has ended. */
   why: Reason | null;
+}
+
+/** Camera of a page. */
+export interface CameraState {
+  /** Direction of the robot outside the picture, from right to up; null inside. */
+  off_screen_rad: number | null;
 }
 
 /** Moving elements of the map. */

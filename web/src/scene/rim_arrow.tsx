@@ -10,7 +10,7 @@ const DOWN = 36;
 
 export function RimArrow() {
   const { link, view } = useSession();
-  const directionRad = useComputed(() => link.state.value?.off_screen_rad ?? null).value;
+  const directionRad = useComputed(() => link.state.value?.camera?.off_screen_rad ?? null).value;
   if (directionRad === null || link.beat.value < 0 || !isCurrent(freshness(link))) return null;
   const left = 50 + ACROSS * Math.cos(directionRad);
   const top = 50 - DOWN * Math.sin(directionRad);

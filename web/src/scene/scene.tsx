@@ -66,6 +66,7 @@ function Picture({ isCovered }: { isCovered: boolean }) {
         keyboard.takeForwarded({ type: "keydown", code, key, repeat: false, modified });
       },
       onPointer: () => sphere.clicked(),
+      isComplete: () => (link.state.peek()?.camera ?? null) !== null,
     });
     setViewport(made);
     const end = effect(() => {

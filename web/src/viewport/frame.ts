@@ -8,6 +8,7 @@ import "./viewport.css";
 
 const UNREACHED_MS = 5000;
 const AFTER_LOAD_MS = 500;
+const COMPLETE_AFTER = 3; // Frames; the first may have begun before all of the scene arrived.
 
 interface ViewportOptions {
   /** Page id, 16 hex digits, the same as in the page's socket. */
@@ -23,6 +24,8 @@ interface ViewportOptions {
    */
   onKey: (key: FrameKey) => void;
   onPointer: () => void;
+  /** Whether the dashboard has sent the whole scene, with the robot in front of the camera. */
+  isComplete: () => boolean;
 }
 
 /** Return the address of viser's page; `viewport` is empty, a port or an origin. */
@@ -35,7 +38,7 @@ export function viewportAddress(base: string, viewport: string): URL {
 export class Viewport {
   /** Whether the frame's script runs. */
   readonly loaded = signal(false);
-  /** Whether the first frame has been drawn. */
+  /** Whether the whole scene has been drawn. */
   readonly ready = signal(false);
   readonly #options: ViewportOptions;
   readonly #host: HTMLElement;
@@ -45,6 +48,7 @@ export class Viewport {
   #paused = false;
   #area = 0; // Of the host in pixels when its sharpness was chosen, for software rendering.
   #unreached = 0;
+  #drawn = 0; // Frames since the scene is complete.
   readonly #resized = new ResizeObserver(() => this.#limitArea());
 
   /** Show the 3D view in `host`, which must be positioned. */
@@ -116,11 +120,17 @@ export class Viewport {
       clearTimeout(this.#unreached);
       this.pause(this.#paused);
       this.#area = message.software ? this.#hostArea : 0;
-    } else if (message.t === "ready") {
-      this.ready.value = true;
-      this.#frame.dataset["ready"] = "";
-    } else if (message.t === "key") this.#onKey(message);
+    } else if (message.t === "drawn") this.#onDrawn();
+    else if (message.t === "key") this.#onKey(message);
     else if (message.t === "pointerdown") this.#options.onPointer();
+  }
+
+  #onDrawn(): void {
+    if (this.ready.peek() || !this.#options.isComplete()) return;
+    this.#drawn += 1;
+    if (this.#drawn < COMPLETE_AFTER) return;
+    this.ready.value = true;
+    this.#frame.dataset["ready"] = "";
   }
 
   #onKey(key: FrameKey): void {

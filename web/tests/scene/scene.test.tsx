@@ -148,12 +148,12 @@ test("An arrow at the rim points to a robot outside the picture, and brings it b
   const { state, take } = await show();
   const arrow = () => find(".rim-arrow");
   expect(arrow()).toBeNull();
-  state({ off_screen_rad: Math.PI / 2 });
+  state({ camera: { off_screen_rad: Math.PI / 2 } });
   await settle();
   expect([arrow()!.style.left, arrow()!.style.top]).toEqual(["50.0%", "14.0%"]);
   arrow()!.click();
   expect(take("view")).toMatchObject([{ look: true }]);
-  state({ off_screen_rad: null });
+  state({ camera: { off_screen_rad: null } });
   await settle();
   expect(arrow()).toBeNull();
 });

@@ -330,5 +330,6 @@ class RecordedSession(PageSession):
             # Use a separate number, because updates continue while the recording is paused.
             number = next(self._numbers)
             shown = self._map_data.state(robot_id) if self._shows_map else None
-            state = msgspec.structs.replace(state, status_seq=number, map=shown)
+            camera = view.camera_state(self.page)
+            state = msgspec.structs.replace(state, status_seq=number, camera=camera, map=shown)
             self.send_queue.put_state(number, encode_message(state))

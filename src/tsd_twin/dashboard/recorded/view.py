@@ -19,6 +19,7 @@ from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.scene import STALE_S, Scene
+from tsd_twin.dashboard.wire.to_page import CameraState
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.player import PlaybackCursor, Player
@@ -102,6 +103,10 @@ class RecordedView:
         """Set the part of a page's picture that nothing covers; from any thread."""
         self.frame = frame
         self.request(lambda _now_s: self.views.set_frame(page, frame))
+
+    def camera_state(self, page: str) -> CameraState | None:
+        """Return the state of a page's camera; None before it was placed; from any thread."""
+        return self.views.camera_state(page)
 
     # On the thread of the view.
 

@@ -28,6 +28,7 @@ from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.stage import add_ground, add_lights
 from tsd_twin.dashboard.scene.student_robot import StudentPose, StudentRobot
 from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD, set_theme
+from tsd_twin.dashboard.wire.to_page import CameraState
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
 from tsd_twin.lie import SE2, Array
 
@@ -162,14 +163,15 @@ class ClientView:
         return self._world_pose.inverse().transform(met)
 
     @property
-    def off_screen_rad(self) -> float | None:
-        """Direction of the robot outside the picture, see `off_screen_direction`; None inside."""
+    def camera_state(self) -> CameraState | None:
+        """State of the camera; None before it was placed in front of a robot."""
         body, camera = self.visual, self.client.camera
         if body is None or self._camera.placed is None:
             return None
         x, y = (self._world_pose @ SE2(body.pose)).xy_heading[:2]
         at = np.array([x, y, 0.5 * body.meshes.shape.height_m])
-        return off_screen_direction(camera.position, camera.wxyz, camera.fov, camera.aspect, at)
+        placed = camera.position, camera.wxyz, camera.fov, camera.aspect
+        return CameraState(off_screen_direction(*placed, at))
 
     # Settings.
 

@@ -20,6 +20,7 @@ from tsd_twin.dashboard.scene.viser_compat import (
     prefers_dark,
     set_theme,
 )
+from tsd_twin.dashboard.wire.to_page import CameraState
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import Array
 
@@ -104,14 +105,14 @@ class ClientViews:
                 return view.pick_floor(shares)
         return np.empty((0, 2))
 
-    def off_screen_rad(self, page: str) -> float | None:
-        """Direction of a page's robot outside its picture, see `off_screen_direction`.
+    def camera_state(self, page: str) -> CameraState | None:
+        """Return the state of a page's camera; None before it was placed.
 
         It waits for no drawing: a pose that is half old moves an arrow by some pixels.
         """
         for client_id, view in list(self._views.items()):
             if self._pages.get(client_id) == page and not is_disconnected(view.client):
-                return view.off_screen_rad
+                return view.camera_state
         return None
 
     def on_robots_moved(self) -> None:

@@ -13,6 +13,7 @@ from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.student_robot import StudentPose
+from tsd_twin.dashboard.wire.to_page import CameraState
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import Array
 
@@ -105,9 +106,9 @@ class SceneExecutor:
             ("choose", page), lambda: self._views().select_robot(page, robot_id)
         )
 
-    def off_screen_rad(self, page: str) -> float | None:
-        """Direction of a page's robot outside its picture, rad from right to up; None inside."""
-        return self._views().off_screen_rad(page)
+    def camera_state(self, page: str) -> CameraState | None:
+        """State of a page's camera; None before it was placed."""
+        return self._views().camera_state(page)
 
     def envelope(self, robot_id: str) -> Array | None:
         """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""

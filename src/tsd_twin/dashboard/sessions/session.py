@@ -319,7 +319,7 @@ class Session(PageSession):
             has_control=held and state.status.lease.holder == self._operator,
             route=self._teleop.navigation.route_state,
             plot=self._plot_values(),
-            off_screen_rad=self._scene.off_screen_rad(self.page),
+            camera=self._scene.camera_state(self.page),
             map=self._map_data.state(self.robot_id or "") if self._shows_map else None,
             past=self._look_back.show(self.robot_id),
             shadow=robot.shadow.report() if self._shows_shadow and robot else None,

@@ -232,6 +232,13 @@ class PastState(msgspec.Struct, frozen=True):
     twist: Triple | None
 
 
+class CameraState(msgspec.Struct, frozen=True):
+    """Camera of a page."""
+
+    off_screen_rad: float | None
+    """Direction of the robot outside the picture, from right to up; null inside."""
+
+
 class RobotState(Message, frozen=True, tag="state"):
     """State of the robot."""
 
@@ -266,8 +273,8 @@ class RobotState(Message, frozen=True, tag="state"):
     route: RouteState | None = None
     plot: Mapping[str, float | None] = {}
     """Values that this page has requested for its plots."""
-    off_screen_rad: float | None = None
-    """Direction of the robot outside the page's picture, from right to up; null inside."""
+    camera: CameraState | None = None
+    """Null before the page's camera was placed in front of the robot."""
     map: MapState | None = None
     """Present while the page shows the map."""
     past: PastState | None = None
