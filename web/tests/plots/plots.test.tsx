@@ -1,4 +1,5 @@
 import { signal } from "@preact/signals";
+import axe from "axe-core";
 import { render } from "preact";
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { Plots } from "../../src/plots/plots.tsx";
@@ -163,4 +164,13 @@ test("Arrow keys move the cursor, whose sample is shown beside every plot.", asy
   expect(before).toBeLessThan(middle);
   for (let i = 0; i < 40; i += 1) before = await move("ArrowRight");
   expect(before).toBeGreaterThan(middle);
+});
+
+test("axe finds nothing in the plots with the list of fields.", async () => {
+  const { press } = await open();
+  await press(words.fields);
+  vi.useRealTimers();
+  const rules = { "color-contrast": { enabled: false }, region: { enabled: false } };
+  const { violations } = await axe.run(document.body, { rules });
+  expect(violations.map(({ id, nodes }) => [id, nodes.map(({ html }) => html)])).toEqual([]);
 });
