@@ -511,12 +511,14 @@ export interface Table {
       readonly poseLatency: string;
       readonly poseDropped: string;
       readonly difference: string;
+      readonly learned: string;
       readonly dropped: string;
       readonly droppedAll: string;
       readonly ageLimit: string;
       readonly speedLimit: string;
       readonly stopDistance: string;
       readonly compared: string;
+      readonly comparedFor: string;
       readonly drift: string;
       readonly motion: string;
       readonly note: string;

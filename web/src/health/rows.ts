@@ -5,7 +5,7 @@ import { quantityOf } from "../plots/fields";
 import { STALE_MS } from "../store/freshness";
 import type { Link } from "../store/link";
 import { FAIR, FAIR_LOSS, GOOD, GOOD_LOSS, jitterMs, quality, roundTripMs } from "../store/quality";
-import { figure } from "../text/numbers";
+import { degrees, figure } from "../text/numbers";
 import { sentence } from "../text/reasons";
 import { language, texts } from "../text/text";
 
@@ -167,6 +167,26 @@ function* estimateRows(
     yield count("poseDropped", recent.of("poses", sum(poses.dropped)), reasons(poses.dropped));
   }
   if (difference) yield reading("difference", difference.metres, 2, "m");
+  for (const [name, bias] of Object.entries(status.learned ?? {}))
+    yield biasRow(name, bias.value, bias.sigma);
+}
+
+/** End of a name; factor, digits and unit of the page. */
+const BIASES: readonly [string, number, number, string][] = [
+  ["_rad_per_s", degrees(1)!, 3, "°/s"],
+  ["_rad", degrees(1)!, 3, "°"],
+  ["_mps", 1000, 2, "mm/s"],
+  ["_share", 100, 2, "%"],
+  ["_s", 1000, 1, "ms"],
+  ["", 1, 3, ""],
+];
+
+/** An error that the robot has estimated, with its standard deviation. */
+function biasRow(name: string, value: number, sigma: number): Row {
+  const [end, factor, digits, unit] = BIASES.find(([last]) => name.endsWith(last))!;
+  const base = name.slice(0, name.length - end.length).replaceAll("_", " ");
+  const figures = [value, sigma].map((each) => figure(factor * each, digits));
+  return plain(`${texts().health.rows.learned} ${base}`, figures.join(" ± "), unit);
 }
 
 const sum = (counts: object) => Object.values(counts).reduce((all: number, n) => all + n, 0);
@@ -190,7 +210,7 @@ function controlRows({ limits }: RobotStatus, robot: RobotInfo | null): Row[] {
   ];
 }
 
-function* shadowRows({ joints, pose, drifts, note }: ShadowReport): Generator<Row> {
+function* shadowRows({ compared_s, joints, pose, drifts, note }: ShadowReport): Generator<Row> {
   const { rows, actuator } = texts().health;
   const compare = (name: string, value: number | null, band: number, unit: string): Row => {
     const decimals = unit === "°" ? 2 : 0;
@@ -204,6 +224,7 @@ function* shadowRows({ joints, pose, drifts, note }: ShadowReport): Generator<Ro
     yield compare(actuator(name), measured === null ? null : measured - simulated, band, unit);
   for (const [i, name] of pose?.names.entries() ?? [])
     yield compare(`${rows.motion} ${name}`, pose!.difference[i]!, pose!.band[i]!, pose!.units[i]!);
+  yield reading("comparedFor", compared_s, 0, "s");
   if (note) yield plain(rows.note, note);
 }
 

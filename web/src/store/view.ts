@@ -1,7 +1,13 @@
 // How the scene looks on this page: camera, layers, exaggerated tilt, colours.
 
 import { effect, signal } from "@preact/signals";
-import { CAMERA_PRESETS, type ViewSettings } from "../generated/wire";
+import {
+  CAMERA_PRESETS,
+  LAYERS,
+  TILT_FACTORS,
+  TRUE_POSE_DISPLAYS,
+  type ViewSettings,
+} from "../generated/wire";
 import type { Link } from "./link";
 import { isOneOf, remembered } from "./memory";
 
@@ -16,9 +22,19 @@ const INITIAL: Settings = {
   dark: null,
 };
 
-function isView(stored: unknown): stored is Settings {
-  const view = stored as Settings | null;
-  return typeof view === "object" && view !== null && CAMERA_PRESETS.includes(view.camera);
+const isView = (stored: unknown): stored is Settings => typeof stored === "object";
+
+/** Replace what this page does not know, because another version of it has kept the settings. */
+function known(stored: Partial<Settings>): Settings {
+  const { camera, follow, hidden, true_pose, tilt, dark } = { ...INITIAL, ...stored };
+  return {
+    camera: CAMERA_PRESETS.includes(camera) ? camera : INITIAL.camera,
+    follow: follow !== false,
+    hidden: LAYERS.filter((layer) => Array.isArray(hidden) && hidden.includes(layer)),
+    true_pose: TRUE_POSE_DISPLAYS.includes(true_pose) ? true_pose : INITIAL.true_pose,
+    tilt: TILT_FACTORS.includes(tilt) ? tilt : INITIAL.tilt,
+    dark: typeof dark === "boolean" ? dark : null,
+  };
 }
 
 /** Pixels of the scene: as many as the graphics card can draw, all, or half in each direction. */
@@ -34,6 +50,7 @@ export class View {
 
   constructor(link: Link) {
     this.#link = link;
+    this.settings.value = known(this.settings.peek());
     link.on("welcome", () => link.send({ t: "view", settings: this.settings.peek() }));
     const prefersDark = matchMedia("(prefers-color-scheme: dark)");
     const system = signal(prefersDark.matches);

@@ -64,6 +64,36 @@ describe("the end of a motion", () => {
     expect(told()).toBeNull();
   });
 
+  test("by the robot gives no advice beside a latched stop either", () => {
+    page.state({ mode: "driving" });
+    event("mode", SLOW);
+    expect(told()).toBe(`${BY_ROBOT} ${AGAIN}`);
+    page.state({ mode: "stopped" });
+    page.pass(2500);
+    expect(told()).toBeNull();
+  });
+
+  test.each<[Reason, string | null]>([
+    [
+      { code: "page_silent", params: { s: 1 } },
+      "Your page was silent for 1 s, so it lost control: take it again.",
+    ],
+    [{ code: "stop_pressed" }, null],
+    [{ code: "control_is_lost", cause: { code: "lease_ended" } }, null],
+    [{ code: "reset_first", params: { mode: "stopped" } }, null],
+    [{ code: "mode_only", params: { mode: "stopping" } }, null],
+  ])("by the server, $code, is told unless another part of the page tells it", (why, text) => {
+    key("keydown");
+    page.say({ t: "released", why });
+    expect(told()).toBe(text);
+  });
+
+  test("by the loss of control is told, without advice to push again", () => {
+    key("keydown");
+    page.state({ lease: { holder: "bob" } });
+    expect(told()).toBe("Take control first.");
+  });
+
   test("is not told by a page that holds nothing", () => {
     page.say(STALLED);
     expect(told()).toBeNull();
@@ -149,5 +179,13 @@ test("a page that is loaded again in motion says why the robot stopped, once", a
   expect(told()).toBeNull();
   page.state({ mode: "ready" });
   page = await openPage();
+  expect(told()).toBeNull();
+});
+
+test("of another robot, no notice is true", () => {
+  page.session.requests.send({ t: "arm" });
+  page.say({ t: "reply", to: "arm", ok: false, why: { code: "at_rest_only" } });
+  expect(told()).not.toBeNull();
+  page.say({ ...ROBOT, id: "kiwi" });
   expect(told()).toBeNull();
 });

@@ -54,6 +54,22 @@ const TABLE: [string, object, object, string, string | undefined, string | undef
     "Hold to reset",
   ],
   [
+    "was stopped with a reason",
+    { mode: "stopped", stop: { code: "stop_with_text", params: { by: "bob", text: "smoke" } } },
+    {},
+    "stopped",
+    "Smoke",
+    "Hold to reset",
+  ],
+  [
+    "was stopped for a reason that is not known",
+    { mode: "stopped", stop: null },
+    {},
+    "stopped",
+    "Stopped",
+    "Hold to reset",
+  ],
+  [
     "was stopped, and nobody has control",
     { ...STOPPED_BY("ann"), lease: FREE },
     OTHERS,
@@ -181,4 +197,14 @@ test("a planned path is the next step until it is driven by hand, and a held one
   expect(stepOf(session).id).toBe("asked");
   state({ mode: "disarmed" }, { route });
   expect(stepOf(session).id).toBe("disarmed");
+});
+
+test("who waits for an answer can withdraw the request", () => {
+  const { session, state } = openPage();
+  state({ lease: { ...BOBS, requested_by: "ann", request_expires_in_s: 9 } }, OTHERS);
+  const { detail, quiet } = stepOf(session);
+  expect([detail, quiet?.does]).toEqual([
+    "9 s left for the answer.",
+    { t: "lease", op: "withdraw" },
+  ]);
 });

@@ -324,3 +324,46 @@ describe("gamepad", () => {
     unplug();
   });
 });
+
+test("a limit of zero allows no turning at all", () => {
+  const { push, pass, state, take } = driven();
+  push(1, 0, 1);
+  state({ limits: { speed_mps: 1, turn_rate_rad_per_s: 0, applied: 1, why: [] } });
+  pass(20);
+  expect(take("drive").at(-1)).toMatchObject({ vx: 1, omega: 0 });
+});
+
+test("Enter ticks a box, once for each press, and the space bar stops there without ticking", () => {
+  const { take } = driven();
+  const box = document.body.appendChild(document.createElement("input"));
+  box.type = "checkbox";
+  expect(press(box, "Enter").defaultPrevented).toBe(true);
+  press(box, "Enter", { repeat: true });
+  lift(box, "Enter");
+  expect([box.checked, take("stop")]).toEqual([true, []]);
+  const space = [press(box, "Space"), press(box, "Space", { repeat: true }), lift(box, "Space")];
+  expect(space.map(({ defaultPrevented }) => defaultPrevented)).toEqual([true, true, true]);
+  expect([box.checked, take("stop").length]).toEqual([true, 1]);
+});
+
+test("the space bar stops on a button too, and does not press it", () => {
+  const { take } = driven();
+  const button = document.body.appendChild(document.createElement("button"));
+  const space = [press(button, "Space"), lift(button, "Space")];
+  expect(space.map(({ defaultPrevented }) => defaultPrevented)).toEqual([true, true]);
+  expect(take("stop")).toHaveLength(1);
+});
+
+test("another key acts once for each press, but not with a modifier or in a text field", () => {
+  const { session } = driven();
+  const pressed = vi.fn();
+  const end = session.keyboard.bind("KeyZ", pressed);
+  expect(press(null, "KeyZ").defaultPrevented).toBe(true);
+  press(null, "KeyZ", { repeat: true });
+  press(null, "KeyZ", { ctrlKey: true });
+  press(document.body.appendChild(document.createElement("input")), "KeyZ");
+  lift(null, "KeyZ");
+  expect(pressed).toHaveBeenCalledTimes(1);
+  end();
+  expect(press(null, "KeyZ").defaultPrevented).toBe(false);
+});

@@ -195,3 +195,51 @@ test("In a recording the link is not judged.", () => {
   const { groups, level } = inspect(page.link, new Increases());
   expect([level, "link" in groups, "loop" in groups]).toEqual([0, false, true]);
 });
+
+test("Learned errors have their standard deviation and the unit of the page.", () => {
+  const learned = {
+    module1_wheel_share: { value: 0.012, sigma: 0.0015 },
+    creep_x_mps: { value: 0.0005, sigma: 0.00025 },
+    gyro_bias_rad_per_s: { value: 0.00035, sigma: 0.00012 },
+  };
+  const estimate = judge({ status: { learned } }).report.groups.estimate!;
+  const shown = (name: string) => {
+    const { value, unit } = named(estimate, `${rows.learned} ${name}`)!;
+    return `${value} ${unit}`;
+  };
+  expect(shown("module1 wheel")).toBe("1.20 ± 0.15 %");
+  expect(shown("creep x")).toBe("0.50 ± 0.25 mm/s");
+  expect(shown("gyro bias")).toBe("0.020 ± 0.007 °/s");
+  expect(judge({}).report.groups.estimate!.some(({ value }) => value.includes("±"))).toBe(false);
+});
+
+test("The shadow twin has a row for each joint and each part of the motion, and what it names.", () => {
+  const joint = (name: string, unit: string, measured: number | null, simulated: number) => {
+    return { name, unit, measured, simulated, band: 0.2, inside: true };
+  };
+  const joints = [
+    joint("module1_alpha", "°", 1, 1.5),
+    joint("module1_beta", "°", 2, 1.95),
+    joint("module1_wheel", "rpm", null, 2500),
+  ];
+  const pose = { names: ["ahead", "left", "heading"], units: ["mm", "mm", "°"], inside: false };
+  const motion = { ...pose, difference: [12, -3, 4], band: [20, 20, 2] };
+  const text = "The servo of module 1 alpha follows 30 % slower.";
+  const named = { drifts: [{ part: "module1_alpha", text }], note: "Not at rest." };
+  const change = { state: { shadow: { compared_s: 61, joints, pose: motion, ...named } } };
+  const shadow = judge(change).report.groups.shadow!;
+  const shown = shadow.map(({ name, value, unit, level }) => [name, `${value} ${unit}`, level]);
+  expect(shown).toEqual([
+    ["module1 alpha", " ", 1],
+    ["module1 alpha", "−0.50 °", 1],
+    ["module1 beta", "0.05 °", 0],
+    ["module1 wheel", "– rpm", 0],
+    [`${rows.motion} ahead`, "12 mm", 0],
+    [`${rows.motion} left`, "−3 mm", 0],
+    [`${rows.motion} heading`, "4.00 °", 1],
+    [rows.comparedFor, "61 s", 0],
+    [rows.note, "Not at rest. ", 0],
+  ]);
+  expect(shadow[0]!.remedy).toBe(text);
+  expect(judge({}).report.groups).not.toHaveProperty("shadow");
+});

@@ -123,3 +123,11 @@ test.each(["plots", "student"] as const)(
     expect([layout.tab.value, layout.panelOpen.value]).toEqual([tab, true]);
   },
 );
+
+test("A box of the View tab says that Enter ticks it, because the space bar stops.", () => {
+  const { click, find } = openPanel();
+  click("View");
+  expect(find(".tick input").getAttribute("aria-description")).toBe(
+    "Enter ticks it; the space bar stops the robot.",
+  );
+});

@@ -185,3 +185,46 @@ test("A sphere rolls ahead about its Y axis, and left about minus X.", () => {
   pass(40, READY);
   expect(take("drive").at(-1)).toMatchObject({ vx: -1, vy: 0, omega: 0 });
 });
+
+test.each([
+  ["Only look", "Drive"],
+  ["Drive", "Only look"],
+])("From %s to %s, a held slider springs to zero first, so no click moves the robot.", (...way) => {
+  const [from, to] = way;
+  const { box, does, drag, pass, take, drive } = openPanel();
+  const choose = (name: string) => {
+    const choices = [...box.querySelectorAll<HTMLElement>(".switch [role=radio]")];
+    does(() => choices.find(({ textContent }) => textContent === name)!.click());
+  };
+  choose(from);
+  const { track } = drag("Forward", 0.5);
+  pass(40, READY);
+  take();
+  choose(to);
+  expect([drive.held.value, drive.asked.value.x]).toEqual([false, 0]);
+  fire(track, "pointermove", { pointerId: 1, button: 0, clientX: 180 });
+  pass(100, READY);
+  expect(take("drive", "preview").every(({ t, twist }) => t === "preview" && !twist)).toBe(true);
+});
+
+test("Keep value also keeps the value of an arrow key.", () => {
+  const { click, find, does, pass, take, drive } = openPanel();
+  click("More about the sliders");
+  click("Keep value");
+  const track = find("[aria-label=Forward][role=slider]:not(.sr)");
+  does(() => void press(track, "ArrowRight"));
+  does(() => void lift(track, "ArrowRight"));
+  pass(40, READY);
+  expect(drive.alone.value).toBe(true);
+  expect(take("drive").at(-1)).toMatchObject({ vx: 2 });
+});
+
+test("Home on one slider centres all of them.", () => {
+  const { find, drag, pass, does, drive } = keeping();
+  drag("Left", -0.5).letGo();
+  drag("Turn left", -0.5).letGo();
+  pass(40, READY);
+  expect(Object.values(drive.asked.value).every((each) => each > 0)).toBe(true);
+  does(() => void press(find('[aria-label="Turn left"][role=slider]'), "Home"));
+  expect(drive.asked.value).toEqual({ x: 0, y: 0, turn: 0 });
+});

@@ -1,4 +1,5 @@
 import { signal } from "@preact/signals";
+import axe from "axe-core";
 import { render } from "preact";
 import { afterEach, beforeEach, expect, test, vi } from "vitest";
 import { Plots } from "../../src/plots/plots.tsx";
@@ -137,4 +138,39 @@ test("A field is found by a part of its name, and joins its like.", async () => 
   await run(50);
   expect(recorder.layout.value.panes[0]).toEqual(["twist.vx", "commanded.vx"]);
   expect(found[0]!.getAttribute("aria-checked")).toBe("true");
+});
+
+test("Arrow keys move the cursor, whose sample is shown beside every plot.", async () => {
+  const { values, state, button } = await open();
+  for (let i = 1; i <= 400; i += 1)
+    state({ robot_s: 100 + i / 20, twist: [i / 100, 0, i / 100], pose: [i / 100, 0, 0] });
+  button(words.pause).click();
+  await vi.advanceTimersByTimeAsync(100);
+  const area = document.querySelector<HTMLElement>(".charts")!;
+  const box = new DOMRect(0, 0, 540, 100);
+  vi.spyOn(HTMLElement.prototype, "getBoundingClientRect").mockReturnValue(box);
+  const move = async (key: string) => {
+    area.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true }));
+    await vi.advanceTimersByTimeAsync(50);
+    const [vx, omega, x] = values().map(Number);
+    expect([vx, omega]).toEqual([expect.closeTo(x!, 1), expect.closeTo(x!, 1)]);
+    return x!;
+  };
+  const middle = await move("ArrowLeft");
+  expect(middle).toBeGreaterThan(1.5);
+  expect(middle).toBeLessThan(2.5);
+  let before = middle;
+  for (let i = 0; i < 20; i += 1) before = await move("ArrowLeft");
+  expect(before).toBeLessThan(middle);
+  for (let i = 0; i < 40; i += 1) before = await move("ArrowRight");
+  expect(before).toBeGreaterThan(middle);
+});
+
+test("axe finds nothing in the plots with the list of fields.", async () => {
+  const { press } = await open();
+  await press(words.fields);
+  vi.useRealTimers();
+  const rules = { "color-contrast": { enabled: false }, region: { enabled: false } };
+  const { violations } = await axe.run(document.body, { rules });
+  expect(violations.map(({ id, nodes }) => [id, nodes.map(({ html }) => html)])).toEqual([]);
 });

@@ -95,6 +95,18 @@ describe("following", () => {
     expect(take("release")).toHaveLength(1);
   });
 
+  test("The key-up of G counts also with Ctrl, in a text field.", () => {
+    const { path, state, take } = open();
+    state({ route: route("planned") });
+    press("KeyG");
+    const field = document.body.appendChild(document.createElement("input"));
+    const lift = { code: "KeyG", ctrlKey: true, bubbles: true };
+    field.dispatchEvent(new KeyboardEvent("keyup", lift));
+    field.remove();
+    expect(path.going.value).toBe(false);
+    expect(take("release")).toHaveLength(1);
+  });
+
   test("A key that is still down after a release must come up before it holds again.", () => {
     const { session, path, state } = open();
     state({ route: route("planned") });

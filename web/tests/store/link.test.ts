@@ -1,0 +1,103 @@
+import { beforeEach, expect, test, vi } from "vitest";
+import { freshness } from "../../src/store/freshness";
+import { Link } from "../../src/store/link";
+import { whyNotTakeControl } from "../../src/store/permission";
+import { FakeSocket } from "../support/fake_socket";
+import { fakeBrowser, openPage } from "../support/page";
+
+beforeEach(fakeBrowser);
+
+/** Open a link to a dashboard that has not answered yet. */
+function opening(name = "") {
+  const link = new Link({ page: "1", recording: null, name, hasFocus: () => true });
+  link.open();
+  const why = () => whyNotTakeControl(link);
+  return { link, socket: FakeSocket.newest, why };
+}
+
+const nameSent = () => FakeSocket.newest.address.searchParams.get("name");
+const page = (code: string) => ({ by: "page", code });
+
+test("a listener hears the messages of its kind until it is ended", () => {
+  const { link, say, state } = openPage();
+  const heard: string[] = [];
+  const end = link.on("state", ({ t }) => heard.push(t));
+  link.on("reply", ({ t }) => heard.push(t));
+  state();
+  say({ t: "reply", to: "arm", ok: true, why: null });
+  end();
+  state();
+  expect(heard).toEqual(["state", "reply"]);
+});
+
+test("a listener that another adds hears the next message, and one that another ends none", () => {
+  const { link, state } = openPage();
+  const heard: string[] = [];
+  link.on("state", () => {
+    if (heard.push("first") > 1) return;
+    endOther();
+    link.on("state", () => heard.push("added"));
+  });
+  const endOther = link.on("state", () => heard.push("ended"));
+  state();
+  expect(heard).toEqual(["first"]);
+  state();
+  expect(heard).toEqual(["first", "first", "added"]);
+});
+
+test("a typed name is sent at once, and again with the next connection", () => {
+  const { link, socket } = opening();
+  expect(nameSent()).toBeNull();
+  socket.onopen();
+  link.rename("");
+  link.rename("Анна");
+  expect(socket.take("name")).toEqual([{ t: "name", name: "Анна" }]);
+  socket.onclose();
+  vi.advanceTimersByTime(1000);
+  expect(FakeSocket.newest).not.toBe(socket);
+  expect(nameSent()).toBe("Анна");
+});
+
+test("a page that loads is connecting, and says so if that takes more than five seconds", () => {
+  const { link, socket, why } = opening();
+  vi.advanceTimersByTime(4900);
+  expect([freshness(link).kind, why()]).toEqual(["starting", page("connecting")]);
+  vi.advanceTimersByTime(200);
+  expect([freshness(link).kind, why()]).toEqual(["offline", page("not_connected")]);
+  socket.onopen();
+  expect(why()).toEqual(page("no_robot"));
+});
+
+test("a connection that is lost before the first state is reported at once", () => {
+  const { link, socket, why } = opening();
+  vi.advanceTimersByTime(300);
+  socket.onopen();
+  expect(link.isLoading()).toBe(true);
+  socket.onclose();
+  expect([link.isLoading(), why()]).toEqual([false, page("not_connected")]);
+});
+
+test("a page that has stalled reads its messages before it takes the connection for lost", () => {
+  const { link, socket } = openPage();
+  const now = performance.now.bind(performance);
+  let stalledMs = 0;
+  vi.spyOn(performance, "now").mockImplementation(() => now() + stalledMs);
+  socket.send = () => {}; // No echo any more.
+  stalledMs = 30_000;
+  vi.advanceTimersByTime(300);
+  expect(link.connected.value).toBe(true);
+  socket.say({ t: "heartbeat", sent_ms: performance.now() - 30_000 });
+  vi.advanceTimersByTime(1800);
+  expect(link.connected.value).toBe(true);
+  vi.advanceTimersByTime(400); // Two seconds without an echo in which the page ran.
+  expect([link.connected.value, socket.readyState]).toEqual([false, 3]);
+  vi.restoreAllMocks();
+});
+
+test("an event has the time at which it happened, also one of an hour ago", () => {
+  const { link, say } = openPage();
+  const event = { t: "event", kind: "mode", text: "", why: { code: "released" }, past: true };
+  say({ ...event, robot_s: 12.5, age_s: 3600 });
+  say({ ...event, robot_s: 12.5, age_s: 0 });
+  expect(link.history.value.map(({ atMs }) => Date.now() - atMs)).toEqual([3_600_000, 0]);
+});
