@@ -1,12 +1,15 @@
 // Left of STOP: the next step with its sentence, or the speed while one drives.
 
-import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
-import { HeldKeys, HeldPointer } from "../drive/held";
+import { useEffect, useLayoutEffect, useMemo, useRef } from "preact/hooks";
+import { CENTRED } from "../drive/axes";
+import { SprungControl } from "../drive/sprung";
 import { useSession } from "../session";
-import { refusalText } from "../text/reasons";
+import { nameOf, refusalText } from "../text/reasons";
 import { texts } from "../text/text";
+import { clock } from "../timeline/clock";
+import { backToLive } from "../timeline/past";
+import { playbackOf } from "../timeline/playback";
 import { Button, NextStep } from "../ui/button";
-import { Past } from "./past";
 import { Speed } from "./speed";
 import { type Action, type Step, stepOf } from "./steps";
 
@@ -20,18 +23,18 @@ export function Slot() {
     if (!hadFocus || box.current?.contains(document.activeElement)) return;
     (box.current?.querySelector<HTMLElement>("button.next") ?? box.current)?.focus();
   });
-  const alone = session.drive.alone.value;
-  const classes = ["slot", step.id === "speed" ? "speedcell" : "nextcell"];
+  const { id, title, progress, next, quiet } = step;
+  const classes = id === "speed" ? "slot speedcell" : "slot nextcell";
   return (
-    <div ref={box} class={classes.join(" ")} data-step={step.id} tabIndex={-1}>
-      {step.id === "speed" && <Speed />}
-      {step.id === "past" && <Past />}
-      {step.title !== undefined && <Words step={step} />}
-      {alone && <p class="alone warn">{texts().deck.alone}</p>}
-      {step.progress !== undefined && <Progress step={step} />}
+    <div ref={box} class={classes} data-step={id} tabIndex={-1}>
+      {id === "speed" && <Speed />}
+      {id === "past" && <Past />}
+      {title !== undefined && <Words step={step} />}
+      {session.drive.alone.value && <p class="alone warn">{texts().deck.alone}</p>}
+      {progress !== undefined && <progress class="done" aria-label={title} value={progress} />}
       <div class="do">
-        {step.quiet && <Quiet action={step.quiet} />}
-        {step.next && <Next key={step.id} action={step.next} />}
+        {quiet && <Quiet action={quiet} />}
+        {next && <Next key={id} action={next} />}
         {step.path && <HoldToGo key="path" />}
       </div>
     </div>
@@ -43,40 +46,23 @@ function Words({ step }: { step: Step }) {
   const { requests } = useSession();
   const { deck, common } = texts();
   const { title = "", name = "", next } = step;
-  const at = name === "" ? -1 : title.indexOf(name);
+  const at = name === "" ? title.length : title.indexOf(name);
   const isAlarm = step.id === "unconfirmed";
   const refused = next?.refused ? refusalText(next.refused) : null;
-  const kind = next && typeof next.does === "object" ? next.does.t : null;
-  const answer = kind === null ? null : requests.isPending(kind) ? deck.sent : null;
-  const missed = kind !== null && requests.unanswered.value === kind ? `${common.noAnswer}.` : null;
+  const kind = typeof next?.does === "object" ? next.does.t : undefined;
   return (
     <p role={isAlarm ? "alert" : undefined} title={[title, step.detail].filter(Boolean).join(" ")}>
       <b aria-live={isAlarm ? undefined : "polite"}>
-        {at < 0 ? title : title.slice(0, at)}
-        {at >= 0 && <bdi>{name}</bdi>}
-        {at >= 0 && title.slice(at + name.length)}
+        {title.slice(0, at)}
+        {name && <bdi>{name}</bdi>}
+        {title.slice(at + name.length)}
       </b>{" "}
       <span>{[step.detail, refused].filter(Boolean).join(" ")}</span>{" "}
       <span class="warn" role="status">
-        {answer ?? missed}
+        {kind && requests.isPending(kind) && deck.sent}
+        {kind && requests.unanswered.value === kind && `${common.noAnswer}.`}
       </span>
     </p>
-  );
-}
-
-function Progress({ step }: { step: Step }) {
-  const percent = Math.round(100 * Math.min(1, step.progress ?? 0));
-  return (
-    <div
-      class="done"
-      role="progressbar"
-      aria-label={step.title}
-      aria-valuemin={0}
-      aria-valuemax={100}
-      aria-valuenow={percent}
-    >
-      <i style={{ width: `${percent}%` }} />
-    </div>
   );
 }
 
@@ -110,37 +96,16 @@ function Quiet({ action }: { action: Action }) {
 /** Follows the path while a finger, or Enter, holds it. */
 function HoldToGo() {
   const { path } = useSession();
-  const button = useRef<HTMLButtonElement>(null);
-  useEffect(() => {
-    const node = button.current!;
-    const keys = new HeldKeys();
-    const pointer = new HeldPointer(node, {
-      came: () => path.hold() || pointer.cancel(),
-      gone: () => path.letGo(),
-    });
-    const press = (event: KeyboardEvent) => {
-      if (event.key !== "Enter") return;
-      event.preventDefault();
-      if (!keys.take(event)) return;
-      if (keys.size === 0) path.letGo();
-      else if (!path.hold()) keys.cancel();
-    };
-    const left = () => keys.cancel() && path.letGo();
-    node.addEventListener("keydown", press);
-    node.addEventListener("keyup", press);
-    node.addEventListener("blur", left);
-    return () => {
-      path.letGo();
-      pointer.end();
-    };
-  }, [path]);
+  const control = useMemo(
+    () => new SprungControl(path, () => CENTRED, { Enter: {}, NumpadEnter: {} }),
+    [path],
+  );
   const refusal = path.whyNotGo();
-  const classes = path.going.value ? "next held" : "next";
   return (
     <button
-      ref={button}
+      ref={control.attach}
       type="button"
-      class={classes}
+      class={path.going.value ? "next held" : "next"}
       aria-disabled={refusal !== null || undefined}
       title={refusal === null ? undefined : refusalText(refusal)}
     >
@@ -148,5 +113,34 @@ function HoldToGo() {
         {texts().deck.go} <kbd>G</kbd>
       </span>
     </button>
+  );
+}
+
+/** In a recording: the time looked at, what the robot itself does now, and the way back. */
+function Past() {
+  const { link, fleet } = useSession();
+  const { deck, common } = texts();
+  useEffect(() => {
+    const ask = () => link.send({ t: "fleet", on: true });
+    ask();
+    return link.on("welcome", ask);
+  }, [link]);
+  const shownMs = playbackOf(link).shownMs.value;
+  const id = link.robot.value?.id;
+  const now = fleet.rows().find((row) => row.id === id && row.source === "robot");
+  const mode = common.modes[now?.mode ?? ""];
+  const driver = now?.driver ? (now.operators[now.driver] ?? nameOf(now.driver)) : null;
+  return (
+    <>
+      <p>
+        <b>{shownMs !== null && deck.past(clock(shownMs))}</b>{" "}
+        <span>
+          {now && (now.silent || mode === undefined ? deck.gone : deck.now(mode, driver))}
+        </span>
+      </p>
+      <NextStep onPress={backToLive}>
+        {deck.live} <kbd>L</kbd>
+      </NextStep>
+    </>
   );
 }

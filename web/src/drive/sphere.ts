@@ -3,7 +3,7 @@
 
 import type { SphereClick } from "../generated/wire";
 import type { Link } from "../store/link";
-import { CENTRED, type Deflection, deflectionOf } from "./axes";
+import { CENTRED, type Deflection, deflectionOf, scaled } from "./axes";
 import type { Drive, Source } from "./drive";
 
 type Vector = readonly [number, number, number];
@@ -16,14 +16,13 @@ const APPROACH_PER_S = 2;
 
 export class SphereTurn implements Source {
   readonly alone = true;
-  readonly #link: Link;
-  readonly #drive: Drive;
   #goal: { at: Vector; untilMs: number } | null = null;
   #clickedMs = -Infinity;
 
-  constructor(link: Link, drive: Drive) {
-    this.#link = link;
-    this.#drive = drive;
+  constructor(
+    private readonly link: Link,
+    private readonly drive: Drive,
+  ) {
     drive.add(this);
     link.on("sphere_click", (click) => this.#take(click));
     link.on("robot", () => this.cancel());
@@ -34,18 +33,19 @@ export class SphereTurn implements Source {
     return this.#goal !== null;
   }
 
-  /** Rate of the shortest rotation that brings the point up, within the speed limit. */
-  get speed(): Deflection {
+  /** Shortest rotation that brings the point up, as a fraction of the speed limit. */
+  get share(): Deflection {
     const way = this.#rotation();
     if (way === null) return CENTRED;
-    const rate = Math.min(APPROACH_PER_S * way.angle, this.#drive.scale.peek().speed);
-    return deflectionOf(this.#link.robot.peek(), [rate * way.axis[0], rate * way.axis[1], 0]);
+    const most = Math.max(1e-6, this.drive.scale.peek().speed);
+    const rate = Math.min(1, (APPROACH_PER_S * way.angle) / most);
+    return scaled(deflectionOf(this.link.robot.peek(), [...way.axis, 0]), rate);
   }
 
   /** Bring a point up, given as a unit vector along the axes painted on the sphere. */
   bring(at: Vector): void {
     this.#goal = { at, untilMs: performance.now() + TIMEOUT_MS };
-    this.#drive.changed();
+    this.drive.changed();
   }
 
   cancel(): void {
@@ -60,7 +60,7 @@ export class SphereTurn implements Source {
   #take({ robot, at }: SphereClick): void {
     const isOwn = performance.now() - this.#clickedMs < CLICK_MS;
     this.#clickedMs = -Infinity; // One motion per click.
-    if (isOwn && robot === this.#link.robot.peek()?.id) this.bring(at);
+    if (isOwn && robot === this.link.robot.peek()?.id) this.bring(at);
   }
 
   #check(): void {
@@ -68,12 +68,12 @@ export class SphereTurn implements Source {
     const way = this.#rotation();
     const ended = way === null || way.angle < NEAR_RAD || performance.now() > this.#goal.untilMs;
     if (ended) this.cancel();
-    this.#drive.changed();
+    this.drive.changed();
   }
 
   /** Remaining rotation: about a horizontal axis, by the angle of the point from the top. */
   #rotation(): { angle: number; axis: readonly [number, number] } | null {
-    const sphere = this.#link.state.peek()?.sphere;
+    const sphere = this.link.state.peek()?.sphere;
     if (!sphere || this.#goal === null) return null;
     const [x, y, z] = turned(sphere.wxyz, this.#goal.at);
     const level = Math.hypot(x, y);

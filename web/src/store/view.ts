@@ -1,7 +1,8 @@
 // How the scene looks on this page: camera, layers, exaggerated tilt, colours.
 
-import { effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import { CAMERA_PRESETS, type ViewSettings } from "../generated/wire";
+import { media } from "./layout";
 import type { Link } from "./link";
 import { isOneOf, remembered } from "./memory";
 
@@ -17,8 +18,7 @@ const INITIAL: Settings = {
 };
 
 function isView(stored: unknown): stored is Settings {
-  const view = stored as Settings | null;
-  return typeof view === "object" && view !== null && CAMERA_PRESETS.includes(view.camera);
+  return CAMERA_PRESETS.includes((stored as Settings | null)?.camera as Settings["camera"]);
 }
 
 /** Pixels of the scene: as many as the graphics card can draw, all, or half in each direction. */
@@ -28,18 +28,13 @@ export type Sharpness = (typeof SHARPNESS)[number];
 export class View {
   readonly settings = remembered("tsd-view", INITIAL, isView);
   readonly sharpness = remembered<Sharpness>("tsd-sharpness", "auto", isOneOf(SHARPNESS));
+  readonly #prefersDark = media("(prefers-color-scheme: dark)");
   /** Whether dark colours are shown now. */
-  readonly dark = signal(true);
-  readonly #link: Link;
+  readonly dark = computed(() => this.settings.value.dark ?? this.#prefersDark.value);
 
-  constructor(link: Link) {
-    this.#link = link;
+  constructor(private readonly link: Link) {
     link.on("welcome", () => link.send({ t: "view", settings: this.settings.peek() }));
-    const prefersDark = matchMedia("(prefers-color-scheme: dark)");
-    const system = signal(prefersDark.matches);
-    prefersDark.addEventListener("change", () => (system.value = prefersDark.matches));
     effect(() => {
-      this.dark.value = this.settings.value.dark ?? system.value;
       document.documentElement.dataset["theme"] = this.dark.value ? "dark" : "light";
     });
   }
@@ -47,6 +42,6 @@ export class View {
   /** Change settings; `look` turns the camera to the robot again. */
   set(change: Partial<Settings>, look = false): void {
     this.settings.value = { ...this.settings.peek(), ...change };
-    this.#link.send({ t: "view", settings: this.settings.peek(), look });
+    this.link.send({ t: "view", settings: this.settings.peek(), look });
   }
 }

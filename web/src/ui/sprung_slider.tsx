@@ -1,6 +1,6 @@
 // Slider that springs back to zero: in the middle, with its value inside the thumb.
 
-import { useEffect, useMemo, useRef } from "preact/hooks";
+import { useMemo } from "preact/hooks";
 import { CENTRED, type Deflection } from "../drive/axes";
 import { type Holder, SprungControl } from "../drive/sprung";
 import { figure } from "../text/numbers";
@@ -38,28 +38,22 @@ export function useSprungSlider(drive: Holder, axis: keyof Deflection, mirrored 
       ...CENTRED,
       [axis]: Math.max(-1, Math.min(1, way * share)),
     });
-    const arrow = (share: number): [number, number, number] => {
-      const { x, y, turn } = along(share);
-      return [x, y, turn];
-    };
     const read = (event: PointerEvent, box: DOMRect) => {
       const track = event.currentTarget as HTMLElement;
       const thumb = track.querySelector<HTMLElement>(".thumb")?.offsetWidth ?? 0;
       return along((2 * (event.clientX - box.left) - box.width) / Math.max(1, box.width - thumb));
     };
     return new SprungControl(drive, read, {
-      ArrowRight: arrow(1),
-      ArrowLeft: arrow(-1),
-      ArrowUp: arrow(way),
-      ArrowDown: arrow(-way),
+      ArrowRight: along(1),
+      ArrowLeft: along(-1),
+      ArrowUp: { [axis]: 1 },
+      ArrowDown: { [axis]: -1 },
     });
   }, [drive, axis, mirrored]);
 }
 
 export function SprungSlider(props: SprungSliderProps) {
   const { label, control, asked, allowed, most, spoken, mirrored, off } = props;
-  const track = useRef<HTMLDivElement>(null);
-  useEffect(() => (track.current ? control.attach(track.current) : undefined), [control]);
   const at = (value: number) => {
     const share = most > 0 ? Math.max(-1, Math.min(1, value / most)) : 0;
     return (mirrored ? -share : share) * 0.5;
@@ -75,7 +69,7 @@ export function SprungSlider(props: SprungSliderProps) {
   const place = (name: string, share: number) => ({ [name]: String(share) });
   return (
     <div
-      ref={track}
+      ref={control.attach}
       class={classes.filter(Boolean).join(" ")}
       role="slider"
       tabIndex={0}
