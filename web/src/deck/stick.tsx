@@ -181,7 +181,6 @@ export function Turn() {
   const { turn } = drive.asked.value;
   return (
     <div class="turn">
-      <span class="lab">{label}</span>
       <SprungSlider
         label={label}
         axis="turn"
@@ -197,7 +196,9 @@ export function Turn() {
         refused={off?.text}
         looksOnly={drive.looksOnly.value}
       />
-      <span class="lab">{off?.short ?? "rad/s"}</span>
+      <span class="labs">
+        <span>{label}</span> <span class="lab">{off?.short ?? "rad/s"}</span>
+      </span>
     </div>
   );
 }

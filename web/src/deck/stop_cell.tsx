@@ -20,9 +20,8 @@ export function StopCell() {
   // Where fingers drive there are no keys to name, and the button itself has room for the rest.
   const isTouch = layout.phone.value || layout.sideways.value;
   const line = (
-    <span id={hint} class={said === null ? "hint" : "hint says"}>
-      {said}
-      {said === null && !isTouch && (
+    <span id={hint} class="hint">
+      {said ?? (
         <>
           <kbd>{deck.stop.space}</kbd> {deck.stop.gamepad} <kbd>B</kbd>
         </>
@@ -57,7 +56,7 @@ export function StopCell() {
       >
         <Icon name="stopsign" />
         <span>STOP</span>
-        {isTouch && line}
+        {isTouch && said && line}
       </button>
       {!isTouch && line}
     </div>
