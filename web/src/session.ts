@@ -30,7 +30,11 @@ export class Session {
     recording: new URL(location.href).searchParams.get("recording"),
     name: this.name.peek(),
   });
-  readonly fleet = new FleetStore(this.link, () => this.layout.screen.value === "fleet");
+  /** A page that shows a recording tells what the robot itself does now. */
+  readonly fleet = new FleetStore(
+    this.link,
+    () => this.layout.screen.value === "fleet" || this.link.recording !== null,
+  );
   readonly drive = new Drive(this.link);
   readonly stop = new Stop(this.link, () => this.drive.release());
   readonly keyboard = new Keyboard(this.drive, () => this.#pressRed());

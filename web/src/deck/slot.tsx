@@ -1,17 +1,15 @@
 // Left of STOP: the next step with its sentence, or the speed while one drives.
 
-import { useEffect, useLayoutEffect, useMemo, useRef } from "preact/hooks";
+import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { CENTRED } from "../drive/axes";
 import { SprungControl } from "../drive/sprung";
 import { useSession } from "../session";
-import { nameOf, refusalText } from "../text/reasons";
+import { figure } from "../text/numbers";
+import { refusalText, words } from "../text/reasons";
 import { texts } from "../text/text";
-import { clock } from "../timeline/clock";
-import { backToLive } from "../timeline/past";
-import { playbackOf } from "../timeline/playback";
+import { sliderHandlers } from "../timeline/slider";
 import { Button, NextStep } from "../ui/button";
-import { Speed } from "./speed";
-import { type Action, type Step, stepOf } from "./steps";
+import { type Action, speedOf, type Step, stepOf, unitOf } from "./steps";
 
 export function Slot() {
   const session = useSession();
@@ -28,13 +26,12 @@ export function Slot() {
   return (
     <div ref={box} class={classes} data-step={id} tabIndex={-1}>
       {id === "speed" && <Speed />}
-      {id === "past" && <Past />}
       {title !== undefined && <Words step={step} />}
       {session.drive.alone.value && <p class="alone warn">{texts().deck.alone}</p>}
       {progress !== undefined && <progress class="done" aria-label={title} value={progress} />}
       <div class="do">
-        {quiet && <Quiet action={quiet} />}
-        {next && <Next key={id} action={next} />}
+        {quiet && <Act action={quiet} isQuiet />}
+        {next && <Act key={id} action={next} />}
         {step.path && <HoldToGo key="path" />}
       </div>
     </div>
@@ -48,11 +45,12 @@ function Words({ step }: { step: Step }) {
   const { title = "", name = "", next } = step;
   const at = name === "" ? title.length : title.indexOf(name);
   const isAlarm = step.id === "unconfirmed";
+  const isSpoken = !isAlarm && step.id !== "past"; // The time runs.
   const refused = next?.refused ? refusalText(next.refused) : null;
   const kind = typeof next?.does === "object" ? next.does.t : undefined;
   return (
     <p role={isAlarm ? "alert" : undefined} title={[title, step.detail].filter(Boolean).join(" ")}>
-      <b aria-live={isAlarm ? undefined : "polite"}>
+      <b aria-live={isSpoken ? "polite" : undefined}>
         {title.slice(0, at)}
         {name && <bdi>{name}</bdi>}
         {title.slice(at + name.length)}
@@ -66,30 +64,24 @@ function Words({ step }: { step: Step }) {
   );
 }
 
-function useAction({ does, refused = null }: Action) {
+function Act({ action, isQuiet = false }: { action: Action; isQuiet?: boolean }) {
   const { requests } = useSession();
+  const { text, does, refused, hold, key } = action;
   const isRequest = typeof does === "object";
-  return {
-    busy: isRequest && requests.isPending(does.t),
-    refused: refused && refusalText(refused),
+  const act = {
+    refused: refused ? refusalText(refused) : null,
     onPress: () => (isRequest ? requests.send(does) : does()),
   };
-}
-
-function Next({ action }: { action: Action }) {
+  if (isQuiet)
+    return (
+      <Button edge {...act}>
+        {text}
+      </Button>
+    );
   return (
-    <NextStep {...useAction(action)} hold={action.hold}>
-      {action.text}
+    <NextStep {...act} hold={hold} busy={isRequest && requests.isPending(does.t)}>
+      {text} {key && <kbd>{key}</kbd>}
     </NextStep>
-  );
-}
-
-function Quiet({ action }: { action: Action }) {
-  const { refused, onPress } = useAction(action);
-  return (
-    <Button edge refused={refused} onPress={onPress}>
-      {action.text}
-    </Button>
   );
 }
 
@@ -116,31 +108,54 @@ function HoldToGo() {
   );
 }
 
-/** In a recording: the time looked at, what the robot itself does now, and the way back. */
-function Past() {
-  const { link, fleet } = useSession();
-  const { deck, common } = texts();
-  useEffect(() => {
-    const ask = () => link.send({ t: "fleet", on: true });
-    ask();
-    return link.on("welcome", ask);
-  }, [link]);
-  const shownMs = playbackOf(link).shownMs.value;
-  const id = link.robot.value?.id;
-  const now = fleet.rows().find((row) => row.id === id && row.source === "robot");
-  const mode = common.modes[now?.mode ?? ""];
-  const driver = now?.driver ? (now.operators[now.driver] ?? nameOf(now.driver)) : null;
+const LEAST = 0.05; // Of the limit of the robot.
+const STEP = 0.05;
+
+/** Speed, and the limit that the operator chooses: one bar for both. */
+function Speed() {
+  const { drive, link } = useSession();
+  const { deck } = texts();
+  const [speed, unit] = [speedOf(link), unitOf(link)];
+  const robot = link.robot.value;
+  const limits = link.state.value?.status.limits;
+  const unit_m = robot?.twist_scale_m ?? 1;
+  // The bar ends where the robot does; below that it may allow less for now.
+  const most = (robot?.limits.speed_mps ?? 0) / unit_m || 1;
+  const active = (limits?.speed_mps ?? 0) / unit_m || most;
+  const limit = drive.scale.value.speed;
+  const set = (level: number) => {
+    drive.level.value = Math.round(100 * Math.max(LEAST, Math.min(1, level))) / 100;
+  };
+  const handlers = sliderHandlers(
+    (share) => set((share * most) / active),
+    (steps) => set(drive.level.peek() + STEP * Math.max(-4, Math.min(4, steps))),
+  );
+  const percent = (part: number) => `${100 * Math.max(0, Math.min(1, part / most))}%`;
+  const why = limits?.why.map((reason) => words(reason)).join("; ") ?? "";
   return (
     <>
-      <p>
-        <b>{shownMs !== null && deck.past(clock(shownMs))}</b>{" "}
-        <span>
-          {now && (now.silent || mode === undefined ? deck.gone : deck.now(mode, driver))}
-        </span>
+      <p class="hero">
+        <span class="n">{figure(speed, 2)}</span>
+        <span class="u">{unit}</span>
       </p>
-      <NextStep onPress={backToLive}>
-        {deck.live} <kbd>L</kbd>
-      </NextStep>
+      <div
+        {...handlers}
+        class="cap"
+        aria-label={deck.limit}
+        aria-valuemin={LEAST * active}
+        aria-valuemax={active}
+        aria-valuenow={limit}
+        aria-valuetext={`${figure(limit, 2)} ${deck.units[unit]}`}
+        title={why === "" ? undefined : deck.slower(why)}
+        style={{ "--limit": percent(limit) }}
+      >
+        <span class="track">
+          <i style={{ width: percent(speed ?? 0) }} />
+          <em />
+        </span>
+        <span class="handle" />
+        <span class="lab">{deck.limitAt(figure(limit, 2))}</span>
+      </div>
     </>
   );
 }

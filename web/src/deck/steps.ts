@@ -12,6 +12,9 @@ import { controlTerms, type Request } from "../store/requests";
 import { duration, figure } from "../text/numbers";
 import { nameOf, refusalText, sentence } from "../text/reasons";
 import { texts } from "../text/text";
+import { clock } from "../timeline/clock";
+import { backToLive } from "../timeline/past";
+import { playbackOf } from "../timeline/playback";
 
 const ARMED = ["ready", "driving", "stopping"];
 
@@ -21,6 +24,8 @@ export interface Action {
   does: Request | (() => void);
   refused?: Refusal | null;
   hold?: boolean;
+  /** Its key, if it has one. */
+  key?: string;
 }
 
 export interface Step {
@@ -65,12 +70,35 @@ export function stepOf(session: Session): Step {
     return { id: fresh.kind, title, detail: deck.reconnecting };
   }
   if (fresh.kind === "no_robot") return { id: "no_robot", title: common.refusals["no_robot"] };
-  if (fresh.kind === "recorded" && fresh.by === "page") return { id: "past" };
+  if (fresh.kind === "recorded" && fresh.by === "page") return past(session);
   if (fresh.kind === "recorded") return { id: "replay", title: common.refusals["replay_shown"] };
   if (fresh.kind === "starting" || state === null) return { id: "starting" };
   if (link.welcome.value?.role === "viewer")
     return { ...driver(link, state), id: "viewer", detail: common.refusals["viewer_only"] };
   return state.has_control ? withControl(session, state) : withoutControl(link, state);
+}
+
+/** The time looked at, what the robot itself does now, and the way back. */
+function past({ link, fleet }: Session): Step {
+  const { deck, common } = texts();
+  const shownMs = playbackOf(link).shownMs.value;
+  const id = link.robot.value?.id;
+  const now = fleet.rows().find((row) => row.id === id && row.source === "robot");
+  const mode = common.modes[now?.mode ?? ""];
+  const driver = now?.driver ? (now.operators[now.driver] ?? nameOf(now.driver)) : null;
+  const known = now?.silent || mode === undefined ? deck.gone : deck.now(mode, driver);
+  return {
+    id: "past",
+    title: shownMs === null ? "" : deck.past(clock(shownMs)),
+    detail: now && known,
+    next: { text: deck.live, does: backToLive, key: "L" },
+  };
+}
+
+/** A state about an operator, whose name is part of the title. */
+function about(operator: string, id: string, title: (name: string) => string): Step {
+  const name = nameOf(operator);
+  return { id, title: title(name), name };
 }
 
 function withControl({ link, path }: Session, state: RobotState): Step {
@@ -82,11 +110,8 @@ function withControl({ link, path }: Session, state: RobotState): Step {
   if (path.going.value && route) return going(route);
   if (lease.requested_by !== null) {
     const requester = lease.requested_by;
-    const name = nameOf(requester);
     return {
-      id: "asked",
-      title: deck.asks(name),
-      name,
+      ...about(requester, "asked", deck.asks),
       detail: deck.asksThen(duration(Math.ceil(lease.request_expires_in_s))),
       next: { text: deck.handOver, does: { t: "lease", op: "grant", requester } },
       quiet: { text: deck.keep, does: { t: "lease", op: "deny", requester } },
@@ -121,16 +146,12 @@ function withoutControl(link: Link, state: RobotState): Step {
   const { deck } = texts();
   const { holder, requested_by: asker, reserved_for, request_expires_in_s } = state.status.lease;
   const me = link.welcome.value?.operator;
-  if (holder !== null && asker === me) {
-    const name = nameOf(holder);
+  if (holder !== null && asker === me)
     return {
-      id: "waiting",
-      title: deck.asked(name),
-      name,
+      ...about(holder, "waiting", deck.asked),
       detail: deck.waiting(duration(Math.ceil(request_expires_in_s))),
       quiet: { text: deck.withdraw, does: { t: "lease", op: "withdraw" } },
     };
-  }
   const next: Action = {
     text: holder === null ? deck.take : deck.ask,
     does: { t: "lease", op: holder === null ? "acquire" : "request", ...controlTerms(link) },
@@ -149,22 +170,21 @@ function withoutControl(link: Link, state: RobotState): Step {
 function driver(link: Link, { status }: RobotState): Step {
   const { deck } = texts();
   if (status.lease.holder === null) return { id: "free", title: deck.free };
-  const name = nameOf(status.lease.holder);
   const speed = `${figure(speedOf(link), 2)} ${unitOf(link)}`;
-  return { id: "other", title: isMoving(link) ? deck.drives(name, speed) : deck.holds(name), name };
+  const drives = (name: string) => deck.drives(name, speed);
+  return about(status.lease.holder, "other", isMoving(link) ? drives : deck.holds);
 }
 
 /** Who or what has stopped the robot, and when. */
 function latched(link: Link, { status, mode_age_s }: RobotState): Step {
   const { deck, common } = texts();
   const { stop, mode } = status;
-  const step = { id: mode, detail: deck.ago(duration(mode_age_s)) };
+  const detail = deck.ago(duration(mode_age_s));
   const by = stop?.code === "stop_requested" && !stop.cause ? stop.params?.["by"] : undefined;
   if (by === undefined)
-    return { ...step, title: stop ? sentence(stop).slice(0, -1) : common.modes[mode] };
-  if (by === link.welcome.value?.operator) return { ...step, title: deck.youStopped };
-  const name = nameOf(String(by));
-  return { ...step, title: deck.stoppedBy(name), name };
+    return { id: mode, title: stop ? sentence(stop).slice(0, -1) : common.modes[mode], detail };
+  if (by === link.welcome.value?.operator) return { id: mode, title: deck.youStopped, detail };
+  return { ...about(String(by), mode, deck.stoppedBy), detail };
 }
 
 /** Why the controls do not act now, or null; and in short, when they will. */

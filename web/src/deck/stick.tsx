@@ -1,6 +1,6 @@
 // Stick and turn slider: the knob is what you ask, the dot what the robot makes of it.
 
-import { useEffect, useMemo } from "preact/hooks";
+import { useMemo } from "preact/hooks";
 import { type Deflection, isOnFloor, limited, onScreen, scaled } from "../drive/axes";
 import { SprungControl } from "../drive/sprung";
 import { useSession } from "../session";
@@ -149,15 +149,11 @@ function Marks() {
   );
 }
 
-/** Changes between the axes of the robot and of the floor; a sphere has no floor. */
+/** Changes between the axes of the robot and of the floor. */
 function Axes() {
   const { drive, link } = useSession();
   const { deck } = texts();
-  const onFloor = isOnFloor(link.robot.value);
-  useEffect(() => {
-    if (!onFloor && drive.frame.peek() !== "base_link") drive.setFrame("base_link");
-  }, [onFloor]);
-  if (!onFloor) return null;
+  if (!isOnFloor(link.robot.value)) return null;
   const frame = drive.frame.value;
   return (
     <Button

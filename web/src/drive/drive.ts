@@ -4,8 +4,8 @@ import { computed, effect, signal, untracked } from "@preact/signals";
 import type { FollowPlan, Reason } from "../generated/wire";
 import type { Link } from "../store/link";
 import { isLatched, type Refusal, whyNotDrive } from "../store/permission";
-import { CENTRED, type Deflection, deflectionOf, limited, rotated } from "./axes";
-import { scaled, total, type Twist, twistOf } from "./axes";
+import { CENTRED, type Deflection, deflectionOf, isOnFloor, limited } from "./axes";
+import { rotated, scaled, total, type Twist, twistOf } from "./axes";
 
 /** A control that moves the robot: stick, slider, keys, gamepad. It acts only while held. */
 export interface Source {
@@ -86,6 +86,9 @@ export class Drive {
       this.release();
       if (!drove) link.send({ t: "release" }); // The dashboard waits for it.
       if (wasHeld) this.onEnded({ released: why });
+    });
+    link.on("robot", (robot) => {
+      if (!isOnFloor(robot)) this.setFrame("base_link"); // A sphere has no floor.
     });
     effect(() => {
       if (!link.connected.value) untracked(() => this.#onLost());
