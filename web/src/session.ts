@@ -25,11 +25,11 @@ function newPageId(): string {
 export class Session {
   readonly name = remembered("tsd-name", "", isText);
   readonly layout = new Layout();
-  readonly link = new Link({
-    page: newPageId(),
-    recording: new URL(location.href).searchParams.get("recording"),
-    name: this.name.peek(),
-  });
+  readonly link = new Link(
+    newPageId(),
+    new URL(location.href).searchParams.get("recording"),
+    this.name.peek(),
+  );
   /** A page that shows a recording tells what the robot itself does now. */
   readonly fleet = new FleetStore(
     this.link,

@@ -90,13 +90,9 @@ function Face() {
   const { drive, link } = useSession();
   const { speed } = drive.scale.value;
   const shareOf = (each: Deflection) => limited(scaled(each, speed > 0 ? 1 / speed : 0));
-  const placeOf = (share: Deflection) => {
-    const { right, down } = onScreen(share);
-    return { x: REACH * right, y: REACH * down };
-  };
   const asked = shareOf(drive.asked.value);
   const allowed = drive.allowed.value && shareOf(drive.allowed.value);
-  const [knob, dot] = [placeOf(asked), allowed && placeOf(allowed)];
+  const [knob, dot] = [placeOf(asked, REACH), placeOf(allowed ?? asked, REACH)];
   const length = Math.hypot(asked.x, asked.y);
   // A ring only where the robot allows less than was chosen.
   const part = link.state.value?.status.limits.applied ?? 1;
@@ -109,7 +105,7 @@ function Face() {
       {holdsBack && <circle class="st-cap" r={REACH * length * part} />}
       <Marks />
       <circle class="st-knob" cx={knob.x} cy={knob.y} r={KNOB} />
-      {dot && moves && (
+      {allowed && moves && (
         <>
           <path class="st-line" d={`M${dot.x} ${dot.y}L${knob.x} ${knob.y}`} />
           <circle class="st-dot" cx={dot.x} cy={dot.y} r="5" />
@@ -125,15 +121,15 @@ function Marks() {
   const state = currentState(link);
   const heading = state?.pose?.[2] ?? null;
   const isWorld = drive.frame.value === "odom";
-  const at = (angle: number, radius: number) => {
-    const { right, down } = onScreen({ x: Math.cos(angle), y: Math.sin(angle) });
-    return `translate(${radius * right} ${radius * down})`;
-  };
   const front = isWorld ? heading : 0;
   const world = isWorld ? state && 0 : heading && -heading;
+  const at = (angle: number, radius: number) => {
+    const { x, y } = placeOf({ x: Math.cos(angle), y: Math.sin(angle) }, radius);
+    return `translate(${x} ${y})`;
+  };
   return (
     <>
-      {world !== null && isOnFloor(link.robot.value) && (
+      {world !== null && (
         <text class="st-t world-x" y="4" transform={at(world, 49)}>
           x
         </text>
@@ -147,6 +143,11 @@ function Marks() {
       )}
     </>
   );
+}
+
+function placeOf(share: Pick<Deflection, "x" | "y">, radius: number): { x: number; y: number } {
+  const { right, down } = onScreen(share);
+  return { x: radius * right, y: radius * down };
 }
 
 /** Changes between the axes of the robot and of the floor. */

@@ -21,15 +21,6 @@ export interface PastEvent extends RobotEvent {
   atMs: number;
 }
 
-interface LinkOptions {
-  /** 16 hex digits; it grants no rights. */
-  page: string;
-  /** Recording to show instead of the live robots. */
-  recording: string | null;
-  /** Display name that the operator typed. */
-  name: string;
-}
-
 const HEARTBEAT_MS = 100;
 const SERVER_TIMEOUT_MS = 2000; // The connection is lost after this time without an echo.
 const LONGEST_BEAT_MS = 2 * HEARTBEAT_MS; // A page that stalled for longer has unread echoes.
@@ -50,8 +41,6 @@ export class Link {
   readonly history = signal<readonly PastEvent[]>([]);
   /** Counts heartbeats: whatever depends on the time that passes reads it. */
   readonly beat = signal(0);
-  readonly page: string;
-  readonly recording: string | null;
   /** Arrival of the latest state on the `performance.now` clock. */
   stateMs = -Infinity;
   /** End of the latest connection on the `performance.now` clock. */
@@ -62,7 +51,6 @@ export class Link {
   /** Recent fraction of states that did not arrive. */
   lost = 0;
 
-  #name: string;
   #listeners = new Map<Kind, Set<(message: never) => void>>();
   #socket: WebSocket | null = null;
   #requestedRobot: string | null = null;
@@ -72,11 +60,15 @@ export class Link {
   #beatMs = performance.now();
   #silentMs = 0; // Time without an echo while the page was running.
 
-  constructor({ page, recording, name }: LinkOptions) {
-    this.page = page;
-    this.recording = recording;
-    this.#name = name;
-  }
+  /**
+   * `page` has 16 hex digits, and grants no rights. A `recording` is shown instead of the live
+   * robots. `name` is the display name that the operator typed.
+   */
+  constructor(
+    readonly page: string,
+    readonly recording: string | null = null,
+    private name = "",
+  ) {}
 
   /** Call `listener` with each message of a kind; returns a function that ends it. */
   on<K extends Kind>(kind: K, listener: Listener<K>): () => void {
@@ -92,8 +84,8 @@ export class Link {
 
   /** Change the display name; the operator and their control stay as they are. */
   rename(name: string): void {
-    if (name === this.#name) return;
-    this.#name = name; // For the next connection.
+    if (name === this.name) return;
+    this.name = name; // For the next connection.
     if (this.recording === null) this.send({ t: "name", name });
   }
 
@@ -126,7 +118,7 @@ export class Link {
     const address = new URL(`teleop?page=${this.page}`, document.baseURI);
     address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
     if (this.recording !== null) address.searchParams.set("recording", this.recording);
-    if (this.#name !== "") address.searchParams.set("name", this.#name);
+    if (this.name !== "") address.searchParams.set("name", this.name);
     const socket = new WebSocket(address);
     this.#socket = socket;
     socket.onopen = () => {

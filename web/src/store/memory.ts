@@ -25,20 +25,18 @@ export function isOneOf<T extends string>(choices: readonly T[]) {
   return (stored: unknown): stored is T => choices.includes(stored as T);
 }
 
-type Kept = "localStorage" | "sessionStorage";
-
-export function recall<T>(key: string, accepts: Check<T>, where: Kept = "localStorage"): T | null {
+function recall<T>(key: string, accepts: Check<T>): T | null {
   try {
-    const stored: unknown = JSON.parse(window[where].getItem(key) ?? "null");
+    const stored: unknown = JSON.parse(localStorage.getItem(key) ?? "null");
     return accepts(stored) ? stored : null;
   } catch {
     return null;
   }
 }
 
-export function keep(key: string, value: unknown, where: Kept = "localStorage"): void {
+function keep(key: string, value: unknown): void {
   try {
-    window[where].setItem(key, JSON.stringify(value));
+    localStorage.setItem(key, JSON.stringify(value));
   } catch {
     // Not kept for the next page.
   }
