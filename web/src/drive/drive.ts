@@ -54,7 +54,7 @@ export class Drive {
     const { speed, turn } = this.#most.value;
     return { speed: this.level.value * speed, turn: this.level.value * turn };
   });
-  /** Deflection that all controls ask for, in units of the limits, along the axes of the controls. */
+  /** Deflection that all controls ask for, m/s and rad/s along the axes of the controls. */
   readonly asked = computed<Deflection>(() => {
     if (this.#acting.value.length === 0) return CENTRED;
     const { speed, turn } = this.#most.value;

@@ -25,15 +25,9 @@ export interface Key {
 
 type Command = (key: Key) => void;
 
-interface Binding {
-  readonly pressed: Command;
-  /** For a key that is held: called at its key-up, wherever the focus is then. */
-  readonly released?: Command;
-}
-
 export class Keyboard implements Source {
   readonly #keys = new HeldKeys();
-  readonly #commands = new Map<string, Binding>();
+  readonly #commands = new Map<string, { pressed: Command; released?: Command }>();
 
   constructor(
     private readonly drive: Drive,
@@ -57,8 +51,8 @@ export class Keyboard implements Source {
   }
 
   /**
-   * Call `pressed` when a key is pressed that nothing with the focus takes, and `released` when it
-   * comes up.
+   * Call `pressed` when a key is pressed that nothing with the focus takes, and `released`, for a
+   * key that is held, when it comes up, wherever the focus is then.
    */
   bind(code: string, pressed: Command, released?: Command): () => void {
     const binding = { pressed, released };

@@ -3,7 +3,7 @@
 
 import type { SphereClick } from "../generated/wire";
 import type { Link } from "../store/link";
-import { CENTRED, type Deflection, deflectionOf, scaled } from "./axes";
+import { type Deflection, deflectionOf, scaled } from "./axes";
 import type { Drive, Source } from "./drive";
 
 type Vector = readonly [number, number, number];
@@ -33,13 +33,11 @@ export class SphereTurn implements Source {
     return this.#goal !== null;
   }
 
-  /** Shortest rotation that brings the point up, as a fraction of the speed limit. */
+  /** Shortest rotation that brings the point up, slower when it is near. */
   get share(): Deflection {
-    const way = this.#rotation();
-    if (way === null) return CENTRED;
+    const [x, y] = this.#rotation() ?? [0, 0];
     const most = Math.max(1e-6, this.drive.scale.peek().speed);
-    const rate = Math.min(1, (APPROACH_PER_S * way.angle) / most);
-    return scaled(deflectionOf(this.link.robot.peek(), [...way.axis, 0]), rate);
+    return scaled(deflectionOf(this.link.robot.peek(), [x, y, 0]), APPROACH_PER_S / most);
   }
 
   /** Bring a point up, given as a unit vector along the axes painted on the sphere. */
@@ -66,20 +64,20 @@ export class SphereTurn implements Source {
   #check(): void {
     if (this.#goal === null) return;
     const way = this.#rotation();
-    const ended = way === null || way.angle < NEAR_RAD || performance.now() > this.#goal.untilMs;
-    if (ended) this.cancel();
+    const isLate = performance.now() > this.#goal.untilMs;
+    if (way === null || Math.hypot(...way) < NEAR_RAD || isLate) this.cancel();
     this.drive.changed();
   }
 
-  /** Remaining rotation: about a horizontal axis, by the angle of the point from the top. */
-  #rotation(): { angle: number; axis: readonly [number, number] } | null {
+  /** Remaining rotation about the horizontal axes, by the angle of the point from the top. */
+  #rotation(): [number, number] | null {
     const sphere = this.link.state.peek()?.sphere;
     if (!sphere || this.#goal === null) return null;
     const [x, y, z] = turned(sphere.wxyz, this.#goal.at);
     const level = Math.hypot(x, y);
+    if (level < 1e-6) return [0, z > 0 ? 0 : Math.PI];
     const angle = Math.atan2(level, z);
-    if (level < 1e-6) return { angle: z > 0 ? 0 : angle, axis: [0, 1] };
-    return { angle, axis: [y / level, -x / level] };
+    return [(angle * y) / level, (-angle * x) / level];
   }
 }
 

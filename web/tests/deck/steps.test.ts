@@ -1,4 +1,4 @@
-import { beforeEach, expect, test } from "vitest";
+import { beforeEach, expect, test, vi } from "vitest";
 import { stepOf } from "../../src/deck/steps";
 import type { RouteState } from "../../src/generated/wire";
 import { fakeBrowser, LEASE, openPage } from "../support/page";
@@ -181,4 +181,23 @@ test("a planned path is the next step until it is driven by hand, and a held one
   expect(stepOf(session).id).toBe("asked");
   state({ mode: "disarmed" }, { route });
   expect(stepOf(session).id).toBe("disarmed");
+});
+
+test("a recording tells the time looked at and what the robot itself does, and leads back", () => {
+  vi.stubGlobal("fetch", () => Promise.reject(new Error("no lanes")));
+  history.replaceState(null, "", "?recording=run.mcap");
+  const { session, say, take } = openPage();
+  history.replaceState(null, "", location.pathname);
+  expect(stepOf(session)).toMatchObject({ id: "past", title: "", next: { text: "Back to live" } });
+  const start = new Date(2026, 10, 20, 19, 18, 0).getTime();
+  say({ t: "timeline", name: "run.mcap", start_ms: start, duration_s: 60, events: [] });
+  say({ t: "cursor", t_s: 16, playing: false, speed: 1 });
+  const robot = { id: "tsd", source: "robot", mode: "driving", driver: "bob", silent: false };
+  const row = { ...robot, operators: { bob: "Bob" }, event: null, age_s: 0, latched: false };
+  say({ t: "fleet", whole: true, robots: [row], poses: {} });
+  expect(stepOf(session)).toMatchObject({
+    title: "You look at 19:18:16.",
+    detail: "The robot itself is now driving, and Bob drives.",
+  });
+  expect(take("drive")).toEqual([]);
 });
