@@ -20,7 +20,7 @@ export function Deck() {
   const session = useSession();
   const { deck } = texts();
   const { link, layout } = session;
-  const kind = useComputed(() => link.beat.value >= 0 && freshness(link).kind).value;
+  const kind = useComputed(() => freshness(link).kind).value;
   const off = useComputed(() => whyOff(session) !== null).value;
   if (layout.screen.value === "fleet")
     return (

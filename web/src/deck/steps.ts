@@ -58,7 +58,6 @@ export function speedOf(link: Link): number | null {
 export function stepOf(session: Session): Step {
   const { link, stop } = session;
   const { deck, common } = texts();
-  void link.beat.value;
   if (stop.unconfirmed.value) {
     const quiet = { text: deck.acknowledge, does: () => stop.acknowledge() };
     return { id: "unconfirmed", title: deck.unconfirmed, detail: deck.unconfirmedThen, quiet };
@@ -190,7 +189,6 @@ function latched(link: Link, { status, mode_age_s }: RobotState): Step {
 /** Why the controls do not act now, or null; and in short, when they will. */
 export function whyOff({ link }: Session): { text: string; short: string | null } | null {
   const { deck } = texts();
-  void link.beat.value;
   const refusal = whyNotDrive(link);
   if (refusal === null) return null;
   const isLive = freshness(link).kind === "live";

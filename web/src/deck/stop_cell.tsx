@@ -14,7 +14,6 @@ export function StopCell() {
   const { deck } = texts();
   const hint = useId();
   const touched = useRef(false);
-  void link.beat.value;
   const said = hintOf(session);
   const isHollow = isLatched(link) && freshness(link).kind === "live";
   // Where fingers drive there are no keys to name, and the button itself has room for the rest.

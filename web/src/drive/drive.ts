@@ -66,7 +66,6 @@ export class Drive {
   });
   /** Deflection that the robot makes of the command, along the axes of the controls. */
   readonly allowed = computed<Deflection | null>(() => {
-    void this.link.beat.value; // A state grows old by itself.
     const state = this.link.state.value;
     if (!state?.commanded || whyNotDrive(this.link) !== null) return null;
     const own = deflectionOf(this.link.robot.value, state.commanded);

@@ -17,8 +17,9 @@ export type Freshness =
   | { kind: "recorded"; by: "page" | "bus" }
   | { kind: "live" };
 
-/** Evaluate now; read `link.beat` to follow it. */
+/** Evaluate now; what depends on it follows the time that passes. */
 export function freshness(link: Link): Freshness {
+  void link.beat.value;
   const [connected, state, robot] = [link.connected.value, link.state.value, link.robot.value];
   const ageMs = link.ageMs();
   if (connected && robot !== null) {
@@ -36,8 +37,6 @@ export function isCurrent({ kind }: Freshness): boolean {
   return kind === "live" || kind === "recorded";
 }
 
-/** The state if it is current, or null; what reads it follows the time that passes. */
 export function currentState(link: Link): RobotState | null {
-  void link.beat.value;
   return isCurrent(freshness(link)) ? link.state.value : null;
 }
