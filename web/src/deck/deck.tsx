@@ -1,4 +1,4 @@
-// Deck: five places at the bottom that never move. Stick, next step or speed, STOP, heading, turning.
+// Deck: five places at the bottom that never move. Stick, next step or speed, STOP, heading, turn.
 
 import { useComputed } from "@preact/signals";
 import { Fragment } from "preact";

@@ -34,7 +34,8 @@ function spokenOf(axis: keyof Deflection, value: number, unit: "m/s" | "rad/s"):
   const { deck } = texts();
   const shown = figure(Math.abs(value), 2);
   if (shown === figure(0, 2)) return deck.zero;
-  return `${shown} ${deck.units[unit]} ${deck.ways[axis === "x" ? "ahead" : "aside"][value > 0 ? 0 : 1]}`;
+  const way = deck.ways[axis === "x" ? "ahead" : "aside"][value > 0 ? 0 : 1];
+  return `${shown} ${deck.units[unit]} ${way}`;
 }
 
 export function Stick() {

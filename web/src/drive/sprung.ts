@@ -1,4 +1,4 @@
-// A control that springs back: stick, slider or button, held by a pointer or by keys with the focus.
+// A control that springs back: stick, slider or button, held by a pointer, or by keys with focus.
 
 import { signal } from "@preact/signals";
 import { CENTRED, type Deflection } from "./axes";

@@ -1,4 +1,4 @@
-// WebSocket to the dashboard: the latest message of each kind as signals, and the measured round trip.
+// WebSocket to the dashboard: the latest message of each kind as signals, and the round trip.
 
 import { signal } from "@preact/signals";
 import type {
