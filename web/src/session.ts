@@ -13,8 +13,7 @@ import { Recorder } from "./plots/recorder";
 import { Layout } from "./store/layout";
 import { Link } from "./store/link";
 import { isText, remembered } from "./store/memory";
-import { News } from "./store/news";
-import { Notice } from "./store/notice";
+import { News, Notice } from "./store/news";
 import { Requests } from "./store/requests";
 import { View } from "./store/view";
 import { StudentModel } from "./student/model";
@@ -22,56 +21,47 @@ import { Library } from "./timeline/library";
 import { LookBack } from "./timeline/look_back";
 import { Playback } from "./timeline/playback";
 
+function newPageId(): string {
+  const bytes = crypto.getRandomValues(new Uint8Array(8));
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
 export class Session {
   readonly name = remembered("tsd-name", "", isText);
-  readonly link: Link;
-  readonly drive: Drive;
-  readonly stop: Stop;
-  readonly keyboard: Keyboard;
-  readonly gamepad: Gamepad;
-  readonly path: Path;
-  readonly sphere: SphereTurn;
-  readonly notice: Notice;
-  readonly requests: Requests;
-  readonly view: View;
-  readonly recorder: Recorder;
   readonly layout = new Layout();
-  readonly fleet: FleetStore;
-  readonly student: StudentModel;
-  readonly library: Library;
-  readonly lookBack: LookBack;
-  readonly playback: Playback;
+  readonly link = new Link(
+    newPageId(),
+    new URL(location.href).searchParams.get("recording"),
+    this.name.peek(),
+  );
+  /** A page that shows a recording tells what the robot itself does now. */
+  readonly fleet = new FleetStore(
+    this.link,
+    () => this.layout.screen.value === "fleet" || this.link.recording !== null,
+  );
+  readonly drive = new Drive(this.link);
+  readonly stop = new Stop(this.link, () => this.drive.release());
+  readonly keyboard = new Keyboard(this.drive, () => this.#pressRed());
+  readonly gamepad = new Gamepad(this.drive, () => this.#pressRed());
+  readonly path = new Path(this.link, this.drive, this.keyboard);
+  readonly sphere = new SphereTurn(this.link, this.drive);
+  readonly notice = new Notice(this.link);
+  readonly requests = new Requests(this.link);
+  readonly view = new View(this.link);
+  readonly recorder = new Recorder(this.link);
+  readonly student = new StudentModel(this.link, location.search);
+  readonly library = new Library(this.link);
+  readonly lookBack = new LookBack(this.link);
+  readonly playback = new Playback(this.link);
 
   constructor() {
-    const recording = new URL(location.href).searchParams.get("recording");
-    const bytes = crypto.getRandomValues(new Uint8Array(8));
-    const page = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
-    const hasFocus = () => document.hasFocus();
-    this.link = new Link({ page, recording, name: this.name.peek(), hasFocus });
-    this.drive = new Drive(this.link);
-    this.stop = new Stop(this.link, () => this.drive.release());
-    const changed = () => this.drive.changed();
-    this.fleet = new FleetStore(this.link, () => this.layout.screen.value === "fleet");
-    // The space bar presses the red button of the page: STOP, or STOP ALL on the page of all robots.
-    const press = () => {
-      if (this.layout.screen.peek() === "fleet") this.fleet.stopAll();
-      else this.stop.press();
-    };
-    this.keyboard = new Keyboard(changed, press);
-    this.gamepad = new Gamepad(changed, press);
-    this.drive.add(this.keyboard);
-    this.drive.add(this.gamepad);
-    this.path = new Path(this.link, this.drive, this.keyboard);
-    this.sphere = new SphereTurn(this.link, this.drive);
-    this.notice = new Notice(this.link);
-    this.requests = new Requests(this.link);
     new News(this);
-    this.view = new View(this.link);
-    this.recorder = new Recorder(this.link);
-    this.student = new StudentModel(this.link, location.search);
-    this.library = new Library(this.link);
-    this.lookBack = new LookBack(this.link);
-    this.playback = new Playback(this.link);
+  }
+
+  /** Press the red button of the page: STOP, or STOP ALL on the page of all robots. */
+  #pressRed(): void {
+    if (this.layout.screen.peek() === "fleet") this.fleet.stopAll();
+    else this.stop.press();
   }
 
   /** Change the display name of the operator. */

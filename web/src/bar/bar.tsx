@@ -13,7 +13,7 @@ import { Battery, FleetLink, LinkFact, Mode, withHash } from "./facts";
 import "./bar.css";
 
 /** The dialog of the bar that is open. */
-export type Opened = Signal<"sheet" | "name" | "take over" | null>;
+export type Opened = Signal<"sheet" | "name" | "takeover" | null>;
 
 export function Bar() {
   const { layout, link, keyboard } = useSession();
@@ -33,7 +33,7 @@ export function Bar() {
       <Button icon="help" label={bar.help} onPress={toggle} />
       {opened.value === "sheet" && <Sheet opened={opened} />}
       {opened.value === "name" && <NameDialog opened={opened} />}
-      {opened.value === "take over" && <TakeOver opened={opened} />}
+      {opened.value === "takeover" && <TakeOver opened={opened} />}
     </header>
   );
 }

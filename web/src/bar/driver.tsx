@@ -68,7 +68,7 @@ export function Actions({ opened }: { opened: Opened }) {
   const lease = useLease();
   if (lease === null || lease.isViewer) return null;
   const { you, holder, mode, requested_by: asker } = lease;
-  const takeOver = () => (opened.value = "take over");
+  const takeOver = () => (opened.value = "takeover");
   const disarm = () => requests.send({ t: "disarm" });
   const release = () => requests.send({ t: "lease", op: "release" });
   const isMine = you && asker === null; // A question takes their place.

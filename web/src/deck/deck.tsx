@@ -1,15 +1,18 @@
-// Deck: five places at the bottom that never move. Stick, next step or speed, STOP, heading, turning.
+// Deck: five places at the bottom that never move. Stick, next step or speed, STOP, heading, turn.
 
 import { useComputed } from "@preact/signals";
+import { Fragment } from "preact";
+import { isOnFloor } from "../drive/axes";
 import { StopAll } from "../fleet/stop_all";
+import type { SphereState } from "../generated/wire";
 import { useSession } from "../session";
-import { freshness, isCurrent } from "../store/freshness";
+import { currentState, freshness } from "../store/freshness";
+import { degrees, figure } from "../text/numbers";
 import { texts } from "../text/text";
-import { SprungSlider, useSprungSlider } from "../ui/sprung_slider";
-import { Heading } from "./heading";
+import { Figure } from "../ui/figure";
 import { Slot } from "./slot";
-import { Stick, spokenOf } from "./stick";
 import { whyOff } from "./steps";
+import { Stick, Turn } from "./stick";
 import { StopCell } from "./stop_cell";
 import "./deck.css";
 
@@ -17,7 +20,7 @@ export function Deck() {
   const session = useSession();
   const { deck } = texts();
   const { link, layout } = session;
-  const kind = useComputed(() => link.beat.value >= 0 && freshness(link).kind).value;
+  const kind = useComputed(() => freshness(link).kind).value;
   const off = useComputed(() => whyOff(session) !== null).value;
   if (layout.screen.value === "fleet")
     return (
@@ -38,32 +41,53 @@ export function Deck() {
   );
 }
 
-/** Slider that turns; left turns left, counter-clockwise seen from above. */
-function Turn() {
-  const session = useSession();
-  const { drive, link } = session;
+/** Heading and place of the robot; for a sphere, how it is turned. */
+function Heading() {
+  const { link } = useSession();
   const { deck } = texts();
-  const control = useSprungSlider(drive, "turn", true);
-  const off = whyOff(session);
-  const { turn } = drive.asked.value;
-  const allowed = isCurrent(freshness(link)) ? (drive.allowed.value?.turn ?? null) : null;
+  const { pose, twist, sphere } = currentState(link) ?? {};
+  const onFloor = isOnFloor(link.robot.value);
+  const angle = degrees(onFloor ? pose?.[2] : sphere && turnedBy(sphere));
+  const [names, values] = onFloor ? [["x", "y"], pose] : [["ωx", "ωy", "ωz"], twist];
   return (
-    <div class="turn">
-      <span class="lab">{deck.axes.turn}</span>
-      <SprungSlider
-        label={deck.axes.turn}
-        control={control}
-        asked={turn}
-        allowed={allowed}
-        most={drive.scale.value.turn}
-        spoken={spokenOf("turn", turn, "rad/s")}
-        mirrored
-        ends={["‹", "›"]}
-        off={off !== null}
-        refused={off?.text}
-        looksOnly={drive.looksOnly.value}
-      />
-      <span class="lab">{off?.short ?? "rad/s"}</span>
+    <div class="headcell">
+      {onFloor && <Compass degrees={angle} />}
+      <dl>
+        <dt class="sr">{onFloor ? deck.heading : deck.turned}</dt>
+        <dd class="big">
+          {figure(angle)}
+          {angle !== null && "°"}
+        </dd>
+        {names.map((name, i) => (
+          <Fragment key={name}>
+            <dt>{name}</dt>
+            <dd>
+              <Figure value={values?.[i]} decimals={2} unit={onFloor ? "m" : "rad/s"} />
+            </dd>
+          </Fragment>
+        ))}
+      </dl>
     </div>
   );
+}
+
+/** Needle to the front of the robot; x of the world is up. */
+function Compass({ degrees: angle }: { degrees: number | null }) {
+  return (
+    <svg class="compass" viewBox="-42 -42 84 84" aria-hidden="true">
+      <circle class="st-rim" r="40" />
+      <circle class="ticks" r="38" pathLength="12" />
+      <text class="st-t" y="-23">
+        x
+      </text>
+      {angle !== null && (
+        <path class="needle" d="M0-20L11 16L0 9L-11 16z" transform={`rotate(${-angle})`} />
+      )}
+    </svg>
+  );
+}
+
+/** Angle from the mounted orientation. */
+function turnedBy({ wxyz: [w, x, y, z] }: SphereState): number {
+  return 2 * Math.atan2(Math.hypot(x, y, z), Math.abs(w));
 }

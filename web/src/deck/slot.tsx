@@ -1,14 +1,15 @@
 // Left of STOP: the next step with its sentence, or the speed while one drives.
 
-import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
-import { HeldKeys, HeldPointer } from "../drive/held";
+import { useLayoutEffect, useMemo, useRef } from "preact/hooks";
+import { CENTRED } from "../drive/axes";
+import { SprungControl } from "../drive/sprung";
 import { useSession } from "../session";
-import { refusalText } from "../text/reasons";
+import { figure } from "../text/numbers";
+import { refusalText, words } from "../text/reasons";
 import { texts } from "../text/text";
+import { sliderHandlers } from "../timeline/slider";
 import { Button, NextStep } from "../ui/button";
-import { Past } from "./past";
-import { Speed } from "./speed";
-import { type Action, type Step, stepOf } from "./steps";
+import { type Action, speedOf, type Step, stepOf, unitOf } from "./steps";
 
 export function Slot() {
   const session = useSession();
@@ -20,18 +21,17 @@ export function Slot() {
     if (!hadFocus || box.current?.contains(document.activeElement)) return;
     (box.current?.querySelector<HTMLElement>("button.next") ?? box.current)?.focus();
   });
-  const alone = session.drive.alone.value;
-  const classes = ["slot", step.id === "speed" ? "speedcell" : "nextcell"];
+  const { id, title, progress, next, quiet } = step;
+  const classes = id === "speed" ? "slot speedcell" : "slot nextcell";
   return (
-    <div ref={box} class={classes.join(" ")} data-step={step.id} tabIndex={-1}>
-      {step.id === "speed" && <Speed />}
-      {step.id === "past" && <Past />}
-      {step.title !== undefined && <Words step={step} />}
-      {alone && <p class="alone warn">{texts().deck.alone}</p>}
-      {step.progress !== undefined && <Progress step={step} />}
+    <div ref={box} class={classes} data-step={id} tabIndex={-1}>
+      {id === "speed" && <Speed />}
+      {title !== undefined && <Words step={step} />}
+      {session.drive.alone.value && <p class="alone warn">{texts().deck.alone}</p>}
+      {progress !== undefined && <progress class="done" aria-label={title} value={progress} />}
       <div class="do">
-        {step.quiet && <Quiet action={step.quiet} />}
-        {step.next && <Next key={step.id} action={step.next} />}
+        {quiet && <Act action={quiet} isQuiet />}
+        {next && <Act key={id} action={next} />}
         {step.path && <HoldToGo key="path" />}
       </div>
     </div>
@@ -43,104 +43,61 @@ function Words({ step }: { step: Step }) {
   const { requests } = useSession();
   const { deck, common } = texts();
   const { title = "", name = "", next } = step;
-  const at = name === "" ? -1 : title.indexOf(name);
+  const at = name === "" ? title.length : title.indexOf(name);
   const isAlarm = step.id === "unconfirmed";
+  const isSpoken = !isAlarm && step.id !== "past"; // The time runs.
   const refused = next?.refused ? refusalText(next.refused) : null;
-  const kind = next && typeof next.does === "object" ? next.does.t : null;
-  const answer = kind === null ? null : requests.isPending(kind) ? deck.sent : null;
-  const missed = kind !== null && requests.unanswered.value === kind ? `${common.noAnswer}.` : null;
+  const kind = typeof next?.does === "object" ? next.does.t : undefined;
   return (
     <p role={isAlarm ? "alert" : undefined} title={[title, step.detail].filter(Boolean).join(" ")}>
-      <b aria-live={isAlarm ? undefined : "polite"}>
-        {at < 0 ? title : title.slice(0, at)}
-        {at >= 0 && <bdi>{name}</bdi>}
-        {at >= 0 && title.slice(at + name.length)}
+      <b aria-live={isSpoken ? "polite" : undefined}>
+        {title.slice(0, at)}
+        {name && <bdi>{name}</bdi>}
+        {title.slice(at + name.length)}
       </b>{" "}
       <span>{[step.detail, refused].filter(Boolean).join(" ")}</span>{" "}
       <span class="warn" role="status">
-        {answer ?? missed}
+        {kind && requests.isPending(kind) && deck.sent}
+        {kind && requests.unanswered.value === kind && `${common.noAnswer}.`}
       </span>
     </p>
   );
 }
 
-function Progress({ step }: { step: Step }) {
-  const percent = Math.round(100 * Math.min(1, step.progress ?? 0));
-  return (
-    <div
-      class="done"
-      role="progressbar"
-      aria-label={step.title}
-      aria-valuemin={0}
-      aria-valuemax={100}
-      aria-valuenow={percent}
-    >
-      <i style={{ width: `${percent}%` }} />
-    </div>
-  );
-}
-
-function useAction({ does, refused = null }: Action) {
+function Act({ action, isQuiet = false }: { action: Action; isQuiet?: boolean }) {
   const { requests } = useSession();
+  const { text, does, refused, hold, key } = action;
   const isRequest = typeof does === "object";
-  return {
-    busy: isRequest && requests.isPending(does.t),
-    refused: refused && refusalText(refused),
+  const act = {
+    refused: refused ? refusalText(refused) : null,
     onPress: () => (isRequest ? requests.send(does) : does()),
   };
-}
-
-function Next({ action }: { action: Action }) {
+  if (isQuiet)
+    return (
+      <Button edge {...act}>
+        {text}
+      </Button>
+    );
   return (
-    <NextStep {...useAction(action)} hold={action.hold}>
-      {action.text}
+    <NextStep {...act} hold={hold} busy={isRequest && requests.isPending(does.t)}>
+      {text} {key && <kbd>{key}</kbd>}
     </NextStep>
-  );
-}
-
-function Quiet({ action }: { action: Action }) {
-  const { refused, onPress } = useAction(action);
-  return (
-    <Button edge refused={refused} onPress={onPress}>
-      {action.text}
-    </Button>
   );
 }
 
 /** Follows the path while a finger, or Enter, holds it. */
 function HoldToGo() {
   const { path } = useSession();
-  const button = useRef<HTMLButtonElement>(null);
-  useEffect(() => {
-    const node = button.current!;
-    const keys = new HeldKeys();
-    const pointer = new HeldPointer(node, {
-      came: () => path.hold() || pointer.cancel(),
-      gone: () => path.letGo(),
-    });
-    const press = (event: KeyboardEvent) => {
-      if (event.key !== "Enter") return;
-      event.preventDefault();
-      if (!keys.take(event)) return;
-      if (keys.size === 0) path.letGo();
-      else if (!path.hold()) keys.cancel();
-    };
-    const left = () => keys.cancel() && path.letGo();
-    node.addEventListener("keydown", press);
-    node.addEventListener("keyup", press);
-    node.addEventListener("blur", left);
-    return () => {
-      path.letGo();
-      pointer.end();
-    };
-  }, [path]);
+  const control = useMemo(
+    () => new SprungControl(path, () => CENTRED, { Enter: {}, NumpadEnter: {} }),
+    [path],
+  );
   const refusal = path.whyNotGo();
-  const classes = path.going.value ? "next held" : "next";
   return (
     <button
-      ref={button}
+      ref={control.attach}
       type="button"
-      class={classes}
+      class={path.going.value ? "next held" : "next"}
       aria-disabled={refusal !== null || undefined}
       title={refusal === null ? undefined : refusalText(refusal)}
     >
@@ -148,5 +105,57 @@ function HoldToGo() {
         {texts().deck.go} <kbd>G</kbd>
       </span>
     </button>
+  );
+}
+
+const LEAST = 0.05; // Of the limit of the robot.
+const STEP = 0.05;
+
+/** Speed, and the limit that the operator chooses: one bar for both. */
+function Speed() {
+  const { drive, link } = useSession();
+  const { deck } = texts();
+  const [speed, unit] = [speedOf(link), unitOf(link)];
+  const robot = link.robot.value;
+  const limits = link.state.value?.status.limits;
+  const unit_m = robot?.twist_scale_m ?? 1;
+  // The bar ends where the robot does; below that it may allow less for now.
+  const most = (robot?.limits.speed_mps ?? 0) / unit_m || 1;
+  const active = (limits?.speed_mps ?? 0) / unit_m || most;
+  const limit = drive.scale.value.speed;
+  const set = (level: number) => {
+    drive.level.value = Math.round(100 * Math.max(LEAST, Math.min(1, level))) / 100;
+  };
+  const handlers = sliderHandlers(
+    (share) => set((share * most) / active),
+    (steps) => set(drive.level.peek() + STEP * Math.max(-4, Math.min(4, steps))),
+  );
+  const percent = (part: number) => `${100 * Math.max(0, Math.min(1, part / most))}%`;
+  const why = limits?.why.map((reason) => words(reason)).join("; ") ?? "";
+  return (
+    <>
+      <p class="hero">
+        <span class="n">{figure(speed, 2)}</span>
+        <span class="u">{unit}</span>
+      </p>
+      <div
+        {...handlers}
+        class="cap"
+        aria-label={deck.limit}
+        aria-valuemin={LEAST * active}
+        aria-valuemax={active}
+        aria-valuenow={limit}
+        aria-valuetext={`${figure(limit, 2)} ${deck.units[unit]}`}
+        title={why === "" ? undefined : deck.slower(why)}
+        style={{ "--limit": percent(limit) }}
+      >
+        <span class="track">
+          <i style={{ width: percent(speed ?? 0) }} />
+          <em />
+        </span>
+        <span class="handle" />
+        <span class="lab">{deck.limitAt(figure(limit, 2))}</span>
+      </div>
+    </>
   );
 }

@@ -5,22 +5,17 @@ import { isOnFloor } from "../drive/axes";
 import type { RobotState, RouteState } from "../generated/wire";
 import type { Session } from "../session";
 import { freshness } from "../store/freshness";
-import {
-  isLatched,
-  type Refusal,
-  whyNotArm,
-  whyNotDrive,
-  whyNotReset,
-  whyNotTakeControl,
-} from "../store/permission";
-import { controlTerms, type Requests } from "../store/requests";
+import type { Link } from "../store/link";
+import { isLatched, isMoving, type Refusal } from "../store/permission";
+import { whyNotArm, whyNotDrive, whyNotReset, whyNotTakeControl } from "../store/permission";
+import { controlTerms, type Request } from "../store/requests";
 import { duration, figure } from "../text/numbers";
 import { nameOf, refusalText, sentence } from "../text/reasons";
 import { texts } from "../text/text";
+import { clock } from "../timeline/clock";
+import { backToLive } from "../timeline/past";
 
-const ARMED = new Set(["ready", "driving", "stopping"]);
-
-type Request = Parameters<Requests["send"]>[0];
+const ARMED = ["ready", "driving", "stopping"];
 
 export interface Action {
   text: string;
@@ -28,6 +23,8 @@ export interface Action {
   does: Request | (() => void);
   refused?: Refusal | null;
   hold?: boolean;
+  /** Its key, if it has one. */
+  key?: string;
 }
 
 export interface Step {
@@ -46,162 +43,155 @@ export interface Step {
   path?: boolean;
 }
 
-/** Speed in m/s, or the rate of rolling in rad/s for a sphere, with its unit. */
-export function speedOf(session: Session): { value: number | null; unit: "m/s" | "rad/s" } {
-  const unit = isOnFloor(session.link.robot.value) ? "m/s" : "rad/s";
-  const [a, b] = session.link.state.value?.twist ?? [];
-  return { value: a === undefined || b === undefined ? null : Math.hypot(a, b), unit };
+export function unitOf(link: Link): "m/s" | "rad/s" {
+  return isOnFloor(link.robot.value) ? "m/s" : "rad/s";
+}
+
+/** Speed, or the rate of rolling for a sphere. */
+export function speedOf(link: Link): number | null {
+  const twist = link.state.value?.twist;
+  return twist ? Math.hypot(twist[0], twist[1]) : null;
 }
 
 /** Return the step for the state of robot and page; it follows all signals that it depends on. */
 export function stepOf(session: Session): Step {
   const { link, stop } = session;
   const { deck, common } = texts();
-  void link.beat.value;
   if (stop.unconfirmed.value) {
     const quiet = { text: deck.acknowledge, does: () => stop.acknowledge() };
     return { id: "unconfirmed", title: deck.unconfirmed, detail: deck.unconfirmedThen, quiet };
   }
   const fresh = freshness(link);
+  const state = link.state.value;
   if (fresh.kind === "offline" || fresh.kind === "silent") {
     const title = deck[fresh.kind](duration(fresh.forMs / 1000));
     return { id: fresh.kind, title, detail: deck.reconnecting };
   }
   if (fresh.kind === "no_robot") return { id: "no_robot", title: common.refusals["no_robot"] };
-  if (fresh.kind === "recorded")
-    return fresh.by === "page"
-      ? { id: "past" }
-      : { id: "replay", title: common.refusals["replay_shown"] };
-  const state = link.state.value;
+  if (fresh.kind === "recorded" && fresh.by === "page") return past(session);
+  if (fresh.kind === "recorded") return { id: "replay", title: common.refusals["replay_shown"] };
   if (fresh.kind === "starting" || state === null) return { id: "starting" };
   if (link.welcome.value?.role === "viewer")
-    return { ...driver(session, state), id: "viewer", detail: common.refusals["viewer_only"] };
-  return state.has_control ? withControl(session, state) : withoutControl(session, state);
+    return { ...driver(link, state), id: "viewer", detail: common.refusals["viewer_only"] };
+  return state.has_control ? withControl(session, state) : withoutControl(link, state);
 }
 
-function withControl(session: Session, state: RobotState): Step {
-  const { link, path } = session;
+/** The time looked at, what the robot itself does now, and the way back. */
+function past({ link, fleet, playback }: Session): Step {
+  const { deck, common } = texts();
+  const shownMs = playback.shownMs.value;
+  const id = link.robot.value?.id;
+  const now = fleet.rows.value.find((row) => row.id === id && row.source === "robot");
+  const mode = common.modes[now?.mode ?? ""];
+  const driver = now?.driver ? (now.operators[now.driver] ?? nameOf(now.driver)) : null;
+  const known = now?.silent || mode === undefined ? deck.gone : deck.now(mode, driver);
+  return {
+    id: "past",
+    title: shownMs === null ? "" : deck.past(clock(shownMs)),
+    detail: now && known,
+    next: { text: deck.live, does: backToLive, key: "L" },
+  };
+}
+
+/** A state about an operator, whose name is part of the title. */
+function about(operator: string, id: string, title: (name: string) => string): Step {
+  const name = nameOf(operator);
+  return { id, title: title(name), name };
+}
+
+function withControl({ link, path }: Session, state: RobotState): Step {
   const { deck } = texts();
   const { mode, lease, arming } = state.status;
-  const asker = lease.requested_by;
+  const { panel, modules = [] } = link.robot.value ?? {};
   const route = path.route.value;
   // First: it is held, and would be released with its button.
-  if (path.going.value && route) return follow(route, true);
-  if (asker !== null) {
-    const name = nameOf(asker);
-    const answer = (op: "grant" | "deny") => ({ t: "lease", op, requester: asker }) as const;
+  if (path.going.value && route) return going(route);
+  if (lease.requested_by !== null) {
+    const requester = lease.requested_by;
     return {
-      id: "asked",
-      title: deck.asks(name),
-      name,
+      ...about(requester, "asked", deck.asks),
       detail: deck.asksThen(duration(Math.ceil(lease.request_expires_in_s))),
-      next: { text: deck.handOver, does: answer("grant") },
-      quiet: { text: deck.keep, does: answer("deny") },
+      next: { text: deck.handOver, does: { t: "lease", op: "grant", requester } },
+      quiet: { text: deck.keep, does: { t: "lease", op: "deny", requester } },
     };
   }
   if (isLatched(link)) {
-    const next = { text: deck.reset, does: { t: "reset" } as const, hold: true };
-    return { ...latched(session, state), next: { ...next, refused: whyNotReset(link) } };
+    const refused = whyNotReset(link);
+    const next: Action = { text: deck.reset, does: { t: "reset" }, hold: true, refused };
+    return { ...latched(link, state), next };
   }
   if (mode === "disarmed") {
-    const next = { text: deck.arm, does: { t: "arm" } as const, refused: whyNotArm(link) };
-    const panel = link.robot.value?.panel;
     const detail = deck.armThen[panel === "gimbals" || panel === "twist" ? panel : "other"];
+    const next: Action = { text: deck.arm, does: { t: "arm" }, refused: whyNotArm(link) };
     return { id: "disarmed", title: deck.yours, detail, next };
   }
   if (mode === "arming") {
-    const isTilted = (link.robot.value?.modules.length ?? 0) > 0;
-    const phase = arming?.phase === "hold" && isTilted ? "neutral" : (arming?.phase ?? "hold");
-    const title = deck.arming[phase] ?? deck.arming["hold"];
-    return { id: "arming", title, progress: arming?.progress ?? 0 };
+    const phase = arming?.phase ?? "hold";
+    const title = deck.arming[phase === "hold" && modules.length > 0 ? "neutral" : phase];
+    return { id: "arming", title: title ?? deck.arming["hold"], progress: arming?.progress ?? 0 };
   }
-  return route?.phase === "planned" ? follow(route, false) : { id: "speed" };
+  if (route?.phase !== "planned") return { id: "speed" };
+  const detail = deck.goThen(figure(route.length_m, 1), duration(route.time_s));
+  return { id: "path", title: deck.path, detail, path: true };
 }
 
-function follow(route: RouteState, isHeld: boolean): Step {
-  const { deck } = texts();
-  const [length, done] = [figure(route.length_m, 1), figure(route.done_m, 1)];
-  if (isHeld)
-    return {
-      id: "going",
-      title: deck.going(done, length),
-      progress: route.done_m / Math.max(route.length_m, 1e-6),
-      path: true,
-    };
-  return {
-    id: "path",
-    title: deck.path,
-    detail: deck.goThen(length, duration(route.time_s)),
-    path: true,
-  };
+function going({ length_m, done_m }: RouteState): Step {
+  const title = texts().deck.going(figure(done_m, 1), figure(length_m, 1));
+  return { id: "going", title, progress: done_m / Math.max(length_m, 1e-6), path: true };
 }
 
-function withoutControl(session: Session, state: RobotState): Step {
-  const { link } = session;
+function withoutControl(link: Link, state: RobotState): Step {
   const { deck } = texts();
-  const { lease } = state.status;
+  const { holder, requested_by: asker, reserved_for, request_expires_in_s } = state.status.lease;
   const me = link.welcome.value?.operator;
-  if (lease.holder !== null && lease.requested_by === me) {
-    const name = nameOf(lease.holder);
+  if (holder !== null && asker === me)
     return {
-      id: "waiting",
-      title: deck.asked(name),
-      name,
-      detail: deck.waiting(duration(Math.ceil(lease.request_expires_in_s))),
+      ...about(holder, "waiting", deck.asked),
+      detail: deck.waiting(duration(Math.ceil(request_expires_in_s))),
       quiet: { text: deck.withdraw, does: { t: "lease", op: "withdraw" } },
     };
-  }
-  const op = lease.holder === null ? "acquire" : "request";
-  const asker = lease.requested_by;
-  const refused: Refusal | null =
-    asker === null
-      ? whyNotTakeControl(link)
-      : { by: "robot", reason: { code: "other_request", params: { asker } } };
   const next: Action = {
-    text: lease.holder === null ? deck.take : deck.ask,
-    does: { t: "lease", op, ...controlTerms(link) },
-    refused,
+    text: holder === null ? deck.take : deck.ask,
+    does: { t: "lease", op: holder === null ? "acquire" : "request", ...controlTerms(link) },
+    refused:
+      asker === null
+        ? whyNotTakeControl(link)
+        : { by: "robot", reason: { code: "other_request", params: { asker } } },
   };
-  if (isLatched(link)) return { ...latched(session, state), next };
-  if (lease.holder !== null) return { ...driver(session, state), next };
-  const title = lease.reserved_for === me ? deck.keptForYou : deck.free;
+  if (isLatched(link)) return { ...latched(link, state), next };
+  if (holder !== null) return { ...driver(link, state), next };
+  const title = reserved_for === me ? deck.keptForYou : deck.free;
   return { id: "free", title, detail: deck.freeThen, next };
 }
 
 /** Who drives, and how fast. */
-function driver(session: Session, { status }: RobotState): Step {
+function driver(link: Link, { status }: RobotState): Step {
   const { deck } = texts();
   if (status.lease.holder === null) return { id: "free", title: deck.free };
-  const name = nameOf(status.lease.holder);
-  const { value, unit } = speedOf(session);
-  const moves = status.mode === "driving" || status.mode === "stopping";
-  const title = moves ? deck.drives(name, `${figure(value, 2)} ${unit}`) : deck.holds(name);
-  return { id: "other", title, name };
+  const speed = `${figure(speedOf(link), 2)} ${unitOf(link)}`;
+  const drives = (name: string) => deck.drives(name, speed);
+  return about(status.lease.holder, "other", isMoving(link) ? drives : deck.holds);
 }
 
 /** Who or what has stopped the robot, and when. */
-function latched(session: Session, { status, mode_age_s }: RobotState): Step {
+function latched(link: Link, { status, mode_age_s }: RobotState): Step {
   const { deck, common } = texts();
   const { stop, mode } = status;
   const detail = deck.ago(duration(mode_age_s));
   const by = stop?.code === "stop_requested" && !stop.cause ? stop.params?.["by"] : undefined;
   if (by === undefined)
     return { id: mode, title: stop ? sentence(stop).slice(0, -1) : common.modes[mode], detail };
-  if (by === session.link.welcome.value?.operator)
-    return { id: mode, title: deck.youStopped, detail };
-  const name = nameOf(String(by));
-  return { id: mode, title: deck.stoppedBy(name), name, detail };
+  if (by === link.welcome.value?.operator) return { id: mode, title: deck.youStopped, detail };
+  return { ...about(String(by), mode, deck.stoppedBy), detail };
 }
 
 /** Why the controls do not act now, or null; and in short, when they will. */
-export function whyOff(session: Session): { text: string; short: string | null } | null {
-  const { link } = session;
+export function whyOff({ link }: Session): { text: string; short: string | null } | null {
   const { deck } = texts();
-  void link.beat.value;
   const refusal = whyNotDrive(link);
   if (refusal === null) return null;
   const isLive = freshness(link).kind === "live";
+  const waits = isLive && !ARMED.includes(link.state.value?.status.mode ?? "");
   const short = isLatched(link) ? deck.afterReset : deck.whenArmed;
-  const waits = !ARMED.has(link.state.value?.status.mode ?? "");
-  return { text: refusalText(refusal), short: isLive && waits ? short : null };
+  return { text: refusalText(refusal), short: waits ? short : null };
 }

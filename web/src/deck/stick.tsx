@@ -1,57 +1,54 @@
-// Stick: the knob is what you ask, the dot what the robot makes of it.
+// Stick and turn slider: the knob is what you ask, the dot what the robot makes of it.
 
-import { useEffect, useMemo, useRef } from "preact/hooks";
-import { type Deflection, isOnFloor, limited, onScreen } from "../drive/axes";
+import { useMemo } from "preact/hooks";
+import { type Deflection, isOnFloor, limited, onScreen, scaled } from "../drive/axes";
 import { SprungControl } from "../drive/sprung";
 import { useSession } from "../session";
-import { freshness, isCurrent } from "../store/freshness";
-import { figure } from "../text/numbers";
+import { currentState } from "../store/freshness";
+import { degrees, figure } from "../text/numbers";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
-import { useSprungSlider } from "../ui/sprung_slider";
-import { whyOff } from "./steps";
+import { SprungSlider, useSprungSlider } from "../ui/sprung_slider";
+import { unitOf, whyOff } from "./steps";
 
 const SIZE = 132; // Of the drawing.
 const RIM = 64;
 const KNOB = 21;
 const REACH = RIM - KNOB; // The knob stays inside.
 const ARROWS = {
-  ArrowUp: [1, 0, 0],
-  ArrowDown: [-1, 0, 0],
-  ArrowLeft: [0, 1, 0],
-  ArrowRight: [0, -1, 0],
-} as const;
+  ArrowUp: { x: 1 },
+  ArrowDown: { x: -1 },
+  ArrowLeft: { y: 1 },
+  ArrowRight: { y: -1 },
+};
+
+function read({ clientX, clientY }: PointerEvent, { left, top, width, height }: DOMRect) {
+  const reach = (REACH / SIZE) * Math.max(1, width);
+  const right = (clientX - left - width / 2) / reach;
+  const down = (clientY - top - height / 2) / reach;
+  return limited({ x: -down, y: -right, turn: 0 });
+}
 
 /** Component of a command in words. */
-export function spokenOf(axis: keyof Deflection, value: number, unit: "m/s" | "rad/s"): string {
+function spokenOf(axis: keyof Deflection, value: number, unit: "m/s" | "rad/s"): string {
   const { deck } = texts();
   const shown = figure(Math.abs(value), 2);
   if (shown === figure(0, 2)) return deck.zero;
-  return `${shown} ${deck.units[unit]} ${deck.ways[axis === "x" ? "ahead" : "aside"][value > 0 ? 0 : 1]}`;
+  const way = deck.ways[axis === "x" ? "ahead" : "aside"][value > 0 ? 0 : 1];
+  return `${shown} ${deck.units[unit]} ${way}`;
 }
 
 export function Stick() {
   const session = useSession();
-  const { drive, link } = session;
+  const { drive } = session;
   const { deck } = texts();
-  const pad = useRef<HTMLDivElement>(null);
-  const control = useMemo(() => {
-    const read = (event: PointerEvent, { left, top, width, height }: DOMRect) => {
-      const reach = (REACH / SIZE) * Math.max(1, width);
-      const right = (event.clientX - left - width / 2) / reach;
-      const down = (event.clientY - top - height / 2) / reach;
-      return limited({ x: -down, y: -right, turn: 0 });
-    };
-    return new SprungControl(drive, read, ARROWS);
-  }, [drive]);
-  useEffect(() => control.attach(pad.current!), [control]);
+  const control = useMemo(() => new SprungControl(drive, read, ARROWS), [drive]);
   const off = whyOff(session);
-  const unit = isOnFloor(link.robot.value) ? "m/s" : "rad/s";
   const classes = ["stick", off && "off", drive.looksOnly.value && "looks"];
   return (
     <div class="stickcell">
       <div
-        ref={pad}
+        ref={control.attach}
         class={classes.filter(Boolean).join(" ")}
         role="application"
         aria-roledescription={deck.stickRole}
@@ -61,8 +58,8 @@ export function Stick() {
         tabIndex={0}
       >
         <Face />
-        <HiddenSlider axis="x" unit={unit} />
-        <HiddenSlider axis="y" unit={unit} />
+        <HiddenSlider axis="x" />
+        <HiddenSlider axis="y" />
       </div>
       <Axes />
     </div>
@@ -70,25 +67,22 @@ export function Stick() {
 }
 
 /** One direction of the stick, for those who cannot see it. */
-function HiddenSlider({ axis, unit }: { axis: "x" | "y"; unit: "m/s" | "rad/s" }) {
-  const { drive } = useSession();
-  const { deck } = texts();
-  const node = useRef<HTMLDivElement>(null);
+function HiddenSlider({ axis }: { axis: "x" | "y" }) {
+  const { drive, link } = useSession();
   const control = useSprungSlider(drive, axis);
-  useEffect(() => control.attach(node.current!), [control]);
   const most = drive.scale.value.speed;
   const value = drive.asked.value[axis];
   return (
     <div
-      ref={node}
+      ref={control.attach}
       class="sr"
       role="slider"
       tabIndex={0}
-      aria-label={deck.axes[axis]}
+      aria-label={texts().deck.axes[axis]}
       aria-valuemin={-most}
       aria-valuemax={most}
       aria-valuenow={value}
-      aria-valuetext={spokenOf(axis, value, unit)}
+      aria-valuetext={spokenOf(axis, value, unitOf(link))}
     />
   );
 }
@@ -96,19 +90,15 @@ function HiddenSlider({ axis, unit }: { axis: "x" | "y"; unit: "m/s" | "rad/s" }
 function Face() {
   const { drive, link } = useSession();
   const { speed } = drive.scale.value;
-  const shares = ({ x, y }: Deflection) =>
-    limited({ x: speed > 0 ? x / speed : 0, y: speed > 0 ? y / speed : 0, turn: 0 });
-  const asked = shares(drive.asked.value);
-  const allowed = drive.allowed.value === null ? null : shares(drive.allowed.value);
-  const [knob, dot] = [asked, allowed ?? asked].map((each) => {
-    const { right, down } = onScreen(each);
-    return { x: REACH * right, y: REACH * down };
-  }) as [Point, Point];
+  const shareOf = (each: Deflection) => limited(scaled(each, speed > 0 ? 1 / speed : 0));
+  const asked = shareOf(drive.asked.value);
+  const allowed = drive.allowed.value && shareOf(drive.allowed.value);
+  const [knob, dot] = [placeOf(asked, REACH), placeOf(allowed ?? asked, REACH)];
   const length = Math.hypot(asked.x, asked.y);
   // A ring only where the robot allows less than was chosen.
   const part = link.state.value?.status.limits.applied ?? 1;
   const holdsBack = length > 0 && !drive.looksOnly.value && part < 0.98;
-  const shows = allowed !== null && Math.max(length, Math.hypot(allowed.x, allowed.y)) > 0.01;
+  const moves = Math.max(length, Math.hypot(allowed?.x ?? 0, allowed?.y ?? 0)) > 0.01;
   return (
     <svg viewBox="-66 -66 132 132" aria-hidden="true">
       <circle class="st-rim" r={RIM} />
@@ -116,34 +106,31 @@ function Face() {
       {holdsBack && <circle class="st-cap" r={REACH * length * part} />}
       <Marks />
       <circle class="st-knob" cx={knob.x} cy={knob.y} r={KNOB} />
-      {shows && <path class="st-line" d={`M${dot.x} ${dot.y}L${knob.x} ${knob.y}`} />}
-      {shows && <circle class="st-dot" cx={dot.x} cy={dot.y} r="5" />}
+      {allowed && moves && (
+        <>
+          <path class="st-line" d={`M${dot.x} ${dot.y}L${knob.x} ${knob.y}`} />
+          <circle class="st-dot" cx={dot.x} cy={dot.y} r="5" />
+        </>
+      )}
     </svg>
   );
-}
-
-interface Point {
-  x: number;
-  y: number;
 }
 
 /** Where front of the robot and x of the world are, along the axes of the stick. */
 function Marks() {
   const { drive, link } = useSession();
-  void link.beat.value;
-  const onFloor = isOnFloor(link.robot.value);
-  const known = isCurrent(freshness(link)) && onFloor;
-  const heading = known ? (link.state.value?.pose?.[2] ?? null) : null;
+  const state = currentState(link);
+  const heading = state?.pose?.[2] ?? null;
   const isWorld = drive.frame.value === "odom";
-  const at = (angle: number, radius: number) => {
-    const { right, down } = onScreen({ x: Math.cos(angle), y: Math.sin(angle) });
-    return `translate(${radius * right} ${radius * down})`;
-  };
   const front = isWorld ? heading : 0;
-  const world = isWorld ? 0 : heading === null ? null : -heading;
+  const world = isWorld ? state && 0 : heading && -heading;
+  const at = (angle: number, radius: number) => {
+    const { x, y } = placeOf({ x: Math.cos(angle), y: Math.sin(angle) }, radius);
+    return `translate(${x} ${y})`;
+  };
   return (
     <>
-      {world !== null && known && (
+      {world !== null && (
         <text class="st-t world-x" y="4" transform={at(world, 49)}>
           x
         </text>
@@ -152,32 +139,62 @@ function Marks() {
         <path
           class="st-front"
           d="M0-4L4 3H-4z"
-          transform={`${at(front, 59)} rotate(${(-front * 180) / Math.PI})`}
+          transform={`${at(front, 59)} rotate(${-(degrees(front) ?? 0)})`}
         />
       )}
     </>
   );
 }
 
-/** Changes between the axes of the robot and of the floor; a sphere has no floor. */
+function placeOf(share: Pick<Deflection, "x" | "y">, radius: number): { x: number; y: number } {
+  const { right, down } = onScreen(share);
+  return { x: radius * right, y: radius * down };
+}
+
+/** Changes between the axes of the robot and of the floor. */
 function Axes() {
   const { drive, link } = useSession();
   const { deck } = texts();
-  const onFloor = isOnFloor(link.robot.value);
-  useEffect(() => {
-    if (!onFloor && drive.frame.peek() !== "base_link") drive.setFrame("base_link");
-  }, [onFloor]);
-  if (!onFloor) return null;
+  if (!isOnFloor(link.robot.value)) return null;
   const frame = drive.frame.value;
-  const other = frame === "odom" ? "base_link" : "odom";
   return (
     <Button
       class="frame"
       edge
       label={`${deck.axesOf} ${deck[frame]}. ${deck.changeAxes}`}
-      onPress={() => drive.setFrame(other)}
+      onPress={() => drive.setFrame(frame === "odom" ? "base_link" : "odom")}
     >
       <small>{deck.axesOf}</small> <b>{deck[frame]}</b>
     </Button>
+  );
+}
+
+/** Slider that turns; left turns left, counter-clockwise seen from above. */
+export function Turn() {
+  const session = useSession();
+  const { drive } = session;
+  const label = texts().deck.axes.turn;
+  const control = useSprungSlider(drive, "turn", true);
+  const off = whyOff(session);
+  const { turn } = drive.asked.value;
+  return (
+    <div class="turn">
+      <SprungSlider
+        label={label}
+        control={control}
+        asked={turn}
+        allowed={drive.allowed.value?.turn ?? null}
+        most={drive.scale.value.turn}
+        spoken={spokenOf("turn", turn, "rad/s")}
+        mirrored
+        ends={["‹", "›"]}
+        off={off !== null}
+        refused={off?.text}
+        looksOnly={drive.looksOnly.value}
+      />
+      <span class="labs">
+        <span>{label}</span> <span class="lab">{off?.short ?? "rad/s"}</span>
+      </span>
+    </div>
   );
 }

@@ -1,7 +1,6 @@
 // STOP: acts when it is touched, in every state; the line below it says what comes of it.
 
 import { useId, useRef } from "preact/hooks";
-import type { JSX } from "preact";
 import { type Session, useSession } from "../session";
 import { freshness } from "../store/freshness";
 import { isLatched, whyNotStop } from "../store/permission";
@@ -15,14 +14,17 @@ export function StopCell() {
   const { deck } = texts();
   const hint = useId();
   const touched = useRef(false);
-  void link.beat.value;
   const said = hintOf(session);
   const isHollow = isLatched(link) && freshness(link).kind === "live";
   // Where fingers drive there are no keys to name, and the button itself has room for the rest.
   const isTouch = layout.phone.value || layout.sideways.value;
   const line = (
-    <span id={hint} class={said === null ? "hint" : "hint says"}>
-      {said ?? (!isTouch && <Keys />)}
+    <span id={hint} class="hint">
+      {said ?? (
+        <>
+          <kbd>{deck.stop.space}</kbd> {deck.stop.gamepad} <kbd>B</kbd>
+        </>
+      )}
     </span>
   );
   // A click would wait for the finger to come up, and a second finger would not click at all.
@@ -53,38 +55,22 @@ export function StopCell() {
       >
         <Icon name="stopsign" />
         <span>STOP</span>
-        {isTouch && line}
+        {isTouch && said && line}
       </button>
       {!isTouch && line}
     </div>
   );
 }
 
-function Keys(): JSX.Element {
-  const { stop } = texts().deck;
-  return (
-    <>
-      <kbd>{stop.space}</kbd> {stop.gamepad} <kbd>B</kbd>
-    </>
-  );
-}
-
 /** What must be known about STOP now, or null: then its keys can be named. */
 function hintOf({ link, stop }: Session): string | null {
-  const { deck } = texts();
+  const { stop: words } = texts().deck;
   const refusal = whyNotStop(link);
   if (refusal !== null) return refusalText(refusal);
-  if (stop.unconfirmed.value) return deck.stop.unconfirmed;
-  switch (freshness(link).kind) {
-    case "starting":
-      return link.connected.value ? null : deck.stop.noLinkYet;
-    case "offline":
-      return deck.stop.noLink;
-    case "silent":
-      return deck.stop.silent;
-    case "recorded":
-      return deck.stop.recorded;
-    default:
-      return isLatched(link) ? deck.stop.latched : null;
-  }
+  if (stop.unconfirmed.value) return words.unconfirmed;
+  const { kind } = freshness(link);
+  if (kind === "starting") return link.connected.value ? null : words.noLinkYet;
+  if (kind === "offline") return words.noLink;
+  if (kind === "silent" || kind === "recorded") return words[kind];
+  return isLatched(link) ? words.latched : null;
 }

@@ -39,6 +39,16 @@ export function limited({ x, y, turn }: Deflection): Deflection {
   return { x: x / length, y: y / length, turn: Math.max(-1, Math.min(1, turn)) };
 }
 
+export function scaled({ x, y, turn }: Deflection, plane: number, turning = 0): Deflection {
+  return { x: plane * x, y: plane * y, turn: turning * turn };
+}
+
+/** Add deflections up; components that are not given are zero. */
+export function total(parts: readonly Partial<Deflection>[]): Deflection {
+  const sum = (axis: keyof Deflection) => parts.reduce((all, part) => all + (part[axis] ?? 0), 0);
+  return { x: sum("x"), y: sum("y"), turn: sum("turn") };
+}
+
 /** Turn a deflection by `angle` to the left. */
 export function rotated({ x, y, turn }: Deflection, angle: number): Deflection {
   const [c, s] = [Math.cos(angle), Math.sin(angle)];

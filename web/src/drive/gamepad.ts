@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { CENTRED, type Deflection } from "./axes";
-import type { Source } from "./drive";
+import type { Drive, Source } from "./drive";
 
 const PERIOD_MS = 20;
 const DEAD_ZONE = 0.1;
@@ -13,16 +13,16 @@ export class Gamepad implements Source {
   readonly name = signal<string | null>(null);
   held = false;
   share: Deflection = CENTRED;
-  readonly #changed: () => void;
-  readonly #stop: () => void;
   #spent = true; // A new gamepad must be centred first.
   #index: number | null = null;
   #pressed = false;
   #timer: ReturnType<typeof setInterval> | 0 = 0; // Zero without a gamepad.
 
-  constructor(changed: () => void, stop: () => void) {
-    this.#changed = changed;
-    this.#stop = stop;
+  constructor(
+    private readonly drive: Drive,
+    private readonly stop: () => void,
+  ) {
+    drive.add(this);
     addEventListener("gamepadconnected", () => {
       this.#timer ||= setInterval(() => this.#poll(), PERIOD_MS);
     });
@@ -34,22 +34,23 @@ export class Gamepad implements Source {
 
   /** Centre the input; ignore the real sticks until they are centred too. */
   cancel(): void {
-    this.#spent = this.#spent || this.held;
+    this.#spent ||= this.held;
     this.held = false;
     this.share = CENTRED;
   }
 
   #poll(): void {
     const pad = navigator.getGamepads().find((each) => each?.connected) ?? null;
+    if ((pad?.index ?? null) !== this.#index) this.#use(pad);
     if (pad === null) {
       clearInterval(this.#timer);
       this.#timer = 0;
+      return;
     }
-    if ((pad?.index ?? null) !== this.#index) this.#use(pad);
-    const pressed = pad?.buttons[STOP_BUTTON]?.pressed ?? false;
-    if (pressed && !this.#pressed) this.#stop();
+    const pressed = pad.buttons[STOP_BUTTON]?.pressed ?? false;
+    if (pressed && !this.#pressed) this.stop();
     this.#pressed = pressed;
-    if (pad !== null) this.#read(pad.axes);
+    this.#read(pad.axes);
   }
 
   /** Handle a removed or changed gamepad: release, then start centred. */
@@ -60,7 +61,7 @@ export class Gamepad implements Source {
     this.cancel();
     this.#spent = true;
     this.#pressed = false;
-    if (was) this.#changed();
+    if (was) this.drive.changed();
   }
 
   #read([right = 0, down = 0, turn = 0]: readonly number[]): void {
@@ -71,7 +72,7 @@ export class Gamepad implements Source {
     if (this.#spent || (centred && !this.held)) return;
     this.held = !centred;
     this.share = { x, y, turn: turned };
-    this.#changed();
+    this.drive.changed();
   }
 }
 

@@ -1,5 +1,10 @@
 // What is held: keys and pointers, from their beginning until they are released, cancelled or lost.
 
+import { type Deflection, total } from "./axes";
+
+/** Deflection of each key while it is held. */
+export type KeyMeanings = Record<string, Partial<Deflection>>;
+
 /**
  * Set of held keys. When focus returns, some systems report a key held all along as a new press
  * without the repeat flag, and never report one released in between. A key released by the page
@@ -13,11 +18,8 @@ export class HeldKeys {
     return this.#down.size;
   }
 
-  sum(meanings: Record<string, readonly number[]>, length: number): number[] {
-    const sum = new Array<number>(length).fill(0);
-    for (const code of this.#down)
-      meanings[code]?.forEach((value, i) => (sum[i] = (sum[i] ?? 0) + value));
-    return sum;
+  sum(meanings: KeyMeanings): Deflection {
+    return total([...this.#down].map((code) => meanings[code] ?? {}));
   }
 
   /** Handle a key event; return whether it changes the held keys. */
@@ -40,7 +42,7 @@ export class HeldKeys {
   }
 }
 
-export interface PointerCallbacks {
+interface PointerCallbacks {
   came: (event: PointerEvent) => void;
   moved?: (event: PointerEvent) => void;
   gone: (event: PointerEvent) => void;
@@ -51,22 +53,30 @@ const POINTER_ENDS = ["pointerup", "pointercancel", "lostpointercapture"] as con
 /** Pointer on a control, from pointerdown until released, cancelled or lost. */
 export class HeldPointer {
   #pointer: number | null = null;
-  readonly #node: HTMLElement;
-  readonly #callbacks: PointerCallbacks;
   readonly #ending = new AbortController();
 
-  constructor(node: HTMLElement, callbacks: PointerCallbacks) {
-    this.#node = node;
-    this.#callbacks = callbacks;
+  constructor(
+    private readonly node: HTMLElement,
+    { came, moved, gone }: PointerCallbacks,
+  ) {
     const { signal } = this.#ending;
-    node.addEventListener("pointerdown", (event) => this.#grab(event), { signal });
-    node.addEventListener(
-      "pointermove",
-      (event) => this.#is(event) && this.#callbacks.moved?.(event),
-      { signal },
-    );
-    for (const end of POINTER_ENDS)
-      node.addEventListener(end, (event) => this.#drop(event), { signal });
+    const isOwn = ({ pointerId }: PointerEvent) => pointerId === this.#pointer;
+    const grab = (event: PointerEvent) => {
+      if (this.down || event.button !== 0) return;
+      event.preventDefault();
+      node.focus({ preventScroll: true });
+      node.setPointerCapture(event.pointerId);
+      this.#pointer = event.pointerId;
+      came(event);
+    };
+    const drop = (event: PointerEvent) => {
+      if (!isOwn(event)) return;
+      this.#pointer = null;
+      gone(event);
+    };
+    node.addEventListener("pointerdown", grab, { signal });
+    node.addEventListener("pointermove", (event) => isOwn(event) && moved?.(event), { signal });
+    for (const end of POINTER_ENDS) node.addEventListener(end, drop, { signal });
     node.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
   }
 
@@ -78,32 +88,13 @@ export class HeldPointer {
   cancel(): void {
     const pointer = this.#pointer;
     this.#pointer = null;
-    if (pointer !== null && this.#node.hasPointerCapture(pointer))
-      this.#node.releasePointerCapture(pointer);
+    if (pointer !== null && this.node.hasPointerCapture(pointer))
+      this.node.releasePointerCapture(pointer);
   }
 
   /** Stop listening. */
   end(): void {
     this.cancel();
     this.#ending.abort();
-  }
-
-  #is(event: PointerEvent): boolean {
-    return event.pointerId === this.#pointer;
-  }
-
-  #grab(event: PointerEvent): void {
-    if (this.down || event.button !== 0) return;
-    event.preventDefault();
-    this.#node.focus({ preventScroll: true });
-    this.#node.setPointerCapture(event.pointerId);
-    this.#pointer = event.pointerId;
-    this.#callbacks.came(event);
-  }
-
-  #drop(event: PointerEvent): void {
-    if (!this.#is(event)) return;
-    this.#pointer = null;
-    this.#callbacks.gone(event);
   }
 }

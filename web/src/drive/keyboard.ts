@@ -1,17 +1,17 @@
 // Keys of the whole page, typed here or in the frame. One listener in the capture phase sees them
 // before anything else.
 
-import { CENTRED, type Deflection, limited } from "./axes";
-import { HeldKeys } from "./held";
-import type { Source } from "./drive";
+import { type Deflection, limited } from "./axes";
+import type { Drive, Source } from "./drive";
+import { HeldKeys, type KeyMeanings } from "./held";
 
-const DRIVE: Record<string, readonly number[]> = {
-  KeyW: [1, 0, 0],
-  KeyS: [-1, 0, 0],
-  KeyA: [0, 1, 0],
-  KeyD: [0, -1, 0],
-  KeyQ: [0, 0, 1],
-  KeyE: [0, 0, -1],
+const DRIVE: KeyMeanings = {
+  KeyW: { x: 1 },
+  KeyS: { x: -1 },
+  KeyA: { y: 1 },
+  KeyD: { y: -1 },
+  KeyQ: { turn: 1 },
+  KeyE: { turn: -1 },
 };
 
 /** A key, typed in the page or forwarded from the frame. */
@@ -25,21 +25,15 @@ export interface Key {
 
 type Command = (key: Key) => void;
 
-interface Binding {
-  readonly pressed: Command;
-  /** For a key that is held: called at its key-up, wherever the focus is then. */
-  readonly released?: Command;
-}
-
 export class Keyboard implements Source {
   readonly #keys = new HeldKeys();
-  readonly #commands = new Map<string, Binding>();
-  readonly #changed: () => void;
-  readonly #stop: () => void;
+  readonly #commands = new Map<string, { pressed: Command; released?: Command }>();
 
-  constructor(changed: () => void, stop: () => void) {
-    this.#changed = changed;
-    this.#stop = stop;
+  constructor(
+    private readonly drive: Drive,
+    private readonly stop: () => void,
+  ) {
+    drive.add(this);
     for (const type of ["keydown", "keyup"] as const)
       addEventListener(type, (event) => this.#take(event), { capture: true });
   }
@@ -49,9 +43,7 @@ export class Keyboard implements Source {
   }
 
   get share(): Deflection {
-    if (!this.held) return CENTRED;
-    const [x = 0, y = 0, turn = 0] = this.#keys.sum(DRIVE, 3);
-    return limited({ x, y, turn });
+    return limited(this.#keys.sum(DRIVE));
   }
 
   cancel(): void {
@@ -59,8 +51,8 @@ export class Keyboard implements Source {
   }
 
   /**
-   * Call `pressed` when a key is pressed that nothing with the focus takes, and `released` when it
-   * comes up.
+   * Call `pressed` when a key is pressed that nothing with the focus takes, and `released`, for a
+   * key that is held, when it comes up, wherever the focus is then.
    */
   bind(code: string, pressed: Command, released?: Command): () => void {
     const binding = { pressed, released };
@@ -76,17 +68,15 @@ export class Keyboard implements Source {
   }
 
   #take(event: KeyboardEvent): void {
-    const { type, code, key, repeat } = event;
+    const { type, code, key, repeat, target } = event;
     const modified = event.ctrlKey || event.metaKey || event.altKey;
-    const target = event.composedPath()[0];
     const own = { type: type as Key["type"], code, key, repeat, modified };
-    // Wherever the focus is now.
-    if (type === "keyup" && this.#keys.take(event)) this.#changed();
-    if (type === "keyup") this.#commands.get(code)?.released?.(own);
-    if (type === "keydown" && modified) return;
-    if (code === "Space" ? takesSpaces(target) : takesText(target)) return;
-    if (takeEnter(event, target)) return;
-    if (code !== "Space" && takesArrows(event)) return;
+    if (type === "keyup") {
+      // Wherever the focus is now.
+      if (this.#keys.take(event)) this.drive.changed();
+      this.#commands.get(code)?.released?.(own);
+    } else if (modified) return;
+    if (target instanceof HTMLElement && belongsTo(target, event)) return;
     if (!this.#use(own)) return;
     event.preventDefault();
     event.stopImmediatePropagation();
@@ -96,11 +86,11 @@ export class Keyboard implements Source {
   #use(key: Key): boolean {
     const pressed = key.type === "keydown" && !key.repeat && !key.modified;
     if (key.code === "Space") {
-      if (pressed) this.#stop();
+      if (pressed) this.stop();
       return true;
     }
     if (key.code in DRIVE) {
-      if (!key.modified && this.#keys.take(key)) this.#changed();
+      if (!key.modified && this.#keys.take(key)) this.drive.changed();
       return true;
     }
     const command = this.#commands.get(key.code) ?? this.#commands.get(key.key);
@@ -110,37 +100,27 @@ export class Keyboard implements Source {
   }
 }
 
+const TICKED = ["checkbox", "radio", "range", "button"].map((type) => `[type=${type}]`).join();
+const TEXT = `textarea, select, [contenteditable], input:not(${TICKED}):not([readonly])`;
+const NUMBER = "[type=number], [inputmode=numeric], [inputmode=decimal]";
+
+/** Whether a key belongs to the control that has the focus. */
+function belongsTo(target: HTMLElement, event: KeyboardEvent): boolean {
+  const { code } = event;
+  // The space bar also stops in number fields.
+  if (code === "Space") return target.matches(TEXT) && !target.matches(NUMBER);
+  if (target.matches(TEXT)) return true;
+  if (code === "Enter" || code === "NumpadEnter") return takeEnter(event, target);
+  return /^(Arrow|Home|End|Page|Escape|Tab)/.test(code) && target !== document.body;
+}
+
 /**
  * Tick a box with Enter, because the space bar stops. Ignore key repeats on buttons, which would
  * press for example Arm and Disarm in turn.
  */
-function takeEnter(event: KeyboardEvent, target: EventTarget | undefined): boolean {
-  if (event.code !== "Enter" && event.code !== "NumpadEnter") return false;
-  const isBox = target instanceof HTMLInputElement && target.type === "checkbox";
+function takeEnter(event: KeyboardEvent, target: HTMLElement): true {
+  const isBox = target.matches("[type=checkbox]");
   if (isBox && event.type === "keydown" && !event.repeat) target.click();
-  const taken = isBox || (event.repeat && target instanceof HTMLButtonElement);
-  if (taken) event.preventDefault();
-  return true; // Enter belongs to what has the focus.
-}
-
-/** Arrow keys and the like belong to a control with the focus that says so. */
-function takesArrows({ code, target }: KeyboardEvent): boolean {
-  if (!/^(Arrow|Home|End|Page|Escape|Tab)/.test(code)) return false;
-  return target instanceof HTMLElement && target !== document.body;
-}
-
-const TICKED = new Set(["checkbox", "radio", "range", "button"]);
-
-function takesText(target: EventTarget | undefined): boolean {
-  if (!(target instanceof HTMLElement)) return false;
-  if (target.isContentEditable) return true;
-  if (target instanceof HTMLTextAreaElement || target instanceof HTMLSelectElement) return true;
-  return target instanceof HTMLInputElement && !target.readOnly && !TICKED.has(target.type);
-}
-
-/** The space bar also stops in number fields. */
-function takesSpaces(target: EventTarget | undefined): boolean {
-  if (!(target instanceof HTMLElement) || !takesText(target)) return false;
-  const isNumber = target instanceof HTMLInputElement && target.type === "number";
-  return !isNumber && !["numeric", "decimal"].includes(target.inputMode);
+  if (isBox || (event.repeat && target.matches("button"))) event.preventDefault();
+  return true;
 }

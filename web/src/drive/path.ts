@@ -4,11 +4,12 @@
 import { computed, effect, signal, untracked } from "@preact/signals";
 import type { FollowPlan, PlanRequest, RouteState } from "../generated/wire";
 import type { Link } from "../store/link";
-import { codeOf, isLatched, type Refusal, whyNotDrive, whyNotPlan } from "../store/permission";
+import { stillHolds, isLatched, type Refusal, whyNotDrive, whyNotPlan } from "../store/permission";
 import { isOnFloor } from "./axes";
 import type { Drive, Source } from "./drive";
 import { HeldKeys } from "./held";
 import type { Keyboard } from "./keyboard";
+import type { Holder, SprungControl } from "./sprung";
 
 /** How the robot is driven: by the controls, to a point, or along a drawn line. */
 export type PathMode = "stick" | "to" | "draw";
@@ -16,15 +17,15 @@ export type PathMode = "stick" | "to" | "draw";
 /** What is to be planned; the path adds the speed level. */
 export type Wish = Omit<PlanRequest, "t" | "level">;
 
-const KEY = "KeyG";
+const percent = (level: number): number => Math.round(100 * level);
 
-export class Path implements Source {
+export class Path implements Source, Holder {
   readonly mode = signal<PathMode>("stick");
   /** Whether it is held, so that the robot follows it. */
   readonly going = signal(false);
   /** What was last asked for, until its path has ended or is cleared. */
   readonly wish = signal<Wish | null>(null);
-  readonly route = computed(() => this.#link.state.value?.route ?? null);
+  readonly route = computed(() => this.link.state.value?.route ?? null);
   /** Whether a path is the next thing to drive, in place of the stick. */
   readonly offered = computed(
     () => this.mode.value !== "stick" || (this.route.value !== null && !isOver(this.route.value)),
@@ -32,19 +33,22 @@ export class Path implements Source {
   /** Called with each refusal, and whether it still holds. */
   onRefused: (refusal: Refusal, holds: () => boolean) => void = () => {};
 
-  readonly #link: Link;
-  readonly #drive: Drive;
-  readonly #keys = new HeldKeys();
-  #number: number | null = null; // Of the held path.
+  readonly #keys = new HeldKeys(); // Of the page: G.
+  readonly #controls = new Set<SprungControl>();
+  #number = 0; // Of the path that is held.
   #end = ""; // The end that has been handled: of a path, or a stop.
 
-  constructor(link: Link, drive: Drive, keyboard: Keyboard) {
-    this.#link = link;
-    this.#drive = drive;
+  constructor(
+    private readonly link: Link,
+    private readonly drive: Drive,
+    keyboard: Keyboard,
+  ) {
     drive.add(this);
     keyboard.bind(
-      KEY,
-      (key) => this.#keys.take(key) && this.#holdByKey(),
+      "KeyG",
+      (key) => {
+        if (this.#keys.take(key) && !(this.offered.peek() && this.hold())) this.#keys.cancel();
+      },
       (key) => this.#keys.take(key) && this.letGo(),
     );
     // After the dialogs and menus, which keep their Escape.
@@ -58,12 +62,12 @@ export class Path implements Source {
       this.wish.value = null;
       if (why) this.onRefused({ by: "robot", reason: why }, () => true);
     });
-    let level = drive.level.peek();
+    let before = drive.level.peek();
     effect(() => {
-      if (drive.level.value === level) return;
-      level = drive.level.value;
-      if (untracked(() => this.route.value) !== null)
+      const level = drive.level.value;
+      if (level !== before && untracked(() => this.route.value) !== null)
         link.send({ t: "speed_level", level: percent(level) });
+      before = level;
     });
   }
 
@@ -73,7 +77,7 @@ export class Path implements Source {
 
   /** Null while nothing is held; any hand control ends it. */
   get follow(): Omit<FollowPlan, "status_seq"> | null {
-    return this.#number === null ? null : { t: "follow_plan", route: this.#number };
+    return this.held ? { t: "follow_plan", route: this.#number } : null;
   }
 
   choose(mode: PathMode): void {
@@ -83,45 +87,53 @@ export class Path implements Source {
 
   /** Ask for a path; nothing moves. */
   plan(wish: Wish): void {
-    const refusal = untracked(() => whyNotPlan(this.#link));
-    if (refusal === null) {
+    if (this.#may(() => whyNotPlan(this.link))) {
       this.wish.value = wish;
-      this.#link.send({ t: "plan", ...wish, level: percent(this.#drive.level.peek()) });
-      return;
-    }
-    if (this.route.peek() !== null) this.#link.send({ t: "clear_plan" }); // It is not wanted now.
-    this.#refuse(refusal, () => whyNotPlan(this.#link));
+      this.link.send({ t: "plan", ...wish, level: percent(this.drive.level.peek()) });
+    } else if (this.route.peek() !== null) this.link.send({ t: "clear_plan" }); // Not wanted now.
   }
 
   /** Discard the path and return to the stick. */
   clear(): void {
-    if (this.held) this.#drive.release();
-    this.#link.send({ t: "clear_plan" });
+    if (this.held) this.drive.release();
+    this.link.send({ t: "clear_plan" });
     this.choose("stick");
   }
 
   /** Why the path cannot be followed now, or null. */
   whyNotGo(): Refusal | null {
-    const refusal = whyNotDrive(this.#link);
+    const refusal = whyNotDrive(this.link);
     if (refusal !== null || this.going.value) return refusal;
-    if (this.#drive.held.value || this.#link.state.value?.status.mode === "driving")
+    if (this.drive.held.value || this.link.state.value?.status.mode === "driving")
       return { by: "page", code: "still_moves" };
     return this.route.value?.phase === "planned" ? null : { by: "page", code: "no_path" };
+  }
+
+  /** Add a control that holds the path; returns a function that removes it. */
+  add(control: SprungControl): () => void {
+    this.#controls.add(control);
+    return () => {
+      control.cancel();
+      this.#controls.delete(control);
+      this.changed();
+    };
+  }
+
+  /** Follow the path while one of its controls is held. */
+  changed(): void {
+    if (![...this.#controls].some(({ held }) => held)) this.letGo();
+    else if (!this.hold()) this.cancel();
   }
 
   /** Follow the path from now on, until `letGo`; return whether it is followed. */
   hold(): boolean {
     if (this.held) return true;
-    const refusal = untracked(() => this.whyNotGo());
-    if (refusal !== null) {
-      this.#refuse(refusal, () => this.whyNotGo());
-      return false;
-    }
-    this.#number = this.route.peek()?.number ?? null;
-    this.going.value = this.#number !== null;
+    if (!this.#may(() => this.whyNotGo())) return false;
+    this.#number = this.route.peek()?.number ?? 0;
+    this.going.value = true;
     // The camera moves with the robot, so points of the picture lose their places.
     if (this.wish.peek()?.on === "picture") this.wish.value = null;
-    this.#drive.changed();
+    this.drive.changed();
     return this.held;
   }
 
@@ -129,40 +141,30 @@ export class Path implements Source {
   letGo(): void {
     if (!this.held) return;
     this.cancel();
-    this.#drive.changed();
+    this.drive.changed();
   }
 
   cancel(): void {
     this.#keys.cancel();
-    this.#number = null;
+    for (const control of this.#controls) control.cancel();
     this.going.value = false;
   }
 
-  #holdByKey(): void {
-    if (!this.offered.peek() || !this.hold()) this.#keys.cancel();
-  }
-
-  #refuse(refusal: Refusal, again: () => Refusal | null): void {
-    this.onRefused(refusal, () => {
-      const now = again();
-      return now !== null && codeOf(now) === codeOf(refusal);
-    });
+  /** Return whether nothing refuses it; else tell why. */
+  #may(check: () => Refusal | null): boolean {
+    const refusal = untracked(check);
+    if (refusal !== null) this.onRefused(refusal, () => stillHolds(refusal, check()));
+    return refusal === null;
   }
 
   /** End what the state has ended: a lost path, control of the robot, the choice of a place. */
   #check(): void {
     const route = this.route.peek();
-    const lost = route === null || route.number !== this.#number || route.phase === "arrived";
-    if (this.held && lost) {
-      this.cancel();
-      this.#drive.changed();
-    }
-    const link = this.#link;
-    const end = untracked(() =>
-      isLatched(link) ? "stop" : route && isOver(route) ? `path ${route.number}` : "",
-    );
-    const state = link.state.peek();
-    const barred = !state?.has_control || !isOnFloor(link.robot.peek());
+    if (route?.number !== this.#number || route.phase === "arrived") this.letGo();
+    const { link } = this;
+    const over = route && isOver(route) ? `path ${route.number}` : "";
+    const end = untracked(() => isLatched(link)) ? "stop" : over;
+    const barred = !link.state.peek()?.has_control || !isOnFloor(link.robot.peek());
     if ((end !== "" && end !== this.#end) || barred) this.choose("stick");
     this.#end = end;
   }
@@ -171,9 +173,4 @@ export class Path implements Source {
 /** Whether a path has ended, at its goal or not. */
 export function isOver({ phase }: RouteState): boolean {
   return phase === "arrived" || phase === "ended";
-}
-
-/** Level of a message, from 1 to 100. */
-function percent(level: number): number {
-  return Math.max(1, Math.min(100, Math.round(100 * level)));
 }

@@ -3,7 +3,7 @@
 
 import type { SphereClick } from "../generated/wire";
 import type { Link } from "../store/link";
-import { CENTRED, type Deflection, deflectionOf } from "./axes";
+import { type Deflection, deflectionOf, scaled } from "./axes";
 import type { Drive, Source } from "./drive";
 
 type Vector = readonly [number, number, number];
@@ -16,14 +16,13 @@ const APPROACH_PER_S = 2;
 
 export class SphereTurn implements Source {
   readonly alone = true;
-  readonly #link: Link;
-  readonly #drive: Drive;
   #goal: { at: Vector; untilMs: number } | null = null;
   #clickedMs = -Infinity;
 
-  constructor(link: Link, drive: Drive) {
-    this.#link = link;
-    this.#drive = drive;
+  constructor(
+    private readonly link: Link,
+    private readonly drive: Drive,
+  ) {
     drive.add(this);
     link.on("sphere_click", (click) => this.#take(click));
     link.on("robot", () => this.cancel());
@@ -34,18 +33,17 @@ export class SphereTurn implements Source {
     return this.#goal !== null;
   }
 
-  /** Rate of the shortest rotation that brings the point up, within the speed limit. */
-  get speed(): Deflection {
-    const way = this.#rotation();
-    if (way === null) return CENTRED;
-    const rate = Math.min(APPROACH_PER_S * way.angle, this.#drive.scale.peek().speed);
-    return deflectionOf(this.#link.robot.peek(), [rate * way.axis[0], rate * way.axis[1], 0]);
+  /** Shortest rotation that brings the point up, slower when it is near. */
+  get share(): Deflection {
+    const [x, y] = this.#rotation() ?? [0, 0];
+    const most = Math.max(1e-6, this.drive.scale.peek().speed);
+    return scaled(deflectionOf(this.link.robot.peek(), [x, y, 0]), APPROACH_PER_S / most);
   }
 
   /** Bring a point up, given as a unit vector along the axes painted on the sphere. */
   bring(at: Vector): void {
     this.#goal = { at, untilMs: performance.now() + TIMEOUT_MS };
-    this.#drive.changed();
+    this.drive.changed();
   }
 
   cancel(): void {
@@ -60,26 +58,26 @@ export class SphereTurn implements Source {
   #take({ robot, at }: SphereClick): void {
     const isOwn = performance.now() - this.#clickedMs < CLICK_MS;
     this.#clickedMs = -Infinity; // One motion per click.
-    if (isOwn && robot === this.#link.robot.peek()?.id) this.bring(at);
+    if (isOwn && robot === this.link.robot.peek()?.id) this.bring(at);
   }
 
   #check(): void {
     if (this.#goal === null) return;
     const way = this.#rotation();
-    const ended = way === null || way.angle < NEAR_RAD || performance.now() > this.#goal.untilMs;
-    if (ended) this.cancel();
-    this.#drive.changed();
+    const isLate = performance.now() > this.#goal.untilMs;
+    if (way === null || Math.hypot(...way) < NEAR_RAD || isLate) this.cancel();
+    this.drive.changed();
   }
 
-  /** Remaining rotation: about a horizontal axis, by the angle of the point from the top. */
-  #rotation(): { angle: number; axis: readonly [number, number] } | null {
-    const sphere = this.#link.state.peek()?.sphere;
+  /** Remaining rotation about the horizontal axes, by the angle of the point from the top. */
+  #rotation(): [number, number] | null {
+    const sphere = this.link.state.peek()?.sphere;
     if (!sphere || this.#goal === null) return null;
     const [x, y, z] = turned(sphere.wxyz, this.#goal.at);
     const level = Math.hypot(x, y);
+    if (level < 1e-6) return [0, z > 0 ? 0 : Math.PI];
     const angle = Math.atan2(level, z);
-    if (level < 1e-6) return { angle: z > 0 ? 0 : angle, axis: [0, 1] };
-    return { angle, axis: [y / level, -x / level] };
+    return [(angle * y) / level, (-angle * x) / level];
   }
 }
 

@@ -1,14 +1,12 @@
-// A control that springs back: stick or slider, held by a pointer or by arrow keys with the focus.
+// A control that springs back: stick, slider or button, held by a pointer, or by keys with focus.
 
 import { signal } from "@preact/signals";
 import { CENTRED, type Deflection } from "./axes";
 import type { Source } from "./drive";
-import { HeldKeys, HeldPointer } from "./held";
+import { HeldKeys, HeldPointer, type KeyMeanings } from "./held";
 
 /** Deflection of a pointer, from its place in the box of the control. */
 export type Reading = (event: PointerEvent, box: DOMRect) => Deflection;
-/** Deflection of each arrow key, as ahead, left and turning left. */
-export type Arrows = Record<string, readonly [number, number, number]>;
 
 /** What a control reports to: the command, or a group of controls that are one part of it. */
 export interface Holder {
@@ -19,20 +17,17 @@ export interface Holder {
 export class SprungControl implements Source {
   /** What the hand asks for, as shares of the speed limit. */
   readonly deflection = signal<Deflection>(CENTRED);
-  readonly #drive: Holder;
-  readonly #read: Reading;
-  readonly #arrows: Arrows;
   readonly #keys = new HeldKeys();
   #pointer: HeldPointer | null = null;
 
-  constructor(drive: Holder, read: Reading, arrows: Arrows) {
-    this.#drive = drive;
-    this.#read = read;
-    this.#arrows = arrows;
-  }
+  constructor(
+    private readonly holder: Holder,
+    private readonly read: Reading,
+    private readonly meanings: KeyMeanings,
+  ) {}
 
   get held(): boolean {
-    return this.#keys.size > 0 || (this.#pointer?.down ?? false);
+    return this.#keys.size > 0 || this.#isTouched;
   }
 
   get share(): Deflection {
@@ -45,54 +40,58 @@ export class SprungControl implements Source {
     this.deflection.value = CENTRED;
   }
 
-  /** Take pointers and keys of an element and drive with them; returns a function that ends it. */
-  attach(node: HTMLElement): () => void {
+  /** Take pointers and keys of an element, as its `ref`; returns a function that ends it. */
+  readonly attach = (node: HTMLElement | null): (() => void) => {
+    if (node === null) return () => {};
     const follow = (event: PointerEvent) =>
-      this.#place(this.#read(event, node.getBoundingClientRect()));
-    this.#pointer = new HeldPointer(node, {
+      this.#place(this.read(event, node.getBoundingClientRect()));
+    const pointer = new HeldPointer(node, {
       came: follow,
       moved: follow,
-      gone: () => this.#place(this.#ofKeys()),
+      gone: () => this.#follow(),
     });
-    const pressed = (event: KeyboardEvent) => this.#press(event);
+    this.#pointer = pointer;
+    const ending = new AbortController();
+    const { signal } = ending;
+    for (const type of ["keydown", "keyup"] as const)
+      node.addEventListener(type, (event) => this.#press(event), { signal });
     // A pointer stays: another finger, on another control, takes the focus.
-    const left = () => this.#keys.cancel() && !this.#pointer?.down && this.#place(CENTRED);
-    node.addEventListener("keydown", pressed);
-    node.addEventListener("keyup", pressed);
-    node.addEventListener("blur", left);
-    const remove = this.#drive.add(this);
+    const left = () => this.#keys.cancel() && !this.#isTouched && this.#follow();
+    node.addEventListener("blur", left, { signal });
+    const remove = this.holder.add(this);
     return () => {
       remove();
-      this.#pointer?.end();
+      pointer.end();
       this.#pointer = null;
-      node.removeEventListener("keydown", pressed);
-      node.removeEventListener("keyup", pressed);
-      node.removeEventListener("blur", left);
+      ending.abort();
     };
+  };
+
+  get #isTouched(): boolean {
+    return this.#pointer?.down ?? false;
   }
 
   #place(deflection: Deflection): void {
     this.deflection.value = deflection;
-    this.#drive.changed();
+    this.holder.changed();
+  }
+
+  /** Follow the held keys, if any. */
+  #follow(): void {
+    this.#place(this.#keys.sum(this.meanings));
   }
 
   #press(event: KeyboardEvent): void {
     if (event.target !== event.currentTarget) return; // Typed on a control inside.
-    if (event.code === "Home" && event.type === "keydown") {
-      event.preventDefault();
-      this.cancel();
-      this.#drive.changed();
-      return;
-    }
-    if (!(event.code in this.#arrows)) return;
+    const isDown = event.type === "keydown";
+    const isHome = event.code === "Home" && isDown;
+    if (!isHome && !(event.code in this.meanings)) return;
     // A key-up counts also with a modifier; else the key would stay held.
-    if (event.type === "keydown" && (event.ctrlKey || event.metaKey || event.altKey)) return;
+    if (!isHome && isDown && (event.ctrlKey || event.metaKey || event.altKey)) return;
     event.preventDefault();
-    if (this.#keys.take(event) && !(this.#pointer?.down ?? false)) this.#place(this.#ofKeys());
-  }
-
-  #ofKeys(): Deflection {
-    const [x = 0, y = 0, turn = 0] = this.#keys.sum(this.#arrows, 3);
-    return { x, y, turn };
+    if (isHome) {
+      this.cancel();
+      this.holder.changed();
+    } else if (this.#keys.take(event) && !this.#isTouched) this.#follow();
   }
 }

@@ -10,26 +10,27 @@ const CONFIRM_MS = 600;
 const RETRY_LIMIT_MS = 5000;
 const STATES_IN_FLIGHT = 20; // One second of states.
 
-interface Pending {
-  robot: string | undefined;
-  sinceMs: number;
-  sentMs: number;
-  latchedAt: number | null;
-}
-
 export class Stop {
   /** Whether the robot has not confirmed a stop in time, and nobody has acknowledged that. */
   readonly unconfirmed = signal(false);
   onRefused: (refusal: Refusal) => void = () => {};
-  readonly #link: Link;
-  readonly #release: () => void;
-  #pending: Pending | null = null;
+  #pending: {
+    robot: string | undefined;
+    sinceMs: number;
+    sentMs: number;
+    /** Latest state of a robot that was latched already. */
+    latchedAt: number | null;
+  } | null = null;
 
   /** `release` centres all controls. */
-  constructor(link: Link, release: () => void) {
-    this.#link = link;
-    this.#release = release;
-    link.on("state", (state) => this.#check(state));
+  constructor(
+    private readonly link: Link,
+    private readonly release: () => void,
+  ) {
+    link.on("state", (state) => {
+      // Recorded states confirm nothing, and states of several robots are ambiguous.
+      if (isLatched(link) && state.source === "robot" && !this.#isOld(state)) this.#confirm();
+    });
     link.on("reply", ({ to, ok }) => {
       if (to === "stop" && ok) this.#confirm();
     });
@@ -38,32 +39,22 @@ export class Stop {
 
   /** Stop the robot. */
   press(): void {
-    const refusal = whyNotStop(this.#link);
+    const { link } = this;
+    const refusal = whyNotStop(link);
     if (refusal !== null) {
       this.onRefused(refusal);
       return;
     }
-    const now = performance.now();
-    const before = this.#link.state.peek();
-    const latchedAt = before && isLatched(this.#link) ? before.status_seq : null;
-    this.#pending = {
-      robot: this.#link.robot.peek()?.id,
-      sinceMs: now,
-      sentMs: now,
-      latchedAt,
-    };
-    this.#link.send({ t: "stop" });
-    this.#release();
+    const nowMs = performance.now();
+    const latchedAt = isLatched(link) ? (link.state.peek()?.status_seq ?? null) : null;
+    this.#pending = { robot: link.robot.peek()?.id, sinceMs: nowMs, sentMs: nowMs, latchedAt };
+    link.send({ t: "stop" });
+    this.release();
   }
 
   acknowledge(): void {
     this.#pending = null;
     this.unconfirmed.value = false;
-  }
-
-  #check(state: RobotState): void {
-    // Recorded states confirm nothing, and states of several robots are ambiguous.
-    if (isLatched(this.#link) && state.source === "robot" && !this.#isOld(state)) this.#confirm();
   }
 
   /**
@@ -77,16 +68,15 @@ export class Stop {
 
   /** Confirm the stop of the displayed robot; a stop of another robot stays pending. */
   #confirm(): void {
-    if (this.#pending === null || this.#pending.robot !== this.#link.robot.peek()?.id) return;
-    this.acknowledge();
+    if (this.#pending && this.#pending.robot === this.link.robot.peek()?.id) this.acknowledge();
   }
 
   #retry(): void {
     if (this.#pending === null) return;
-    const now = performance.now();
-    const ageMs = now - this.#pending.sinceMs;
-    const isDue = now - this.#pending.sentMs > RETRY_MS && ageMs <= RETRY_LIMIT_MS;
-    if (isDue && this.#link.send({ t: "stop" })) this.#pending.sentMs = now;
+    const nowMs = performance.now();
+    const ageMs = nowMs - this.#pending.sinceMs;
+    const isDue = nowMs - this.#pending.sentMs > RETRY_MS && ageMs <= RETRY_LIMIT_MS;
+    if (isDue && this.link.send({ t: "stop" })) this.#pending.sentMs = nowMs;
     if (ageMs > CONFIRM_MS) this.unconfirmed.value = true;
   }
 }

@@ -95,7 +95,6 @@ export interface Table {
       readonly refused: string;
       readonly liveStopped: string;
       readonly connectionLost: string;
-      readonly reloaded: string;
     };
   };
   readonly deck: {

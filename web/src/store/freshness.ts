@@ -1,5 +1,6 @@
 // The one answer to "is what I see true now?"; all texts, colours and figures ask it.
 
+import type { RobotState } from "../generated/wire";
 import type { Link } from "./link";
 
 export const STALE_MS = 300;
@@ -16,23 +17,26 @@ export type Freshness =
   | { kind: "recorded"; by: "page" | "bus" }
   | { kind: "live" };
 
-/** Evaluate now; read `link.beat` to follow it. */
+/** Evaluate now; what depends on it follows the time that passes. */
 export function freshness(link: Link): Freshness {
-  if (!link.connected.value) {
-    if (link.isLoading()) return { kind: "starting" };
-    return { kind: "offline", forMs: performance.now() - link.lostMs };
-  }
-  const state = link.state.value;
-  if (link.robot.value === null)
-    return link.isLoading() ? { kind: "starting" } : { kind: "no_robot" };
-  if (link.recording !== null) return { kind: "recorded", by: "page" };
+  void link.beat.value;
+  const [connected, state, robot] = [link.connected.value, link.state.value, link.robot.value];
   const ageMs = link.ageMs();
-  if (state === null || ageMs > STALE_MS)
-    return link.isLoading() ? { kind: "starting" } : { kind: "silent", forMs: ageMs };
-  return state.source === "recording" ? { kind: "recorded", by: "bus" } : { kind: "live" };
+  if (connected && robot !== null) {
+    if (link.recording !== null) return { kind: "recorded", by: "page" };
+    if (state !== null && ageMs <= STALE_MS)
+      return state.source === "recording" ? { kind: "recorded", by: "bus" } : { kind: "live" };
+  }
+  if (link.isLoading()) return { kind: "starting" };
+  if (!connected) return { kind: "offline", forMs: performance.now() - link.lostMs };
+  return robot === null ? { kind: "no_robot" } : { kind: "silent", forMs: ageMs };
 }
 
 /** Whether figures are current: live, or at the cursor of a recording. */
 export function isCurrent({ kind }: Freshness): boolean {
   return kind === "live" || kind === "recorded";
+}
+
+export function currentState(link: Link): RobotState | null {
+  return isCurrent(freshness(link)) ? link.state.value : null;
 }

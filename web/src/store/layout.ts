@@ -6,6 +6,7 @@ import { isFlag, isOneOf, remembered } from "./memory";
 export const TABS = ["drive", "modules", "plots", "health", "view", "student"] as const;
 export type Tab = (typeof TABS)[number];
 
+const screenInAddress = () => (location.hash === "#fleet" ? "fleet" : "robot");
 const SIDEWAYS = "(max-height: 599px) and (pointer: coarse) and (orientation: landscape)";
 
 /** Signal that follows a media query. */
@@ -24,27 +25,26 @@ export class Layout {
   readonly drawerOpen = signal(false);
   /** Panel width requested by the open tab, for example for sliders beside their joints. */
   readonly panelWidth = signal<"wide" | "wider" | null>(null);
-  readonly screen = signal<"robot" | "fleet">(location.hash === "#fleet" ? "fleet" : "robot");
+  readonly screen = signal<"robot" | "fleet">(screenInAddress());
   /** Below 900 px of width the panel is a drawer. */
   readonly narrow = media("(max-width: 899px)");
   /** Phone held sideways: the controls lie on the scene. */
   readonly sideways = media(SIDEWAYS);
   /** Phone held upright: bar, scene, figures, deck, tabs. */
   readonly phone = media(`(max-width: 599px) and (not (${SIDEWAYS}))`);
+  readonly #isDrawer = computed(() => this.narrow.value || this.sideways.value);
   readonly panelOpen = computed(() =>
-    this.narrow.value || this.sideways.value ? this.drawerOpen.value : !this.folded.value,
+    this.#isDrawer.value ? this.drawerOpen.value : !this.folded.value,
   );
 
   constructor() {
     const query = new URL(location.href).searchParams;
     // A link to plots or to a setting of the Student tab shows them.
     for (const tab of ["plots", "student"] as const) if (query.has(tab)) this.open(tab);
-    addEventListener("hashchange", () => {
-      this.screen.value = location.hash === "#fleet" ? "fleet" : "robot";
-    });
+    addEventListener("hashchange", () => (this.screen.value = screenInAddress()));
   }
 
-  /** Open a tab of the panel, or fold the panel if that tab is open. */
+  /** Open a tab of the panel. */
   open(tab: Tab): void {
     this.tab.value = tab;
     this.folded.value = false;
@@ -52,7 +52,7 @@ export class Layout {
   }
 
   fold(): void {
-    if (this.narrow.peek() || this.sideways.peek()) this.drawerOpen.value = false;
+    if (this.#isDrawer.peek()) this.drawerOpen.value = false;
     else this.folded.value = true;
   }
 }

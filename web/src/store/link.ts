@@ -1,4 +1,4 @@
-// WebSocket to the dashboard: the latest message of each kind as signals, and the measured round trip.
+// WebSocket to the dashboard: the latest message of each kind as signals, and the round trip.
 
 import { signal } from "@preact/signals";
 import type {
@@ -11,26 +11,14 @@ import type {
   ServerMessage,
   SessionInfo,
 } from "../generated/wire";
-import { medianAndJitter } from "./statistics";
 
 type Incoming = ServerMessage | RecordedServerMessage;
-type Outgoing = PageMessage | RecordedPageMessage;
 type Kind = Incoming["t"];
 type Listener<K extends Kind> = (message: Extract<Incoming, { t: K }>) => void;
 
 export interface PastEvent extends RobotEvent {
   /** Wall-clock time of the event. */
   atMs: number;
-}
-
-export interface LinkOptions {
-  /** 16 hex digits; it grants no rights. */
-  page: string;
-  /** Recording to show instead of the live robots. */
-  recording: string | null;
-  /** Display name that the operator typed. */
-  name: string;
-  hasFocus: () => boolean;
 }
 
 const HEARTBEAT_MS = 100;
@@ -68,28 +56,25 @@ export class Link {
   #requestedRobot: string | null = null;
   #loadingBeats = LOADING_BEATS;
   #trips: number[] = [];
-  #seen: number[] = [];
+  #seen: number[] = []; // Sequence numbers of the latest states.
   #beatMs = performance.now();
   #silentMs = 0; // Time without an echo while the page was running.
-  readonly #options: LinkOptions;
 
-  constructor(options: LinkOptions) {
-    this.#options = options;
-  }
-
-  get page(): string {
-    return this.#options.page;
-  }
-
-  get recording(): string | null {
-    return this.#options.recording;
-  }
+  /**
+   * `page` has 16 hex digits, and grants no rights. A `recording` is shown instead of the live
+   * robots. `name` is the display name that the operator typed.
+   */
+  constructor(
+    readonly page: string,
+    readonly recording: string | null = null,
+    private name = "",
+  ) {}
 
   /** Call `listener` with each message of a kind; returns a function that ends it. */
   on<K extends Kind>(kind: K, listener: Listener<K>): () => void {
     const listeners = this.#listeners.get(kind) ?? new Set();
-    this.#listeners.set(kind, listeners.add(listener as (message: never) => void));
-    return () => void listeners.delete(listener as (message: never) => void);
+    this.#listeners.set(kind, listeners.add(listener));
+    return () => void listeners.delete(listener);
   }
 
   open(): void {
@@ -99,13 +84,13 @@ export class Link {
 
   /** Change the display name; the operator and their control stay as they are. */
   rename(name: string): void {
-    if (name === this.#options.name) return;
-    this.#options.name = name; // For the next connection.
+    if (name === this.name) return;
+    this.name = name; // For the next connection.
     if (this.recording === null) this.send({ t: "name", name });
   }
 
   /** Send a message without queueing; return whether it was sent. */
-  send(message: Outgoing): boolean {
+  send(message: PageMessage | RecordedPageMessage): boolean {
     const socket = this.#socket;
     if (socket?.readyState !== WebSocket.OPEN) return false;
     if (socket.bufferedAmount > MAX_BUFFERED_BYTES && !URGENT.has(message.t)) return false;
@@ -130,11 +115,10 @@ export class Link {
   }
 
   #connect(): void {
-    const { page, recording, name } = this.#options;
-    const address = new URL(`teleop?page=${page}`, document.baseURI);
+    const address = new URL(`teleop?page=${this.page}`, document.baseURI);
     address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
-    if (recording !== null) address.searchParams.set("recording", recording);
-    if (name !== "") address.searchParams.set("name", name);
+    if (this.recording !== null) address.searchParams.set("recording", this.recording);
+    if (this.name !== "") address.searchParams.set("name", this.name);
     const socket = new WebSocket(address);
     this.#socket = socket;
     socket.onopen = () => {
@@ -168,16 +152,14 @@ export class Link {
     const now = performance.now();
     this.#silentMs += Math.min(now - this.#beatMs, LONGEST_BEAT_MS);
     this.#beatMs = now;
-    if (this.connected.peek()) {
-      if (this.#silentMs > SERVER_TIMEOUT_MS) {
-        const socket = this.#socket;
-        this.#onClose(); // First, because closing the socket may take arbitrarily long.
-        socket?.close();
-      } else {
-        const focus = this.#options.hasFocus() && document.visibilityState === "visible";
-        const status_seq = this.state.peek()?.status_seq ?? 0;
-        this.send({ t: "heartbeat", status_seq, sent_ms: now, focus });
-      }
+    if (this.connected.peek() && this.#silentMs > SERVER_TIMEOUT_MS) {
+      const socket = this.#socket;
+      this.#onClose(); // First, because closing the socket may take arbitrarily long.
+      socket?.close();
+    } else if (this.connected.peek()) {
+      const focus = document.hasFocus() && document.visibilityState === "visible";
+      const status_seq = this.state.peek()?.status_seq ?? 0;
+      this.send({ t: "heartbeat", status_seq, sent_ms: now, focus });
     }
     this.beat.value += 1;
   }
@@ -186,7 +168,7 @@ export class Link {
     switch (message.t) {
       case "heartbeat":
         this.#measure(message.sent_ms);
-        return;
+        break;
       case "state":
         this.stateMs = performance.now();
         this.#loadingBeats = 0;
@@ -207,12 +189,11 @@ export class Link {
       case "reply":
         if (message.to === "robot") this.#requestedRobot = null;
         break;
-      case "event":
-        this.history.value = [
-          ...this.history.peek().slice(1 - MAX_HISTORY),
-          { ...message, atMs: Date.now() - 1000 * (message.age_s ?? 0) },
-        ];
+      case "event": {
+        const atMs = Date.now() - 1000 * (message.age_s ?? 0);
+        this.history.value = [...this.history.peek(), { ...message, atMs }].slice(-MAX_HISTORY);
         break;
+      }
     }
     const listeners = this.#listeners.get(message.t) ?? new Set();
     // Listeners added during the call start with the next message.
@@ -228,16 +209,22 @@ export class Link {
 
   #measure(sentMs: number): void {
     this.#silentMs = 0;
-    this.#trips = [...this.#trips.slice(1 - MAX_ROUND_TRIPS), performance.now() - sentMs];
-    this.pageMs = medianAndJitter(this.#trips.slice(-9)).median;
-    this.pageJitterMs = medianAndJitter(this.#trips).jitter;
+    this.#trips = [...this.#trips, performance.now() - sentMs].slice(-MAX_ROUND_TRIPS);
+    this.pageMs = quantile(this.#trips.slice(-9), 0.5);
+    this.pageJitterMs = quantile(this.#trips, 0.95) - quantile(this.#trips, 0.5);
   }
 
   /** Detect lost states by their sequence numbers. */
   #count(seen: number): void {
-    const newest = this.#seen.at(-1) ?? -1;
-    this.#seen = seen < newest ? [seen] : [...this.#seen.slice(1 - MAX_STATES), seen];
+    const before = seen < (this.#seen.at(-1) ?? -1) ? [] : this.#seen;
+    this.#seen = [...before, seen].slice(-MAX_STATES);
     const sent = seen - (this.#seen[0] ?? seen) + 1;
     this.lost = Math.max(0, 1 - this.#seen.length / sent);
   }
+}
+
+/** Return the least of the numbers that a share of them does not exceed. */
+function quantile(numbers: readonly number[], share: number): number {
+  const sorted = [...numbers].sort((a, b) => a - b);
+  return sorted[Math.max(0, Math.ceil(share * sorted.length) - 1)] ?? 0;
 }

@@ -1,18 +1,17 @@
-// Settings kept in the browser. Without storage, as in some private windows, nothing is kept.
+// Values kept in the browser. Without storage, as in some private windows, nothing is kept.
 
 import { effect, type Signal, signal } from "@preact/signals";
 
-/** Signal kept under `key`; `accepts` checks a stored value, which may be from an older page. */
-export function remembered<T>(
-  key: string,
-  initial: T,
-  accepts: (stored: unknown) => stored is T,
-): Signal<T> {
+/** Checks a stored value, which may be from an older page. */
+type Check<T> = (stored: unknown) => stored is T;
+
+/** Signal kept under `key`. */
+export function remembered<T>(key: string, initial: T, accepts: Check<T>): Signal<T> {
   const value = signal(recall(key, accepts) ?? initial);
   let first = true;
   effect(() => {
-    const json = JSON.stringify(value.value);
-    if (!first) keep(key, json);
+    const latest = value.value;
+    if (!first) keep(key, latest);
     first = false;
   });
   return value;
@@ -26,7 +25,7 @@ export function isOneOf<T extends string>(choices: readonly T[]) {
   return (stored: unknown): stored is T => choices.includes(stored as T);
 }
 
-function recall<T>(key: string, accepts: (stored: unknown) => stored is T): T | null {
+function recall<T>(key: string, accepts: Check<T>): T | null {
   try {
     const stored: unknown = JSON.parse(localStorage.getItem(key) ?? "null");
     return accepts(stored) ? stored : null;
@@ -35,9 +34,9 @@ function recall<T>(key: string, accepts: (stored: unknown) => stored is T): T | 
   }
 }
 
-function keep(key: string, json: string): void {
+function keep(key: string, value: unknown): void {
   try {
-    localStorage.setItem(key, json);
+    localStorage.setItem(key, JSON.stringify(value));
   } catch {
     // Not kept for the next page.
   }

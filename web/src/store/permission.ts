@@ -5,8 +5,9 @@ import type { Reason } from "../generated/wire";
 import { freshness } from "./freshness";
 import type { Link } from "./link";
 
-const MOVABLE = new Set(["ready", "driving"]);
-const LATCHED = new Set(["stopped", "fault"]);
+const MOVABLE = ["ready", "driving"];
+const MOVING = ["driving", "stopping"];
+const LATCHED = ["stopped", "fault"];
 
 /** Reasons of the page, with sentences of its own in the table of texts. */
 export type PageCode =
@@ -31,25 +32,31 @@ export function codeOf(refusal: Refusal): string {
   return refusal.by === "page" ? refusal.code : refusal.reason.code;
 }
 
-export function isLatched(link: Link): boolean {
-  return LATCHED.has(link.state.value?.status.mode ?? "");
+/** Whether a refusal still holds, given what the same check returns now. */
+export function stillHolds(refusal: Refusal, now: Refusal | null): boolean {
+  return now !== null && codeOf(now) === codeOf(refusal);
 }
 
-/** Whether this page has control of the robot that it shows. */
-export function hasControl(link: Link): boolean {
-  return freshness(link).kind === "live" && (link.state.value?.has_control ?? false);
-}
+const modeOf = (link: Link): string => link.state.value?.status.mode ?? "";
+export const isLatched = (link: Link): boolean => LATCHED.includes(modeOf(link));
+/** Whether the robot moves, or comes to rest. */
+export const isMoving = (link: Link): boolean => MOVING.includes(modeOf(link));
+
+/** Reasons while no state is current; viewers may not drive at any time. */
+const UNKNOWN = {
+  starting: "connecting",
+  offline: "not_connected",
+  no_robot: "no_robot",
+  silent: "robot_silent",
+} as const;
 
 function notAllowed(link: Link): Refusal | null {
   const fresh = freshness(link);
-  if (!link.connected.value)
-    return ofPage(fresh.kind === "starting" ? "connecting" : "not_connected");
-  if (link.robot.value === null) return ofPage("no_robot");
   if (fresh.kind === "recorded")
     return ofPage(fresh.by === "page" ? "recording_shown" : "replay_shown");
-  if (link.welcome.value?.role === "viewer") return ofPage("viewer_only");
-  if (fresh.kind !== "live" || link.state.value === null) return ofPage("robot_silent");
-  return null;
+  const isViewer = link.welcome.value?.role === "viewer";
+  if (isViewer && (fresh.kind === "live" || fresh.kind === "silent")) return ofPage("viewer_only");
+  return fresh.kind === "live" ? null : ofPage(UNKNOWN[fresh.kind]);
 }
 
 /** Null also for robots that send no reasons. */
@@ -70,8 +77,8 @@ export function whyNotDrive(link: Link): Refusal | null {
   const refusal = notNow(link, "drive");
   if (refusal !== null) return refusal;
   // A control held while the robot stops must be released before it acts again.
-  const mode = link.state.value?.status.mode ?? "";
-  return MOVABLE.has(mode) ? null : ofRobot({ code: "mode_only", params: { mode } });
+  const mode = modeOf(link);
+  return MOVABLE.includes(mode) ? null : ofRobot({ code: "mode_only", params: { mode } });
 }
 
 /** A path can be planned before the robot is armed; a latched stop ends it. */

@@ -1,18 +1,17 @@
 // Requests of the page to the robot, each until its answer; "no answer" is one too.
 
-import { effect, signal } from "@preact/signals";
+import { effect, signal, untracked } from "@preact/signals";
 import type { PageMessage, Reason } from "../generated/wire";
 import type { Link } from "./link";
 import { roundTripMs } from "./quality";
 
 const ANSWER_MS = 2000;
-
-type Request = Extract<PageMessage, { t: "lease" | "arm" | "disarm" | "reset" | "wheel_speed" }>;
-
-/** Result of a request. */
-export type Outcome = { ok: true } | { ok: false; why: Reason | null } | "no_answer";
-
 const FAR_MS = 120; // Above this round trip, commands often exceed the default age limit.
+
+export type Request = Extract<
+  PageMessage,
+  { t: "lease" | "arm" | "disarm" | "reset" | "wheel_speed" }
+>;
 
 /** Terms of control over a slow link: commands may be older, so the robot limits its speed. */
 export function controlTerms(link: Link): { max_age_s: number | null } {
@@ -21,42 +20,43 @@ export function controlTerms(link: Link): { max_age_s: number | null } {
 }
 
 export class Requests {
-  /** Pending request. */
-  readonly pending = signal<{ request: Request; sinceMs: number } | null>(null);
+  /** Kind of the pending request. */
+  readonly pending = signal<Request["t"] | null>(null);
   /** Kind of the latest request, if it had no answer. */
   readonly unanswered = signal<Request["t"] | null>(null);
-  /** Called with each refusal and each request without an answer. */
-  onFailed: (request: Request, outcome: Exclude<Outcome, { ok: true }>) => void = () => {};
-  readonly #link: Link;
+  /** Called with the reason, if any, when a request is refused or has no answer. */
+  onFailed: (why: Reason | null) => void = () => {};
+  #sentMs = 0;
 
-  constructor(link: Link) {
-    this.#link = link;
+  constructor(private readonly link: Link) {
     link.on("reply", ({ to, ok, why }) => {
-      const pending = this.pending.peek();
-      if (pending?.request.t === to) this.#end(ok ? { ok } : { ok, why });
+      if (this.pending.peek() !== to) return;
+      this.pending.value = null;
+      if (!ok) this.onFailed(why);
     });
     link.on("robot", () => (this.pending.value = null)); // The answer is about another robot.
     effect(() => {
-      const pending = link.beat.value >= 0 ? this.pending.peek() : null;
-      if (pending && performance.now() - pending.sinceMs > ANSWER_MS) this.#end("no_answer");
+      if (link.beat.value >= 0 && performance.now() - this.#sentMs > ANSWER_MS)
+        untracked(() => this.#giveUp());
     });
   }
 
   /** Send a request, which replaces a pending one. */
   send(request: Request): void {
     this.unanswered.value = null;
-    this.pending.value = { request, sinceMs: performance.now() };
-    if (!this.#link.send(request)) this.#end("no_answer");
+    this.pending.value = request.t;
+    this.#sentMs = performance.now();
+    if (!this.link.send(request)) this.#giveUp();
   }
 
   isPending(kind: Request["t"]): boolean {
-    return this.pending.value?.request.t === kind;
+    return this.pending.value === kind;
   }
 
-  #end(outcome: Outcome): void {
-    const request = this.pending.peek()?.request;
+  #giveUp(): void {
+    if (this.pending.peek() === null) return;
+    this.unanswered.value = this.pending.peek();
     this.pending.value = null;
-    if (outcome === "no_answer") this.unanswered.value = request?.t ?? null;
-    if (request && (outcome === "no_answer" || !outcome.ok)) this.onFailed(request, outcome);
+    this.onFailed({ code: "no_answer" });
   }
 }

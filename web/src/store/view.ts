@@ -1,6 +1,6 @@
 // How the scene looks on this page: camera, layers, exaggerated tilt, colours.
 
-import { effect, signal } from "@preact/signals";
+import { computed, effect } from "@preact/signals";
 import {
   CAMERA_PRESETS,
   LAYERS,
@@ -8,6 +8,7 @@ import {
   TRUE_POSE_DISPLAYS,
   type ViewSettings,
 } from "../generated/wire";
+import { media } from "./layout";
 import type { Link } from "./link";
 import { isOneOf, remembered } from "./memory";
 
@@ -44,19 +45,14 @@ export type Sharpness = (typeof SHARPNESS)[number];
 export class View {
   readonly settings = remembered("tsd-view", INITIAL, isView);
   readonly sharpness = remembered<Sharpness>("tsd-sharpness", "auto", isOneOf(SHARPNESS));
+  readonly #prefersDark = media("(prefers-color-scheme: dark)");
   /** Whether dark colours are shown now. */
-  readonly dark = signal(true);
-  readonly #link: Link;
+  readonly dark = computed(() => this.settings.value.dark ?? this.#prefersDark.value);
 
-  constructor(link: Link) {
-    this.#link = link;
+  constructor(private readonly link: Link) {
     this.settings.value = known(this.settings.peek());
     link.on("welcome", () => link.send({ t: "view", settings: this.settings.peek() }));
-    const prefersDark = matchMedia("(prefers-color-scheme: dark)");
-    const system = signal(prefersDark.matches);
-    prefersDark.addEventListener("change", () => (system.value = prefersDark.matches));
     effect(() => {
-      this.dark.value = this.settings.value.dark ?? system.value;
       document.documentElement.dataset["theme"] = this.dark.value ? "dark" : "light";
     });
   }
@@ -64,6 +60,6 @@ export class View {
   /** Change settings; `look` turns the camera to the robot again. */
   set(change: Partial<Settings>, look = false): void {
     this.settings.value = { ...this.settings.peek(), ...change };
-    this.#link.send({ t: "view", settings: this.settings.peek(), look });
+    this.link.send({ t: "view", settings: this.settings.peek(), look });
   }
 }

@@ -1,6 +1,6 @@
 // Slider that springs back to zero: in the middle, with its value inside the thumb.
 
-import { useEffect, useMemo, useRef } from "preact/hooks";
+import { useMemo } from "preact/hooks";
 import { CENTRED, type Deflection } from "../drive/axes";
 import { type Holder, SprungControl } from "../drive/sprung";
 import { figure } from "../text/numbers";
@@ -32,28 +32,22 @@ export function useSprungSlider(drive: Holder, axis: keyof Deflection, mirrored 
   return useMemo(() => {
     const way = mirrored ? -1 : 1;
     const along = (share: number): Deflection => ({ ...CENTRED, [axis]: clamped(way * share) });
-    const arrow = (share: number) => {
-      const { x, y, turn } = along(share);
-      return [x, y, turn] as const;
-    };
     const read = ({ currentTarget, clientX }: PointerEvent, { left, width }: DOMRect) => {
       const thumb = (currentTarget as HTMLElement).querySelector<HTMLElement>(".thumb");
       const range = width - (thumb?.offsetWidth ?? 0);
       return along((2 * (clientX - left) - width) / Math.max(1, range));
     };
     return new SprungControl(drive, read, {
-      ArrowRight: arrow(1),
-      ArrowLeft: arrow(-1),
-      ArrowUp: arrow(way),
-      ArrowDown: arrow(-way),
+      ArrowRight: along(1),
+      ArrowLeft: along(-1),
+      ArrowUp: { [axis]: 1 },
+      ArrowDown: { [axis]: -1 },
     });
   }, [drive, axis, mirrored]);
 }
 
 export function SprungSlider(props: SprungSliderProps) {
   const { label, control, asked, allowed, most, spoken, mirrored, off, refused } = props;
-  const track = useRef<HTMLDivElement>(null);
-  useEffect(() => control.attach(track.current!), [control]);
   const way = mirrored ? -1 : 1;
   /** Place on the track, from -0.5 to 0.5. */
   const at = (value: number) => (most > 0 ? 0.5 * clamped((way * value) / most) : 0);
@@ -63,7 +57,7 @@ export function SprungSlider(props: SprungSliderProps) {
   const classes = ["js", rests && "rest", off && "off", props.looksOnly && "looks"];
   return (
     <div
-      ref={track}
+      ref={control.attach}
       class={classes.filter(Boolean).join(" ")}
       role="slider"
       tabIndex={0}

@@ -8,7 +8,6 @@ import { ROBOT } from "../support/messages";
 let page: FakePage;
 
 beforeEach(async () => {
-  sessionStorage.clear();
   language.value = "en";
   page = await openPage();
   page.state();
@@ -168,18 +167,6 @@ test("a viewer who may not stop is told so", () => {
   page.session.stop.press();
   expect(told()).toBe("You may look, not stop.");
   expect(page.sent("stop")).toEqual([]);
-});
-
-test("a page that is loaded again in motion says why the robot stopped, once", async () => {
-  page.state({ mode: "driving" });
-  dispatchEvent(new Event("pagehide"));
-  page = await openPage();
-  expect(told()).toContain("so the robot stopped");
-  page.say({ ...ROBOT });
-  expect(told()).toBeNull();
-  page.state({ mode: "ready" });
-  page = await openPage();
-  expect(told()).toBeNull();
 });
 
 test("of another robot, no notice is true", () => {

@@ -1,4 +1,4 @@
-import { beforeEach, expect, test } from "vitest";
+import { beforeEach, expect, test, vi } from "vitest";
 import { stepOf } from "../../src/deck/steps";
 import type { RouteState } from "../../src/generated/wire";
 import { fakeBrowser, LEASE, openPage } from "../support/page";
@@ -207,4 +207,23 @@ test("who waits for an answer can withdraw the request", () => {
     "9 s left for the answer.",
     { t: "lease", op: "withdraw" },
   ]);
+});
+
+test("a recording tells the time looked at and what the robot itself does, and leads back", () => {
+  vi.stubGlobal("fetch", () => Promise.reject(new Error("no lanes")));
+  history.replaceState(null, "", "?recording=run.mcap");
+  const { session, say, take } = openPage();
+  history.replaceState(null, "", location.pathname);
+  expect(stepOf(session)).toMatchObject({ id: "past", title: "", next: { text: "Back to live" } });
+  const start = new Date(2026, 10, 20, 19, 18, 0).getTime();
+  say({ t: "timeline", name: "run.mcap", start_ms: start, duration_s: 60, events: [] });
+  say({ t: "cursor", t_s: 16, playing: false, speed: 1 });
+  const robot = { id: "tsd", source: "robot", mode: "driving", driver: "bob", silent: false };
+  const row = { ...robot, operators: { bob: "Bob" }, event: null, age_s: 0, latched: false };
+  say({ t: "fleet", whole: true, robots: [row], poses: {} });
+  expect(stepOf(session)).toMatchObject({
+    title: "You look at 19:18:16.",
+    detail: expect.stringMatching(/now .*driving.*, and Bob drives\.$/i),
+  });
+  expect(take("drive")).toEqual([]);
 });

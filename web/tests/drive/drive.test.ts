@@ -86,7 +86,7 @@ test("a held deflection follows the limits of the robot and of the operator", ()
 
 test("several controls together stay within the limits of the robot", () => {
   const { drive, push, pass, take } = driven();
-  const other = { ...hand(), held: true, speed: { x: 2, y: 2, turn: 4 } };
+  const other = { ...hand(), held: true, share: { x: 1, y: 1, turn: 1 } };
   drive.add(other);
   push(1, 0, 1);
   pass(20);
@@ -188,7 +188,7 @@ test("a lost connection releases the controls", () => {
 
 test("a control in the hand ends a value that is kept", () => {
   const { drive, push, pass, take } = driven();
-  const kept = { ...hand(), alone: true, held: true, speed: { x: 0.3, y: 0, turn: 0 } };
+  const kept = { ...hand(), alone: true, held: true, share: { x: 0.15, y: 0, turn: 0 } };
   drive.add(kept);
   drive.changed();
   expect(drive.alone.value).toBe(true);
@@ -202,7 +202,7 @@ test("a control in the hand ends a value that is kept", () => {
 test("what is only looked at moves the picture and nothing else", () => {
   const { drive, state, take } = driven();
   state({ mode: "disarmed" }, { has_control: false });
-  const looking = { ...hand(), looksOnly: true, held: true, speed: { x: 0.3, y: 0, turn: 0 } };
+  const looking = { ...hand(), looksOnly: true, held: true, share: { x: 0.15, y: 0, turn: 0 } };
   drive.add(looking);
   drive.changed();
   expect(take()).toEqual([{ t: "preview", twist: [0.3, 0, 0] }]);

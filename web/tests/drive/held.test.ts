@@ -9,7 +9,7 @@ beforeEach(fakeBrowser);
 
 const down = (code: string, repeat = false) => ({ type: "keydown", code, repeat });
 const up = (code: string) => ({ type: "keyup", code, repeat: false });
-const MEANINGS = { KeyW: [1, 0], KeyS: [-1, 0], KeyA: [0, 1] };
+const MEANINGS = { KeyW: { x: 1 }, KeyS: { x: -1 }, KeyA: { y: 1 } };
 const FINGER = { pointerId: 7, button: 0, clientX: 50, clientY: 25 };
 
 describe("keys", () => {
@@ -38,7 +38,8 @@ describe("keys", () => {
     const keys = new HeldKeys();
     const sums = [up("KeyX"), down("KeyW"), down("KeyA"), down("KeyS"), up("KeyW")].map((event) => {
       keys.take(event);
-      return keys.sum(MEANINGS, 2);
+      const { x, y } = keys.sum(MEANINGS);
+      return [x, y];
     });
     expect(sums).toEqual([
       [0, 0],
@@ -111,7 +112,7 @@ describe("pointers", () => {
 });
 
 describe("a control that springs", () => {
-  const ARROWS = { ArrowUp: [1, 0, 0], ArrowLeft: [0, 1, 0] } as const;
+  const ARROWS = { ArrowUp: { x: 1 }, ArrowLeft: { y: 1 } };
 
   function sprung() {
     const page = openPage();

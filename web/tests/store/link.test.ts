@@ -9,7 +9,7 @@ beforeEach(fakeBrowser);
 
 /** Open a link to a dashboard that has not answered yet. */
 function opening(name = "") {
-  const link = new Link({ page: "1", recording: null, name, hasFocus: () => true });
+  const link = new Link("1", null, name);
   link.open();
   const why = () => whyNotTakeControl(link);
   return { link, socket: FakeSocket.newest, why };

@@ -43,7 +43,7 @@ export const STATE = {
 export function connect(recording: string | null = null) {
   vi.useFakeTimers();
   openWindow();
-  const link = new Link({ page: "1", recording, name: "", hasFocus: () => true });
+  const link = new Link("1", recording);
   link.open();
   const socket = FakeSocket.newest;
   socket.onopen();

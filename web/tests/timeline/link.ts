@@ -6,7 +6,7 @@ import { FakeSocket, openWindow } from "../support/fake_socket";
 /** Open a link; it sends to `sent` and receives by `hear`. */
 export function openLink(recording: string | null = null) {
   openWindow();
-  const link = new Link({ page: "0123456789abcdef", recording, name: "", hasFocus: () => true });
+  const link = new Link("0123456789abcdef", recording);
   link.open();
   const socket = FakeSocket.newest;
   socket.onopen();
