@@ -66,8 +66,9 @@ test("The view is shown once all of the scene has been drawn.", () => {
   };
   draw(10);
   isComplete = true;
-  draw(2);
+  draw(10);
   expect(viewport.ready.value).toBe(false);
+  vi.advanceTimersByTime(250);
   draw(1);
   expect(viewport.ready.value).toBe(true);
 });

@@ -15,7 +15,7 @@ from tsd_twin.dashboard.scene.appearance import Theme
 from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.framing import CameraPose, Rectangle, pictured
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
+from tsd_twin.dashboard.scene.viser_compat import CAMERA_OFFSET_M, FIELD_OF_VIEW_RAD, LOOK_AT_M
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import Array
 
@@ -106,3 +106,13 @@ def test_a_camera_that_somebody_has_moved_stays_until_home(
     np.testing.assert_allclose(panel.client.camera.position, away)
     views.apply(PAGE, ViewSettings(), look=True)
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), (0.55, 0.35), atol=0.07))
+
+
+def test_a_client_that_resets_its_camera_to_the_start_has_it_placed_again(
+    views: ClientViews, viewer: ViserClient
+) -> None:
+    del views
+    viewer.until(lambda: np.allclose(robot_in_picture(viewer), 0.5, atol=0.1))
+    placed = viewer.camera.pop("SetCameraPositionMessage")
+    viewer.send(CAMERA | {"position": list(CAMERA_OFFSET_M), "look_at": list(LOOK_AT_M)})
+    viewer.until(lambda: viewer.camera.get("SetCameraPositionMessage") == placed)

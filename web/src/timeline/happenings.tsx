@@ -60,13 +60,15 @@ interface HappeningsProps {
 
 export function Happenings({ list, onSeek }: HappeningsProps) {
   const { phone } = useSession().layout;
-  const least = list.some(({ label }) => label !== "") ? 0.1 : 0.03;
+  const isLabelled = list.some(({ label }) => label !== "");
+  const least = isLabelled ? 0.1 : 0.03;
   return (
     <div class="happened">
       {grouped(list, phone.value ? 3 * least : least).map(({ items, left, width }, i) => {
         const { atS, label } = items[0]!;
         const has = (kind: string) => items.some((item) => item.kind === kind);
         const kind = Object.keys(ICONS).find(has) ?? "mark";
+        const count = isLabelled ? texts().timeline.events(items.length) : items.length;
         const titles = items.slice(0, TOLD).map((each) => each.title);
         return (
           <button
@@ -79,7 +81,7 @@ export function Happenings({ list, onSeek }: HappeningsProps) {
             onClick={() => onSeek(atS)}
           >
             <Icon name={ICONS[kind]!} />
-            <bdi>{items.length > 1 ? texts().timeline.events(items.length) : label}</bdi>
+            <bdi>{items.length > 1 ? count : label}</bdi>
           </button>
         );
       })}

@@ -8,7 +8,8 @@ import "./viewport.css";
 
 const UNREACHED_MS = 5000;
 const AFTER_LOAD_MS = 500;
-const COMPLETE_AFTER = 3; // Frames; the first may have begun before all of the scene arrived.
+const COMPLETE_FRAMES = 2; // The first may have begun before all of the scene had arrived,
+const COMPLETE_MS = 200; // and so may all that a graphics card draws within this time.
 
 interface ViewportOptions {
   /** Page id, 16 hex digits, the same as in the page's socket. */
@@ -49,6 +50,7 @@ export class Viewport {
   #area = 0; // Of the host in pixels when its sharpness was chosen, for software rendering.
   #unreached = 0;
   #drawn = 0; // Frames since the scene is complete.
+  #completeMs = 0;
   readonly #resized = new ResizeObserver(() => this.#limitArea());
 
   /** Show the 3D view in `host`, which must be positioned. */
@@ -127,8 +129,10 @@ export class Viewport {
 
   #onDrawn(): void {
     if (this.ready.peek() || !this.#options.isComplete()) return;
+    if (this.#drawn === 0) this.#completeMs = performance.now();
     this.#drawn += 1;
-    if (this.#drawn < COMPLETE_AFTER) return;
+    const sinceMs = performance.now() - this.#completeMs;
+    if (this.#drawn < COMPLETE_FRAMES || sinceMs < COMPLETE_MS) return;
     this.ready.value = true;
     this.#frame.dataset["ready"] = "";
   }

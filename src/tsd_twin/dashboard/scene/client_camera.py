@@ -17,7 +17,7 @@ from tsd_twin.dashboard.scene.framing import (
     frame_robot,
 )
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape
-from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
+from tsd_twin.dashboard.scene.viser_compat import CAMERA_OFFSET_M, FIELD_OF_VIEW_RAD
 from tsd_twin.dashboard.wire.view import CameraPreset
 from tsd_twin.lie import SE2
 
@@ -70,6 +70,15 @@ class ClientCamera:
         """Whether an untouched camera was placed for a picture of another shape."""
         changed = abs(self.aspect - self._placed_aspect) > _ASPECT_CHANGE * self._placed_aspect
         return changed and self._is_untouched
+
+    @property
+    def is_reset(self) -> bool:
+        """Whether the client has put a placed camera back to where all clients begin.
+
+        viser's client does that when it learns that pose later than the placed one.
+        """
+        away = float(np.linalg.norm(self._camera.position - np.array(CAMERA_OFFSET_M)))
+        return self._placed is not None and away < _UNTOUCHED_M and not self._is_untouched
 
     def place(self, shape: RobotShape, at: SE2, preset: CameraPreset, *, planar: bool) -> None:
         """Frame a robot at a pose in the scene; spheres and the view from above do not turn."""

@@ -104,7 +104,7 @@ class ClientView:
     async def _on_camera(self, _: viser.CameraHandle) -> None:
         """Frame the robot again after a change of the window, unless the user moved the camera."""
         with self._scene.lock:
-            if self._camera.is_out_of_shape:
+            if self._camera.is_out_of_shape or self._camera.is_reset:
                 self._place_camera()
 
     def _place_camera(self) -> None:
