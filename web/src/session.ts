@@ -1,5 +1,6 @@
 // What all parts of the page share: the link, the one command, STOP, and the page's own settings.
 
+import { effect, untracked } from "@preact/signals";
 import { createContext } from "preact";
 import { useContext } from "preact/hooks";
 import { Drive } from "./drive/drive";
@@ -14,6 +15,7 @@ import { Layout } from "./store/layout";
 import { Link } from "./store/link";
 import { isText, remembered } from "./store/memory";
 import { News, Notice } from "./store/news";
+import { whyNotDrive } from "./store/permission";
 import { Requests } from "./store/requests";
 import { View } from "./store/view";
 import { StudentModel } from "./student/model";
@@ -39,7 +41,12 @@ export class Session {
     this.link,
     () => this.layout.screen.value === "fleet" || this.link.recording !== null,
   );
-  readonly drive = new Drive(this.link);
+  /** Nobody drives a robot that the page does not show. */
+  readonly drive = new Drive(this.link, () =>
+    this.layout.screen.value === "fleet"
+      ? { by: "page", code: "fleet_shown" }
+      : whyNotDrive(this.link),
+  );
   readonly stop = new Stop(this.link, () => this.drive.release());
   readonly keyboard = new Keyboard(this.drive, () => this.#pressRed());
   readonly gamepad = new Gamepad(this.drive, () => this.#pressRed());
@@ -56,6 +63,9 @@ export class Session {
 
   constructor() {
     new News(this);
+    effect(() => {
+      if (this.layout.screen.value === "fleet") untracked(() => this.drive.release());
+    });
   }
 
   /** Press the red button of the page: STOP, or STOP ALL on the page of all robots. */

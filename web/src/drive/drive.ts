@@ -76,7 +76,11 @@ export class Drive {
   #timer: ReturnType<typeof setInterval> | 0 = 0; // Zero while nothing is held.
   #sentMs = -Infinity;
 
-  constructor(readonly link: Link) {
+  /** `refusal` is the reason against driving now. */
+  constructor(
+    readonly link: Link,
+    private readonly refusal: () => Refusal | null = () => whyNotDrive(link),
+  ) {
     link.on("state", () => {
       if (this.#timer !== 0) this.#may(false);
     });
@@ -163,7 +167,7 @@ export class Drive {
 
   /** Return whether the robot, and the age of its states, permit to drive; else end the motion. */
   #may(atStart: boolean): boolean {
-    const refusal = untracked(() => whyNotDrive(this.link));
+    const refusal = untracked(this.refusal);
     if (refusal === null) return true;
     const latched = untracked(() => isLatched(this.link));
     this.release();

@@ -20,6 +20,7 @@ export interface Table {
       readonly viewer_cannot_stop: string;
       readonly still_moves: string;
       readonly no_path: string;
+      readonly fleet_shown: string;
     };
     readonly guest: (number: Value) => string;
     readonly cancel: string;

@@ -20,7 +20,8 @@ export type PageCode =
   | "viewer_only"
   | "viewer_cannot_stop"
   | "still_moves"
-  | "no_path";
+  | "no_path"
+  | "fleet_shown";
 
 export type Refusal = { by: "page"; code: PageCode } | { by: "robot"; reason: Reason };
 

@@ -50,6 +50,24 @@ test("a held control sends at once, then every 20 ms, and a release when it is l
   expect(take()).toEqual([]);
 });
 
+test("no control drives a robot while the page shows all robots", () => {
+  const { push, pass, take, session, ended } = driven();
+  push(1);
+  take();
+  session.layout.screen.value = "fleet";
+  expect(take("release")).toHaveLength(1);
+  push(1);
+  pass(200, {});
+  press(null, "KeyW");
+  expect(take("drive")).toEqual([]);
+  expect(ended.at(-1)).toEqual({ refusal: { by: "page", code: "fleet_shown" }, atStart: true });
+  session.layout.screen.value = "robot";
+  pass(200, {});
+  expect(take("drive")).toEqual([]);
+  push(1);
+  expect(take("drive")).toHaveLength(1);
+});
+
 test("a control that moves all the time sends at most every 10 ms", () => {
   const { push, pass, take } = driven();
   push(1);
