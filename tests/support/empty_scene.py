@@ -26,7 +26,7 @@ class EmptyScene:
     def show_route(self, *_: object, **__: object) -> None:
         """Draw nothing."""
 
-    apply_view = show_past = show_preview = show_student = envelope = show_route
+    apply_view = show_past = show_preview = show_student = envelope = camera_state = show_route
 
     def reach_m(self, *_: object) -> float:
         return 0.0
