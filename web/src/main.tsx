@@ -9,5 +9,5 @@ import { nameOperatorsBy } from "./text/reasons";
 const session = new Session();
 nameOperatorsBy(session.link);
 render(<App session={session} />, document.getElementById("app")!);
-document.getElementById("splash")?.remove(); // The view shows the start from now on.
+document.getElementById("splash")?.remove(); // From here, the view shows the start.
 session.link.open();

@@ -55,7 +55,7 @@ export function Who() {
   );
 }
 
-/** Button that waits while a request is under way. */
+/** Button that is disabled while a request is pending. */
 function Quiet({ refusal, ...button }: ButtonProps & { refusal?: Refusal | null }) {
   const isPending = useSession().requests.pending.value !== null;
   const refused = isPending ? texts().bar.underWay : refusal && refusalText(refusal);

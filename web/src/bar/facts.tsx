@@ -9,7 +9,7 @@ import { Button } from "../ui/button";
 import { Figure } from "../ui/figure";
 import { Icon, type IconName } from "../ui/icon";
 
-/** Icons of modes, and of what stands in their place while the mode is not known. */
+/** Icons of modes, and of the entries that replace an unknown mode. */
 const ICONS: Record<string, IconName> = {
   disarmed: "ring",
   arming: "half",
@@ -89,7 +89,7 @@ export function Battery() {
   );
 }
 
-/** Address of this page with another hash; by itself, a hash is relative to the base address. */
+/** Address of this page with another hash; a bare hash would be relative to the base address. */
 export function withHash(hash: string): string {
   return `${location.pathname}${location.search}#${hash}`;
 }

@@ -38,7 +38,7 @@ export function Slot() {
   );
 }
 
-/** What has happened, and what to do. */
+/** Explanation of the state, and the advice. */
 function Words({ step }: { step: Step }) {
   const { requests } = useSession();
   const { deck, common } = texts();
@@ -108,7 +108,7 @@ function HoldToGo() {
   );
 }
 
-const LEAST = 0.05; // Of the limit of the robot.
+const LEAST = 0.05; // Fraction of the robot's limit.
 const STEP = 0.05;
 
 /** Speed, and the limit that the operator chooses: one bar for both. */

@@ -1,4 +1,4 @@
-// What stands left of STOP: one sentence, and the next step. Evaluated in one place, so that no two
+// Slot left of STOP: one sentence, and the next step. Evaluated in one place, so that no two
 // states claim the place and each state is a row in the tests.
 
 import { isOnFloor } from "../drive/axes";
@@ -36,7 +36,7 @@ export interface Step {
   detail?: string;
   /** Fraction that is done. */
   progress?: number;
-  /** The filled button, and the quiet one beside it. */
+  /** The filled button, and the quiet one next to it. */
   next?: Action;
   quiet?: Action;
   /** Whether the next step is to hold the path. */
@@ -104,7 +104,7 @@ function withControl({ link, path }: Session, state: RobotState): Step {
   const { mode, lease, arming } = state.status;
   const { panel, modules = [] } = link.robot.value ?? {};
   const route = path.route.value;
-  // First: it is held, and would be released with its button.
+  // Checked first, because removing its button would release it.
   if (path.going.value && route) return going(route);
   if (lease.requested_by !== null) {
     const requester = lease.requested_by;
@@ -173,7 +173,7 @@ function driver(link: Link, { status }: RobotState): Step {
   return about(status.lease.holder, "other", isMoving(link) ? drives : deck.holds);
 }
 
-/** Who or what has stopped the robot, and when. */
+/** Cause and time of the stop. */
 function latched(link: Link, { status, mode_age_s }: RobotState): Step {
   const { deck, common } = texts();
   const { stop, mode } = status;

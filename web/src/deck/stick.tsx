@@ -11,7 +11,7 @@ import { Button } from "../ui/button";
 import { SprungSlider, useSprungSlider } from "../ui/sprung_slider";
 import { unitOf, whyOff } from "./steps";
 
-const SIZE = 132; // Of the drawing.
+const SIZE = 132; // Units of the drawing.
 const RIM = 64;
 const KNOB = 21;
 const REACH = RIM - KNOB; // The knob stays inside.

@@ -1,4 +1,4 @@
-// STOP: acts when it is touched, in every state; the line below it says what comes of it.
+// STOP: acts when it is touched, in every state; the line below reports the result.
 
 import { useId, useRef } from "preact/hooks";
 import { type Session, useSession } from "../session";

@@ -121,7 +121,7 @@ export class Drive {
     };
   }
 
-  /** Take over what the controls ask for now. */
+  /** Read the controls again. */
   changed(): void {
     // A path is held too, but cannot be followed while another hand drives.
     const yields = ({ alone, follow }: Source) => alone || follow !== undefined;
@@ -129,7 +129,7 @@ export class Drive {
       for (const source of this.#sources) if (yields(source)) source.cancel();
     const held = this.#sources.filter((source) => source.held);
     const driving = held.filter(({ looksOnly }) => !looksOnly);
-    this.#acting.value = driving.length > 0 ? driving : held; // What only looks moves no robot.
+    this.#acting.value = driving.length > 0 ? driving : held; // Previews move no robot.
     if (driving.length > 0) this.#drive();
     else if (this.#timer !== 0) {
       clearInterval(this.#timer);
@@ -156,7 +156,7 @@ export class Drive {
     this.onEnded({ lost: true });
   }
 
-  /** Start to drive, or go on. */
+  /** Start or continue to drive. */
   #drive(): void {
     if (this.#timer === 0) {
       if (!this.#may(true)) return;
@@ -171,7 +171,7 @@ export class Drive {
     if (refusal === null) return true;
     const latched = untracked(() => isLatched(this.link));
     this.release();
-    // A latched stop is explained beside STOP.
+    // The deck explains a latched stop.
     if (atStart || !latched) this.onEnded({ refusal, atStart });
     return false;
   }

@@ -14,7 +14,7 @@ import type { Holder, SprungControl } from "./sprung";
 /** How the robot is driven: by the controls, to a point, or along a drawn line. */
 export type PathMode = "stick" | "to" | "draw";
 
-/** What is to be planned; the path adds the speed level. */
+/** Request to plan; the path adds the speed level. */
 export type Wish = Omit<PlanRequest, "t" | "level">;
 
 const percent = (level: number): number => Math.round(100 * level);
@@ -23,7 +23,7 @@ export class Path implements Source, Holder {
   readonly mode = signal<PathMode>("stick");
   /** Whether it is held, so that the robot follows it. */
   readonly going = signal(false);
-  /** What was last asked for, until its path has ended or is cleared. */
+  /** Last request, until its path has ended or is cleared. */
   readonly wish = signal<Wish | null>(null);
   readonly route = computed(() => this.link.state.value?.route ?? null);
   /** Whether a path is the next thing to drive, in place of the stick. */
@@ -33,10 +33,10 @@ export class Path implements Source, Holder {
   /** Called with each refusal, and whether it still holds. */
   onRefused: (refusal: Refusal, holds: () => boolean) => void = () => {};
 
-  readonly #keys = new HeldKeys(); // Of the page: G.
+  readonly #keys = new HeldKeys(); // The key G, anywhere on the page.
   readonly #controls = new Set<SprungControl>();
-  #number = 0; // Of the path that is held.
-  #end = ""; // The end that has been handled: of a path, or a stop.
+  #number = 0; // Number of the held path.
+  #end = ""; // End of a path, or stop, that has been handled.
 
   constructor(
     private readonly link: Link,
@@ -125,7 +125,7 @@ export class Path implements Source, Holder {
     else if (!this.hold()) this.cancel();
   }
 
-  /** Follow the path from now on, until `letGo`; return whether it is followed. */
+  /** Follow the path until `letGo`; return whether it is followed. */
   hold(): boolean {
     if (this.held) return true;
     if (!this.#may(() => this.whyNotGo())) return false;

@@ -15,7 +15,7 @@ export interface Holder {
 }
 
 export class SprungControl implements Source {
-  /** What the hand asks for, as shares of the speed limit. */
+  /** Requested deflection, as fractions of the speed limit. */
   readonly deflection = signal<Deflection>(CENTRED);
   readonly #keys = new HeldKeys();
   #pointer: HeldPointer | null = null;

@@ -1,4 +1,4 @@
-// Card of one robot: what it does, who drives it, and its own STOP.
+// Card of a robot: its mode, its driver, and its STOP.
 
 import { useSession } from "../session";
 import { duration } from "../text/numbers";

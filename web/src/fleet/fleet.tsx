@@ -1,4 +1,4 @@
-// Page of all robots: cards sorted by what needs somebody, one floor map, and the last events.
+// Page of all robots: cards sorted by urgency, a floor map, and the last events.
 
 import { useSignal } from "@preact/signals";
 import { useRef } from "preact/hooks";

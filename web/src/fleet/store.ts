@@ -1,11 +1,11 @@
-// States of all robots, while somebody looks at them, and the stops asked for from here.
+// States of all robots while the page shows them, and the stops that it has requested.
 
 import { effect, signal } from "@preact/signals";
 import type { Fleet, FleetEvent, FleetRobot, StopCommand, StopResult } from "../generated/wire";
 import type { Link } from "../store/link";
 
 const MAX_EVENTS = 12;
-const SAME_EVENT_MS = 1000; // Ages of one event in two messages differ by less.
+const SAME_EVENT_MS = 1000; // Two messages about an event differ by less in its age.
 
 /** A robot, with the times of its message on the clock of this page. */
 export interface Row extends FleetRobot {
@@ -19,12 +19,12 @@ export type Outcome = StopResult["outcome"] | "offline";
 export class FleetStore {
   /** All robots, in the order of the dashboard. */
   readonly rows = signal<readonly Row[]>([]);
-  /** Whether the list has arrived since it was asked for. */
+  /** Whether the list has arrived since it was requested. */
   readonly known = signal(false);
   readonly poses = signal<Fleet["poses"]>({});
   /** Robots as they were when something happened, latest first. */
   readonly events = signal<readonly Row[]>([]);
-  /** Latest stops that were asked for here, by robot. */
+  /** Latest stops requested here, by robot. */
   readonly outcomes = signal<Readonly<Record<string, Outcome | null>>>({});
   /** Whether STOP ALL was pressed since the page was opened. */
   readonly stoppedAll = signal(false);
@@ -98,7 +98,7 @@ function isNews({ event }: Row, before: Row | undefined): boolean {
   return isOther || Math.abs(event.atMs - before.event.atMs) >= SAME_EVENT_MS;
 }
 
-/** Rank by what needs somebody: 0 first. */
+/** Rank by urgency; 0 is first. */
 export function need({ mode, latched, silent, requested_by, battery }: Row): number {
   if (silent) return 6;
   if (mode === "fault") return 0;

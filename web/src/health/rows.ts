@@ -93,7 +93,7 @@ interface Limits extends Omit<Partial<Band>, "at"> {
   to: number;
   /** Level outside the band. */
   level?: Level;
-  /** What the remedy names; by default, the limit. */
+  /** Object named in the remedy; by default, the limit. */
   about?: string;
 }
 
@@ -191,7 +191,7 @@ function biasRow(name: string, value: number, sigma: number): Row {
 
 const sum = (counts: object) => Object.values(counts).reduce((all: number, n) => all + n, 0);
 
-/** What was dropped, by reason. */
+/** Dropped commands by reason. */
 function reasons(counts: object): string {
   const words: Record<string, string> = texts().health.drops;
   const found = Object.entries(counts).filter(([, n]) => n > 0);

@@ -37,7 +37,7 @@ export function tipOf([x, y]: readonly [number, number], most: number): Point {
   return onScreen({ x: scale * x, y: scale * y });
 }
 
-/** The ring, with what is drawn on it. */
+/** The ring and its marks. */
 export function Ring({ label, children }: { label: string; children: ComponentChildren }) {
   return (
     <svg class="dial" viewBox="-42 -42 84 84" role="img" aria-label={label}>
@@ -54,7 +54,7 @@ interface DialProps {
   label: string;
   /** Measured axle or push. */
   dot: Point | undefined;
-  /** Axle of the set-point, or of what is looked at. */
+  /** Axle of the set-point, or of the preview. */
   goal?: Point | undefined;
   push: Point | undefined;
 }

@@ -1,5 +1,5 @@
-// Drive tab: three sprung sliders that feed the inverse kinematics, and beside them what the wheels
-// do.
+// Drive tab: three sprung sliders that feed the inverse kinematics, and the
+// resulting motion of the wheels.
 
 import { useEffect, useMemo } from "preact/hooks";
 import { type Deflection, deflectionOf, isOnFloor, rotated } from "../drive/axes";
@@ -22,7 +22,7 @@ import { PanelSliders } from "./sliders";
 import { WheelSpeed } from "./wheel_speed";
 import { WheelsDo } from "./wheels";
 
-/** Whether the sliders stand beside their joints, in a wide window. */
+/** Whether a wide window shows sliders and joints side by side. */
 const beside = remembered("tsd-sliders-beside", false, isFlag);
 
 export function DriveTab() {

@@ -1,4 +1,4 @@
-// The panel: tabs beside the scene; in narrow windows a drawer, on a phone a sheet above the deck.
+// The panel: tabs next to the scene; in narrow windows a drawer, on a phone a sheet above the deck.
 
 import type { FunctionComponent } from "preact";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";

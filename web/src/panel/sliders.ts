@@ -7,8 +7,8 @@ import type { Holder, SprungControl } from "../drive/sprung";
 import type { JointPreview } from "../generated/wire";
 
 /**
- * A slider that is let go springs to zero, or keeps its value until any other input; one that looks
- * springs too, and shows joints without moving the robot.
+ * A released slider returns to zero, or keeps its value until any other input. In mode `looks` it
+ * returns as well, and previews joints without moving the robot.
  */
 export type SliderMode = "springs" | "keeps" | "looks";
 
@@ -20,7 +20,7 @@ export class PanelSliders implements Source, Holder {
   readonly #drive: Drive;
   readonly #reply = signal<JointPreview | null>(null);
   readonly #controls = new Set<SprungControl>();
-  /** What each slider asks for that is held, or was let go and keeps its value. */
+  /** Request of each slider that is held, or keeps its value. */
   readonly #asked = new Map<SprungControl, Deflection>();
 
   constructor(drive: Drive) {

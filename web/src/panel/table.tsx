@@ -15,7 +15,7 @@ import { figure } from "../text/numbers";
 import { texts } from "../text/text";
 import { Figure } from "../ui/figure";
 
-/** What the panel shows of a robot. */
+/** Data of a robot for the panel. */
 export interface Shown {
   robot: RobotInfo;
   /** Null while the figures are not those of now. */
@@ -39,7 +39,7 @@ export interface Actuator {
   id: string;
   name: string;
   measured: (Pose & Partial<GimbalState> & Partial<WheelState>) | undefined;
-  /** Set-point, or what is looked at. */
+  /** Set-point or preview. */
   goal: Pose | undefined;
 }
 
@@ -81,7 +81,7 @@ export function poseRows(poses: readonly (Pose | undefined)[], isGimbal: boolean
 
 export type Row = readonly ComponentChildren[];
 
-/** Row of one quantity: its name and its figures. */
+/** Row of a quantity: its name and its figures. */
 export function quantity(
   name: ComponentChildren,
   unit: string,
@@ -100,7 +100,7 @@ export function value(number: number | null | undefined, decimals: number, unit:
 
 interface TableProps {
   label: string;
-  /** Heads of all columns; the first, of the names of the rows, may be empty. */
+  /** Heads of all columns; the first, above the row names, may be empty. */
   heads: Row;
   /** Name and cells of each row; one without a name shows pictures. */
   rows: readonly Row[];

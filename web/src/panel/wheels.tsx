@@ -18,7 +18,7 @@ import {
   Values,
 } from "./table";
 
-const COLUMNS = 4; // Of one table; the next four follow below it.
+const COLUMNS = 4; // Per table; the next four wheels follow below.
 
 export function WheelsDo({ preview }: { preview: JointPreview | null }) {
   const now = useShown();
@@ -80,7 +80,7 @@ function Dials(shown: Shown) {
   );
 }
 
-/** Share of the joint limit in use, and the limit that holds the robot back. */
+/** Used fraction of the joint limit, and the limit that slows the robot. */
 function InUse({ robot, state, preview }: Shown) {
   const words = texts().panel.wheels;
   const { utilization = null, limit = null } = preview ?? state ?? {};

@@ -11,7 +11,7 @@ const GUTTER_PX = 46;
 const HEIGHT_PX = 104;
 const AXIS_PX = 26;
 const EDGE_PX = 18; // Half of the last time label.
-const LEAST_RANGE = 50; // Of a value axis, in steps of the last decimal that is shown.
+const LEAST_RANGE = 50; // Smallest range of a value axis, in steps of the last shown decimal.
 const GAP_S = 0.3; // Longer gaps interrupt the line.
 const WIDTHS = { set: 1, measured: 2.25, other: 1.5 };
 /** Each part of a plot has a hue and a pattern, so that colour is not the only difference. */

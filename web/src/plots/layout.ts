@@ -46,7 +46,7 @@ export function moved(panes: Panes, name: string, to: number | null): Panes {
   return limited(others.map((pane, i) => (i === to ? [...pane, name] : pane)));
 }
 
-/** Whether a pane has an axis for a field: it has one on either side. */
+/** Whether one of the two axes of a pane suits a field. */
 export function fits(pane: readonly string[], field: PlotField, known: Fields): boolean {
   const units = new Set([field.unit, ...pane.flatMap((name) => known.get(name)?.unit ?? [])]);
   return units.size <= MAX_UNITS;

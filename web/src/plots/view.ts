@@ -19,7 +19,7 @@ export class PlotView {
   readonly cursorS = signal<number | null>(null);
   /** Name of the field that is dragged. */
   readonly dragged = signal<string | null>(null);
-  /** Counts drawn pictures: the values beside them follow it. */
+  /** Number of drawn pictures, which updates the legend. */
   readonly frame = signal(0);
   readonly isStale = computed(() => this.link.beat.value >= 0 && !isCurrent(freshness(this.link)));
   #asked = 0;
@@ -45,7 +45,7 @@ export class PlotView {
     return buffer.values(name)[buffer.places(-Infinity, atS)[1] - 1] ?? null;
   }
 
-  /** Pause with this right edge within what is recorded, or go on. */
+  /** Pause with this right edge within the recorded time, or resume. */
   end(endS: number | null): void {
     const [oldestS] = this.recorder.buffer.times;
     const isLive = endS === null || oldestS === undefined;

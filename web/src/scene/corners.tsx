@@ -1,4 +1,4 @@
-// Corners of the view: how to drive, the cameras, and what the colours of the scene mean.
+// Corners of the view: modes of driving, cameras, and the legend of the scene.
 
 import { isOnFloor } from "../drive/axes";
 import type { Path } from "../drive/path";

@@ -9,7 +9,7 @@ export interface Box {
 }
 
 const LEAST_SHARE = 0.4; // With less room, as under a large map, the robot stays in the middle.
-const ROBOT_ASPECT = 1.6; // A robot on its floor is about so much wider in the picture than high.
+const ROBOT_ASPECT = 1.6; // Typical ratio of width and height of a robot in the picture.
 
 /**
  * Return the part of a picture that is left after each cover has cut off the side that costs a robot
@@ -47,11 +47,11 @@ function overlap(a: Box, b: Box): boolean {
 const CHECK_MS = 200;
 
 /**
- * Report the free rectangle of `view` again and again, while it does not change: a rectangle on the
- * way of a resize would move the camera. Returns a function that ends it.
+ * Report the free rectangle of `view` repeatedly, once it is stable: a rectangle in the middle of a
+ * resize would move the camera. Returns a function that ends it.
  *
  * Elements with `data-covers` cover the view, and so do the parts of the deck that lie on it. Notices
- * do not count: they would move the camera, and lie above the middle half, where the robot is.
+ * are ignored, because they would move the camera and lie above the robot.
  */
 export function watchFreeRectangle(view: HTMLElement, report: (free: Box) => void): () => void {
   let before = "";

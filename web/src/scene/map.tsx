@@ -173,7 +173,7 @@ function Robot({ robot, colour, px }: RobotProps) {
   );
 }
 
-/** Transform of what is given around a robot: x ahead, y to the left. */
+/** Transform from the axes of a robot: x ahead, y to the left. */
 function placed({ pose: [x, y, heading] }: MapRobot): string {
   return `translate(${x} ${y}) rotate(${degrees(heading)})`;
 }

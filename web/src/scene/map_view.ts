@@ -1,4 +1,4 @@
-// Part of the floor that the map shows, and what is placed on it. World x is up and y is left, as on
+// Visible part of the floor, and positions on it. World x is up and y is left, as on
 // the stick with the axes of the floor.
 
 import { signal } from "@preact/signals";

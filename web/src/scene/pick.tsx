@@ -31,7 +31,7 @@ const GRAB_PX = 22;
 const MAX_POINTS = 200; // A message allows slightly more.
 
 export class Picker {
-  /** Pixels of the click, drag or line under way. */
+  /** Pixels of the current click, drag or line. */
   readonly stroke = signal<readonly Pixel[]>([]);
   /** Width and height of the surface. */
   readonly size = signal<Pixel>([1, 1]);
@@ -99,7 +99,7 @@ export class Picker {
     return this.#path.mode.peek() === "draw";
   }
 
-  /** Pixels of what was last asked for here. */
+  /** Pixels of the last request. */
   #wished(kind: Wish["kind"]): Pixel[] {
     const { on, toPixel } = this.surface;
     const wish = this.#path.wish.value;
@@ -124,7 +124,7 @@ export function thinned(points: readonly Pixel[]): readonly Pixel[] {
   return few;
 }
 
-/** Layer over a surface that takes the pointer, and shows what it chooses. */
+/** Layer over a surface that handles the pointer and shows the choice. */
 export function PickLayer({ picker }: { picker: Picker }) {
   const layer = useRef<HTMLDivElement>(null);
   useEffect(() => {

@@ -1,4 +1,4 @@
-// The main view: the 3D picture in its frame, and what lies in its corners. It stays behind the page
+// The main view: the 3D picture in its frame, and its corners. It stays behind the page
 // of all robots, because the picture takes seconds to start.
 
 import { effect, signal } from "@preact/signals";

@@ -1,5 +1,5 @@
 // What the view shows until the first picture is drawn: the robot's silhouette, its name, and how far
-// the start is. STOP is usable beside it.
+// the start is. STOP is usable meanwhile.
 
 import { useEffect, useState } from "preact/hooks";
 import type { RobotInfo } from "../generated/wire";

@@ -23,7 +23,7 @@ export class Layout {
   readonly folded = remembered("tsd-folded", false, isFlag);
   /** Whether the panel is open as a drawer or, on a phone, as a sheet. */
   readonly drawerOpen = signal(false);
-  /** Panel width requested by the open tab, for example for sliders beside their joints. */
+  /** Panel width requested by the open tab, for example for sliders next to their joints. */
   readonly panelWidth = signal<"wide" | "wider" | null>(null);
   readonly screen = signal<"robot" | "fleet">(screenInAddress());
   /** Below 900 px of width the panel is a drawer. */

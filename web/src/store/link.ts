@@ -82,7 +82,7 @@ export class Link {
     setInterval(() => this.#sendHeartbeat(), HEARTBEAT_MS);
   }
 
-  /** Change the display name; the operator and their control stay as they are. */
+  /** Change the display name; operator and lease are unaffected. */
   rename(name: string): void {
     if (name === this.name) return;
     this.name = name; // For the next connection.
@@ -223,7 +223,7 @@ export class Link {
   }
 }
 
-/** Return the least of the numbers that a share of them does not exceed. */
+/** Return a quantile: the smallest number that a fraction of them does not exceed. */
 function quantile(numbers: readonly number[], share: number): number {
   const sorted = [...numbers].sort((a, b) => a - b);
   return sorted[Math.max(0, Math.ceil(share * sorted.length) - 1)] ?? 0;

@@ -82,7 +82,7 @@ export class News {
     // A take-over includes its reason, so the loss is not reported again.
     if (event.why.code === "lease_taken_over") this.#takenMs = nowMs;
     else if (event.kind === "lease" && nowMs - this.#takenMs < TOLD_MS) return;
-    if (event.kind === "lease") this.#controlMs = -Infinity; // It says more than all others.
+    if (event.kind === "lease") this.#controlMs = -Infinity; // It is more specific than all others.
     const told = noticeOf(event, link.state.peek()?.has_control ?? false);
     this.#tell(told, () => event.kind !== "mode" || !isLatched(link));
   }

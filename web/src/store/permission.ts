@@ -87,7 +87,7 @@ export function whyNotPlan(link: Link): Refusal | null {
   return notNow(link, "disarm") ?? (isLatched(link) ? whyNotDrive(link) : null);
 }
 
-/** A request to the holder is possible, so a held lease is no obstacle. */
+/** The holder can be asked, so a held lease does not matter. */
 export function whyNotTakeControl(link: Link): Refusal | null {
   const refusal = notAllowed(link);
   if (refusal !== null) return refusal;

@@ -1,4 +1,4 @@
-// Setting of the Student tab, its link, and the requests for what follows from it. The dashboard
+// Setting of the Student tab, its link, and the requests for its results. The dashboard
 // computes that without a robot.
 
 import { effect, signal } from "@preact/signals";

@@ -1,4 +1,4 @@
-// What an operator is told in a notice, and what other parts of the page tell already.
+// Reasons that become notices; other parts of the page show the rest.
 
 import type { Reason, RobotEvent } from "../generated/wire";
 import type { Refusal } from "../store/permission";
@@ -21,7 +21,7 @@ const ABOUT_CONTROL = new Set([
 ]);
 /** Temporary refusals of the page. */
 const PASSING = new Set(["connecting", "not_connected", "robot_silent"]);
-/** Reasons that the deck shows beside STOP, or that come as an event. */
+/** Reasons that the deck shows, or that arrive as an event. */
 const TOLD_ELSEWHERE = new Set([
   ...["stop_pressed", "stop_requested", "control_is_lost", "coming_to_rest", "reset_first"],
 ]);

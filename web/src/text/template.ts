@@ -56,7 +56,7 @@ export function namesOf(parts: readonly Part[]): string[] {
 
 /**
  * Return a table with a function for each text with places. Its arguments are the places in the
- * order of the English text, which a translation may change. `rules` are those of the translation.
+ * order of the English text, which a translation may change. `rules` belong to its language.
  */
 export function tableOf(english: Source, translated: Source, rules: Intl.PluralRules): unknown {
   if (typeof english === "string") {

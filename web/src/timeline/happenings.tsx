@@ -4,7 +4,7 @@ import { useSession } from "../session";
 import { texts } from "../text/text";
 import { Icon, type IconName } from "../ui/icon";
 
-/** Labels that are merged into one, and the room that they have as shares of the lane. */
+/** Labels merged into one; place and width as fractions of the lane. */
 export interface Group<T> {
   items: T[];
   left: number;
@@ -43,7 +43,7 @@ const ICONS: Record<string, IconName> = {
 
 export interface Happening {
   atS: number;
-  /** Share of the lane. */
+  /** Fraction of the lane. */
   share: number;
   kind: string;
   /** A few words, or "" for the icon alone. */

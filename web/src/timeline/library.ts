@@ -53,7 +53,7 @@ export class Library {
       const found = await answer("GET", `recordings?q=${encodeURIComponent(query)}`);
       const rows = found.status === 204 ? null : ((await found.json()) as RecordingRow[]);
       const trash = rows && isOpen ? await request<TrashRow[]>("GET", "recordings/trash") : [];
-      if (number !== this.#number) return; // A later request is under way.
+      if (number !== this.#number) return; // A later request is pending.
       this.list.value = { state: rows ? "ready" : "absent", rows: rows ?? [], trash };
       if (query === "") this.#note(rows ?? []);
     } catch {

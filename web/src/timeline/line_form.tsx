@@ -17,7 +17,7 @@ function focus(input: HTMLInputElement | null): void {
   input?.select();
 }
 
-/** One line of text with a button; Escape leaves it, and not what is around it. */
+/** One line of text with a button; Escape closes it, but not its surroundings. */
 export function LineForm({ label, hint, most, initial, onSend, onClose }: LineFormProps) {
   const send = (event: SubmitEvent) => {
     event.preventDefault();

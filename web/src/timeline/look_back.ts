@@ -18,7 +18,7 @@ export interface ModeSpan {
 }
 
 export class LookBack {
-  /** Age of the state that is drawn beside the live one, or null. */
+  /** Age of the past state in the scene, or null. */
   readonly agoS = signal<number | null>(null);
   readonly past = signal<PastState | null>(null);
   /** Modes since the page shows the robot, oldest first, with gaps where no state arrived. */

@@ -17,7 +17,7 @@ export function backToLive(): void {
   location.assign(addressOf(null));
 }
 
-/** Copy the address of a recording, and return what to tell about it. */
+/** Copy the address of a recording, and return a message about that. */
 export async function shared(name: string, tS?: number): Promise<string> {
   const { copied, copyYourself } = texts().timeline;
   const { href } = addressOf(name, tS);

@@ -221,7 +221,7 @@ function happenings({ events, start_ms, duration_s }: Timeline): Happening[] {
 
 export interface Span<T> {
   value: T;
-  /** Shares of the time for which there are samples. */
+  /** Fractions of the time with samples. */
   from: number;
   to: number;
 }
@@ -239,7 +239,7 @@ export function spans<T>(samples: readonly T[]): Span<T>[] {
   return joined;
 }
 
-/** Path through samples in a square of 1, with gaps where there are none; it fills the height. */
+/** Path through samples in a square of 1, with gaps between them; it fills the height. */
 export function linePath(samples: readonly (number | null)[]): string {
   const most = Math.max(0.1, ...samples.map((value) => value ?? 0));
   const last = Math.max(1, samples.length - 1);

@@ -13,7 +13,7 @@ import { day, megabytes } from "./clock";
 import { answer } from "./library";
 import { type Result, Row, type RowProps } from "./row";
 
-const SHOWN = 40; // Rows drawn at first, of a list that may have hundreds.
+const SHOWN = 40; // Rows drawn at first; the list may have hundreds.
 const QUERY_LENGTH = 100;
 
 export function Recordings() {

@@ -14,7 +14,7 @@ import { addressOf, shared } from "./past";
 
 const TITLE_LENGTH = 40;
 
-/** What happened to a request, and whether it can be undone. */
+/** Result of a request, and whether it can be undone. */
 export interface Result {
   text: string;
   undo?: TrashRow;
@@ -67,7 +67,7 @@ function factsOf(row: RecordingRow): string[] {
   const driver = drivers[0] === undefined ? timeline.nobody : nameOf(drivers[0]);
   const unread =
     row.details === null && (row.details_pending ? timeline.pending : timeline.unreadable);
-  // Details of a file that grows are those of a moment ago.
+  // Details of a growing file are already outdated.
   const unknown = row.writing ? timeline.writing : unread;
   const facts = [
     row.title !== "" && day(row.start_ms),

@@ -13,7 +13,7 @@ const KEYS: Record<string, number> = {
   PageUp: 10,
 };
 
-/** Handlers of a slider: `seek` gets the share of the track, `move` steps of a key. */
+/** Handlers of a slider: `seek` gets the fraction of the track, `move` the steps of a key. */
 export function sliderHandlers(seek: (share: number) => void, move: (steps: number) => void) {
   const point = ({ currentTarget: track, pointerId, clientX }: Pointer) => {
     const { left, width } = track.getBoundingClientRect();

@@ -48,7 +48,7 @@ export interface NextStepProps {
   refused?: string | null;
   /** Whether it acts only after it was held for a second. */
   hold?: boolean;
-  /** Whether its request is under way. */
+  /** Whether its request is pending. */
   busy?: boolean;
   onPress: () => void;
 }
@@ -59,7 +59,7 @@ export interface NextStepProps {
  */
 export function NextStep(props: NextStepProps) {
   const { children, refused = null, hold = false, busy = false } = props;
-  const latest = useRef(props); // What is allowed may change during a hold.
+  const latest = useRef(props); // Permission may change during a hold.
   latest.current = props;
   const [holding, setHolding] = useState(false);
   const act = () => {

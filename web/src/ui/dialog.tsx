@@ -25,7 +25,7 @@ export function Dialog({ title, children, onClose }: DialogProps) {
     const node = box.current!;
     const before = document.activeElement as HTMLElement | null;
     (node.querySelector<HTMLElement>("input, textarea, select") ?? node).focus();
-    // Escape closes it wherever the focus has gone meanwhile; what is inside it comes first.
+    // Escape closes it wherever the focus is; its content handles the key first.
     const outside = (event: KeyboardEvent) =>
       node.contains(event.target as Node) || key.current(event);
     document.addEventListener("keydown", outside, true);

@@ -24,7 +24,7 @@ interface SprungSliderProps {
   looksOnly?: boolean;
 }
 
-/** Share of the way, 0.5 at most, from which the thumb may cover the figure of that end. */
+/** Place of the thumb, 0.5 at most, from which it may cover the figure of that end. */
 const COVERS = 0.24;
 
 /** Return a control for one component of the command. */

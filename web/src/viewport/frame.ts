@@ -47,7 +47,7 @@ export class Viewport {
   readonly #ending = new AbortController();
   #origin = "";
   #paused = false;
-  #area = 0; // Of the host in pixels when its sharpness was chosen, for software rendering.
+  #area = 0; // Area of the host in pixels at the chosen sharpness, for software rendering.
   #unreached = 0;
   #drawn = 0; // Frames since the scene is complete.
   #completeMs = 0;
