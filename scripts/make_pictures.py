@@ -107,6 +107,7 @@ def opened(
     )
     page = context.new_page()
     page.add_init_script(SHARPNESS.replace("$", f"{sharpness:g}"))
+    page.add_init_script("localStorage.setItem('tsd-was-driven', 'true')")  # No first steps.
     page.goto(address)
     expect(page.get_by_role("group", name="Start")).to_be_hidden(timeout=PATIENCE_MS)
     yield page

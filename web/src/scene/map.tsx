@@ -11,7 +11,7 @@ import { degrees } from "../text/numbers";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Icon } from "../ui/icon";
-import { extended, lengthText, MapView, type Trail } from "./map_view";
+import { extended, fitting, lengthText, MapView, type Trail } from "./map_view";
 import { Picker, PickLayer, type Point } from "./pick";
 
 const WHEEL_PER_PX = 0.0015;
@@ -113,6 +113,12 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
   const [x, y] = view.middle.value;
   const [right, down] = view.toPixel([0, 0], size).map((pixels) => `${pixels}px`);
   const grid = { "--right": right, "--down": down, "--step": `${step / px}px` };
+  const others = robots.filter((robot) => robot !== shown); // The bar has the name of that one.
+  const names = others.map(({ id, stale, pose: [atX, atY], reach_m }) => ({
+    id,
+    text: stale ? words.silent(id) : id,
+    at: view.toPixel([atX - reach_m, atY], size),
+  }));
   const zoom = (event: WheelEvent) => {
     event.preventDefault();
     view.zoom(Math.exp(-WHEEL_PER_PX * event.deltaY));
@@ -137,17 +143,15 @@ function Floor({ map: { view, trails, picker, routes } }: { map: FloorMap }) {
           })}
         </g>
       </svg>
-      {ordered.map((robot) => {
-        if (robot === shown) return null; // The bar has its name.
-        const below: Point = [robot.pose[0] - robot.reach_m, robot.pose[1]];
-        const [left, top] = view.toPixel(below, size).map((pixels) => `${pixels}px`);
-        const style = { left, top, borderColor: colours.get(robot.id) };
-        return (
-          <span key={robot.id} class="m-name" style={style}>
-            {robot.stale ? words.silent(robot.id) : robot.id}
-          </span>
-        );
-      })}
+      {fitting(names, size).map(({ id, text, at: [left, top] }) => (
+        <span
+          key={id}
+          class="m-name"
+          style={{ left: `${left}px`, top: `${top}px`, borderColor: colours.get(id) }}
+        >
+          {text}
+        </span>
+      ))}
       <span class="m-bar">{lengthText(step)}</span>
       <span class="m-x">x ↑</span>
       <PickLayer picker={picker} />

@@ -60,6 +60,32 @@ export function lengthText(metres: number): string {
   return metres < 0.995 ? `${figure(100 * metres)} cm` : `${figure(metres)} m`;
 }
 
+const [LETTER_PX, LINE_PX] = [8, 16]; // Of the names, at most.
+
+interface Label {
+  text: string;
+  /** Middle of the upper edge. */
+  at: Pixel;
+}
+
+const halfWidth = ({ text }: Label): number => 0.5 * LETTER_PX * text.length;
+
+/** Return the labels within a picture, moved away from its edges, without those over earlier ones. */
+export function fitting<L extends Label>(labels: readonly L[], [width, height]: Pixel): L[] {
+  const kept: L[] = [];
+  for (const label of labels) {
+    const [right, down] = label.at;
+    const half = halfWidth(label);
+    if (right < 0 || right > width || down < 0 || down > height - LINE_PX) continue;
+    const moved = { ...label, at: [clamped(right, half, width - half), down] as const };
+    const covers = (other: L) =>
+      Math.abs(other.at[0] - moved.at[0]) < half + halfWidth(other) &&
+      Math.abs(other.at[1] - down) < LINE_PX;
+    if (!kept.some(covers)) kept.push(moved);
+  }
+  return kept;
+}
+
 const TRAIL_SPACING_M = 0.05; // As in sessions/map_data.py, like the next two.
 const TRAIL_JUMP_M = 0.5;
 const TRAIL_POINTS = 800;

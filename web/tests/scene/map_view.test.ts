@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { extended, lengthText, MapView, type Trail } from "../../src/scene/map_view";
+import { extended, fitting, lengthText, MapView, type Trail } from "../../src/scene/map_view";
 import type { Pixel } from "../../src/scene/pick";
 
 const SIZE: Pixel = [300, 200];
@@ -80,4 +80,30 @@ test("A trail extends that of the server, and breaks where the pose was set.", (
   expect(trail).toEqual([[0, 0], [0.06, 0], null, [3, 0]]);
   for (let i = 0; i < 3000; i++) at(3 + i / 10);
   expect(trail.length).toBeLessThanOrEqual(800);
+});
+
+test("Names on the map neither overlap nor are cut off at its edge.", () => {
+  const named = (text: string, ...at: [number, number]) => ({ text, at });
+  const shown = fitting(
+    [
+      named("kiwi", 150, 50),
+      named("mecanum", 160, 55),
+      named("below", 150, 80),
+      named("at the left edge", 2, 120),
+      named("at the right edge", 299, 120),
+      named("outside", 310, 50),
+      named("under the edge", 150, 195),
+    ],
+    SIZE,
+  );
+  expect(shown.map(({ text }) => text)).toEqual([
+    "kiwi",
+    "below",
+    "at the left edge",
+    "at the right edge",
+  ]);
+  for (const { text, at } of shown) {
+    expect(at[0]).toBeGreaterThanOrEqual(4 * text.length);
+    expect(at[0]).toBeLessThanOrEqual(300 - 4 * text.length);
+  }
 });
