@@ -98,7 +98,7 @@ def open_page(browser: Browser, served: Site, query: str = "") -> tuple[Page, Fr
 
     page.route("**/page.js", answer)
     page.goto(f"http://127.0.0.1:{served.port}/{query}")
-    until(page, lambda: page.evaluate("window.messages?.some(({ t }) => t === 'ready')"))
+    until(page, lambda: page.evaluate("window.messages?.some(({ t }) => t === 'drawn')"))
     (frame,) = [each for each in page.frames if VIEWPORT_PATH in each.url]
     return page, frame
 
