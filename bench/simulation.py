@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import gc
+import statistics
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 
 import msgspec
 import numpy as np
 
-from bench.table import Row
-from research.budget import BATCH, ERROR_SOURCES, drive_open_loop
+from bench.table import Row, Run
+from research.budget import BATCH, ERROR_SOURCES, STEP_S, drive_open_loop
 from tsd_twin import SimulatedRobot, robots
 from tsd_twin.control import RobotController
 from tsd_twin.lab.square import unlimited_trajectory
@@ -30,25 +30,8 @@ from tsd_twin.simulation import SimRobot, simulate
 
 PERIOD_S = 0.01
 _LEASE = bytes(16)
-
-
-@dataclass(frozen=True)
-class Size:
-    """Amount of driving."""
-
-    rounds: int = 10
-    steps: int = 600
-    batch: int = 2_000
-    squares: int = 10_000
-    drives: int = 60
-    idle_s: float = 120.0
-    driven_s: float = 3600.0
-    settled_s: float = 60.0
-    """Time after which the remaining objects are first counted."""
-
-
-FULL = Size()
-SMALLEST = Size(1, 50, 20, 20, 1, 0.1, 6.0, 2.0)
+_PERIODS = 100
+_TWIST = np.array([0.6, 0.1, 0.0, 0.0, 0.0, 0.8])
 
 
 class BenchRobot:
@@ -88,135 +71,129 @@ class BenchRobot:
         )
 
 
-def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure a robot, a batch, the core alone, squares, and memory growth."""
-    size = SMALLEST if smallest else FULL
-    robot = BenchRobot()
-    twist = np.array([0.6, 0.1, 0.0, 0.0, 0.0, 0.8])
-    rounds = [drive(robot, twist, size.steps) for _ in range(size.rounds)]
-    # Use the best round, because noise on a shared machine only adds.
-    core_s, all_s = (min(times) for times in zip(*rounds, strict=True))
-    share = 100 * core_s / PERIOD_S
-    yield Row("core step, share of the period", share, 1.0, "%", "10 ms")
-    faster = PERIOD_S / all_s
-    yield Row("core and plant, one robot", faster, 60, "x", "real time", at_least=True)
-    alone = f"the plant alone {plant_alone(size.drives):.0f} x"
-    yield Row("SimulatedRobot, drives of 2 s", driven(size.drives), 80, "x", alone, at_least=True)
-    yield Row("SimulatedRobot, idle", idle(size.idle_s), 300, "x", alone, at_least=True)
-    yield Row(
-        f"core and plant, batch of {size.batch:,}",
-        batch(size.batch),
-        1000,
-        "rob s/s",
-        "",
-        at_least=True,
+def rows(run: Run) -> Iterator[Row]:
+    """Measure a robot, a batch, squares and memory growth, all in CPU time."""
+    plant, robot = Plant(), BenchRobot()
+    steps, drives = int(run.pick(2000, 50)), int(run.pick(20, 1))
+    yield from run.alternate(
+        ["simulation.step"], lambda: [drive(robot, steps)], lambda: [1e3 * PERIOD_S * plant(steps)]
     )
-    yield Row(
-        f"{size.squares:,} open-loop squares, every error", squares(size.squares), 60, "s", ""
+    yield from run.alternate(
+        ["simulation.drive"],
+        lambda: [driven(drives)],
+        lambda: [statistics.mean(plant(200, twist) for twist in twists(drives))],
     )
-    left = growth(robot, twist, size)
-    what = f"objects left by {size.driven_s:g} s of driving"
-    comparison = f"those after {size.settled_s:g} s"
-    yield Row(what, left, 500, "", comparison)
+    yield from run.alternate(
+        ["simulation.idle"], lambda: [idle(2.0 * drives)], lambda: [plant(200 * drives)]
+    )
+    count = int(run.pick(2000, 20))
+
+    def plants() -> list[float]:
+        return [batch_plant(count)]
+
+    yield from run.alternate(["simulation.batch"], lambda: [batch(count)], plants)
+    yield from run.alternate(["simulation.squares"], lambda: [squares(count)], plants)
+    if run.wants("simulation.growth"):
+        early, late = objects(robot, run.pick(60.0, 2.0), run.pick(600.0, 6.0))
+        yield Row("simulation.growth", [late], [early], note="count; independent of the load")
 
 
-def drive(robot: BenchRobot, twist: Array, steps: int) -> tuple[float, float]:
-    """Return the time per period in the core alone, and with the plant, while driving."""
-    in_core_s = 0.0
-    start = time.perf_counter()
+class Plant:
+    """Simulated joints that follow a setpoint without a controller."""
+
+    def __init__(self) -> None:
+        robot = BenchRobot()  # Armed, because its wheels spin.
+        self._joints, self._now_s = robot.io, robot.now_s
+        self._kinematics = robot.controller.kinematics
+
+    def __call__(self, periods: int, twist: Array = _TWIST[[0, 1, 5]]) -> float:
+        """Return the CPU time per simulated time, ms/s."""
+        setpoint = self._kinematics.inverse(twist)
+        start_s = time.thread_time()
+        for _ in range(periods):
+            self._now_s += PERIOD_S
+            self._joints.read(self._now_s)
+            self._joints.write(setpoint, self._now_s)
+        return 1e3 * (time.thread_time() - start_s) / (periods * PERIOD_S)
+
+
+def drive(robot: BenchRobot, steps: int) -> float:
+    """Return the time of a period of controller and plant while driving, us."""
+    start_s = time.thread_time()
     for step in range(steps):
-        samples = [robot.command(twist)] if step % 2 == 0 else []  # 50 Hz, like a page.
-        robot.now_s += PERIOD_S
-        measured = robot.io.read(robot.now_s)
-        before = time.perf_counter()
-        setpoint = robot.controller.step(robot.now_s, measured, samples)
-        in_core_s += time.perf_counter() - before
-        robot.io.write(setpoint, robot.now_s)
-    return in_core_s / steps, (time.perf_counter() - start) / steps
+        robot.tick([robot.command(_TWIST)] if step % 2 == 0 else [])  # 50 Hz, like a page.
+        robot.controller.take_events()
+    return 1e6 * (time.thread_time() - start_s) / steps
 
 
-_DRIVE_S = 2.0
-
-
-def twists(drives: int) -> list[list[float]]:
+def twists(drives: int) -> Array:
     """Return twists for drives, mostly within the limits."""
-    return (
-        np.random.default_rng(0).uniform([-0.5, -0.5, -1.5], [0.5, 0.5, 1.5], (drives, 3)).tolist()
-    )
+    return np.random.default_rng(0).uniform([-0.5, -0.5, -1.5], [0.5, 0.5, 1.5], (drives, 3))
 
 
 def driven(drives: int) -> float:
-    """Return the real-time factor of `SimulatedRobot`, in drives of 2 s.
-
-    Measured in CPU time, like `idle` and `plant_alone`, because none of them waits.
-    """
+    """Return the CPU time of `SimulatedRobot` in drives of 2 s, ms per simulated second."""
     with SimulatedRobot("tsd") as robot, robot.control("bench") as base:
-        began_s, start = robot.time_s, time.process_time()
-        for vx, vy, omega in twists(drives):
-            base.drive(vx_mps=vx, vy_mps=vy, omega_rad_per_s=omega, duration_s=_DRIVE_S)
-        return (robot.time_s - began_s) / (time.process_time() - start)
+        began_s, start_s = robot.time_s, time.process_time()
+        for vx, vy, omega in twists(drives).tolist():
+            base.drive(vx_mps=vx, vy_mps=vy, omega_rad_per_s=omega, duration_s=2.0)
+        return 1e3 * (time.process_time() - start_s) / (robot.time_s - began_s)
 
 
 def idle(duration_s: float) -> float:
-    """Return the real-time factor of a disarmed `SimulatedRobot`."""
+    """Return the CPU time of a disarmed `SimulatedRobot`, ms per simulated second."""
     with SimulatedRobot("tsd") as robot:
-        start = time.process_time()
+        start_s = time.process_time()
         robot.sleep(duration_s)
-        return duration_s / (time.process_time() - start)
+        return 1e3 * (time.process_time() - start_s) / duration_s
 
 
-def plant_alone(drives: int) -> float:
-    """Return the real-time factor of simulated joints that follow twists without a controller."""
-    robot = BenchRobot()  # Armed, because its wheels spin.
-    simulated, kinematics = robot.io, robot.controller.kinematics
-    periods = round(_DRIVE_S / PERIOD_S)
-    start = time.process_time()
-    for twist in twists(drives):
-        setpoint = kinematics.inverse(np.array(twist))
-        for _ in range(periods):
-            robot.now_s += PERIOD_S
-            simulated.read(robot.now_s)
-            simulated.write(setpoint, robot.now_s)
-    return drives * _DRIVE_S / (time.process_time() - start)
-
-
-def batch(robots_at_once: int) -> float:
-    """Return robot-seconds per second: limits, inverse, plant, forward and pose for all robots."""
+def batch(count: int) -> float:
+    """Return the time of a period of many robots with limits, plant and odometry, us per robot."""
     robot = robots.load_robot("tsd")
     drive, limiter = robot.kinematics(), TwistLimiter(robot.kinematics(), robot.limits)
-    simulation = simulate(robot, (robots_at_once,))
-    request = np.random.default_rng(0).normal(size=(robots_at_once, 3))
-    twist, pose = np.zeros_like(request), SE2.identity((robots_at_once,))
-    periods = 100
-    start = time.perf_counter()
-    for _ in range(periods):
+    simulation = simulate(robot, (count,))
+    request = np.random.default_rng(0).normal(size=(count, 3))
+    twist, pose = np.zeros_like(request), SE2.identity((count,))
+    start_s = time.thread_time()
+    for _ in range(_PERIODS):
         twist = limiter.approach(twist, limiter.cap(request), PERIOD_S)
         simulation.command(drive.inverse(twist))
         simulation.advance(PERIOD_S)
         pose = drive.integrate(pose, drive.forward(simulation.measure()).twist, PERIOD_S)
-    return robots_at_once * periods * PERIOD_S / (time.perf_counter() - start)
+    return 1e6 * (time.thread_time() - start_s) / (count * _PERIODS)
+
+
+def batch_plant(count: int) -> float:
+    """Return the time of a period of the same plant alone, us per robot."""
+    robot = robots.load_robot("tsd")
+    simulation = simulate(robot, (count,))
+    setpoint = robot.kinematics().inverse(np.random.default_rng(0).normal(size=(count, 3)))
+    start_s = time.thread_time()
+    for _ in range(_PERIODS):
+        simulation.command(setpoint)
+        simulation.advance(PERIOD_S)
+        simulation.measure()
+    return 1e6 * (time.thread_time() - start_s) / (count * _PERIODS)
 
 
 def squares(runs: int) -> float:
-    """Return the duration of `runs` squares, driven like in `python -m research budget`."""
+    """Return the time of a period in squares as in `python -m research budget`, us per robot."""
     robot = description_of_kind(robots.load_robot("tsd"), SingularityDescription)
-    random = np.random.default_rng(0)
     reference = unlimited_trajectory(Route(named_path("square")))
+    random = np.random.default_rng(0)
     errors = reduce(add, (source.draw(robot, random, runs) for source in ERROR_SOURCES))
-    start = time.perf_counter()
+    start_s = time.thread_time()
     for at in range(0, runs, BATCH):
         drive_open_loop(robot, reference, errors.part(slice(at, at + BATCH)))
-    return time.perf_counter() - start
+    return 1e6 * (time.thread_time() - start_s) / (runs * reference.duration_s / STEP_S)
 
 
-def growth(robot: BenchRobot, twist: Array, size: Size) -> int:
-    """Return the number of objects that a long drive adds after its first part."""
-    early = 0
-    for step in range(round(size.driven_s / PERIOD_S)):
-        robot.tick([robot.command(twist)] if step % 2 == 0 else [])
-        robot.controller.take_events()
-        if step == round(size.settled_s / PERIOD_S):
-            gc.collect()
-            early = sys.getallocatedblocks()
-    gc.collect()
-    return max(0, sys.getallocatedblocks() - early)
+def objects(robot: BenchRobot, settled_s: float, driven_s: float) -> tuple[int, int]:
+    """Return the numbers of allocated objects after the first part and the whole of a drive."""
+    counts: list[int] = []
+    for duration_s in (settled_s, driven_s - settled_s):
+        drive(robot, round(duration_s / PERIOD_S))
+        gc.collect()
+        counts.append(sys.getallocatedblocks())
+    return counts[0], counts[1]

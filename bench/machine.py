@@ -1,0 +1,109 @@
+"""Speed of the machine, and the time that it withheld from the measured processes."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import time
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import psutil
+
+_LOOPS, _SIZE = 400_000, 256
+_PRESSURE = Path("/proc/pressure/cpu")
+
+
+def speed_ms() -> dict[str, float]:
+    """Return the times of two fixed computations, in pure Python and in numpy, ms of CPU time."""
+    matrix = np.random.default_rng(0).normal(size=(_SIZE, _SIZE))
+
+    def python() -> None:
+        total = 0
+        for i in range(_LOOPS):
+            total += i * i % 7
+
+    def array() -> None:
+        for _ in range(200):
+            np.sin(matrix) @ np.ones(_SIZE)
+
+    return {"python_ms": _median_ms(python), "numpy_ms": _median_ms(array)}
+
+
+def _median_ms(compute: object) -> float:
+    assert callable(compute)
+    times_s: list[float] = []
+    for _ in range(5):
+        start_s = time.thread_time()
+        compute()
+        times_s.append(time.thread_time() - start_s)
+    return 1000.0 * statistics.median(times_s)
+
+
+class Withheld:
+    """Fraction of the time ready to run that this process and its children waited for a core.
+
+    Counts the run delay of all threads in `/proc/*/task/*/schedstat`, and the time stolen from a
+    virtual machine. Use it as a context manager and read `fraction` afterwards.
+    """
+
+    fraction = 0.0
+
+    def __enter__(self) -> Self:
+        self._before, self._steal = _threads_ns(), _steal()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        ran_ns = waited_ns = 0
+        for thread, (run_ns, delay_ns) in _threads_ns().items():
+            before_run_ns, before_delay_ns = self._before.get(thread, (0, 0))
+            ran_ns += run_ns - before_run_ns
+            waited_ns += delay_ns - before_delay_ns
+        stolen = [end - start for start, end in zip(self._steal, _steal(), strict=True)]
+        of_thread = waited_ns / max(ran_ns + waited_ns, 1)
+        self.fraction = max(of_thread, stolen[0] / max(sum(stolen), 1e-9))
+
+
+def _threads_ns() -> dict[str, tuple[int, int]]:
+    """Return CPU time and run delay of all threads of this process and its children."""
+    found: dict[str, tuple[int, int]] = {}
+    ours = psutil.Process()
+    for process in (ours, *ours.children(recursive=True)):
+        for task in Path(f"/proc/{process.pid}/task").glob("*"):
+            try:
+                run_ns, delay_ns, _slices = (task / "schedstat").read_text().split()
+            except OSError:  # It has just ended.
+                continue
+            found[task.name] = int(run_ns), int(delay_ns)
+    return found
+
+
+def _steal() -> tuple[float, float]:
+    """Return the seconds stolen from this virtual machine, and those that it was busy."""
+    times = psutil.cpu_times()
+    return getattr(times, "steal", 0.0), times.user + times.system
+
+
+def pressure_s() -> float:
+    """Return the time for which any task of the machine waited for a core since boot, s."""
+    if not _PRESSURE.exists():
+        return 0.0
+    return 1e-6 * int(_PRESSURE.read_text().split("total=")[1].split()[0])
+
+
+def cpu_s(*pids: int) -> float:
+    """Return the CPU time of running processes, s."""
+    total_ns = 0
+    for pid in pids:
+        for task in Path(f"/proc/{pid}/task").glob("*"):
+            try:
+                total_ns += int((task / "schedstat").read_text().split()[0])
+            except OSError:
+                continue
+    return 1e-9 * total_ns
+
+
+def description() -> dict[str, float]:
+    """Return the number of cores and the times of the fixed computations."""
+    return {"cores": float(len(os.sched_getaffinity(0))), **speed_ms()}
