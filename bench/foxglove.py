@@ -1,76 +1,66 @@
-"""`tsd-foxglove`: latency of a twist, compared with the client library, and CPU load."""
+"""`tsd-foxglove`, compared with a bare forwarder that uses the same SDK."""
 
 from __future__ import annotations
 
 import json
 import struct
-import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from typing import Any
 
-import psutil
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
-from bench.bus import adapter_rows, client_commands, paced_speeds, program, watch_setpoint
-from bench.table import Row
-from tsd_twin.bus import Bus, client_config
+from bench.adapters import Send, adapter_rows, robots
+from bench.programs import peer, tool
+from bench.table import Row, Run
 
-_COMMANDS, _SMALLEST = 600, 20
 _CALL, _PUBLISH, _RESPONSE = 2, 1, 3
+_CHANNEL = {
+    "id": 1,
+    "topic": "/cmd_vel",
+    "encoding": "json",
+    "schemaName": "geometry_msgs/Twist",
+}
 
 
-def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure with one robot and a client that subscribes to everything."""
-    count = _SMALLEST if smallest else _COMMANDS
-    mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
-    with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
-        plain_ms = client_commands(bus, endpoint, count)
-    with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
-        flags = ["--connect", endpoint, "--port", "0", "--until-eof"]
-        adapter = program([sys.executable, "-m", "tsd_foxglove", *flags])
-        with adapter as url:
-            twist_ms, load = foxglove_commands(bus, url, adapter.process.pid, count)
-    yield from adapter_rows("tsd-foxglove", "Foxglove", plain_ms, twist_ms, load)
+def rows(run: Run) -> Iterator[Row]:
+    """Measure with one robot and clients that subscribe to everything."""
+    with ExitStack() as stack:
+        endpoint, bare_endpoint, buses = robots(stack)
+        adapter = tool("tsd_foxglove", "--connect", endpoint, "--port", "0")
+        bare = peer("foxglove", bare_endpoint)
+        subject = adapter, _publisher(stack, stack.enter_context(adapter), arms=True)
+        other = bare, _publisher(stack, stack.enter_context(bare), arms=False)
+        yield from adapter_rows(run, "foxglove", buses, subject, other)
 
 
-def foxglove_commands(bus: Bus, url: str, pid: int, count: int) -> tuple[list[float], float]:
-    """Return times from a published twist to the resulting setpoint, and CPU load."""
-    came = watch_setpoint(bus)
-    with connect(url, subprotocols=[Subprotocol("foxglove.sdk.v1")]) as socket:
-        arm = _subscribe_to_all(socket)
+def _publisher(stack: ExitStack, url: str, *, arms: bool) -> Send:
+    """Subscribe to all topics, arm the robot, and return a function that publishes a speed."""
+    protocols = [Subprotocol("foxglove.sdk.v1")]
+    socket = stack.enter_context(connect(url, subprotocols=protocols, compression=None))
+    arm = _subscribe_to_all(socket, until_service=arms)
+    if arms:
         socket.send(struct.pack("<BIII", _CALL, arm, 1, 4) + b"json{}")
         while not (isinstance(message := socket.recv(), bytes) and message[0] == _RESPONSE):
             pass
         assert b'"success":true' in message
-        reading = threading.Thread(target=_read, args=(socket,), daemon=True)
-        reading.start()
-        time.sleep(0.6)
-        channel = {
-            "id": 1,
-            "topic": "/cmd_vel",
-            "encoding": "json",
-            "schemaName": "geometry_msgs/Twist",
-        }
-        socket.send(json.dumps({"op": "advertise", "channels": [channel]}))
+    threading.Thread(target=_read, args=(socket,), daemon=True).start()
+    time.sleep(0.6)
+    socket.send(json.dumps({"op": "advertise", "channels": [_CHANNEL]}))
 
-        def send(vx_mps: float) -> None:
-            twist = json.dumps({"linear": {"x": vx_mps}}).encode()
-            socket.send(struct.pack("<BI", _PUBLISH, 1) + twist)
+    def send(vx_mps: float) -> None:
+        twist = json.dumps({"linear": {"x": vx_mps}}).encode()
+        socket.send(struct.pack("<BI", _PUBLISH, 1) + twist)
 
-        adapter = psutil.Process(pid)
-        adapter.cpu_percent()
-        times_ms = paced_speeds(send, came, count)
-        load = adapter.cpu_percent()
-    reading.join()
-    return times_ms, load
+    return send
 
 
-def _subscribe_to_all(socket: Connection) -> int:
-    """Subscribe to all topics; return the id of the service `arm`."""
+def _subscribe_to_all(socket: Connection, *, until_service: bool) -> int:
+    """Subscribe to all topics; return the id of the service `arm`, or 0 without services."""
     known: set[int] = set()
     while True:
         text = socket.recv()
@@ -80,10 +70,15 @@ def _subscribe_to_all(socket: Connection) -> int:
             pairs = [{"id": each, "channelId": each} for each in new]
             socket.send(json.dumps({"op": "subscribe", "subscriptions": pairs}))
             known |= new
-        if message["op"] == "advertiseServices":
-            for service in message["services"]:
-                if service["name"] == "/arm":
-                    return service["id"]
+            if not until_service and len(known) >= _BARE_CHANNELS:
+                return 0
+        for service in message.get("services", []):
+            if service["name"] == "/arm":
+                return service["id"]
+
+
+_BARE_CHANNELS = 5
+"""Channels of the bare forwarder, one for each state of the robot."""
 
 
 def _read(socket: Connection) -> None:

@@ -7,7 +7,7 @@ import statistics
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from functools import partial, reduce
+from functools import reduce
 from operator import add
 
 import msgspec

@@ -116,10 +116,13 @@ class Run:
         withheld: list[list[float]] = [[], []]
         for _ in range(1 if self.smallest else rounds):
             for half, measure in enumerate((subject, peer)):
-                with Withheld() as meter:
-                    halves[half].append(measure())
-                withheld[half].append(meter.fraction)
-                self.withheld.append(meter.fraction)
+                meter = Withheld()
+                try:
+                    with meter:
+                        halves[half].append(measure())
+                finally:
+                    withheld[half].append(meter.fraction)
+                    self.withheld.append(meter.fraction)
         worst = max(map(statistics.median, withheld))
         for i, name in enumerate(names):
             if self.wants(name):
