@@ -135,7 +135,7 @@ def paced_speeds(send: Callable[[float], object], came: threading.Event, count: 
     """Return the response times to alternating speeds, ms, once the robot is up to speed."""
     # Use small steps that the limiter passes unchanged, so that one setpoint shows each.
     speeds = itertools.cycle([0.40, 0.42])
-    for _ in range(25):
+    for _ in range(40):
         send(next(speeds))
         time.sleep(_PERIOD_S)
     return paced(lambda: send(next(speeds)), came, count)

@@ -1,4 +1,4 @@
-"""Benchmark of the dashboard's load with one and with twenty viewers, while the robot drives."""
+"""Dashboard with one and with twenty viewers, compared with a plain viser server."""
 
 from __future__ import annotations
 
@@ -8,66 +8,84 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from multiprocessing.connection import Connection
 from typing import cast
 
 import msgspec
 import numpy as np
-import psutil
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from bench.bus import program
-from bench.table import Row, percentile
+from bench.programs import Load, dashboard, mock, peer, program
+from bench.table import Row, Run, quantiles
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import CAMERA, decoded
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.scene import Scene
 
-_SECONDS, _FRAMES = 8.0, 600
-_SMALLEST = 1.0, 30
 _STEP_M = 0.01
+_ROUNDS = 3
 PROTOCOL = Subprotocol("viser-v1.1.1")
 
 
-def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure the real processes, then only the scene from setting a pose to the socket."""
-    seconds, frames = _SMALLEST if smallest else (_SECONDS, _FRAMES)
-    loads = ((1, 15.0), (20, 40.0))[: 1 if smallest else None]
-    mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
-    for viewers, share in loads:
-        with program(mock) as endpoint:
-            page = [sys.executable, "-m", "tsd_dashboard", "--port", "0", "--until-eof"]
-            served = program([*page, "--connect", endpoint])
-            with served as url:
-                cpu, sent = load(served.process.pid, url, viewers, seconds)
-        hz = f"{sent['frames_hz']:.0f} frames a second"
-        yield Row(f"dashboard, {viewers} viewer(s), of one core", cpu, share, "%", hz)
-        yield Row(f"scene, each of {viewers}", sent["scene_kB_s"], 70, "kB/s", "")
-        both = sent["scene_kB_s"] + sent["teleop_kB_s"]
-        yield Row(f"scene, numbers and plots, each of {viewers}", both, 100, "kB/s", "")
-    floor_ms, times_ms = latencies(frames)
-    comparison = f"an empty frame of viser {floor_ms:.1f} ms"
-    yield Row("set to socket, p99", percentile(times_ms, 0.99), 12.0, "ms", comparison)
+def rows(run: Run) -> Iterator[Row]:
+    """Measure the processes with a robot that drives, then the delay from a pose to the socket.
+
+    The plain server moves as many nodes as often as the dashboard does for one viewer.
+    """
+    seconds = run.pick(3.0, 1.0)
+    names = ["dashboard.cpu_1", "dashboard.cpu_20", "dashboard.bytes"]
+    if run.wants(*names):
+        sent = driven(1, seconds)[1]
+        hz = sent["frames_hz"]
+        plain = peer("viser", str(round(sent["moves_hz"] / hz / 2.0)), str(hz))
+        with plain as url:
+            note = f"{sent['moves_hz']:.0f} moves in {hz:.0f} frames a second"
+            for viewers, rows_of in ((1, names[:1]), (20, names[1:])):
+
+                def subject(viewers: int = viewers) -> tuple[float, float]:
+                    load, received = driven(viewers, seconds)
+                    return load, received["scene_kB_s"]
+
+                def bare(viewers: int = viewers) -> tuple[float, float]:
+                    load, received = watched(plain, url, viewers, seconds, "scene")
+                    return load, received["scene_kB_s"]
+
+                yield from run.alternate(
+                    rows_of, subject, bare, rounds=_ROUNDS, note=partial(str, note)
+                )
+    if run.wants("dashboard.delay_p50", "dashboard.delay_p90"):
+        yield from delays(run)
 
 
-def load(pid: int, url: str, viewers: int, seconds: float) -> tuple[float, dict[str, float]]:
-    """Return the CPU load in percent of a core, and the data sent to each viewer."""
-    command = [sys.executable, "-m", "bench.viewers", url, str(viewers), str(seconds), "drive"]
-    watching = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert watching.stdout is not None
-    watching.stdout.readline()
-    dashboard = psutil.Process(pid)
-    dashboard.cpu_percent()
-    sent = json.loads(watching.stdout.readline())
-    cpu = dashboard.cpu_percent()
-    watching.wait(20)
-    return cpu, sent
+def driven(viewers: int, seconds: float) -> tuple[float, dict[str, float]]:
+    """Return the CPU load of a dashboard, ms/s, and the data that each viewer receives."""
+    with mock() as endpoint:
+        served = dashboard(endpoint)
+        with served as url:
+            return watched(served, url, viewers, seconds, "drive")
 
 
-def latencies(frames: int) -> tuple[float, list[float]]:
-    """Return p99 of a bare viser node and all times of our scene, in ms, at 60 Hz."""
+def watched(
+    server: program, url: str, viewers: int, seconds: float, what: str
+) -> tuple[float, dict[str, float]]:
+    """Return the CPU load of a server with viewers, ms/s, and the data that each receives."""
+    command = [sys.executable, "-m", "bench.viewers", url, str(viewers), str(seconds), what]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as watching:
+        assert watching.stdout is not None
+        watching.stdout.readline()
+        with Load(server) as load:
+            line = watching.stdout.readline()
+    if not line:
+        raise RuntimeError(f"{viewers} viewers did not see the robot drive")
+    return load.ms_per_s, json.loads(line)
+
+
+def delays(run: Run) -> Iterator[Row]:
+    """Compare the scene with a single bare node of viser, at 60 Hz."""
+    frames = int(run.pick(120, 30))
     server = viser_compat.start_server("bench")
     try:
         bare = server.scene.add_frame("/bare", show_axes=False)
@@ -76,7 +94,6 @@ def latencies(frames: int) -> tuple[float, list[float]]:
             bare.position = (x, 0.0, 0.0)
             server.flush()
 
-        floor = timed(server.get_port(), "/bare", move_bare, frames)
         feed, scene = RobotFeed(), Scene(server)
         feed.say(pose=np.zeros(3), joints=feed.kinematics.inverse(np.zeros(3)))
         scene.add(cast(RobotMonitor, feed))
@@ -87,7 +104,13 @@ def latencies(frames: int) -> tuple[float, list[float]]:
             feed.say(pose=pose, joints=joints, setpoint=joints, truth=pose + 0.01)
             scene.draw()
 
-        return percentile(floor, 0.99), timed(server.get_port(), "/w", move_robot, frames)
+        port = server.get_port()
+        yield from run.alternate(
+            ["dashboard.delay_p50", "dashboard.delay_p90"],
+            lambda: quantiles(timed(port, "/w", move_robot, frames)),
+            lambda: quantiles(timed(port, "/bare", move_bare, frames)),
+            rounds=_ROUNDS,
+        )
     finally:
         server.stop()
 

@@ -1,49 +1,51 @@
-"""Benchmark of the firmware simulator: firmware and hardware in virtual time."""
+"""Firmware simulator in virtual time, compared with a board without a bridge; and its limits."""
 
 from __future__ import annotations
 
-import gc
 import time
 from collections.abc import Iterator
 
-from bench.table import Row
+from bench.table import Row, Run
 from firmware.simulator.board import build
 from tests.support.firmware_host import CRUISE, CYCLE_S, Bench
 from tsd_twin.hardware.dynamixel.control_table import BoardMode
 
-_DRIVEN_S = 60.0
-_SMALLEST_S = 1.0
-_LONGEST_S = 15.0
 _BYTE_CYCLES, _ROOM_CYCLES, _STACK = 160, 320, 600
 
 
-def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure a minute of driving, or a second if `smallest`."""
-    driven_s = _SMALLEST_S if smallest else _DRIVEN_S
+def rows(run: Run) -> Iterator[Row]:
+    """Measure driving at 100 Hz with six servos; cycles and stack are those of the board."""
+    cycles = round(run.pick(5.0, 1.0) / CYCLE_S)
     bench = Bench(build())
     pilot = bench.pilot(receiver=True).get_ready()
     pilot.arm()
-    gc.collect()
-    started_s = time.perf_counter()
-    for cycle in range(round(driven_s / CYCLE_S)):
-        pilot.cycle(1, CRUISE, (cycle % 100,) * 6)
-    took_s = time.perf_counter() - started_s
+    alone = bench.pilot(receiver=True)
+
+    def driving() -> list[float]:
+        start_s = time.thread_time()
+        for cycle in range(cycles):
+            pilot.cycle(1, CRUISE, (cycle % 100,) * 6)
+        return [1e3 * (time.thread_time() - start_s) / (cycles * CYCLE_S)]
+
+    def idle() -> list[float]:
+        start_s = time.thread_time()
+        alone.simulation.run(cycles * CYCLE_S)
+        return [1e3 * (time.thread_time() - start_s) / (cycles * CYCLE_S)]
+
+    yield from run.alternate(["firmware.simulator"], driving, idle)
+    if not run.wants("firmware.interrupt", "firmware.wait", "firmware.stack"):
+        return
+    driving()
     if pilot.mode() is not BoardMode.ARMED or pilot.missed:
-        raise RuntimeError(f"the board did not drive for {driven_s:g} s")
+        raise RuntimeError("the board did not drive")
     bench.finish()
     timing = pilot.simulation.board.timing()
     bench.close()
-    yield Row(
-        f"firmware: {driven_s:g} s at 100 Hz with six servos",
-        took_s, _LONGEST_S, "s", "the clock of the board",
-    )  # fmt: skip
     longest = max(timing.interrupts, key=lambda name: timing.interrupts[name])
-    yield Row(
-        "firmware: longest interrupt", timing.interrupts[longest], _BYTE_CYCLES, "cycles",
-        f"{longest}; a byte at 1 Mbaud",
-    )  # fmt: skip
-    yield Row(
-        "firmware: longest wait of a byte", max(timing.longest_wait), _ROOM_CYCLES, "cycles",
-        f"two bytes have room; lost: {sum(timing.lost)}",
-    )  # fmt: skip
-    yield Row("firmware: stack, high water", timing.stack, _STACK, "B", "an eighth of what is free")
+    for name, value, bound, note in (
+        ("firmware.interrupt", timing.interrupts[longest], _BYTE_CYCLES, longest),
+        ("firmware.wait", max(timing.longest_wait), _ROOM_CYCLES, f"lost: {sum(timing.lost)}"),
+        ("firmware.stack", timing.stack, _STACK, ""),
+    ):
+        if run.wants(name):
+            yield Row(name, [value], [bound], note=note)

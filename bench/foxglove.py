@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import struct
 import threading
@@ -10,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import Any
 
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
@@ -82,5 +84,6 @@ _BARE_CHANNELS = 5
 
 
 def _read(socket: Connection) -> None:
-    for _ in socket:
-        pass
+    with contextlib.suppress(ConnectionClosed):
+        for _ in socket:
+            pass

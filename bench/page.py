@@ -1,27 +1,25 @@
-"""Benchmark of display latency in a real browser, with and without the scene."""
+"""Display latency in a real browser, compared with the page without its scene."""
 
 from __future__ import annotations
 
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 
 from playwright.sync_api import Page, ViewportSize, sync_playwright
 
-from bench.bus import program
-from bench.table import Row, percentile
+from bench.programs import dashboard, mock, python
+from bench.table import Row, Run, quantiles
 from tests.support.browser import FLAGS, PATIENCE_MS, executable
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import decode_stamp
 
-_SECONDS, _SMALLEST_S = 8.0, 1.0
-_SETTLED_MS = 3000.0
+_SETTLED_MS = 1500.0
 _SIZE: ViewportSize = {"width": 1280, "height": 720}
 _LONGEST_S = "600"
-_TO_REACH_MS = 200.0
 _LEAST, _TRIES = 10, 8
 """Minimum number of states for a result, and maximum attempts."""
 _NOTES = """
@@ -44,50 +42,55 @@ window.WebSocket = class extends Plain {
 FRAME = ".viewport-frame"
 """Frame of the scene in the page."""
 HIDE = f"document.querySelector('{FRAME}').style.display = 'none'"
+SHOW = HIDE.replace("none", "block")
 
 
-def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure the page with and without viser's frame; the rest is our code."""
-    mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
-    page = [sys.executable, "-m", "tsd_dashboard", "--port", "0", "--until-eof"]
-    with program(mock) as endpoint, program([*page, "--connect", endpoint]) as url:
-        driver = [sys.executable, "-m", "bench.viewers", url, "1", _LONGEST_S, "drive"]
-        driving = subprocess.Popen(driver, stdout=subprocess.PIPE, text=True)
-        assert driving.stdout is not None
-        driving.stdout.readline()
-        try:
-            with_scene_ms, alone_ms = delays_ms(
-                endpoint, url, _SMALLEST_S if smallest else _SECONDS
-            )
-        finally:
-            driving.kill()
-            driving.wait()
-            driving.stdout.close()
-    for share in (0.5, 0.95):
-        comparison = f"without the scene {percentile(alone_ms, share):.0f} ms"
-        what = f"status to the screen of a browser, p{100 * share:.0f}"
-        yield Row(what, percentile(with_scene_ms, share), _TO_REACH_MS, "ms", comparison)
+def rows(run: Run) -> Iterator[Row]:
+    """Measure the page in turn with and without viser's canvas; the rest is our code."""
+    seconds = run.pick(3.0, 1.0)
+    with ExitStack() as stack:
+        endpoint = stack.enter_context(mock())
+        url = stack.enter_context(dashboard(endpoint))
+        _drive(stack, url)
+        sent_ms: dict[int, float] = {}
 
+        def on_status(sample: Sample) -> None:
+            sent_ms[decode_stamp(sample.attachment)[0]] = 1e3 * time.time()
 
-def delays_ms(endpoint: str, url: str, seconds: float) -> tuple[list[float], list[float]]:
-    """Return the latencies of states from the bus to the screen, with and without the scene."""
-    sent_ms: dict[int, float] = {}
-
-    def on_status(sample: Sample) -> None:
-        sent_ms[decode_stamp(sample.attachment)[0]] = 1e3 * time.time()
-
-    with Bus(client_config([endpoint])) as bus, sync_playwright() as playwright:
+        bus = stack.enter_context(Bus(client_config([endpoint])))
         bus.subscribe(topics.STATUS.key("tsd"), on_status)
-        browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
-        page = browser.new_page(viewport=_SIZE)
+        page = opened(stack)
         page.add_init_script(_NOTES)
         page.goto(url)
         wait_for_scene(page)
-        with_scene_ms = watch(page, sent_ms, seconds)
-        page.evaluate(HIDE)
-        alone_ms = watch(page, sent_ms, seconds)
-        browser.close()
-    return with_scene_ms, alone_ms
+
+        def measure(script: str) -> tuple[float, float]:
+            page.evaluate(script)
+            return quantiles(watch(page, sent_ms, seconds))
+
+        yield from run.alternate(
+            ["page.delay_p50", "page.delay_p90"],
+            lambda: measure(SHOW),
+            lambda: measure(HIDE),
+            rounds=3,
+        )
+
+
+def opened(stack: ExitStack) -> Page:
+    """Return an empty page of a browser."""
+    playwright = stack.enter_context(sync_playwright())
+    browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+    stack.callback(browser.close)
+    return browser.new_page(viewport=_SIZE)
+
+
+def _drive(stack: ExitStack, url: str) -> None:
+    """Keep the robot driving until the stack ends."""
+    command = python("bench.viewers", url, "1", _LONGEST_S, "drive")
+    driving = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+    stack.callback(driving.kill)
+    assert driving.stdout is not None
+    driving.stdout.readline()
 
 
 def wait_for_scene(page: Page) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 import os
 import sys
 import threading
@@ -18,7 +19,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import rich
 import zenoh
+from viser import ViserServer
 
 from tsd_twin import robots
 from tsd_twin.bus import client_config, node_config
@@ -44,7 +47,10 @@ def loop(tick: Callable[[int], None], period_s: float = PERIOD_S) -> None:
     def run() -> None:
         next_s, number = time.monotonic(), 0
         while True:
-            tick(number)
+            try:
+                tick(number)
+            except zenoh.ZError:  # The session ends with the process.
+                return
             number, next_s = number + 1, next_s + period_s
             time.sleep(max(0.0, next_s - time.monotonic()))
 
@@ -161,8 +167,25 @@ def ros(endpoint: str, router: str) -> None:
     kept.clear()
 
 
+def viser(nodes: str, hz: str) -> None:
+    """Serve a plain scene whose frames all move at a rate."""
+    rich.get_console().quiet = True  # viser prints to standard output.
+    server = ViserServer(host="127.0.0.1", port=0, verbose=False)
+    frames = [server.scene.add_frame(f"/w/{i}", show_axes=False) for i in range(int(nodes))]
+
+    def tick(number: int) -> None:
+        angle = 0.01 * number
+        for i, frame in enumerate(frames):
+            frame.position = (math.sin(angle), math.cos(angle), i)
+            frame.wxyz = (math.cos(angle), 0.0, 0.0, math.sin(angle))
+        server.flush()
+
+    loop(tick, 1.0 / float(hz))
+    ready(f"ws://127.0.0.1:{server.get_port()}")
+
+
 PEERS: dict[str, Callable[..., None]] = {
-    each.__name__: each for each in (node, subscriber, foxglove, ros)
+    each.__name__: each for each in (node, subscriber, foxglove, ros, viser)
 }
 
 if __name__ == "__main__":

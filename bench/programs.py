@@ -64,9 +64,22 @@ class Load:
         self.ms_per_s = 1000.0 * used_s / took_s
 
 
+class terminated(program):  # noqa: N801  It is used as a function.
+    """Process that ends with SIGTERM instead."""
+
+    def __exit__(self, *error: object) -> None:
+        self.process.terminate()
+        super().__exit__(*error)
+
+
+def python(name: str, *arguments: str) -> list[str]:
+    """Return the command of a module."""
+    return [sys.executable, "-m", name, *arguments]
+
+
 def tool(name: str, *arguments: str) -> program:
     """Return one of our programs, which ends with its standard input."""
-    return program([sys.executable, "-m", name, *arguments, "--until-eof"])
+    return program([*python(name, *arguments), "--until-eof"])
 
 
 def mock(*arguments: str) -> program:
@@ -81,7 +94,7 @@ def dashboard(endpoint: str, *arguments: str) -> program:
 
 def peer(name: str, *arguments: str) -> program:
     """Return a bare peer of `bench.peers`."""
-    return program([sys.executable, "-m", "bench.peers", name, *arguments])
+    return program(python("bench.peers", name, *arguments))
 
 
 def until(condition: Callable[[], bool], patience_s: float = 20.0) -> None:

@@ -1,4 +1,4 @@
-"""Benchmark of the start-up time of `tsd-demo`."""
+"""Start-up time of `tsd-demo`, compared with an interpreter that imports the libraries."""
 
 from __future__ import annotations
 
@@ -8,42 +8,27 @@ import tempfile
 import time
 from collections.abc import Iterator
 
-from bench.table import Row
+from bench.programs import tool
+from bench.table import Row, Run
+
+_IMPORTS = "import viser, zenoh, aiohttp, trimesh, rosbags.typesys"
 
 
-def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure `tsd-demo` on a warm install, compared with an interpreter with the same imports."""
-    demo_s = min(until_ready() for _ in range(1 if smallest else 3))
-    code = "import viser, zenoh, aiohttp, trimesh, rosbags.typesys"
-    start = time.perf_counter()
-    subprocess.run([sys.executable, "-c", code], check=True)
-    floor_s = time.perf_counter() - start
-    yield Row("tsd-demo ready", demo_s, 5.0, "s", f"importing the libraries alone {floor_s:.2f} s")
+def rows(run: Run) -> Iterator[Row]:
+    """Measure a warm install."""
+    yield from run.alternate(["start.demo"], demo_s, imports_s, rounds=3)
 
 
-def until_ready() -> float:
+def demo_s() -> list[float]:
     """Return the time until the demo is ready."""
-    start = time.perf_counter()
-    folder = tempfile.TemporaryDirectory()
-    demo = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "tsd_demo",
-            "--no-browser",
-            "--until-eof",
-            "--record-dir",
-            folder.name,
-        ],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert demo.stdout is not None
-    for line in demo.stdout:
-        if line.startswith("ready:"):
-            break
-    took_s = time.perf_counter() - start
-    demo.communicate(timeout=10)
-    folder.cleanup()
-    return took_s
+    with tempfile.TemporaryDirectory() as folder:
+        start_s = time.perf_counter()
+        with tool("tsd_demo", "--no-browser", "--record-dir", folder):
+            return [time.perf_counter() - start_s]
+
+
+def imports_s() -> list[float]:
+    """Return the time to import the libraries alone."""
+    start_s = time.perf_counter()
+    subprocess.run([sys.executable, "-c", _IMPORTS], check=True)
+    return [time.perf_counter() - start_s]

@@ -1,7 +1,7 @@
-"""Load generator for viewers: `python -m bench.viewers URL COUNT SECONDS [drive|watch]`.
+"""Load generator for viewers: `python -m bench.viewers URL COUNT SECONDS [drive|scene]`.
 
 Prints the received data of each viewer as JSON. With `drive`, the first viewer takes control and
-drives a circle.
+drives a circle. With `scene`, the address is that of a plain viser server.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ import msgspec
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from tests.support.viser_client import CAMERA
+from tests.support.viser_client import CAMERA, decoded
 
-_WARM_UP_S = 2.0
+_WARM_UP_S = 1.5
+_MOVES = ("SetPositionMessage", "SetOrientationMessage")
 
 
 class Tally:
@@ -31,17 +32,21 @@ class Tally:
         self.scene = 0
         self.teleop = 0
         self.frames = 0
+        self.moves = 0
         self.counting = False
+        self.decodes = False
 
 
 async def main(url: str, count: int, seconds: float, what: str) -> None:
     """Connect all viewers, wait until the robot drives, and count."""
     tallies = [Tally() for _ in range(count)]
+    tallies[0].decodes = count == 1
     driving = asyncio.Event()
-    tasks = [
-        asyncio.create_task(view(url, tally, driving, drives=what == "drive" and i == 0))
-        for i, tally in enumerate(tallies)
-    ]
+    if what == "scene":
+        views = [view_scene(url, tally, driving) for tally in tallies]
+    else:
+        views = [view(url, tally, driving, drives=i == 0) for i, tally in enumerate(tallies)]
+    tasks = [asyncio.create_task(each) for each in views]
     async with asyncio.timeout(60):
         await driving.wait()
     await asyncio.sleep(_WARM_UP_S)  # Exclude the initial scene of half a megabyte.
@@ -55,6 +60,7 @@ async def main(url: str, count: int, seconds: float, what: str) -> None:
         "scene_kB_s": max(tally.scene for tally in tallies) / took_s / 1000,
         "teleop_kB_s": max(tally.teleop for tally in tallies) / took_s / 1000,
         "frames_hz": min(tally.frames for tally in tallies) / took_s,
+        "moves_hz": tallies[0].moves / took_s,
     }
     print(json.dumps(result), flush=True)
     for task in tasks:
@@ -79,12 +85,23 @@ async def view(url: str, tally: Tally, driving: asyncio.Event, *, drives: bool) 
         await asyncio.gather(watch(scene, tally), operate(teleop, tally, driving, drives=drives))
 
 
+async def view_scene(url: str, tally: Tally, connected: asyncio.Event) -> None:
+    """Show the scene of a plain viser server."""
+    protocols = [Subprotocol("viser-v1.1.1")]
+    async with connect(url, subprotocols=protocols, compression=None, max_size=None) as scene:
+        await scene.send(msgspec.msgpack.encode(CAMERA))
+        connected.set()
+        await watch(scene, tally)
+
+
 async def watch(scene: ClientConnection, tally: Tally) -> None:
     """Count the data of the scene."""
     async for frame in scene:
         if tally.counting:
             tally.scene += len(frame)
             tally.frames += 1
+            if tally.decodes:
+                tally.moves += sum(each["type"] in _MOVES for each in decoded(frame))
 
 
 async def operate(
