@@ -1,6 +1,7 @@
-"""CPU load and disk usage of a recorder, and completeness of its files.
+"""Recorder compared with a bare subscriber, completeness of its files, and its effect on a robot.
 
-`python -m bench.recording --seconds 3600` takes an hour; `--kills 20` kills a recorder 20 times.
+`python -m bench.recording --seconds 3600` records for an hour and `--kills 20` kills a recorder 20
+times.
 """
 
 from __future__ import annotations
@@ -8,152 +9,130 @@ from __future__ import annotations
 import argparse
 import base64
 import contextlib
-import sys
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import zenoh
+import zstandard
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 import tsd_twin
-from bench.bus import client_commands, program
-from bench.idle import share_of_a_core, shares_of_a_core
-from bench.table import Row, percentile
+from bench.bus import client_commands
+from bench.programs import Load, dashboard, mock, peer, program, tool
+from bench.table import ROUNDS, Row, Run, percentile
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.recording.channels import RAW
+from tsd_twin.recording.recorder import FLUSH_S
 
-_SETTLE_S = 3.0
-_SECONDS = 20.0
-_SMALLEST_S = 0.5
-_KILLS = 5
-_COMMANDS = 300
-_TURNS = 3
-_FEW_COMMANDS = 20
+_SETTLE_S = 1.5
+_KILLS = 3
 _BEGUN_BYTES = 5000
 _LEG_S = 3.0
 """Duration of each velocity; every fifth is a rest."""
 _BEFORE_RESET_S = 1.0
 """A robot refuses to reset a stop that has just begun."""
 
-_FLOOR = """
-import sys
-from tsd_twin.bus import Bus, client_config, clients_of
-with Bus(clients_of(client_config([sys.argv[1]]), 3.0)[0]) as bus:
-    bus.subscribe("twin/**", lambda sample: None)
-    print("ready:", sys.argv[1], flush=True)
-    sys.stdin.read()
-"""
+
+def rows(run: Run) -> Iterator[Row]:
+    """Measure while a robot is driven; noise makes its data as hard to compress as real data."""
+    if run.wants("recording.cpu", "recording.size", "recording.puts"):
+        yield from measure(run, run.pick(3.0, 0.5))
+    if run.wants("recording.node", "recording.dashboard", "recording.command"):
+        yield from beside(run)
+    if run.wants("recording.lost"):
+        yield from kill(int(run.pick(_KILLS, 1)))
 
 
-def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure while a robot is driven; noise makes its data as hard to compress as real data.
-
-    The bare subscriber and the recorder listen to the same robot, one after the other.
-    """
-    settle_s, seconds = (_SMALLEST_S, _SMALLEST_S) if smallest else (_SETTLE_S, _SECONDS)
-    yield from measure(settle_s, seconds, seconds)
-    yield from beside(settle_s, seconds, smallest=smallest)
-    yield from kill(1 if smallest else _KILLS)
-
-
-def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
-    """Measure a bare subscriber, then a recorder for `seconds`, each together with a dashboard."""
-    mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
-    with (
-        mock as endpoint,
-        tempfile.TemporaryDirectory() as folder,
-        program([*_run("tsd_dashboard"), "--port", "0", "--connect", endpoint]),
-        _driven(endpoint) as driven,
-    ):
-        bare = program([sys.executable, "-c", _FLOOR, endpoint])
-        with bare:
-            floor = share_of_a_core(bare.process.pid, settle_s, floor_s)
-        recorder = program([*_run("tsd_record"), "--connect", endpoint, "--dir", folder])
-        with recorder:
-            time.sleep(settle_s)
-            puts = _Puts(endpoint)
-            before, start_s = _size_mb(folder), time.monotonic()
-            load = share_of_a_core(recorder.process.pid, 0.0, seconds)
-            minutes = (time.monotonic() - start_s) / 60.0
-            grown_mb = _size_mb(folder) - before
+def measure(run: Run, seconds: float, rounds: int = ROUNDS) -> Iterator[Row]:
+    """Compare a recorder with a bare subscriber, and its files with the puts on the bus."""
+    with ExitStack() as stack:
+        endpoint = stack.enter_context(mock("--noise", "1"))
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        stack.enter_context(dashboard(endpoint))
+        stack.enter_context(_driven(endpoint))
+        bare = peer("subscriber", endpoint)
+        stack.enter_context(bare)
+        with recorder(endpoint, folder) as measured:
+            time.sleep(_SETTLE_S)
+            puts, before_bytes = _Puts(endpoint), _size(folder)
+            yield from run.alternate(
+                ["recording.cpu"],
+                lambda: [measured.load(seconds)],
+                lambda: [bare.load(seconds)],
+                rounds=rounds,
+            )
             puts.close()
-            time.sleep(settle_s)  # The recorder may receive a put later than the subscriber.
+            time.sleep(_SETTLE_S)  # The recorder may receive a put later than the subscriber.
+            size = _size(folder) - before_bytes
         counted, missing, where = puts.total, *puts.missing_in(Path(folder))
-    yield Row("recorder of one robot, of one core", load, 6.0, "%", f"subscriber {floor:.1f} %")
-    about = f"{grown_mb:.1f} MB in {minutes:.1f} min, {driven.stops} stops"
-    yield Row("recording of one robot that drives", grown_mb / minutes, 2.5, "MB/min", about)
-    recorded = 100.0 * (1.0 - missing / max(counted, 1))
-    about = f"{missing} of {counted} counted by bare Zenoh are missing{where}"
-    yield Row("puts of the bus that are on record", recorded, 100.0, "%", about, at_least=True)
+    yield Row("recording.size", [1e-6 * size], [1e-6 * puts.compressed])
+    yield Row("recording.puts", [counted - missing], [counted], note=f"{missing} missing{where}")
 
 
-def beside(settle_s: float, seconds: float, *, smallest: bool = False) -> Iterator[Row]:
-    """Measure node, dashboard and commands, alternating without and with a recorder."""
-    count, turns = (_FEW_COMMANDS, 1) if smallest else (_COMMANDS, _TURNS)
-    mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
-    with mock as endpoint, tempfile.TemporaryDirectory() as folder:
-        dashboard = program([*_run("tsd_dashboard"), "--port", "0", "--connect", endpoint])
-        with dashboard:
-            pids = mock.process.pid, dashboard.process.pid
-
-            def once() -> list[float]:
-                with _driven(endpoint):
-                    loads = shares_of_a_core(pids, settle_s, seconds)
-                with Bus(client_config([endpoint])) as bus:
-                    return [*loads, percentile(client_commands(bus, endpoint, count), 0.5)]
-
-            without, during = [once()], list[list[float]]()
-            for _ in range(turns):  # Start and end without a recorder, because a machine warms up.
-                with program([*_run("tsd_record"), "--connect", endpoint, "--dir", folder]):
-                    during.append(once())
-                without.append(once())
-    names = "node", "dashboard"
-    for name, beside_one, alone in zip(names, _columns(during), _columns(without), strict=False):
-        about = f"medians; without one {_spread(alone, 1)} %, beside one {_spread(beside_one, 1)} %"
-        limit = max(1.1 * float(np.median(alone)), max(alone))
-        yield Row(f"{name} beside a recorder", float(np.median(beside_one)), limit, "%", about)
-    delays_ms, alone_ms = _columns(during)[2], _columns(without)[2]
-    about = f"without one {_spread(alone_ms, 2)} ms, beside one {_spread(delays_ms, 2)} ms"
-    limit_ms = max(alone_ms) + 1.0
-    name = "set_velocity to set-point beside a recorder, p50"
-    yield Row(name, float(np.median(delays_ms)), limit_ms, "ms", about)
+@contextlib.contextmanager
+def recorder(endpoint: str, folder: str) -> Generator[program]:
+    """Run a recorder."""
+    measured = tool("tsd_record", "--connect", endpoint, "--dir", folder)
+    with measured:
+        yield measured
 
 
-def _columns(turns: list[list[float]]) -> list[list[float]]:
-    return [list(column) for column in zip(*turns, strict=True)]
+def beside(run: Run) -> Iterator[Row]:
+    """Measure node, dashboard and commands in turn with and without a recorder."""
+    count, seconds = int(run.pick(60, 10)), run.pick(2.0, 0.5)
+    node = mock("--noise", "1")
+    with ExitStack() as stack:
+        endpoint = stack.enter_context(node)
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        page = dashboard(endpoint)
+        stack.enter_context(page)
+        bus = stack.enter_context(Bus(client_config([endpoint])))
 
+        def alone() -> tuple[float, float, float]:
+            time.sleep(0.5)
+            with _driven(endpoint), Load(node) as of_node, Load(page) as of_page:
+                time.sleep(seconds)
+            delay_ms = percentile(client_commands(bus, endpoint, count), 0.5)
+            return of_node.ms_per_s, of_page.ms_per_s, delay_ms
 
-def _spread(values: list[float], digits: int) -> str:
-    return f"{np.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
+        def with_one() -> tuple[float, float, float]:
+            with recorder(endpoint, folder):
+                return alone()
+
+        names = ["recording.node", "recording.dashboard", "recording.command"]
+        yield from run.alternate(names, with_one, alone, rounds=3)
 
 
 def kill(count: int) -> Iterator[Row]:
     """Kill recorders at random moments, and measure the loss with third-party readers."""
-    mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
     chance, killed_ns = np.random.default_rng(1), dict[Path, int]()
-    with mock as endpoint, tempfile.TemporaryDirectory() as folder, _driven(endpoint):
-        record = [*_run("tsd_record"), "--connect", endpoint, "--dir", folder]
+    with (
+        mock("--noise", "1") as endpoint,
+        tempfile.TemporaryDirectory() as folder,
+        _driven(endpoint),
+    ):
         for _ in range(count):
-            recorder = program(record)
-            with recorder as path:
+            measured = tool("tsd_record", "--connect", endpoint, "--dir", folder)
+            with measured as path:
                 while Path(path).stat().st_size < _BEGUN_BYTES:
                     time.sleep(0.05)
                 time.sleep(chance.uniform(0.0, 1.0))
                 killed_ns[Path(path)] = time.time_ns()
-                recorder.process.kill()
-        with program(record):
+                measured.process.kill()
+        with recorder(endpoint, folder):
             pass  # The recorder repairs the files.
         lost_s = [1e-9 * (at_ns - _last_state_ns(path)) for path, at_ns in killed_ns.items()]
-    about = f"{count} kills, median {np.median(lost_s):.2f} s; read by mcap and rosbags"
-    yield Row("lost by kill -9 of a recorder, worst", max(lost_s), 1.0, "s", about)
+    note = f"{count} kills, median {np.median(lost_s):.2f} s; read by mcap and rosbags"
+    yield Row("recording.lost", [max(lost_s)], [FLUSH_S], note=note)
 
 
 def _last_state_ns(path: Path) -> int:
@@ -172,12 +151,8 @@ def _last_state_ns(path: Path) -> int:
     return max(times_ns)
 
 
-def _run(name: str) -> list[str]:
-    return [sys.executable, "-m", name, "--until-eof"]
-
-
-def _size_mb(folder: str) -> float:
-    return sum(path.stat().st_size for path in Path(folder).iterdir()) / 1e6
+def _size(folder: str) -> int:
+    return sum(path.stat().st_size for path in Path(folder).iterdir())
 
 
 class _Puts:
@@ -188,6 +163,10 @@ class _Puts:
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", f'["{endpoint}"]')
         config.insert_json5("scouting/multicast/enabled", "false")
+        self.compressed = 0
+        """Size of all payloads as one compressed stream per second, bytes: a lower bound."""
+        self._pending: list[bytes] = []
+        self._pending_s = time.monotonic()
         self._seen: Counter[tuple[str, int]] = Counter()
         self._at_s: dict[tuple[str, int], float] = {}
         self._start_s = time.monotonic()
@@ -234,6 +213,10 @@ class _Puts:
         if sample.kind == zenoh.SampleKind.PUT:
             put = str(sample.key_expr), hash(sample.payload.to_bytes())
             self._seen[put] += 1
+            self._pending.append(sample.payload.to_bytes())
+            if time.monotonic() - self._pending_s > FLUSH_S:
+                self.compressed += len(zstandard.compress(b"".join(self._pending)))
+                self._pending, self._pending_s = [], time.monotonic()
             self._at_s[put] = time.monotonic() - self._start_s
 
 
@@ -244,8 +227,6 @@ class _driven:  # noqa: N801  It is used as a function.
         self._endpoint = endpoint
         self._stop, self._drives = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._drive)
-        self.stops = 0
-        """Number of automatic stops, which occur on a busy machine."""
 
     def __enter__(self) -> _driven:
         self._thread.start()
@@ -271,7 +252,6 @@ class _driven:  # noqa: N801  It is used as a function.
                     self._drives.set()
                     self._legs(robot, base, random)
                 if not self._stop.is_set():
-                    self.stops += 1
                     robot.sleep(_BEFORE_RESET_S)
 
     def _legs(
@@ -298,7 +278,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=3600.0)
     parser.add_argument("--kills", type=int, default=0)
     args = parser.parse_args()
-    for row in kill(args.kills) if args.kills else measure(_SETTLE_S, _SECONDS, args.seconds):
+    rows = kill(args.kills) if args.kills else measure(Run(), args.seconds, rounds=1)
+    for row in rows:
         print(row, flush=True)
 
 

@@ -1,24 +1,25 @@
-"""Seeking in a recording of an hour: time until a robot's state is available, and memory."""
+"""Seeking in a recording of half an hour, compared with the mcap library, and memory."""
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import secrets
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 import psutil
+from mcap.reader import make_reader
 from websockets.sync.client import connect
 
-from bench.bus import program
-from bench.table import Row, percentile
+from bench.programs import dashboard, mock
+from bench.table import Row, Run, quantiles
 from tsd_twin import robots
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import JointState, Odometry, encode_joints, encode_odometry
@@ -34,72 +35,103 @@ _CHUNK = 20
 """Periods per chunk, as the recorder flushes."""
 _EVENT_EVERY = 1500
 _LIMITS = LimitStatus(1.0, 3.0, 0.25)
-_SEEKS = 500
 _PAGES = 5
 _BETWEEN_S = 0.05
 """Seek period of a page while its cursor is dragged."""
 _PATIENCE_S = 30.0
 
 
-def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure 500 random seeks in a file written by the recorder's writer, in virtual time."""
-    seconds, seeks = (20, 20) if smallest else (3600, _SEEKS)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "hour.mcap"
+def rows(run: Run) -> Iterator[Row]:
+    """Measure random seeks in a file written by the recorder's writer, in virtual time."""
+    seconds, seeks = int(run.pick(1800, 20)), int(run.pick(40, 10))
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        path = Path(folder) / "long.mcap"
         write(path, seconds)
-        start_s = time.perf_counter()
-        player = Player(path)
-        opened_s = time.perf_counter() - start_s
-        events = player.reader.events()
-        random, process = np.random.default_rng(1), psutil.Process()
-        times_s = random.uniform(0.0, player.duration_s, size=2 * seeks)
-        for t_s in times_s[:seeks]:
-            player.seek(float(t_s))
-        before = process.memory_info().rss
-        taken_ms = [_seek_ms(player, float(t_s)) for t_s in times_s[seeks:]]
-        grown_mb = (process.memory_info().rss - before) / 1e6
-        player.close()
-        size_mb = path.stat().st_size / 1e6
-        in_page = list(_page_rows(Path(folder), seeks))
-    about = f"{size_mb:.0f} MB, {len(events)} events"
-    median = f"median {percentile(taken_ms, 0.5):.1f} ms"
-    yield Row("seek in an hour, 95th percentile", percentile(taken_ms, 0.95), 100.0, "ms", median)
-    yield Row("recording of an hour, opened", 1000.0 * opened_s, 1000.0, "ms", about)
-    yield Row("memory after as many seeks again", grown_mb, 10.0, "MB", f"{seeks} seeks")
-    yield from in_page
+        yield from run.alternate(
+            ["seek.open"], lambda: [_open_ms(path)], lambda: [_summary_ms(path)]
+        )
+        random, player = np.random.default_rng(1), Player(path)
+        stack.callback(player.close)
+
+        def times_s() -> list[float]:
+            return random.uniform(1.0, seconds - 1.0, size=seeks).round(3).tolist()
+
+        def seek_all() -> tuple[float, float]:
+            return quantiles([_elapsed_ms(partial(player.seek, t_s)) for t_s in times_s()])
+
+        def read_all() -> tuple[float, float]:
+            return quantiles([_elapsed_ms(partial(_read, path, t_s)) for t_s in times_s()])
+
+        yield from run.alternate(["seek.player_p50", "seek.player_p90"], seek_all, read_all)
+        if run.wants("seek.memory"):
+            yield _memory("seek.memory", psutil.Process(), seek_all)
+        if run.wants("seek.page_p50", "seek.page_p90", "seek.page_memory"):
+            served = dashboard(stack.enter_context(mock()), "--record-dir", folder)
+            url = stack.enter_context(served)
+            pages = [RecordedPage(url, stack) for _ in range(_PAGES)]
+
+            def seek_page() -> tuple[float, float]:
+                return quantiles([pages[0].seek_ms(t_s) for t_s in times_s()])
+
+            def seek_pages() -> None:
+                for number, t_s in enumerate(times_s()):
+                    pages[number % len(pages)].seek_ms(t_s)
+
+            yield from run.alternate(
+                ["seek.page_p50", "seek.page_p90"], seek_page, seek_all, rounds=3
+            )
+            if run.wants("seek.page_memory"):
+                yield _memory("seek.page_memory", psutil.Process(served.process.pid), seek_pages)
 
 
-def _page_rows(folder: Path, seeks: int) -> Iterator[Row]:
-    """Seek in the sockets of five pages, first in one page and then in turn."""
-    run = [sys.executable, "-m"]
-    page = [*run, "tsd_dashboard", "--port", "0", "--until-eof", "--record-dir", str(folder)]
-    with program([*run, "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]) as endpoint:
-        dashboard = program([*page, "--connect", endpoint])
-        with dashboard as url, contextlib.ExitStack() as open_pages:
-            pages = [RecordedPage(url, open_pages) for _ in range(_PAGES)]
-            process, random = psutil.Process(dashboard.process.pid), np.random.default_rng(2)
-            times_s = random.uniform(1.0, pages[0].duration_s, size=(3, seeks)).round(3).tolist()
-            taken_ms = [pages[0].seek_ms(t_s) for t_s in times_s[0]]
-            # In turn as below, so that the caches of all pages are full at the same time.
-            for number, t_s in enumerate(times_s[1]):
-                pages[number % len(pages)].seek_ms(t_s)
-            before = process.memory_info().rss
-            for number, t_s in enumerate([*times_s[2], *times_s[0]]):
-                pages[number % len(pages)].seek_ms(t_s)
-            grown_mb = (process.memory_info().rss - before) / 1e6
-            size_mb = process.memory_info().rss / 1e6
-    about = f"median {percentile(taken_ms, 0.5):.0f}, worst {max(taken_ms):.0f} ms; {_PAGES} pages"
-    what = "seek in an hour to the state in the page's socket, p95"
-    yield Row(what, percentile(taken_ms, 0.95), 100.0, "ms", about)
-    about = f"{2 * seeks} seeks of {_PAGES} pages; {size_mb:.0f} MB in all"
-    yield Row("memory of the dashboard after more seeks", grown_mb, 10.0, "MB", about)
+def _memory(name: str, process: psutil.Process, seek: Callable[[], object]) -> Row:
+    """Compare the memory after many seeks with that after the first ones, which fill caches."""
+    sizes_mb: list[float] = []
+    for repeats in (2, 4):
+        for _ in range(repeats):
+            seek()
+        sizes_mb.append(1e-6 * process.memory_info().rss)
+    return Row(name, sizes_mb[1:], sizes_mb[:1])
+
+
+def _open_ms(path: Path) -> float:
+    def call() -> None:
+        Player(path).close()
+
+    return _elapsed_ms(call)
+
+
+def _summary_ms(path: Path) -> float:
+    """Return the time in which the mcap library reads the summary."""
+
+    def call() -> None:
+        with path.open("rb") as file:
+            make_reader(file).get_summary()
+
+    return _elapsed_ms(call)
+
+
+def _read(path: Path, t_s: float) -> None:
+    """Read the messages of the last flush before a time with the mcap library."""
+    end_ns = START_NS + round(1e9 * t_s)
+    with path.open("rb") as file:
+        for _ in make_reader(file).iter_messages(
+            start_time=end_ns - _CHUNK * _PERIOD_NS, end_time=end_ns
+        ):
+            pass
+
+
+def _elapsed_ms(call: Callable[[], object]) -> float:
+    start_s = time.perf_counter()
+    call()
+    return 1000.0 * (time.perf_counter() - start_s)
 
 
 class RecordedPage:
-    """Page that shows the recording of an hour, without a browser."""
+    """Page that shows the recording, without a browser."""
 
-    def __init__(self, url: str, stack: contextlib.ExitStack) -> None:
-        address = f"{url.replace('http://', 'ws://')}teleop?recording=hour.mcap&page="
+    def __init__(self, url: str, stack: ExitStack) -> None:
+        address = f"{url.replace('http://', 'ws://')}teleop?recording=long.mcap&page="
         self._socket = stack.enter_context(connect(address + secrets.token_hex(8), max_size=None))
         self.duration_s = float(
             self._until(lambda message: message["t"] == "timeline")["duration_s"]
@@ -128,12 +160,6 @@ class RecordedPage:
                 self._socket.send(msgspec.json.encode(beat).decode())
             if condition(message):
                 return message
-
-
-def _seek_ms(player: Player, t_s: float) -> float:
-    start_s = time.perf_counter()
-    player.seek(t_s)
-    return 1000.0 * (time.perf_counter() - start_s)
 
 
 def write(path: Path, seconds: int) -> None:

@@ -18,8 +18,8 @@ from dataclasses import dataclass, field
 
 import psutil
 
-from bench.bus import program
-from bench.table import Row
+from bench.programs import dashboard as dashboard_program
+from bench.programs import mock as mock_program
 from bench.visits import drivers, visit, visitors
 
 HALF_AN_HOUR_S = 1800.0
@@ -41,6 +41,28 @@ class CutShortError(Exception):
     """Raised if the soak cannot continue; contains the reason."""
 
 
+@dataclass(frozen=True)
+class Row:
+    """Requirement with its measured value."""
+
+    what: str
+    measured: float
+    limit: float
+    unit: str
+    comparison: str
+    at_least: bool = False
+
+    @property
+    def met(self) -> bool:
+        """Whether the limit is met."""
+        return self.measured >= self.limit if self.at_least else self.measured <= self.limit
+
+    def __str__(self) -> str:
+        word, verdict = ">=" if self.at_least else "<=", "ok  " if self.met else "MISS"
+        limit = f"{word} {self.limit:>6.3g} {self.unit:<3}"
+        return f"{self.what:<40} {self.measured:>7.3g} {limit}  {verdict}  {self.comparison}"
+
+
 @dataclass
 class Record:
     """Measurements of a soak run."""
@@ -58,11 +80,9 @@ def main() -> None:
     seconds: float = parser.parse_args().seconds
     if not seconds >= SHORTEST_S:
         parser.error(f"{seconds:g} s are too few, {SHORTEST_S:g} are the least")
-    run = [sys.executable, "-m"]
-    mock = program([*run, "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"])
+    mock = mock_program()
     with mock as endpoint:
-        page = [*run, "tsd_dashboard", "--port", "0", "--until-eof", "--connect", endpoint]
-        dashboard = program(page)
+        dashboard = dashboard_program(endpoint)
         with dashboard as url:
             processes = {"tsd-mock": mock.process, "tsd-dashboard": dashboard.process}
             pids = ", ".join(f"{name} is {process.pid}" for name, process in processes.items())

@@ -62,4 +62,20 @@ TARGETS: dict[str, Target] = {
     "plots.browser": Target(4, "browser, 8 plots of 10 min", "View tab", _CPU),
     "plots.dashboard": Target(1.3, "dashboard, 8 plots", "View tab", _CPU),
     "start.demo": Target(3, "tsd-demo ready", "imports", "s"),
+    "recording.cpu": Target(4, "recorder", "bare subscriber", _CPU),
+    "recording.size": Target(1.5, "file", "payloads as one zstd stream", "MB"),
+    "recording.puts": Target(
+        1, "puts on record", "counted by bare Zenoh", "", "none may be lost", at_least=True
+    ),
+    "recording.node": Target(1.1, "node beside a recorder", "alone", _CPU),
+    "recording.dashboard": Target(1.1, "dashboard beside a recorder", "alone", _CPU),
+    "recording.command": Target(1.2, "set_velocity beside a recorder", "alone", "ms"),
+    "recording.lost": Target(2.5, "worst loss by kill -9", "flush period", "s", "period of 0.4 s"),
+    "seek.open": Target(4, "recording opened", "mcap summary", "ms"),
+    "seek.player_p50": Target(4, "seek", "mcap reads 0.4 s", "ms"),
+    "seek.player_p90": Target(4, "seek", "mcap reads 0.4 s", "ms"),
+    "seek.memory": Target(1.05, "player after more seeks", "before", "MB"),
+    "seek.page_p50": Target(3, "seek to state in the page's socket", "player alone", "ms"),
+    "seek.page_p90": Target(3, "seek to state in the page's socket", "player alone", "ms"),
+    "seek.page_memory": Target(1.05, "dashboard after more seeks", "before", "MB"),
 }
