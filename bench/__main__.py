@@ -25,7 +25,7 @@ EXAMPLES = f"""examples:
   make bench ARGS="simulation --json a.json"      also write all values to a file
   python -m bench --compare a.json b.json         compare two machines row by row
 
-~ marks a provisional target. 'held' is the fraction of time that processes waited for a core.
+~ marks a provisional target. 'held' is the time that other processes withheld, as\na fraction of the time that the measured ones were ready to run; over {100 * MAX_WITHHELD:.0f} %, a row is not judged.
 
 parts: {", ".join(PARTS)}
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import statistics
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
@@ -18,6 +19,7 @@ _PRESSURE = Path("/proc/pressure/cpu")
 def speed_ms() -> dict[str, float]:
     """Return the times of two fixed computations, in pure Python and in numpy, ms of CPU time."""
     matrix = np.random.default_rng(0).normal(size=(_SIZE, _SIZE))
+    ones = np.ones(_SIZE)
 
     def python() -> None:
         total = 0
@@ -26,13 +28,12 @@ def speed_ms() -> dict[str, float]:
 
     def array() -> None:
         for _ in range(200):
-            np.sin(matrix) @ np.ones(_SIZE)
+            np.dot(np.sin(matrix), ones)
 
     return {"python_ms": _median_ms(python), "numpy_ms": _median_ms(array)}
 
 
-def _median_ms(compute: object) -> float:
-    assert callable(compute)
+def _median_ms(compute: Callable[[], None]) -> float:
     times_s: list[float] = []
     for _ in range(5):
         start_s = time.thread_time()
@@ -42,16 +43,18 @@ def _median_ms(compute: object) -> float:
 
 
 class Withheld:
-    """Fraction of the time ready to run that this process and its children waited for a core.
+    """Fraction of the time ready to run that other processes withheld from this one's tree.
 
-    Counts the run delay of all threads in `/proc/*/task/*/schedstat`, and the time stolen from a
-    virtual machine. Use it as a context manager and read `fraction` afterwards.
+    The run delay of all threads in `/proc/*/task/*/schedstat` is the time that they waited for a
+    core. Part of it is caused by the measured processes themselves, so it counts in proportion to
+    the CPU time that others used, including time stolen from a virtual machine. Use it as a context
+    manager and read `fraction` afterwards.
     """
 
     fraction = 0.0
 
     def __enter__(self) -> Self:
-        self._before, self._steal = _threads_ns(), _steal()
+        self._before, self._busy_s = _threads_ns(), _busy_s()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -60,9 +63,9 @@ class Withheld:
             before_run_ns, before_delay_ns = self._before.get(thread, (0, 0))
             ran_ns += run_ns - before_run_ns
             waited_ns += delay_ns - before_delay_ns
-        stolen = [end - start for start, end in zip(self._steal, _steal(), strict=True)]
-        of_thread = waited_ns / max(ran_ns + waited_ns, 1)
-        self.fraction = max(of_thread, stolen[0] / max(sum(stolen), 1e-9))
+        busy_s = _busy_s() - self._busy_s
+        others = max(0.0, 1.0 - 1e-9 * ran_ns / busy_s) if busy_s else 0.0
+        self.fraction = others * waited_ns / max(ran_ns + waited_ns, 1)
 
 
 def _threads_ns() -> dict[str, tuple[int, int]]:
@@ -79,10 +82,10 @@ def _threads_ns() -> dict[str, tuple[int, int]]:
     return found
 
 
-def _steal() -> tuple[float, float]:
-    """Return the seconds stolen from this virtual machine, and those that it was busy."""
+def _busy_s() -> float:
+    """Return the CPU time of all processes, with the time stolen from a virtual machine, s."""
     times = psutil.cpu_times()
-    return getattr(times, "steal", 0.0), times.user + times.system
+    return times.user + times.nice + times.system + getattr(times, "steal", 0.0)
 
 
 def pressure_s() -> float:

@@ -13,7 +13,7 @@ from typing import Any
 from bench.machine import Withheld
 from bench.targets import TARGETS, Target
 
-MAX_WITHHELD = 0.35
+MAX_WITHHELD = 0.15
 """Fraction of withheld time, in either half, above which a row is not judged."""
 MAX_DIFFERENCE = 0.15
 """Difference between two machines above which `--compare` marks a row."""

@@ -100,7 +100,7 @@ async def watch(scene: ClientConnection, tally: Tally) -> None:
         if tally.counting:
             tally.scene += len(frame)
             tally.frames += 1
-            if tally.decodes:
+            if tally.decodes and isinstance(frame, bytes):
                 tally.moves += sum(each["type"] in _MOVES for each in decoded(frame))
 
 
