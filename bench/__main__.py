@@ -25,7 +25,8 @@ EXAMPLES = f"""examples:
   make bench ARGS="simulation --json a.json"      also write all values to a file
   python -m bench --compare a.json b.json         compare two machines row by row
 
-~ marks a provisional target. 'held' is the time that other processes withheld, as\na fraction of the time that the measured ones were ready to run; over {100 * MAX_WITHHELD:.0f} %, a row is not judged.
+~ marks a provisional target. 'held' is the time that other processes withheld, as a fraction
+of the time that the measured ones were ready to run; rows above {100 * MAX_WITHHELD:.0f} % are not judged.
 
 parts: {", ".join(PARTS)}
 """
@@ -99,7 +100,7 @@ def _conclude(verdicts: list[str]) -> None:
 def _give_up(reason: str) -> None:
     print(
         f"The machine was too busy to measure: {reason}. Other processes held back those measured "
-        f"for over {100 * MAX_WITHHELD:.0f} % of the time. End them and repeat the run.",
+        f"for over {100 * MAX_WITHHELD:.0f} % of the time. End them and repeat.",
         file=sys.stderr,
     )
     sys.exit(OVERLOADED)

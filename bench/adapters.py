@@ -30,7 +30,7 @@ def adapter_rows(
 
     `buses` are those of the simulated robot and of the bare loop that they drive.
     """
-    count = int(run.pick(60, 10))
+    count = int(run.pick(40, 10))
     ours, theirs = watch_setpoint(buses[0]), threading.Event()
     buses[1].subscribe(peers.SETPOINT, lambda _sample: theirs.set())
 

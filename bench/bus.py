@@ -28,7 +28,7 @@ Latencies = Callable[[], tuple[float, float]]
 
 def rows(run: Run) -> Iterator[Row]:
     """Measure at 50 Hz, the rate of a page; each value is a median or a 90th percentile."""
-    count = int(run.pick(60, 10))
+    count = int(run.pick(40, 10))
     with ExitStack() as stack:
         endpoint, bare_endpoint = (stack.enter_context(each) for each in (mock(), peer("node")))
         robot, bare = (stack.enter_context(Bus(client_config([each])))

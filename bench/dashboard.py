@@ -35,7 +35,7 @@ def rows(run: Run) -> Iterator[Row]:
 
     The plain server moves as many nodes as often as the dashboard does for one viewer.
     """
-    seconds = run.pick(3.0, 1.0)
+    seconds = run.pick(2.0, 1.0)
     names = ["dashboard.cpu_1", "dashboard.cpu_20", "dashboard.bytes"]
     if run.wants(*names):
         sent = driven(1, seconds)[1]

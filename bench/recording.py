@@ -88,7 +88,7 @@ def recorder(endpoint: str, folder: str) -> Generator[program]:
 
 def beside(run: Run) -> Iterator[Row]:
     """Measure node, dashboard and commands in turn with and without a recorder."""
-    count, seconds = int(run.pick(60, 10)), run.pick(2.0, 0.5)
+    count, seconds = int(run.pick(40, 10)), run.pick(1.5, 0.5)
     node = mock("--noise", "1")
     with ExitStack() as stack:
         endpoint = stack.enter_context(node)

@@ -1,4 +1,4 @@
-"""Seeking in a recording of half an hour, compared with the mcap library, and memory."""
+"""Seeking in a recording of a quarter of an hour, compared with the mcap library, and memory."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _PATIENCE_S = 30.0
 
 def rows(run: Run) -> Iterator[Row]:
     """Measure random seeks in a file written by the recorder's writer, in virtual time."""
-    seconds, seeks = int(run.pick(1800, 20)), int(run.pick(40, 10))
+    seconds, seeks = int(run.pick(900, 20)), int(run.pick(20, 10))
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         path = Path(folder) / "long.mcap"
         write(path, seconds)
