@@ -52,7 +52,7 @@ web: .venv/.web ## Build the page after a change in web/, to its messages or to 
 	$(BIN)/python -m tsd_twin.dashboard.wire.typescript
 	cd web && $(NODE) $(JS)/vite/bin/vite.js build
 
-bench: .venv/.dev ## Measure speed and memory against peers in the same run
+bench: .venv/.dev ## Measure ratios to peers in the same run; ARGS=bus is one part, ARGS=--help
 	$(BIN)/python -m bench $(ARGS)
 
 attack: .venv/.dev ## Attack live processes and compare with what is promised; ARGS=commands is one part

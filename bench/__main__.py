@@ -26,7 +26,7 @@ EXAMPLES = f"""examples:
   python -m bench --compare a.json b.json         compare two machines row by row
 
 ~ marks a provisional target. 'held' is the time that other processes withheld, as a fraction
-of the time that the measured ones were ready to run; rows above {100 * MAX_WITHHELD:.0f} % are not judged.
+of the time for which the measured ones were ready. Above {100 * MAX_WITHHELD:.0f} %, a row is not judged.
 
 parts: {", ".join(PARTS)}
 """
