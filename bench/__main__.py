@@ -26,7 +26,7 @@ EXAMPLES = f"""examples:
   python -m bench --compare a.json b.json         compare two machines row by row
 
 ~ marks a provisional target. 'held' is the time that other processes withheld, as a fraction
-of the time for which the measured ones were ready. Above {100 * MAX_WITHHELD:.0f} %, a row is not judged.
+of the time for which the measured ones were ready. A row above {MAX_WITHHELD:.0%} is not judged.
 
 parts: {", ".join(PARTS)}
 """

@@ -43,17 +43,20 @@ def _part(name: str) -> str:
     return name.partition(".")[0]
 
 
+@pytest.mark.system
 def test_a_single_row_is_chosen_by_name() -> None:
     done = bench("--smallest", NAME)
     assert re.findall(r"^kinematics\.\w+", done.stdout, re.MULTILINE) == [NAME]
 
 
+@pytest.mark.system
 def test_an_unknown_row_is_refused_with_the_known_ones() -> None:
     done = bench("kinematics.twice")
     assert done.returncode == 2
     assert NAME in done.stderr
 
 
+@pytest.mark.system
 def test_help_has_examples() -> None:
     assert "examples:" in bench("--help").stdout
 
@@ -81,6 +84,7 @@ def test_subject_and_peer_alternate() -> None:
     assert row.ratios == [1 / 2, 3 / 4, 5 / 6]
 
 
+@pytest.mark.system
 def test_ratios_of_two_machines_agree_within_15_percent(tmp_path: Path) -> None:
     files = [tmp_path / name for name in ("first.json", "second.json", "third.json")]
     for file, ratio in zip(files, (1.0, 1.14, 1.32), strict=True):
