@@ -54,25 +54,39 @@ class Withheld:
     fraction = 0.0
 
     def __enter__(self) -> Self:
-        self._before, self._busy_s = _threads_ns(), _busy_s()
+        _ENDED.clear()
+        self._before, self._busy_s, self._own_s = _threads_ns(), _busy_s(), _own_s()
         return self
 
     def __exit__(self, *_: object) -> None:
         ran_ns = waited_ns = 0
-        for thread, (run_ns, delay_ns) in _threads_ns().items():
+        for thread, (run_ns, delay_ns) in (_ENDED | _threads_ns()).items():
             before_run_ns, before_delay_ns = self._before.get(thread, (0, 0))
             ran_ns += run_ns - before_run_ns
             waited_ns += delay_ns - before_delay_ns
         busy_s = _busy_s() - self._busy_s
-        others = max(0.0, 1.0 - 1e-9 * ran_ns / busy_s) if busy_s else 0.0
+        others = max(0.0, 1.0 - (_own_s() - self._own_s) / busy_s) if busy_s else 0.0
         self.fraction = others * waited_ns / max(ran_ns + waited_ns, 1)
 
 
-def _threads_ns() -> dict[str, tuple[int, int]]:
-    """Return CPU time and run delay of all threads of this process and its children."""
+_ENDED: dict[str, tuple[int, int]] = {}
+"""CPU time and run delay of threads that ended since the start of the current measurement."""
+
+
+def keep(pid: int) -> None:
+    """Keep the times of a process that is about to end for the current measurement."""
+    _ENDED.update(_threads_ns(pid))
+
+
+def _threads_ns(pid: int | None = None) -> dict[str, tuple[int, int]]:
+    """Return CPU time and run delay of all threads of a process and its children, or of this."""
     found: dict[str, tuple[int, int]] = {}
-    ours = psutil.Process()
-    for process in (ours, *ours.children(recursive=True)):
+    try:
+        first = psutil.Process(pid)
+        processes = [first, *first.children(recursive=True)]
+    except psutil.NoSuchProcess:
+        return found
+    for process in processes:
         for task in Path(f"/proc/{process.pid}/task").glob("*"):
             try:
                 run_ns, delay_ns, _slices = (task / "schedstat").read_text().split()
@@ -80,6 +94,18 @@ def _threads_ns() -> dict[str, tuple[int, int]]:
                 continue
             found[task.name] = int(run_ns), int(delay_ns)
     return found
+
+
+def _own_s() -> float:
+    """Return the CPU time of this process and its children, also of those that ended, s."""
+    total_s, ours = 0.0, psutil.Process()
+    for process in (ours, *ours.children(recursive=True)):
+        try:
+            times = process.cpu_times()
+        except psutil.NoSuchProcess:
+            continue
+        total_s += times.user + times.system + times.children_user + times.children_system
+    return total_s
 
 
 def _busy_s() -> float:

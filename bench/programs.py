@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import psutil
 
-from bench.machine import cpu_s
+from bench.machine import cpu_s, keep
 
 
 class program:  # noqa: N801  It is used as a function.
@@ -29,6 +29,7 @@ class program:  # noqa: N801  It is used as a function.
         raise RuntimeError(f"{' '.join(self._command)} ended before it was ready")
 
     def __exit__(self, *_: object) -> None:
+        keep(self.process.pid)
         try:
             self.process.communicate(timeout=10)
         except subprocess.TimeoutExpired:
