@@ -23,6 +23,7 @@ from tsd_twin.messages.status import decode_stamp
 from tsd_twin.messages.topics import QoS, Service
 
 _PERIOD_S = 0.02
+_GOLDEN = 0.618034
 Latencies = Callable[[], tuple[float, float]]
 
 
@@ -142,17 +143,21 @@ def paced_speeds(send: Callable[[float], object], came: threading.Event, count: 
 
 
 def paced(send: Callable[[], object], came: threading.Event, count: int) -> list[float]:
-    """Return many response times, ms, at 50 Hz with a drifting phase."""
+    """Return many response times, ms, at 50 Hz.
+
+    The phases of the sends in a control period are spread evenly, so that the quantiles do not
+    depend on chance.
+    """
     times_ms: list[float] = []
-    random = np.random.default_rng(0)
-    for _ in range(count):
+    began_s = time.perf_counter()
+    for number in range(count):
+        phase_s = peers.PERIOD_S * (number * _GOLDEN % 1.0)
+        time.sleep(max(0.0, began_s + number * _PERIOD_S + phase_s - time.perf_counter()))
         came.clear()
-        start = time.perf_counter()
+        start_s = time.perf_counter()
         send()
         if came.wait(0.5):
-            times_ms.append(1000 * (time.perf_counter() - start))
-        left_s = _PERIOD_S - (time.perf_counter() - start) + float(random.uniform(0, 0.005))
-        time.sleep(max(left_s, 0.0))
+            times_ms.append(1000 * (time.perf_counter() - start_s))
     if len(times_ms) < 0.9 * count:
         raise RuntimeError(f"{count - len(times_ms)} of {count} answers did not arrive")
     return times_ms
