@@ -10,11 +10,13 @@ from bench.programs import dashboard, mock, peer
 from bench.table import Row, Run
 
 _SETTLE_S = 2.0
+_ROUNDS = 11
+"""Many short rounds, because the cost of a wake-up depends on what else runs."""
 
 
 def rows(run: Run) -> Iterator[Row]:
     """Measure a disarmed robot whose topics are all read, then a dashboard without a page."""
-    seconds = run.pick(2.0, 0.3)
+    seconds = run.pick(1.0, 0.3)
     node, bare = mock(), peer("node")
     with ExitStack() as stack:
         endpoint, bare_endpoint = stack.enter_context(node), stack.enter_context(bare)
@@ -23,12 +25,18 @@ def rows(run: Run) -> Iterator[Row]:
             stack.enter_context(each)
         time.sleep(run.pick(_SETTLE_S, 0.1))
         yield from run.alternate(
-            ["idle.node"], lambda: [node.load(seconds)], lambda: [bare.load(seconds)]
+            ["idle.node"],
+            lambda: [node.load(seconds)],
+            lambda: [bare.load(seconds)],
+            rounds=_ROUNDS,
         )
         if run.wants("idle.dashboard"):
             page = dashboard(endpoint)
             stack.enter_context(page)
             time.sleep(run.pick(_SETTLE_S, 0.1))
             yield from run.alternate(
-                ["idle.dashboard"], lambda: [page.load(seconds)], lambda: [reader.load(seconds)]
+                ["idle.dashboard"],
+                lambda: [page.load(seconds)],
+                lambda: [reader.load(seconds)],
+                rounds=_ROUNDS,
             )
