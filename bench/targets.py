@@ -37,7 +37,7 @@ TARGETS: dict[str, Target] = {
     "bus.client_p90": Target(1.3, "set_velocity to setpoint", "bare Zenoh loop", "ms"),
     "bus.stop_p50": Target(1.3, "stop to reply", "bare Zenoh query", "ms"),
     "bus.stop_p90": Target(1.3, "stop to reply", "bare Zenoh query", "ms"),
-    "idle.node": Target(1.8, "idle node", "bare loop", _CPU),
+    "idle.node": Target(2.2, "idle node", "bare loop", _CPU),
     "idle.dashboard": Target(0.8, "dashboard without viewers", "bare subscriber", _CPU),
     "foxglove.delay_p50": Target(1.3, "tsd-foxglove cmd_vel to setpoint", "bare forwarder", "ms"),
     "foxglove.delay_p90": Target(1.3, "tsd-foxglove cmd_vel to setpoint", "bare forwarder", "ms"),
