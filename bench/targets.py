@@ -60,7 +60,12 @@ TARGETS: dict[str, Target] = {
     "dashboard.delay_p50": Target(3.5, "pose to socket", "one viser node", "ms"),
     "dashboard.delay_p90": Target(3.5, "pose to socket", "one viser node", "ms"),
     "page.delay_p50": Target(1.6, "status to screen", "without the scene", "ms"),
-    "page.delay_p90": Target(2, "status to screen", "without the scene", "ms"),
+    "page.delay_p90": Target(1.5, "status to screen", "without the scene", "ms"),
+    "response.picture": Target(1, "first picture", "allowed", "s", provisional=False),
+    "response.command": Target(
+        1, "stick to command, p99", "bare page and 8 ms", "ms", provisional=False
+    ),
+    "response.block": Target(1, "longest block while driving", "allowed", "ms", provisional=False),
     "plots.browser": Target(2.8, "browser, 8 plots of 10 min", "View tab", _CPU),
     "plots.dashboard": Target(1.3, "dashboard, 8 plots", "View tab", _CPU),
     "start.demo": Target(2, "tsd-demo ready", "imports", "s"),
