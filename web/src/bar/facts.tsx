@@ -59,7 +59,7 @@ export function LinkFact() {
       onPress={() => layout.open("health")}
     >
       <span class="sr">{bar.link}: </span>
-      <b>{isKnown ? bar.grades[grade] : figure(null)}</b>
+      <b>{isKnown ? bar.grades[grade] : figure(null)}</b>{" "}
       <span>{of && <Figure value={of.value} unit={unit} />}</span>
       <span class="sr">. {bar.openHealth}</span>
     </Button>

@@ -80,7 +80,8 @@ function Act({ action, isQuiet = false }: { action: Action; isQuiet?: boolean })
     );
   return (
     <NextStep {...act} hold={hold} busy={isRequest && requests.isPending(does.t)}>
-      {text} {key && <kbd>{key}</kbd>}
+      {text}
+      {key && <kbd> {key}</kbd>}
     </NextStep>
   );
 }

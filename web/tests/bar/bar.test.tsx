@@ -197,9 +197,9 @@ describe("the link", () => {
 
   test("has the figure that explains its grade, and opens Health", async () => {
     await state({ state: { rtt_ms: 12, rtt_jitter_ms: 1 } });
-    expect(link()).toContain("Good12ms");
+    expect(link()).toContain("Good 12ms");
     await state({ state: { rtt_ms: 20, rtt_jitter_ms: 74 } });
-    expect(link()).toContain("Uneven74ms jitter");
+    expect(link()).toContain("Uneven 74ms jitter");
     await act(() => root.querySelector<HTMLElement>(".link")!.click());
     expect(page.session.layout.tab.value).toBe("health");
   });
