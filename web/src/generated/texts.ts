@@ -96,6 +96,7 @@ export interface Table {
       readonly refused: string;
       readonly liveStopped: string;
       readonly connectionLost: string;
+      readonly reloaded: string;
     };
   };
   readonly deck: {

@@ -25,18 +25,20 @@ export function isOneOf<T extends string>(choices: readonly T[]) {
   return (stored: unknown): stored is T => choices.includes(stored as T);
 }
 
-function recall<T>(key: string, accepts: Check<T>): T | null {
+type Kept = "localStorage" | "sessionStorage";
+
+export function recall<T>(key: string, accepts: Check<T>, where: Kept = "localStorage"): T | null {
   try {
-    const stored: unknown = JSON.parse(localStorage.getItem(key) ?? "null");
+    const stored: unknown = JSON.parse(window[where].getItem(key) ?? "null");
     return accepts(stored) ? stored : null;
   } catch {
     return null;
   }
 }
 
-function keep(key: string, value: unknown): void {
+export function keep(key: string, value: unknown, where: Kept = "localStorage"): void {
   try {
-    localStorage.setItem(key, JSON.stringify(value));
+    window[where].setItem(key, JSON.stringify(value));
   } catch {
     // Not kept for the next page.
   }

@@ -9,7 +9,8 @@ import { plain, retry, type Told } from "../text/notices";
 import { refusalText, sentence } from "../text/reasons";
 import { texts } from "../text/text";
 import type { Link } from "./link";
-import { isLatched, stillHolds, whyNotDrive } from "./permission";
+import { keep, recall } from "./memory";
+import { isLatched, isMoving, stillHolds, whyNotDrive } from "./permission";
 
 const SHOWN_MS = 6000;
 const READ_MS = 2000; // Shortest time, also if its cause is gone.
@@ -48,6 +49,9 @@ export class Notice {
 const TOLD_MS = 1000;
 /** Requests whose answers `Requests` follows, and STOP, whose answers are shown on its button. */
 const FOLLOWED = new Set(["lease", "arm", "disarm", "reset", "wheel_speed", "stop"]);
+/** Time in ms at which this tab was left while the robot moved, which stopped it. */
+const LEFT = "tsd-left-in-motion-ms";
+const LONGEST_LOAD_MS = 20_000;
 
 export class News {
   #endedMs = -Infinity;
@@ -69,6 +73,7 @@ export class News {
     effect(() => {
       if (drive.held.value && !drive.looksOnly.value) untracked(() => this.#onPushed());
     });
+    this.#tellOfReload();
   }
 
   #onRefused(why: Reason | null): void {
@@ -118,5 +123,21 @@ export class News {
     const { notice } = this.session;
     if (this.#again !== null && notice.text.peek() === this.#again) notice.clear();
     this.#again = null;
+  }
+
+  #tellOfReload(): void {
+    const { link, drive } = this.session;
+    const leave = () => {
+      const moves = link.state.peek()?.has_control && isMoving(link);
+      if (drive.held.peek() || moves) keep(LEFT, Date.now(), "sessionStorage");
+    };
+    addEventListener("pagehide", leave, { capture: true }); // Before the controls are released.
+    const isFresh = (ms: unknown): ms is number => Date.now() - Number(ms) < LONGEST_LOAD_MS;
+    if (recall(LEFT, isFresh, "sessionStorage") === null) return;
+    keep(LEFT, null, "sessionStorage");
+    const end = link.on("robot", () => {
+      end();
+      this.#tell(plain(texts().bar.news.reloaded));
+    });
   }
 }

@@ -8,6 +8,7 @@ import { ROBOT } from "../support/messages";
 let page: FakePage;
 
 beforeEach(async () => {
+  sessionStorage.clear();
   language.value = "en";
   page = await openPage();
   page.state();
@@ -174,5 +175,17 @@ test("of another robot, no notice is true", () => {
   page.say({ t: "reply", to: "arm", ok: false, why: { code: "at_rest_only" } });
   expect(told()).not.toBeNull();
   page.say({ ...ROBOT, id: "kiwi" });
+  expect(told()).toBeNull();
+});
+
+test("a page that is loaded again in motion says why the robot stopped, once", async () => {
+  page.state({ mode: "driving" });
+  dispatchEvent(new Event("pagehide"));
+  page = await openPage();
+  expect(told()).toContain("so the robot stopped");
+  page.say({ ...ROBOT });
+  expect(told()).toBeNull();
+  page.state({ mode: "ready" });
+  page = await openPage();
   expect(told()).toBeNull();
 });
