@@ -127,7 +127,7 @@ def test_the_panel_of_each_robot_has_what_it_has(browser: Browser) -> None:
             page.get_by_role("tab", name="Drive").click(timeout=PATIENCE_MS)
             expect(panel.get_by_role("slider", name=slider)).to_be_visible(timeout=PATIENCE_MS)
             page.get_by_role("tab", name="Modules").click(timeout=PATIENCE_MS)
-            headings = panel.get_by_role("heading")
+            headings = panel.get_by_role("heading").or_(panel.get_by_role("rowheader"))
             expect(headings.filter(has_text=heading)).to_be_visible(timeout=PATIENCE_MS)
             for other in {"Module 1", "Wheel 4", "Sphere"} - {heading}:
                 expect(headings.filter(has_text=other)).to_have_count(0)
