@@ -123,8 +123,8 @@ def foxglove(endpoint: str) -> None:
     out: Any = session.declare_publisher(CMD, **_URGENT)
 
     class Listener(websocket.ServerListener):
-        def on_message_data(self, client: Any, client_channel_id: int, data: bytes) -> None:  # noqa: ARG002
-            out.put(data)
+        def on_message_data(self, *arguments: Any) -> None:
+            out.put(arguments[-1])  # After client and channel.
 
     server = sdk.start_server(
         host="127.0.0.1",

@@ -24,7 +24,6 @@ from tests.support.browser import (
     CHEAP_FLAGS,
     FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
-    QUICK,
     executable,
     mode,
     press,
@@ -217,7 +216,7 @@ def test_alice_logs_in_drives_under_her_name_and_logs_out(
     assert cookie.get("secure")
     assert cookie.get("httpOnly")
     assert cookie.get("sameSite") == "Strict"
-    page.goto(url + QUICK)
+    page.goto(url)
     press_until(page, "Take control", page.get_by_role("button", name="Release control"))
     press(page, "Keys and settings")
     page.get_by_role("button", name="Your name: alice").last.click()
@@ -291,7 +290,7 @@ def test_nginx_as_on_the_page_of_the_docs(
         expect(page).to_have_url(f"{there}/", timeout=PATIENCE_MS)
         (cookie,) = outside.cookies()
         assert (cookie.get("path"), cookie.get("secure")) == ("/twin", True)
-        page.goto(f"{there}/{QUICK}")
+        page.goto(f"{there}/")
         press_until(page, "Take control", page.get_by_role("button", name="Release control"))
         expect(page.locator(".viewport-frame[data-ready]")).to_be_visible(timeout=PATIENCE_MS)
         value = f"{cookie.get('name')}={cookie.get('value')}"

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, expect
+from playwright.sync_api import Browser, ConsoleMessage, FloatRect, Page, expect
 
 from tests.app.conftest import Program
 from tests.support.browser import (
@@ -412,5 +412,5 @@ def picture(demo: Demo) -> bytes:
     """Return the picture of the robot, without what lies in the corners of the view."""
     x, y = demo.pixel_of((0.0, 0.0))
     side = 2.0 * _ROBOT_PX
-    clip = {"x": x - _ROBOT_PX, "y": y - _ROBOT_PX, "width": side, "height": side}
-    return demo.page.screenshot(clip=clip)  # type: ignore[arg-type]
+    clip: FloatRect = {"x": x - _ROBOT_PX, "y": y - _ROBOT_PX, "width": side, "height": side}
+    return demo.page.screenshot(clip=clip)

@@ -1,4 +1,4 @@
-"""The sentences that the page's formatter is tested with are those of the robot."""
+"""Compare the sentences in the page's tests with the robot's."""
 
 from __future__ import annotations
 

@@ -72,8 +72,6 @@ _CENTRE = """(found) => {
   const { left, top, width, height } = usable.getBoundingClientRect();
   return [left + width / 2, top + height / 2];
 }"""
-QUICK = "?"
-"""The frame draws fewer pixels by itself where the processor draws them."""
 
 
 def executable() -> str:

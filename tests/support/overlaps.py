@@ -1,9 +1,9 @@
-"""Scripts that find in a browser what lies on what, what is cut off, and what is written small."""
+"""Browser scripts that find overlapping, clipped and small elements."""
 
 from __future__ import annotations
 
 STILL = "*, *::before, *::after { pointer-events: auto !important; transition: none !important }"
-"""Style with which what lets pointers through is found too, and nothing is on its way."""
+"""Style that makes every element hit-testable, without transitions."""
 
 _PAINTED = """
   const visible = (node) =>
@@ -73,7 +73,7 @@ STOP = (
   return { box: [left, top, right, bottom], covers, isWhole };
 }"""
 )
-"""Place of STOP, and what lies on it."""
+"""Place of STOP, and the elements that cover it."""
 
 OVERLAPS = (
     "async (layers) => {"

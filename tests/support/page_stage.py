@@ -58,7 +58,7 @@ window.show = (state) => {
 };
 setInterval(() => window.now !== null && window.show(window.now), 50);
 """
-"""What is last shown is sent again 20 times a second, as a robot does."""
+"""The last state is repeated at 20 Hz, as by a robot."""
 
 _LIMITS = {
     "speed_mps": 1.0,
@@ -189,11 +189,11 @@ class PageStage:
         self.page.evaluate("say", message)
 
     def show(self, shown: Mapping[str, Any] | None) -> None:
-        """Send a state, from now on 20 times a second; None is silence."""
+        """Send a state, repeated at 20 Hz; None ends that."""
         self.page.evaluate("show", shown)
 
     def sent(self, *types: str) -> list[dict[str, Any]]:
-        """Return what the page has sent of these types, and forget all."""
+        """Return the messages of these types from the page, and discard all others."""
         return [m for m in self.page.evaluate("sent.splice(0)") if m["t"] in types]
 
     def resize(self, width: int, height: int) -> None:
@@ -229,7 +229,7 @@ class _Handler(SimpleHTTPRequestHandler):
     """Serves files, which a browser may keep, and logs nothing."""
 
     def end_headers(self) -> None:
-        """Let the browser keep scripts and styles: to load all of them anew costs most."""
+        """Let the browser cache scripts and styles, which take longest to load."""
         kept = self.path.startswith(("/page.", "/inter."))
         self.send_header("Cache-Control", "max-age=3600" if kept else "no-store")
         super().end_headers()

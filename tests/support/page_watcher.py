@@ -45,7 +45,7 @@ def stick_forward(page: Page) -> Press:
 
 
 class Watcher:
-    """What crosses the bus, seen by somebody who is neither page nor robot."""
+    """Observer of the bus, independent of page and robot."""
 
     def __init__(self, bus: Bus, page: Page) -> None:
         self._page = page
@@ -96,9 +96,9 @@ class Watcher:
     def holding(self, press: Press, condition: Callable[[], bool], what: str) -> None:
         """Hold a control until the truth is as expected.
 
-        A page that is drawn without a GPU stalls at times. Then the robot stops, as it must, and
-        obeys only a control that has been let go: so let go and press again, as a person would,
-        who also takes control again when the page has lost it.
+        A page that is drawn without a GPU stalls at times. The robot then stops, as it must,
+        and obeys the control again only after its release. So release and press it again, as a
+        person would, who also takes control again if the page has lost it.
         """
         for _ in range(PRESSES):
             press.down()
@@ -116,6 +116,6 @@ class Watcher:
 
 
 def observer(endpoint: str) -> Config:
-    """Return a session that also hears what other sessions tell the robot: peers would not."""
+    """Return a client session, because peers do not receive commands of other sessions."""
     config = client_config([endpoint])
     return Config(config.json5.replace('"mode": "peer"', '"mode": "client"'), endpoint)

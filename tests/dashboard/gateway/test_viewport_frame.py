@@ -162,7 +162,7 @@ def test_keys_reach_the_page_and_none_moves_the_camera(
     assert keys_from_frame(page)[1] == space | {"mods": mods}
     page.wait_for_timeout(500)
     assert np.array_equal(client.camera.position, before)
-    page.mouse.wheel(0, 300)  # The camera does move by what is not a key.
+    page.mouse.wheel(0, 300)  # Unlike a key, the wheel moves the camera.
     until(page, lambda: not np.array_equal(client.camera.position, before))
     page.close()
 

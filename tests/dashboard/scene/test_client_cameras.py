@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from tests.support.link_sockets import eventually
 from tests.support.robot_feed import RobotFeed
 from tests.support.view_desk import PAGE, ViewDesk
 from tests.support.viser_client import CAMERA, ViserClient, chosen
+from tsd_twin.dashboard.scene.client_camera import ClientCamera
 from tsd_twin.dashboard.scene.framing import CameraPose, Rectangle, pictured
 from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer
@@ -171,3 +173,17 @@ def test_chase_turns_the_world_under_the_robot_and_places_are_picked_in_it(
     viewer.until(lambda: not np.allclose(viewer.node("/w").wxyz, (1.0, 0.0, 0.0, 0.0)))
     desk.apply(camera=CameraPreset.CHASE, follow=False)  # Only a camera that follows turns along.
     viewer.until(lambda: np.allclose(viewer.node("/w").wxyz, (1.0, 0.0, 0.0, 0.0)))
+
+
+def test_labels_have_their_size_in_pixels_of_the_page_else_of_the_canvas() -> None:
+    """A screen may have several pixels of the canvas per pixel of the page, or less than one."""
+
+    def px_per_m(image_height: float, picture_px: float = 0.0) -> float:
+        client: Any = SimpleNamespace(camera=SimpleNamespace(image_height=image_height))
+        return ClientCamera(client, Rectangle(picture_px=picture_px)).px_per_m
+
+    assert px_per_m(1440) == pytest.approx(2.0 * px_per_m(720))
+    for of_canvas in (360, 720, 1440, math.nan):
+        assert px_per_m(of_canvas, 720.0) == px_per_m(720)
+    assert 0.0 < px_per_m(math.nan) < math.inf
+    assert px_per_m(-1.0) > 0.0

@@ -1,4 +1,4 @@
-"""Clicks on a sphere: the point that was meant, and what a client may send instead."""
+"""Points of a sphere at a click, invalid clicks, and the direction to a point off screen."""
 
 from __future__ import annotations
 

@@ -79,7 +79,7 @@ export interface Fleet {
   poses: Record<string, [number, number, number]>;
 }
 
-/** State of one robot; null means that it has not been reported. */
+/** State of a robot; null stands for a value that it has not reported. */
 export interface FleetRobot {
   id: string;
   title: string;
@@ -271,7 +271,7 @@ export interface Equation {
 
 /** Part of a formula, with the name of its MathML element. */
 export interface MathToken {
-  /** Identifier, operator, number, fraction of two rows, or root of one row. */
+  /** Identifier, operator, number, fraction of two rows, or root of a row. */
   kind: "mfrac" | "mi" | "mn" | "mo" | "msqrt";
   text?: string;
   /** Subscript. */
@@ -988,7 +988,7 @@ export interface SetWheelSpeed {
 }
 
 /**
- * Software stop, latched: of the robot in view, of one robot by its id, or of all robots.
+ * Latched software stop for the robot in view, a robot by its id, or all robots.
  *
  * A replay is never addressed. With one in view, a stop without fields stops all live robots.
  */
@@ -1065,6 +1065,8 @@ export interface SetFrame {
   right?: number;
   /** At least 0, at most 1. */
   bottom?: number;
+  /** Height of the whole picture in CSS pixels; 0 if unknown. At least 0, at most 20000. */
+  picture_px?: number;
 }
 
 /** Request for map data with every state while `on`. */

@@ -8,6 +8,9 @@ export interface Box {
   bottom: number;
 }
 
+/** Takes fractions of the picture, and its height in pixels. */
+export type Report = (free: Box, height: number) => void;
+
 const LEAST_SHARE = 0.4; // With less room, as under a large map, the robot stays in the middle.
 const ROBOT_ASPECT = 1.6; // Typical ratio of width and height of a robot in the picture.
 
@@ -47,13 +50,13 @@ function overlap(a: Box, b: Box): boolean {
 const CHECK_MS = 200;
 
 /**
- * Report the free rectangle of `view` repeatedly, once it is stable: a rectangle in the middle of a
- * resize would move the camera. Returns a function that ends it.
+ * Report the free rectangle and the height of `view` repeatedly, once they are stable: a rectangle in
+ * the middle of a resize would move the camera. Returns a function that ends it.
  *
  * Elements with `data-covers` cover the view, and so do the parts of the deck that lie on it. Notices
  * are ignored, because they would move the camera and lie above the robot.
  */
-export function watchFreeRectangle(view: HTMLElement, report: (free: Box) => void): () => void {
+export function watchFreeRectangle(view: HTMLElement, report: Report): () => void {
   let before = "";
   const timer = setInterval(() => {
     const picture = view.getBoundingClientRect();
@@ -63,8 +66,8 @@ export function watchFreeRectangle(view: HTMLElement, report: (free: Box) => voi
       picture,
       [...covers].map((node) => node.getBoundingClientRect()),
     );
-    const now = JSON.stringify(free);
-    if (now === before) report(free);
+    const now = JSON.stringify([free, picture.height]);
+    if (now === before) report(free, picture.height);
     before = now;
   }, CHECK_MS);
   return () => clearInterval(timer);

@@ -60,7 +60,7 @@ export function lengthText(metres: number): string {
   return metres < 0.995 ? `${figure(100 * metres)} cm` : `${figure(metres)} m`;
 }
 
-const [LETTER_PX, LINE_PX] = [8, 16]; // Of the names, at most.
+const [LETTER_PX, LINE_PX] = [8, 16]; // Maximum size of a letter of a name.
 
 interface Label {
   text: string;

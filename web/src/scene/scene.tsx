@@ -10,7 +10,7 @@ import { refusalText } from "../text/reasons";
 import { texts } from "../text/text";
 import { Viewport } from "../viewport/frame";
 import { Cameras, Legend, Modes } from "./corners";
-import { type Box, watchFreeRectangle } from "./free_rectangle";
+import { type Report, watchFreeRectangle } from "./free_rectangle";
 import { FloorMap, MapInset } from "./map";
 import { PicturePicker } from "./pick";
 import { RimArrow } from "./rim_arrow";
@@ -115,14 +115,14 @@ function bindKeys({ keyboard, view }: Session, map: FloorMap): () => void {
 }
 
 /** Send the free rectangle when it changes, and to each new connection. */
-function reportTo({ link, layout }: Session): (free: Box) => void {
+function reportTo({ link, layout }: Session): Report {
   let sent = "";
   let to: unknown = null;
-  return (free) => {
+  return (free, picture_px) => {
     const connection = link.welcome.peek();
-    const text = JSON.stringify(free);
+    const text = JSON.stringify([free, picture_px]);
     if (connection === null || layout.screen.peek() === "fleet") return;
     if (text === sent && connection === to) return;
-    if (link.send({ t: "frame", ...free })) [sent, to] = [text, connection];
+    if (link.send({ t: "frame", ...free, picture_px })) [sent, to] = [text, connection];
   };
 }

@@ -1,5 +1,5 @@
-// What the view shows until the first picture is drawn: the robot's silhouette, its name, and how far
-// the start is. STOP is usable meanwhile.
+// Start of the view until the scene is drawn: the robot's silhouette, its name, and the progress. It
+// does not block STOP.
 
 import { useEffect, useState } from "preact/hooks";
 import type { RobotInfo } from "../generated/wire";

@@ -12,8 +12,8 @@ export interface Group<T> {
 }
 
 /**
- * Give each of some items, in order, at least a room of `least` to the right of its share of the
- * lane. Where the next one is nearer, or the lane ends, they are merged.
+ * Merge items, given in order, that are closer than `least`, a fraction of the lane. The last one
+ * moves left to keep that distance from the end.
  */
 export function grouped<T extends { share: number }>(items: readonly T[], least: number) {
   const groups: Group<T>[] = [];

@@ -42,7 +42,7 @@ const text = () => root.textContent ?? "";
 const mode = () => root.querySelector("[role=status]")?.textContent;
 const state = (change?: StateChange) => act(() => page.state(change));
 const pass = (ms: number) => act(() => page.pass(ms));
-// The text of a refused button goes on with the reason.
+// The key of a button follows its text.
 const button = (label: string) =>
   [...root.querySelectorAll<HTMLElement>("button, a")].find((each) =>
     (each.getAttribute("aria-label") ?? each.textContent).startsWith(label),

@@ -167,8 +167,7 @@ class RecordedSession(PageSession):
             case SetView():
                 self._view.set_view(self.page, message.settings, look=message.look)
             case SetFrame():
-                free = Rectangle(message.left, message.top, message.right, message.bottom)
-                self._view.set_frame(self.page, free)
+                self._view.set_frame(self.page, Rectangle(*msgspec.structs.astuple(message)))
 
     def _move(self, message: Seek | Play | Pause | StepStatus) -> None:
         view = self._view

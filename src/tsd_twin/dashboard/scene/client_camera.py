@@ -47,13 +47,21 @@ class ClientCamera:
         """Robot in front of which the camera was placed with a known pose."""
         self.heading_rad = 0.0
         """Azimuth of the view in the scene when the camera was placed."""
-        self.px_per_m = 1000.0
-        """Height in pixels of something 1 m high at a distance of 1 m."""
 
     @property
     def frame(self) -> Rectangle:
         """Free part of the picture."""
         return self._frame
+
+    @property
+    def px_per_m(self) -> float:
+        """Height on the screen, CSS pixels, of an object 1 m high at a distance of 1 m.
+
+        Without a page, viser's client reports the pixels that it draws, of which a screen pixel may
+        have several or less than one.
+        """
+        height_px = self._frame.picture_px or float(self._camera.image_height)
+        return 0.5 * max(_LEAST_PICTURE_PX, height_px) / math.tan(0.5 * FIELD_OF_VIEW_RAD)
 
     @property
     def placed(self) -> CameraPose | None:
@@ -93,8 +101,6 @@ class ClientCamera:
         self._camera.fov = FIELD_OF_VIEW_RAD  # A new client first reports viser's default.
         self._camera.position, self._camera.look_at = pose
         self._placed = pose
-        height_px = max(_LEAST_PICTURE_PX, int(self._camera.image_height))
-        self.px_per_m = 0.5 * height_px / math.tan(0.5 * FIELD_OF_VIEW_RAD)
 
     @property
     def aspect(self) -> float:

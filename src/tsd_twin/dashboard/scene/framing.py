@@ -34,6 +34,8 @@ class Rectangle(NamedTuple):
     top: float = 0.0
     right: float = 1.0
     bottom: float = 1.0
+    picture_px: float = 0.0
+    """Height of the whole picture on the screen, CSS pixels; 0 if unknown."""
 
     @property
     def is_usable(self) -> bool:

@@ -203,7 +203,7 @@ class Session(PageSession):
                 self.view = message.settings
                 self._scene.apply_view(self.page, message.settings, look=message.look)
             case SetFrame():
-                self.frame = Rectangle(message.left, message.top, message.right, message.bottom)
+                self.frame = Rectangle(*msgspec.structs.astuple(message))
                 self._scene.set_frame(self.page, self.frame)
             case ShowMap():
                 self._shows_map, was_shown = message.on, self._shows_map

@@ -30,7 +30,7 @@ class FleetEvent(msgspec.Struct, frozen=True):
 
 
 class FleetRobot(msgspec.Struct, frozen=True):
-    """State of one robot; null means that it has not been reported."""
+    """State of a robot; null stands for a value that it has not reported."""
 
     id: str
     title: str

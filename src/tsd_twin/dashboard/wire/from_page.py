@@ -129,7 +129,7 @@ class SetWheelSpeed(Message, frozen=True, tag="wheel_speed"):
 
 
 class StopCommand(Message, frozen=True, tag="stop"):
-    """Software stop, latched: of the robot in view, of one robot by its id, or of all robots.
+    """Latched software stop for the robot in view, a robot by its id, or all robots.
 
     A replay is never addressed. With one in view, a stop without fields stops all live robots.
     """
@@ -183,6 +183,8 @@ class SetFrame(Message, frozen=True, tag="frame"):
     top: Fraction = 0.0
     right: Fraction = 1.0
     bottom: Fraction = 1.0
+    picture_px: Annotated[float, Meta(ge=0.0, le=2e4)] = 0.0
+    """Height of the whole picture in CSS pixels; 0 if unknown."""
 
 
 class ShowMap(Message, frozen=True, tag="map"):

@@ -68,7 +68,7 @@ class MathToken(msgspec.Struct, frozen=True, omit_defaults=True):
     """Part of a formula, with the name of its MathML element."""
 
     kind: Literal["mi", "mo", "mn", "mfrac", "msqrt"]
-    """Identifier, operator, number, fraction of two rows, or root of one row."""
+    """Identifier, operator, number, fraction of two rows, or root of a row."""
     text: str = ""
     sub: str = ""
     """Subscript."""
