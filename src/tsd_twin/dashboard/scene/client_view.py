@@ -32,7 +32,7 @@ from tsd_twin.dashboard.wire.to_page import CameraState
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
 from tsd_twin.lie import SE2, Array
 
-_LABEL_STEP_M, _LABEL_TURN_RAD = 0.5, 0.35
+_LABEL_STEP_M, _LABEL_TURN_RAD = 0.25, 0.35
 """Motions of the robot after which the metre labels are placed again."""
 
 

@@ -14,7 +14,8 @@ from tsd_twin.dashboard.scene.appearance import METRES, Rgb
 from tsd_twin.dashboard.scene.framing import CameraPose, Rectangle, pictured
 from tsd_twin.lie import SE2, SO3, Array
 
-_LABEL_PX = 12
+_LABEL_PX = 14
+"""Enough for 12 px after the camera has followed the robot by the step of the labels."""
 _SHARPNESS = 4
 """Pixels of a label's picture per pixel on the screen."""
 _RANGE_M = 6
