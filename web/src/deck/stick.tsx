@@ -131,7 +131,7 @@ function Marks() {
   return (
     <>
       {world !== null && (
-        <text class="st-t world-x" y="4" transform={at(world, 49)}>
+        <text class="st-t world-x" y="4" transform={at(world, 41)}>
           x
         </text>
       )}
