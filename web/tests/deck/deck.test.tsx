@@ -180,13 +180,13 @@ describe("stick", () => {
         .map((part) => Math.round(Number(part)) + 0); // Without a negative zero.
     state({}, { pose: [0, 0, Math.PI / 2] });
     expect([place(".world-x"), place(".st-front")]).toEqual([
-      [49, 0],
+      [41, 0],
       [0, -59],
     ]);
     does(() => find(".frame")!.click());
     expect(text(".frame")).toBe("axes of floor");
     expect([place(".world-x"), place(".st-front")]).toEqual([
-      [0, -49],
+      [0, -41],
       [-59, 0],
     ]);
     does(() => press(find(".stick"), "ArrowUp"));
