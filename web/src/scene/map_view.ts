@@ -60,7 +60,7 @@ export function lengthText(metres: number): string {
   return metres < 0.995 ? `${figure(100 * metres)} cm` : `${figure(metres)} m`;
 }
 
-const [LETTER_PX, LINE_PX] = [8, 16]; // Maximum size of a letter of a name.
+const [LETTER_PX, LINE_PX, PADDING_PX] = [8, 16, 6]; // Maximum size of a letter of a name.
 
 interface Label {
   text: string;
@@ -68,7 +68,7 @@ interface Label {
   at: Pixel;
 }
 
-const halfWidth = ({ text }: Label): number => 0.5 * LETTER_PX * text.length;
+const halfWidth = ({ text }: Label): number => 0.5 * (LETTER_PX * text.length + PADDING_PX);
 
 /** Return the labels within a picture, moved away from its edges, without those over earlier ones. */
 export function fitting<L extends Label>(labels: readonly L[], [width, height]: Pixel): L[] {
