@@ -94,7 +94,9 @@ def test_every_answer_says_what_the_page_may_do_and_that_nobody_may_frame_it(
     assert headers["Referrer-Policy"] == "no-referrer"
 
 
-@pytest.mark.parametrize("path", ["/", "/healthz", "/page.js", "/teleop", "/viser/00"])
+@pytest.mark.parametrize(
+    "path", ["/", "/healthz", "/page.js", "/portraits/tsd", "/teleop", "/viser/00"]
+)
 @pytest.mark.parametrize(
     "headers",
     [
@@ -133,6 +135,17 @@ def test_health_names_the_robots_with_mode_and_age(served: Site) -> None:
     assert list(health["robots"]) == ["tsd"]
     assert health["robots"]["tsd"]["mode"] == "disarmed"
     assert 0.0 <= health["robots"]["tsd"]["age_s"] < 1.0
+
+
+def test_a_robot_on_the_bus_has_a_portrait_that_is_sent_once(served: Site) -> None:
+    with served.page() as page:
+        page.until(lambda: page.state)
+    answer, body = get(served.port, "/portraits/tsd")
+    assert answer.headers.get_content_type() == "image/webp"
+    assert (body[:4], body[8:12]) == (b"RIFF", b"WEBP")
+    again, nothing = get(served.port, "/portraits/tsd", {"If-None-Match": answer.headers["Etag"]})
+    assert (again.status, nothing) == (304, b"")
+    assert get(served.port, "/portraits/nobody")[0].status == 404
 
 
 @pytest.mark.parametrize("page", ["", "0123", "0123456789abcdeg", "0123456789abcdef0"])

@@ -7,6 +7,7 @@ import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Figure } from "../ui/figure";
 import { Icon, type IconName } from "../ui/icon";
+import { Portrait } from "../ui/portrait";
 import type { Row } from "./store";
 
 const MODE_ICONS: Record<string, IconName> = {
@@ -29,7 +30,9 @@ export function Card({ row }: { row: Row }) {
   return (
     <li class={`rc ${state}`} style={{ "--c": row.colour }}>
       <div class="top">
-        <Picture row={row} />
+        <Portrait robot={row.id}>
+          <Outline row={row} />
+        </Portrait>
         <h3 title={row.title}>
           <bdi>{row.id}</bdi>
         </h3>
@@ -50,13 +53,13 @@ export function Card({ row }: { row: Row }) {
 }
 
 /** Robot from above, with its front up. */
-function Picture({ row: { panel, wheel_count: count } }: { row: Row }) {
+function Outline({ row: { panel, wheel_count: count } }: { row: Row }) {
   const isSphere = panel === "sphere";
   const [height, corner] = panel === "gimbals" ? [16, 8] : [7, 2];
   const turned = (i: number) => `rotate(${((i + (count === 4 ? 0.5 : 0)) * 360) / count})`;
   const wheel = { x: -8, y: -19 - height / 2, width: 16, height, rx: corner };
   return (
-    <svg class="picture" viewBox="-30 -30 60 60" aria-hidden="true">
+    <svg class="outline" viewBox="-30 -30 60 60" aria-hidden="true">
       {Array.from({ length: isSphere ? 0 : count }, (_, i) => (
         <rect key={i} class="wheel" transform={turned(i)} {...wheel} />
       ))}

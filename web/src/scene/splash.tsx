@@ -1,4 +1,4 @@
-// Start of the view until the scene is drawn: the robot's silhouette, its name, and the progress. It
+// Start of the view until the scene is drawn: the robot's portrait, its name, and the progress. It
 // does not block STOP.
 
 import { useEffect, useState } from "preact/hooks";
@@ -6,6 +6,7 @@ import type { RobotInfo } from "../generated/wire";
 import { useSession } from "../session";
 import { freshness } from "../store/freshness";
 import { texts } from "../text/text";
+import { Portrait } from "../ui/portrait";
 import type { Viewport } from "../viewport/frame";
 
 const STEPS = ["connecting", "robot", "loading", "drawing"] as const;
@@ -25,7 +26,13 @@ export function Splash({ viewport }: { viewport: Viewport }) {
   const step = slow && viewport.loaded.value ? "slow" : STEPS[at]!;
   return (
     <div class="splash" role="group" aria-label={splash.label}>
-      <Silhouette robot={robot} />
+      {robot && !link.recording ? (
+        <Portrait robot={robot.id}>
+          <Silhouette robot={robot} />
+        </Portrait>
+      ) : (
+        <Silhouette robot={robot} />
+      )}
       {robot && (
         <strong>
           <bdi>{robot.title}</bdi>

@@ -14,6 +14,7 @@ _TYPES = {
     ".js": "text/javascript",
     ".css": "text/css",
     ".woff2": "font/woff2",
+    ".webp": "image/webp",
 }
 
 
@@ -24,7 +25,7 @@ class Content:
         """Compress `body`; `suffix` of its file name selects the content type."""
         self._type = _TYPES[suffix]
         self._plain = body
-        self._is_text = self._type.startswith("text/")  # Fonts are compressed already.
+        self._is_text = self._type.startswith("text/")  # Fonts and pictures are compressed already.
         self._zipped = gzip.compress(body, mtime=0) if self._is_text else None
         self._etag = hashlib.sha256(body).hexdigest()[:16]
 

@@ -22,6 +22,7 @@ from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quie
 from tsd_twin.dashboard.gateway.listener import LISTENER, Listener
 from tsd_twin.dashboard.gateway.login import LoginRoutes
 from tsd_twin.dashboard.gateway.page import BundlePage
+from tsd_twin.dashboard.gateway.portraits import PortraitRoutes
 from tsd_twin.dashboard.gateway.recordings import RecordingRoutes, json_response
 from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
@@ -121,6 +122,7 @@ class HttpServer:
     def _make_app(self) -> web.Application:
         app = self._make_application(self._main)
         self._page.add_to(app.router)
+        PortraitRoutes(self.sessions.directory.links).add_to(app.router)
         app.router.add_get("/healthz", self._serve_health)
         app.router.add_get("/teleop", self._serve_page_socket)
         if self._recordings is None:

@@ -4,7 +4,7 @@ footprint.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from tsd_twin.dashboard.scene.appearance import Rgb
 from tsd_twin.dashboard.scene.materials import staged, tinted
+from tsd_twin.dashboard.scene.portrait import render_portrait
 from tsd_twin.kinematics import Joint, JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.cdr import JointState
@@ -29,6 +30,7 @@ from tsd_twin.models import (
     load_parts,
 )
 from tsd_twin.models.links import Sphere
+from tsd_twin.models.solids import Part
 from tsd_twin.robots import RobotDescription
 from tsd_twin.robots.description import Limits
 
@@ -316,13 +318,20 @@ class RobotShape:
     @cached_property
     def collision(self) -> Surface:
         """Convex hull of all parts with joints at zero; origin on the floor below `base_link`."""
-        points = [
-            SO3(wxyz).rotate(np.asarray(part.mesh.vertices)) + position
-            for kind, drawn in self._parts.items()
-            for wxyz, position in zip(*self._poses[kind], strict=True)
-            for part in drawn
-        ]
+        points = [vertices for vertices, _ in self._placed_parts()]
         return Surface.of(_MANIFOLD.hull_points(np.concatenate(points)))
+
+    @cached_property
+    def portrait(self) -> bytes:
+        """Picture of the robot with joints at zero, as `render_portrait` returns it."""
+        return render_portrait(self._placed_parts())
+
+    def _placed_parts(self) -> Iterator[tuple[Array, Part]]:
+        """Yield the vertices of each part with joints at zero, and the part."""
+        for kind, drawn in self._parts.items():
+            for wxyz, position in zip(*self._poses[kind], strict=True):
+                for part in drawn:
+                    yield SO3(wxyz).rotate(np.asarray(part.mesh.vertices)) + position, part
 
     @cached_property
     def footprint(self) -> Array:

@@ -1,0 +1,22 @@
+// Rendered picture of a robot; a drawing stands in its place until it is loaded, or if there is none.
+
+import type { ComponentChild } from "preact";
+import { useState } from "preact/hooks";
+
+export function Portrait({ robot, children }: { robot: string; children: ComponentChild }) {
+  const [loaded, setLoaded] = useState<string | null>(null);
+  const isLoaded = loaded === robot;
+  return (
+    <>
+      {!isLoaded && children}
+      <img
+        class="portrait"
+        src={`portraits/${encodeURIComponent(robot)}`}
+        alt=""
+        hidden={!isLoaded}
+        onLoad={() => setLoaded(robot)}
+        onError={() => setLoaded(null)}
+      />
+    </>
+  );
+}
