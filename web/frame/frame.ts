@@ -47,10 +47,16 @@ function forwardKey(event: KeyboardEvent): void {
   send({ tsd: 1, t: "key", code, key, down: event.type === "keydown", repeat, mods });
 }
 
-/** Hide viser's panel, notices and logo: whatever neither is the scene nor contains it. */
+/**
+ * Hide viser's panel, notices and logo: whatever neither is the scene nor contains it. The page's
+ * background shows through until the scene is drawn, and while it is resized.
+ */
 function showSceneOnly(): void {
   const style = document.createElement("style");
-  style.textContent = "body :not(canvas, :has(canvas)) { display: none !important }";
+  style.textContent = `
+    body :not(canvas, :has(canvas)) { display: none !important }
+    html, body, :has(canvas) { background: transparent !important; color-scheme: normal !important }
+  `;
   document.head.append(style);
 }
 
