@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from tests.support.empty_scene import EmptyScene
 from tests.support.link_sockets import eventually
 from tests.support.page_client import site
-from tsd_twin.dashboard.scene.student_robot import StudentPose
+from tsd_twin.dashboard.scene.client_nodes import StudentPose
 from tsd_twin.dashboard.sessions import student
 from tsd_twin.dashboard.sessions.student import answer
 from tsd_twin.dashboard.sessions.student_equations import math_tokens

@@ -27,6 +27,7 @@ from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
 from tsd_twin.dashboard.gateway.viewport_page import ViewportPage
 from tsd_twin.dashboard.recorded.pages import RecordedPages
+from tsd_twin.dashboard.sessions.page_session import PageSocket
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.dashboard.wire.to_page import RecordingsChanged
 from tsd_twin.errors import TwinError
@@ -247,7 +248,7 @@ class HttpServer:
         self,
         request: web.Request,
         page: str,
-        run: Callable[..., Coroutine[Any, Any, None]],
+        run: Callable[[PageSocket], Coroutine[Any, Any, None]],
     ) -> web.StreamResponse:
         principal = request[PRINCIPAL]
         socket = web.WebSocketResponse(
@@ -261,7 +262,7 @@ class HttpServer:
         messages = self._reader.messages(request, socket, TELEOP, principal.key or page)
         holding = self._auth.close_on_logout(principal, socket)
         name = request.query.get("name", "")
-        await run(page, principal, socket, messages, holding, name=name)
+        await run(PageSocket(page, principal, socket, messages, holding, name))
         await self._reader.close_cut_off(request, socket)
         return socket
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsd_twin.client.monitor import Snapshot
-from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
+from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.sessions.robot_directory import RobotDirectory
 from tsd_twin.dashboard.wire.to_page import PastState
 
@@ -27,7 +27,8 @@ class LookBackSession:
         past = None if ago_s is None or robot is None else robot.past(ago_s)
         if past is not self._past:
             self._past = past
-            self._scene.show_past(self._page, past, ago_s or 0.0)
+            at_s = ago_s or 0.0
+            self._scene.draw(self._page, "past", lambda view: view.show_past(past, at_s))
         if ago_s is None or past is None or past.status is None or robot is None:
             return None
         told = robot.telemetry.state(

@@ -6,7 +6,7 @@ import numpy as np
 
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.client.motions import PlanLimits
-from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
+from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.sessions.actuator_telemetry import rounded
 from tsd_twin.dashboard.sessions.joint_poses import binding_limit
 from tsd_twin.dashboard.sessions.kinds import view_of
@@ -45,13 +45,16 @@ class PreviewSession:
         if preview != self._shown:
             self._shown = preview
             self._queue.put_latest("preview", encode_message(preview))
-            self._scene.show_preview(self._page, robot.link.id, joints)
+            self._draw(robot.link.id, joints)
 
     def end(self) -> None:
         """End the preview, if there is one."""
         if self._asked is not None:
-            self._scene.show_preview(self._page, self._asked[0], None)
+            self._draw(self._asked[0], None)
             self._asked = self._shown = None
+
+    def _draw(self, robot_id: str, joints: Array | None) -> None:
+        self._scene.draw(self._page, "preview", lambda view: view.show_preview(robot_id, joints))
 
 
 def preview_of(link: RobotMonitor, twist: Array) -> tuple[JointPreview, Array]:

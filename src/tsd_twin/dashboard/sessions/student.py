@@ -13,8 +13,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from tsd_twin.dashboard.scene.client_nodes import StudentPose
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
-from tsd_twin.dashboard.scene.student_robot import StudentPose
 from tsd_twin.dashboard.sessions.joint_poses import joint_share
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
@@ -35,7 +35,6 @@ from tsd_twin.dashboard.wire.student import (
     StudentOutline,
     StudentReply,
 )
-from tsd_twin.dashboard.wire.to_page import TwistAxisInfo
 from tsd_twin.errors import RobotFileError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.kinematics.base import largest_twist, section, shadow
@@ -186,7 +185,7 @@ def _solution(
         share = joint_share(drive, joints) or 0.0
     solution = drive.forward(joints)
     figures = StudentFigures(
-        axes=[TwistAxisInfo(one.name, one.symbol, one.unit) for one in twist_axes_of(drive)],
+        axes=twist_axes_of(drive),
         tops=triple(np.diag(largest_twist(drive, np.eye(3)))),
         figures=_figures(robot, drive),
         outlines=[_outline(drive, plane) for plane in _PLANES],

@@ -20,7 +20,6 @@ from tsd_twin.dashboard.wire.to_page import (
     RobotInfo,
     RobotState,
     SpeedLimits,
-    TwistAxisInfo,
 )
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import JointState, Odometry
@@ -52,10 +51,7 @@ class RobotTelemetry:
             limits=SpeedLimits(robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s),
             levels=SPEED_LEVELS_PERCENT,
             space="floor" if self._kinematics.pose_type is SE2 else "sphere",
-            twist_axes=[
-                TwistAxisInfo(one.name, one.symbol, one.unit)
-                for one in twist_axes_of(self._kinematics)
-            ],
+            twist_axes=twist_axes_of(self._kinematics),
             twist_scale_m=self._kinematics.twist_scale_m,
             sideways=robot.drives_sideways,
             plot_fields=self.plot_fields.names,
