@@ -237,7 +237,6 @@ class Site:
         recordings: Path | None = None,
     ) -> None:
         nothing = EmptyScene()
-        self.chosen = nothing.chosen
         self.bus = bus
         self.discovery = RobotDiscovery(bus)
         self._loop = asyncio.new_event_loop()

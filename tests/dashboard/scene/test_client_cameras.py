@@ -15,8 +15,7 @@ from tests.support.link_sockets import eventually
 from tests.support.robot_feed import RobotFeed
 from tests.support.view_desk import PAGE, ViewDesk
 from tests.support.viser_client import CAMERA, ViserClient, chosen
-from tsd_twin.dashboard.scene.client_camera import ClientCamera
-from tsd_twin.dashboard.scene.framing import CameraPose, Rectangle, pictured
+from tsd_twin.dashboard.scene.framing import CameraPose, ClientCamera, Rectangle, pictured
 from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer
 from tsd_twin.lie import SE2

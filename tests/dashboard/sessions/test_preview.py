@@ -15,7 +15,7 @@ from tests.support.empty_scene import EmptyScene
 from tests.support.link_sockets import eventually
 from tests.support.page_client import Site, site
 from tests.support.robot_feed import RobotFeed
-from tsd_twin.dashboard.sessions.preview import preview_of
+from tsd_twin.dashboard.sessions.previews import preview_of
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import decode_page_message
 from tsd_twin.dashboard.wire.to_page import JointPreview, RobotState

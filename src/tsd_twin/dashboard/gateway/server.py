@@ -21,11 +21,10 @@ from tsd_twin.dashboard.gateway.auth import (
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quiet_log
 from tsd_twin.dashboard.gateway.listener import LISTENER, Listener
 from tsd_twin.dashboard.gateway.login import LoginRoutes
-from tsd_twin.dashboard.gateway.page import BundlePage
+from tsd_twin.dashboard.gateway.pages import BundlePage, ViewportPage
 from tsd_twin.dashboard.gateway.recordings import RecordingRoutes, json_response
 from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
-from tsd_twin.dashboard.gateway.viewport_page import ViewportPage
 from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.sessions.page_session import PageSocket
 from tsd_twin.dashboard.sessions.session_manager import SessionManager

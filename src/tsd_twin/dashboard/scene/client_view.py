@@ -15,7 +15,6 @@ from tsd_twin.dashboard.scene.appearance import (
     layer_nodes,
     theme_nodes,
 )
-from tsd_twin.dashboard.scene.client_camera import ClientCamera
 from tsd_twin.dashboard.scene.client_nodes import (
     ExaggeratedTilt,
     HistoryGhost,
@@ -23,7 +22,7 @@ from tsd_twin.dashboard.scene.client_nodes import (
     StudentPose,
     StudentRobot,
 )
-from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
+from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, ClientCamera, Rectangle
 from tsd_twin.dashboard.scene.metres import MetreLabels, in_odom, metre_places
 from tsd_twin.dashboard.scene.picking import floor_points, off_screen_direction, sphere_point
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose

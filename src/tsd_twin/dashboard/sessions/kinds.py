@@ -8,14 +8,15 @@ from typing import Any
 
 from tsd_twin.dashboard.sessions.actuator_telemetry import (
     ActuatorTelemetry,
+    GimbalDisplay,
     GimbalTelemetry,
     JointTelemetry,
     SphereTelemetry,
     TwistTelemetry,
     WheelTelemetry,
     joint_rows,
+    wheel_poses,
 )
-from tsd_twin.dashboard.sessions.joint_poses import GimbalDisplay, wheel_poses
 from tsd_twin.dashboard.sessions.student_drives import (
     GIMBAL_STUDY,
     ROLLER_STUDY,

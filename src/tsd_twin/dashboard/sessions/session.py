@@ -13,11 +13,10 @@ import msgspec
 from tsd_twin.dashboard.scene.client_nodes import StudentPose
 from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient
-from tsd_twin.dashboard.sessions.look_back import LookBackSession
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
 from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession, PageSocket
-from tsd_twin.dashboard.sessions.preview import PreviewSession
+from tsd_twin.dashboard.sessions.previews import LookBackSession, PreviewSession
 from tsd_twin.dashboard.sessions.principal import shown_name
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.student import StudentSession

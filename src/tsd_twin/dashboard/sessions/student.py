@@ -15,15 +15,16 @@ import numpy as np
 
 from tsd_twin.dashboard.scene.client_nodes import StudentPose
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
-from tsd_twin.dashboard.sessions.joint_poses import joint_share
+from tsd_twin.dashboard.sessions.actuator_telemetry import joint_share
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.student_equations import (
     residual_rms_mps,
     rotation_axis,
     rotation_centre,
+    short,
+    triple,
 )
-from tsd_twin.dashboard.sessions.student_wheels import short, triple
 from tsd_twin.dashboard.sessions.variants import base_robot, knobs_of, variant, variant_toml
 from tsd_twin.dashboard.wire.from_page import StudentRequest
 from tsd_twin.dashboard.wire.student import (

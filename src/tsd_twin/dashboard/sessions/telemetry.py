@@ -10,8 +10,12 @@ from tsd_twin.client.monitor import RoundTrips, Snapshot
 from tsd_twin.client.motions import PlanLimits
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, commanded_joints, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import VisualSource
-from tsd_twin.dashboard.sessions.actuator_telemetry import ActuatorTelemetry, rounded
-from tsd_twin.dashboard.sessions.joint_poses import binding_limit, joint_share
+from tsd_twin.dashboard.sessions.actuator_telemetry import (
+    ActuatorTelemetry,
+    binding_limit,
+    joint_share,
+    rounded,
+)
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.sessions.plot_fields import PlotFields
 from tsd_twin.dashboard.wire.from_page import Triple
