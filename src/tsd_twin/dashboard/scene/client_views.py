@@ -15,10 +15,9 @@ from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.viser_compat import (
-    has_no_gpu,
     is_disconnected,
+    look_of,
     page_of,
-    prefers_dark,
     set_theme,
 )
 from tsd_twin.dashboard.wire.to_page import CameraState
@@ -126,13 +125,14 @@ class ClientViews:
         asked = PageView() if page is None else self._view_of(page)
         with self._scene.lock:  # Robots must not change in between.
             self._pages[client_id] = page
-            dark = prefers_dark(self._server, client_id) is not False
+            look = look_of(self._server, client_id)
+            dark = "dark" in look
             set_theme(client.gui, dark=dark)
             view = ClientView(
                 self._scene,
                 client,
                 dark=dark,
-                plain=has_no_gpu(self._server, client_id),
+                plain="plain" in look,
                 frame=asked.frame,
             )
             if asked.robot_id is not None:

@@ -189,18 +189,12 @@ class GimbalTelemetry:
         commanded = commanded_joints(self._drive, setpoint, joints)
         modules = [
             GimbalState(
-                alpha=now.alpha,
-                beta=now.beta,
-                tilt=now.tilt,
+                **msgspec.structs.asdict(now),
                 radius_mm=round(float(radius_mm[i]), 2),
-                rpm=now.rpm,
                 alpha_setpoint=goal.alpha,
                 beta_setpoint=goal.beta,
-                axle=now.axle,
                 set_axle=goal.axle,
                 spinning=abs(float(joints[3 * i + 2]) / RPM) > slow_rpm,
-                direction=now.direction,
-                push=now.push,
                 setpoint=msgspec.structs.replace(goal, rpm=round(float(setpoint[3 * i + 2]) / RPM)),
             )
             for i, (now, goal) in enumerate(
@@ -219,12 +213,8 @@ class WheelTelemetry:
 
     def info(self) -> dict[str, Any]:
         """Return the fields of `RobotInfo`."""
-        return {
-            "panel": "wheels",
-            "wheels": self._drive.actuators,
-            "max_rpm": round(self._drive.max_speed_rad_per_s / RPM, 1),
-            "alternative_estimate": "driven wheels" if self._has_other_sensors else None,
-        }
+        alternative = "driven wheels" if self._has_other_sensors else None
+        return _wheels_info(self._drive, "wheels", alternative)
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:
         """Return the fields of `RobotState`."""
@@ -232,6 +222,17 @@ class WheelTelemetry:
             "wheels": wheel_states(self._drive, joints, setpoint),
             "estimate_difference": _planar_difference(snapshot),
         }
+
+
+def _wheels_info(
+    drive: OmniKinematics | SphereKinematics, panel: str, alternative: str | None
+) -> dict[str, Any]:
+    return {
+        "panel": panel,
+        "wheels": drive.actuators,
+        "max_rpm": round(drive.max_speed_rad_per_s / RPM, 1),
+        "alternative_estimate": alternative,
+    }
 
 
 def wheel_states(
@@ -242,11 +243,10 @@ def wheel_states(
     poses = zip(wheel_poses(drive, joints), wheel_poses(drive, setpoint), strict=True)
     return [
         WheelState(
-            rpm=now.rpm,
+            **msgspec.structs.asdict(now),
             rpm_setpoint=goal.rpm,
-            residual_mps=round(float(residual[i]), 4),
-            push=now.push,
             push_setpoint=goal.push,
+            residual_mps=round(float(residual[i]), 4),
         )
         for i, (now, goal) in enumerate(poses)
     ]
@@ -323,12 +323,8 @@ class SphereTelemetry:
 
     def info(self) -> dict[str, Any]:
         """Return the fields of `RobotInfo`."""
-        return {
-            "panel": "sphere",
-            "wheels": self._drive.actuators,
-            "max_rpm": round(self._drive.max_speed_rad_per_s / RPM, 1),
-            "alternative_estimate": "ideal model" if self._dual_first else "dual-row model",
-        }
+        alternative = "ideal model" if self._dual_first else "dual-row model"
+        return _wheels_info(self._drive, "sphere", alternative)
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:
         """Return the fields of `RobotState`."""

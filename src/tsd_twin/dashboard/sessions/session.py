@@ -20,13 +20,14 @@ from tsd_twin.dashboard.sessions.previews import LookBackSession, PreviewSession
 from tsd_twin.dashboard.sessions.principal import shown_name
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.student import StudentSession
-from tsd_twin.dashboard.sessions.teleop import TeleopController, TeleopMessage
+from tsd_twin.dashboard.sessions.teleop import TeleopController
 from tsd_twin.dashboard.wire.from_page import (
     ArmRequest,
     DisarmRequest,
     DisplayMessage,
     DriveCommand,
     FollowPlan,
+    HolderMessage,
     LeaseAction,
     LookBack,
     PageHeartbeat,
@@ -41,6 +42,7 @@ from tsd_twin.dashboard.wire.from_page import (
     ShowShadow,
     StopCommand,
     StudentRequest,
+    TeleopMessage,
     decode_page_message,
 )
 from tsd_twin.dashboard.wire.to_page import (
@@ -181,7 +183,7 @@ class Session(PageSession):
             case _:
                 self._show(message)
 
-    def _show(self, message: DisplayMessage) -> None:
+    def _show(self, message: DisplayMessage | LookBack | PreviewRequest) -> None:
         match message:
             case SelectRobot():
                 self.select_robot(message.id)
@@ -200,9 +202,7 @@ class Session(PageSession):
             case _:
                 self._handle_common(message)
 
-    def _request_as_holder(
-        self, message: ArmRequest | DisarmRequest | ResetRequest | SetWheelSpeed
-    ) -> None:
+    def _request_as_holder(self, message: HolderMessage) -> None:
         if isinstance(message, SetWheelSpeed):
             self._lease_client.start_request(
                 "wheel_speed", self._lease_client.set_wheel_speed(message.cruise_speed_rpm)

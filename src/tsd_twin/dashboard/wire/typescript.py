@@ -31,7 +31,15 @@ from tsd_twin.dashboard.wire.typescript_texts import texts_module
 
 
 def docs_of(cls: type) -> tuple[str, dict[str, str]]:
-    """Return the docstring of a class, and those of its fields by name."""
+    """Return the docstring of a class, and those of its own and inherited fields by name."""
+    fields: dict[str, str] = {}
+    for each in reversed(cls.__mro__):
+        if each.__module__.startswith("tsd_twin."):
+            fields |= _field_docs(each)
+    return source.cleandoc(cls.__doc__ or ""), fields
+
+
+def _field_docs(cls: type) -> dict[str, str]:
     (tree,) = ast.parse(textwrap.dedent(source.getsource(cls))).body
     if not isinstance(tree, ast.ClassDef):
         raise TypeError(f"the source of {cls} is not a class")
@@ -39,12 +47,9 @@ def docs_of(cls: type) -> tuple[str, dict[str, str]]:
     for before, after in zip(tree.body, tree.body[1:], strict=False):
         if not (isinstance(before, ast.AnnAssign) and isinstance(before.target, ast.Name)):
             continue
-        match after:
-            case ast.Expr(value=ast.Constant(value=str(text))):
-                fields[before.target.id] = source.cleandoc(text)
-            case _:
-                pass
-    return source.cleandoc(ast.get_docstring(tree) or ""), fields
+        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            fields[before.target.id] = source.cleandoc(str(after.value.value))
+    return fields
 
 
 def block_comment(text: str, indent: str = "") -> str:
