@@ -1,6 +1,6 @@
 """Figures for the Student tab: a built-in robot with modified parameters.
 
-`answer` is pure, without bus, clock or robot. `robots` and `kinematics` provide the mathematics.
+`solve` is pure, without bus, clock or robot. `robots` and `kinematics` provide the mathematics.
 """
 
 from __future__ import annotations
@@ -102,35 +102,31 @@ class StudentSession:
             self._task = None
 
     def _draw(self, pose: StudentPose | None) -> None:
+        """Show a pose, at once or, if its robot has changed, once that has rested."""
         if pose is not None and pose.robot != self._drawn:
             rests = self._waiting is not None and self._waiting.robot == pose.robot
             self._waiting = pose
             if not rests:
                 self._cancel_timer()
                 loop = asyncio.get_running_loop()
-                self._timer = loop.call_later(REBUILD_AFTER_S, self._draw_waiting)
+                self._timer = loop.call_later(REBUILD_AFTER_S, self._show_waiting)
             return
         self._cancel_timer()
         self._waiting = None
         if pose is not None or self._drawn is not None:
-            self._drawn = None if pose is None else pose.robot
-            self._show(pose)
+            self._show_now(pose)
 
-    def _draw_waiting(self) -> None:
-        pose, self._waiting, self._timer = self._waiting, None, None
-        if pose is not None:
-            self._drawn = pose.robot
-            self._show(pose)
+    def _show_waiting(self) -> None:
+        pose, self._waiting = self._waiting, None
+        self._show_now(pose)
+
+    def _show_now(self, pose: StudentPose | None) -> None:
+        self._drawn = None if pose is None else pose.robot
+        self._show(pose)
 
     def _cancel_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-            self._timer = None
-
-
-def answer(request: StudentRequest) -> StudentReply:
-    """Return the figures of a variant and, if it is impossible, the problem."""
-    return solve(request)[0]
 
 
 def solve(request: StudentRequest) -> tuple[StudentReply, StudentPose | None]:
@@ -161,11 +157,6 @@ def solve(request: StudentRequest) -> tuple[StudentReply, StudentPose | None]:
         papers=papers,
     )
     return reply, pose
-
-
-def figures_of(robot: RobotDescription, twist: Array) -> StudentFigures:
-    """Return the figures of a robot, and its wheels at `twist` (3,)."""
-    return _solution(robot, twist, None)[1]
 
 
 def _solution(
