@@ -15,7 +15,6 @@ from pathlib import Path
 
 import viser
 from aiohttp import web
-from aiohttp.typedefs import Handler
 
 from tsd_twin.dashboard.gateway.auth import CLIENT_ADDRESS, CONTENT_SOURCES, HEADERS, policy_of
 from tsd_twin.dashboard.gateway.listener import LISTENER, Listener
@@ -49,6 +48,10 @@ class Content:
             OSError: If it cannot be read.
         """
         return cls(file.read_bytes(), file.suffix)
+
+    async def serve(self, request: web.Request) -> web.StreamResponse:
+        """Answer a GET request."""
+        return self.respond(request)
 
     def respond(
         self, request: web.Request, headers: Mapping[str, str] | None = None
@@ -99,7 +102,7 @@ class ViewportPage:
     def add_to(self, router: web.UrlDispatcher) -> None:
         """Register the routes of the page and its script."""
         router.add_get(VIEWPORT_PATH, self._serve)
-        router.add_get(VIEWPORT_PATH + _FRAME_SCRIPT, self._serve_script)
+        router.add_get(VIEWPORT_PATH + _FRAME_SCRIPT, self._script.serve)
 
     async def _serve(self, request: web.Request) -> web.StreamResponse:
         if BLOCKED_PARAMETERS & request.query.keys():
@@ -115,9 +118,6 @@ class ViewportPage:
             raise web.HTTPForbidden(text="Only the dashboard's page may show this in a frame.")
         policy = policy_of(CONTENT_SOURCES | {"frame-ancestors": parent})
         return self._page.respond(request, HEADERS | {"Content-Security-Policy": policy})
-
-    async def _serve_script(self, request: web.Request) -> web.StreamResponse:
-        return self._script.respond(request)
 
 
 def _with_script(html: str, script: str) -> str:
@@ -180,7 +180,7 @@ class BundlePage:
         """Register the routes of the page and its files."""
         router.add_get("/", self._serve)
         for name, file in self._files.items():
-            router.add_get(f"/{name}", self._serve_file(file))
+            router.add_get(f"/{name}", file.serve)
 
     async def _serve(self, request: web.Request) -> web.StreamResponse:
         name, secure = name_of_host(request.headers["Host"]), request[CLIENT_ADDRESS].secure
@@ -194,9 +194,3 @@ class BundlePage:
             frames[1] = f"{'https' if secure else 'http'}://{name}:{viewport}"
         policy = policy_of(self._sources | {"frame-src": " ".join(frames).strip()})
         return self._pages[viewport].respond(request, HEADERS | {"Content-Security-Policy": policy})
-
-    def _serve_file(self, file: Content) -> Handler:
-        async def serve(request: web.Request) -> web.StreamResponse:
-            return file.respond(request)
-
-        return serve

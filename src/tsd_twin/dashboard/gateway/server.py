@@ -7,7 +7,6 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any, cast
 
-import msgspec
 from aiohttp import web
 
 from tsd_twin.dashboard.gateway.auth import (
@@ -212,10 +211,9 @@ class HttpServer:
             "beyond_limits": self._reader.dropped,
             "cut_off": self._reader.cut_off.count,
         }
-        body = msgspec.json.encode(
+        return json_response(
             {"ready": directory.has_live_robot(), "robots": directory.health(), "refused": refused}
         )
-        return json_response(body)
 
     def _announce_recordings(self) -> None:
         assert self._recorded is not None  # noqa: S101  Its library calls this.

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from tsd_twin.dashboard.recorded.view import RecordedView
+from tsd_twin.dashboard.recorded.view import RecordedView, timeline_events
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession, PageSocket
 from tsd_twin.dashboard.sessions.stops import LiveRobots
@@ -37,7 +37,6 @@ from tsd_twin.dashboard.wire.to_page import (
     RobotName,
     RobotState,
     Timeline,
-    TimelineEvent,
     encode_message,
 )
 from tsd_twin.errors import RecordingError
@@ -210,21 +209,12 @@ class RecordedSession(PageSession):
     async def _send_timeline(self) -> None:
         player = self._view.player
         self._told_s = player.duration_s
-        events = await asyncio.to_thread(player.reader.events)
-        marks = await asyncio.to_thread(player.reader.marks)
         self.send(
             Timeline(
                 name=player.path.name,
                 start_ms=player.start_ns // 1_000_000,
                 duration_s=player.duration_s,
-                events=[
-                    TimelineEvent(each.t_s, each.robot, each.kind, each.text, each.count, each.why)
-                    for each in events
-                ]
-                + [
-                    TimelineEvent(1e-9 * (mark.log_ns - player.start_ns), "", "mark", mark.note, 1)
-                    for mark in marks
-                ],
+                events=await asyncio.to_thread(timeline_events, player),
             )
         )
 

@@ -24,6 +24,7 @@ from tsd_twin.dashboard.scene.client_views import (
 )
 from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.scene import STALE_S, Scene
+from tsd_twin.dashboard.wire.to_page import TimelineEvent
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.player import PlaybackCursor, Player
 from tsd_twin.recording.remote import RemoteReader
@@ -31,6 +32,25 @@ from tsd_twin.recording.remote import RemoteReader
 RATE_HZ = 30.0
 _REFRESH_S = 1.0
 _LOG = logging.getLogger(__name__)
+
+
+def timeline_events(player: Player) -> list[TimelineEvent]:
+    """Return the events and marks of a recording; reads the file."""
+    return [
+        TimelineEvent(each.t_s, each.robot, each.kind, each.text, each.count, each.why)
+        for each in player.reader.events()
+    ] + [
+        TimelineEvent(1e-9 * (mark.log_ns - player.start_ns), "", "mark", mark.note, 1)
+        for mark in player.reader.marks()
+    ]
+
+
+def draw_recorded(scene: Scene, player: Player) -> None:
+    """Draw the robots of a recording at the time of its player."""
+    for robot in player.robots.values():
+        age_s = player.t_s - robot.snapshot.received_s
+        scene.set_stale(robot.id, age_s > STALE_S or not robot.alive)
+    scene.draw()
 
 
 class RecordedView:
@@ -135,10 +155,7 @@ class RecordedView:
         jumped, self._jumped = self._jumped, False
         if jumped:
             self._scene.clear_trails()
-        for robot in self.player.robots.values():
-            age_s = self.player.t_s - robot.snapshot.received_s
-            self._scene.set_stale(robot.id, age_s > STALE_S or not robot.alive)
-        self._scene.draw()
+        draw_recorded(self._scene, self.player)
         self.on_shown(jumped)
 
 

@@ -77,11 +77,6 @@ class ClientView:
     # Selection and camera.
 
     @property
-    def client_id(self) -> int:
-        """Number of its client."""
-        return self.client.client_id
-
-    @property
     def robot_id(self) -> str | None:
         """Selected robot, which the camera follows."""
         return self._robot_id

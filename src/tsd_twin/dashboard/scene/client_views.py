@@ -75,7 +75,9 @@ class ClientViews:
     def of_page(self, page: str) -> list[ClientView]:
         """Return the views of a page: none before its frame has connected."""
         with self._scene.lock:
-            return [view for view in self._connected() if self._pages[view.client_id] == page]
+            return [
+                view for view in self._connected() if self._pages[view.client.client_id] == page
+            ]
 
     def pick_floor(self, page: str, shares: Array) -> Array:
         """Return floor points (m, 2) in `odom` at a page's screen positions, see `floor_points`."""

@@ -11,9 +11,8 @@ import viser
 from manifold3d import CrossSection
 
 from tsd_twin.dashboard.scene.appearance import Palette, Rgb
-from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.scene.robot_geometry import LinkPoses, RobotShape, Surface
-from tsd_twin.dashboard.scene.themed import CASING_M, add_lines, set_all, themed
+from tsd_twin.dashboard.scene.themed import CASING_M, RateLimiter, add_lines, set_all, themed
 from tsd_twin.dashboard.scene.unlit import coloured, unlit_glb
 from tsd_twin.lie import SE2, SO3, Array
 

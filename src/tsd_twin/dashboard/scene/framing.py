@@ -191,18 +191,15 @@ class ClientCamera:
 
     def __init__(self, client: viser.ClientHandle, frame: Rectangle) -> None:
         self._camera = client.camera
-        self._frame = frame
-        self._placed: CameraPose | None = None
+        self.frame = frame
+        """Free part of the picture."""
+        self.placed: CameraPose | None = None
+        """Pose in the scene where the camera was placed, if it was."""
         self._placed_aspect = _USUAL_ASPECT
         self.placed_for: str | None = None
         """Robot in front of which the camera was placed with a known pose."""
         self.heading_rad = 0.0
         """Azimuth of the view in the scene when the camera was placed."""
-
-    @property
-    def frame(self) -> Rectangle:
-        """Free part of the picture."""
-        return self._frame
 
     @property
     def px_per_m(self) -> float:
@@ -211,17 +208,12 @@ class ClientCamera:
         Without a page, viser's client reports the pixels that it draws, of which a screen pixel may
         have several or less than one.
         """
-        height_px = self._frame.picture_px or float(self._camera.image_height)
+        height_px = self.frame.picture_px or float(self._camera.image_height)
         return 0.5 * max(_LEAST_PICTURE_PX, height_px) / math.tan(0.5 * FIELD_OF_VIEW_RAD)
-
-    @property
-    def placed(self) -> CameraPose | None:
-        """Pose in the scene where the camera was placed, if it was."""
-        return self._placed
 
     def set_frame(self, frame: Rectangle) -> bool:
         """Set the free part of the picture; return whether the camera is where it was placed."""
-        changed, self._frame = frame != self._frame, frame
+        changed, self.frame = frame != self.frame, frame
         return changed and self._is_untouched
 
     @property
@@ -237,7 +229,7 @@ class ClientCamera:
         viser's client does that when it learns that pose later than the placed one.
         """
         away = float(np.linalg.norm(self._camera.position - np.array(CAMERA_OFFSET_M)))
-        return self._placed is not None and away < _UNTOUCHED_M and not self._is_untouched
+        return self.placed is not None and away < _UNTOUCHED_M and not self._is_untouched
 
     def place(self, shape: RobotShape, at: SE2, preset: CameraPreset, *, planar: bool) -> None:
         """Frame a robot at a pose in the scene; spheres and the view from above do not turn."""
@@ -247,11 +239,11 @@ class ClientCamera:
         self._placed_aspect = aspect = self.aspect
         stand = Stand((x, y), shape.reach_m, shape.height_m + LABELS_ABOVE_M)
         pose = frame_robot(
-            stand, self.heading_rad, aspect, FIELD_OF_VIEW_RAD, self._frame, _ELEVATIONS_RAD[preset]
+            stand, self.heading_rad, aspect, FIELD_OF_VIEW_RAD, self.frame, _ELEVATIONS_RAD[preset]
         )
         self._camera.fov = FIELD_OF_VIEW_RAD  # A new client first reports viser's default.
         self._camera.position, self._camera.look_at = pose
-        self._placed = pose
+        self.placed = pose
 
     @property
     def aspect(self) -> float:
@@ -261,6 +253,6 @@ class ClientCamera:
 
     @property
     def _is_untouched(self) -> bool:
-        if self._placed is None:
+        if self.placed is None:
             return False
-        return bool(np.linalg.norm(self._camera.position - self._placed.position) < _UNTOUCHED_M)
+        return bool(np.linalg.norm(self._camera.position - self.placed.position) < _UNTOUCHED_M)

@@ -15,7 +15,6 @@ import viser
 from tsd_twin.client.monitor import RobotMonitor, Snapshot
 from tsd_twin.client.motions import kinematics_in_force
 from tsd_twin.dashboard.scene.appearance import robot_node
-from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape, commanded_joints
 from tsd_twin.dashboard.scene.robot_overlays import (
     NO_PREDICTION,
@@ -23,6 +22,7 @@ from tsd_twin.dashboard.scene.robot_overlays import (
     Prediction,
     RobotOverlays,
 )
+from tsd_twin.dashboard.scene.themed import RateLimiter
 from tsd_twin.dashboard.wire.view import TiltFactor
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array

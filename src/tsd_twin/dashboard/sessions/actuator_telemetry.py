@@ -296,7 +296,7 @@ class JointTelemetry:
         return {"joints": [JointValue(round(now, 2), round(goal, 2)) for now, goal in rows]}
 
 
-def joint_rows(_robot: Any, drive: Kinematics[Any], joints: Array) -> dict[str, Any]:
+def joint_rows(drive: Kinematics[Any], joints: Array) -> dict[str, Any]:
     """Return the rows `joints` of a joint vector (n,), as fields of `JointPreview`."""
     values = (joints * _units_per_si(drive.joints)).tolist()
     return {"joints": [JointValue(round(value, 2)) for value in values]}

@@ -69,7 +69,7 @@ def preview_of(link: RobotMonitor, twist: Array) -> tuple[JointPreview, Array]:
         twist=rounded(reached),
         utilization=round(float(drive.joint_utilization(twist)), 4),
         limit=binding_limit(drive, limiter, twist) if held_back else None,
-        **view_of(link.robot).joint_fields(link.robot, drive, joints),
+        **view_of(link.robot).joint_fields(drive, joints),
     )
     return preview, joints
 
