@@ -40,8 +40,7 @@ from tests.support.page_watcher import (
 )
 from tests.support.stall_watch import StallWatch
 from tsd_twin.bus import Bus
-from tsd_twin.dashboard.scene.client_camera import LABELS_ABOVE_M
-from tsd_twin.dashboard.scene.framing import Rectangle, Stand, frame_robot
+from tsd_twin.dashboard.scene.framing import LABELS_ABOVE_M, Rectangle, Stand, frame_robot
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
 from tsd_twin.lie import SE2

@@ -26,6 +26,7 @@ from tsd_twin.adapters.ros_messages import CMD_VEL, namespaces
 from tsd_twin.client import AsyncRobotClient, AsyncRobotControl
 from tsd_twin.client.bus_port import BusLink
 from tsd_twin.client.monitor import RobotMonitor
+from tsd_twin.dashboard.sessions.page_session import PageSocket
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.errors import TwinError
@@ -172,11 +173,13 @@ class PageSource(CommandSource):
         await self._link_is_up()
         principal = Principal(BusIdentity("page", Role.OPERATOR), may_stop=True)
         session = self._manager.run_session(
-            "0" * 16,
-            principal,
-            cast("Any", self._socket),
-            self._messages(),
-            contextlib.nullcontext(),
+            PageSocket(
+                "0" * 16,
+                principal,
+                cast("Any", self._socket),
+                self._messages(),
+                contextlib.nullcontext(),
+            )
         )
         self._tasks.append(asyncio.create_task(session))
         await self._answer("lease", t="lease", op="acquire")

@@ -24,7 +24,7 @@ from tsd_twin.dashboard.discovery import RobotDiscovery
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.server import HttpServer
 from tsd_twin.dashboard.recorded.pages import RecordedPages
-from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
+from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import Description
@@ -237,7 +237,6 @@ class Site:
         recordings: Path | None = None,
     ) -> None:
         nothing = EmptyScene()
-        self.chosen = nothing.chosen
         self.bus = bus
         self.discovery = RobotDiscovery(bus)
         self._loop = asyncio.new_event_loop()

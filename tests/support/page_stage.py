@@ -19,8 +19,7 @@ from typing import Any
 
 from playwright.sync_api import Browser, Page
 
-from tsd_twin.dashboard.gateway.page import FILES
-from tsd_twin.dashboard.gateway.viewport_page import BUNDLE
+from tsd_twin.dashboard.gateway.pages import BUNDLE, FILES
 
 OPERATOR = "web-01234567"
 _VIEWPORT = """<!doctype html><script>

@@ -13,7 +13,7 @@ import viser
 from tests.support.link_sockets import eventually
 from tests.support.viser_client import PATIENCE_S, ViserClient, viser_client
 from tsd_twin.dashboard.scene.client_view import ClientView
-from tsd_twin.dashboard.scene.client_views import ClientViews
+from tsd_twin.dashboard.scene.client_views import ClientViews, PageView
 from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.wire.view import ViewSettings
@@ -39,9 +39,9 @@ class ViewDesk:
             self.server,
             self.scene,
             lambda *point: self.points.put(point),
-            robot_of=self.robots.get,
-            view_of=self.settings.get,
-            frame_of=lambda page: self.frames.get(page, Rectangle()),
+            view_of=lambda page: PageView(
+                self.settings.get(page), self.frames.get(page, Rectangle()), self.robots.get(page)
+            ),
         )
         self.server.on_client_disconnect(self._note)
 
@@ -62,7 +62,7 @@ class ViewDesk:
 
     def apply(self, page: str = PAGE, *, look: bool = False, **settings: Any) -> None:
         """Apply view settings to a page; those that are not given have their defaults."""
-        self.views.apply(page, ViewSettings(**settings), look=look)
+        self.view(page).apply(ViewSettings(**settings), look=look)
 
     @contextmanager
     def opened(self, page: str | None, *, plain: bool = False) -> Generator[ViserClient]:

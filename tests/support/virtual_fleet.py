@@ -18,6 +18,7 @@ from tests.support.robot_node import QUICK
 from tests.support.virtual_time import VirtualClock
 from tsd_twin import robots
 from tsd_twin.client.monitor import RobotMonitor
+from tsd_twin.dashboard.sessions.page_session import PageSocket
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.messages import topics
@@ -178,12 +179,14 @@ class VirtualFleet:
         principal = Principal(BusIdentity("web", Role.OPERATOR), may_stop=may_stop)
         session = asyncio.create_task(
             self.manager.run_session(
-                page,
-                principal,
-                cast("Any", opened),
-                opened.messages(),
-                contextlib.nullcontext(),
-                name=name,
+                PageSocket(
+                    page,
+                    principal,
+                    cast("Any", opened),
+                    opened.messages(),
+                    contextlib.nullcontext(),
+                    name,
+                )
             )
         )
         beating = asyncio.create_task(opened.beat())

@@ -209,7 +209,7 @@ def viser_client(
     port: int, page: str | None = None, *, plain: bool = False
 ) -> Generator[ViserClient]:
     """Connect a client and receive the whole scene."""
-    headers = {KEY_HEADER: access_key(), "X-Tsd-Plain": "1" if plain else "0"}
+    headers = {KEY_HEADER: access_key(), "X-Tsd-Look": "dark-plain" if plain else "dark"}
     headers |= {} if page is None else {"X-Tsd-Page": page}
     socket = connect(
         f"ws://127.0.0.1:{port}",

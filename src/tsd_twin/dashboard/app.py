@@ -16,9 +16,8 @@ from tsd_twin.dashboard.gateway.server import HttpServer
 from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.scene.client_views import ClientViews
+from tsd_twin.dashboard.scene.client_views import BackgroundWorker, ClientViews, SceneExecutor
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.scene_executor import BackgroundWorker, SceneExecutor
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.dashboard.update_loop import UpdateLoop
 from tsd_twin.messages.events import Event
@@ -98,9 +97,7 @@ async def run(
             server,
             scene,
             sessions.on_sphere_click,
-            robot_of=sessions.robot_of,
             view_of=sessions.view_of,
-            frame_of=sessions.frame_of,
         )
         discovery.on_change = sessions.on_robots_changed
 

@@ -32,7 +32,7 @@ from tests.support.raw_http import (
 )
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
-from tsd_twin.dashboard.gateway.viewport_page import VIEWPORT_PATH
+from tsd_twin.dashboard.gateway.pages import VIEWPORT_PATH
 from tsd_twin.security.web_access import server_tls_context
 
 PAGE = "0123456789abcdef"

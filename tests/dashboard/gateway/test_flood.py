@@ -17,7 +17,7 @@ from tests.support.recorders import CommandRecorder, is_put_to_rest, settle, zer
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.socket_limits import GRACE, POLICY_VIOLATION, TELEOP, TOO_MUCH
-from tsd_twin.dashboard.scene.scene_executor import BackgroundWorker
+from tsd_twin.dashboard.scene.client_views import BackgroundWorker
 from tsd_twin.dashboard.sessions.teleop import ZERO_REPEATS
 
 TOO_MANY = round((1.0 + GRACE) * TELEOP.messages.burst) + 100

@@ -15,9 +15,8 @@ import pytest
 
 from tests.support.empty_scene import EmptyScene
 from tests.support.page_client import PATIENCE_S, Site, site
-from tsd_twin.dashboard.gateway.page import FILES
+from tsd_twin.dashboard.gateway.pages import BUNDLE, FILES, VIEWPORT_PATH
 from tsd_twin.dashboard.gateway.server import HttpServer
-from tsd_twin.dashboard.gateway.viewport_page import BUNDLE, VIEWPORT_PATH
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.errors import TwinError
 

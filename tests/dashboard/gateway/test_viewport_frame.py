@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Frame, Page, Route, sync_playwright
 
 from tests.support.browser import CHEAP_FLAGS, executable
 from tests.support.page_client import Site, site
-from tsd_twin.dashboard.gateway.viewport_page import VIEWPORT_PATH
+from tsd_twin.dashboard.gateway.pages import VIEWPORT_PATH
 from tsd_twin.dashboard.scene import viser_compat
 
 pytestmark = [pytest.mark.system, pytest.mark.busy]

@@ -21,9 +21,8 @@ from tests.support.page_client import PATIENCE_S, Site, site
 from tests.support.raw_http import dialled, is_closed, status_of
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
-from tsd_twin.dashboard.gateway.page import FILES
+from tsd_twin.dashboard.gateway.pages import BUNDLE, FILES, VIEWPORT_PATH
 from tsd_twin.dashboard.gateway.server import HttpServer
-from tsd_twin.dashboard.gateway.viewport_page import BUNDLE, VIEWPORT_PATH
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.errors import TwinError
 

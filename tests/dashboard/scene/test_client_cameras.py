@@ -15,8 +15,7 @@ from tests.support.link_sockets import eventually
 from tests.support.robot_feed import RobotFeed
 from tests.support.view_desk import PAGE, ViewDesk
 from tests.support.viser_client import CAMERA, ViserClient, chosen
-from tsd_twin.dashboard.scene.client_camera import ClientCamera
-from tsd_twin.dashboard.scene.framing import CameraPose, Rectangle, pictured
+from tsd_twin.dashboard.scene.framing import CameraPose, ClientCamera, Rectangle, pictured
 from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer
 from tsd_twin.lie import SE2
@@ -39,7 +38,7 @@ def test_the_selected_robot_keeps_its_place_in_the_scene(
     del feed
     bob = RobotFeed("bob")
     desk.scene.add(bob)
-    desk.views.select_robot(PAGE, "bob")
+    desk.view().select_robot("bob")
     for x in (1.0, 2.0):
         bob.say(pose=np.array([x, 0.5, 0.0]))
         desk.scene.draw()
@@ -61,7 +60,7 @@ def test_the_selected_robot_is_in_view_regardless_of_earlier_selections(
     viewer.until(lambda: viewer.node("/w/k").visible is not bool(hidden))
     for names in itertools.permutations(PLACES, 2):
         for name in names:
-            desk.views.select_robot(PAGE, name)
+            desk.view().select_robot(name)
             x, y = PLACES[name]
             viewer.until(lambda x=x, y=y: np.allclose(viewer.node("/w").position, (-x, -y, 0.0)))
 
@@ -79,7 +78,7 @@ def test_a_camera_that_was_moved_away_frames_the_next_robot(
     viewer.send(CAMERA | {"position": list(away), "look_at": [2.0, 0.0, 0.0]})
     eventually(lambda: np.allclose(desk.view().client.camera.position, away))
     viewer.camera.clear()
-    desk.views.select_robot(PAGE, "bob")
+    desk.view().select_robot("bob")
     viewer.until(lambda: np.allclose(seen_at(viewer, (0.0, 0.0)), 0.5, atol=0.1))
 
 

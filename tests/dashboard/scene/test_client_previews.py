@@ -33,7 +33,7 @@ def enlarged(viewer: ViserClient, kind: str) -> Node:
 
 def preview(desk: ViewDesk, feed: RobotFeed, *twist: float) -> None:
     """Preview a twist of a robot on the page."""
-    desk.views.show_preview(PAGE, feed.id, feed.kinematics.inverse(np.array(twist)))
+    desk.view().show_preview(feed.id, feed.kinematics.inverse(np.array(twist)))
 
 
 def test_a_preview_replaces_the_gimbals_for_its_own_client(
@@ -58,7 +58,7 @@ def test_the_live_gimbals_return_after_a_preview(
 ) -> None:
     preview(desk, feed, 0.5, 0.0, 0.0)
     viewer.until(lambda: previewed(viewer, "wheel").visible)
-    desk.views.show_preview(PAGE, feed.id, None)
+    desk.view().show_preview(feed.id, None)
     viewer.until(lambda: not previewed(viewer, "wheel").visible)
     viewer.until(lambda: not any(any(hidden(viewer, kind)) for kind in GIMBALS))
     # They were live throughout.
@@ -94,7 +94,7 @@ def test_selecting_another_robot_ends_the_preview(
     preview(desk, feed, 0.5, 0.0, 0.0)
     viewer.until(lambda: previewed(viewer, "outer").visible)
     for name in ("bob", feed.id):
-        desk.views.select_robot(PAGE, name)
+        desk.view().select_robot(name)
         viewer.until(lambda: not any(hidden(viewer, "outer")))
         viewer.until(lambda: "/w/r/tsd/pouter" not in viewer.own)
 
@@ -142,7 +142,7 @@ def test_a_preview_is_exaggerated_and_the_enlarged_gimbals_return_after_it(
     )
     shown = np.reshape(previewed(viewer, "inner").props["batched_wxyzs"], (-1, 4))
     np.testing.assert_allclose(shown, poses["inner"].wxyz, atol=1e-6)
-    desk.views.show_preview(PAGE, feed.id, None)
+    desk.view().show_preview(feed.id, None)
     viewer.until(
         lambda: enlarged(viewer, "inner").visible and not previewed(viewer, "inner").visible
     )

@@ -95,8 +95,8 @@ def test_an_unknown_robot_is_not_selected(
 ) -> None:
     del viewer, onlooker
     desk.scene.add(RobotFeed("bob"))
-    desk.views.select_robot(PAGE, "bob")
-    desk.views.select_robot(PAGE, "nobody")
+    desk.view().select_robot("bob")
+    desk.view().select_robot("nobody")
     assert desk.view().robot_id == "bob"
     assert desk.view(OTHER_PAGE).robot_id == "tsd"
 
@@ -138,7 +138,7 @@ def test_a_client_without_a_page_keeps_the_defaults(desk: ViewDesk, viewer: Vise
     desk.scene.add(RobotFeed("bob"))
     with desk.opened(None) as stranger:
         desk.apply(hidden=[Layer.TRAIL])
-        desk.views.select_robot(PAGE, "bob")
+        desk.view().select_robot("bob")
         viewer.until(lambda: not viewer.own["/w/k"].visible)
         assert chosen(stranger) == {}
 

@@ -53,7 +53,7 @@ def test_the_ghost_is_where_the_robot_was_and_says_so(
     scene.draw()
     asking.until(lambda: "/w/r/tsd/mchassis" in asking.shared)
     asking.until(lambda: np.allclose(asking.node("/w/r/tsd").position, (1.5, 0.4, 0.0)))
-    views.show_past(PAGE, past, 2.5)
+    views.of_page(PAGE)[0].show_past(past, 2.5)
     asking.until(lambda: asking.own["/w/h/n"].props["text"] == "tsd 2.5 s ago")
     ghost = asking.own["/w/h"]
     np.testing.assert_allclose(ghost.position, (0.5, -0.2, 0.0))
@@ -63,10 +63,10 @@ def test_the_ghost_is_where_the_robot_was_and_says_so(
     np.testing.assert_allclose(asking.node("/w/r/tsd").position, (1.5, 0.4, 0.0))
     assert "/w/h" not in other.own
     assert "/w/h" not in other.shared
-    views.show_past(PAGE, feed.snapshot, 0.5)
+    views.of_page(PAGE)[0].show_past(feed.snapshot, 0.5)
     asking.until(lambda: asking.own["/w/h/n"].props["text"] == "tsd 0.5 s ago")
     np.testing.assert_allclose(asking.own["/w/h"].position, (1.5, 0.4, 0.0))
-    views.show_past(PAGE, None, 0.0)
+    views.of_page(PAGE)[0].show_past(None, 0.0)
     asking.until(lambda: not asking.own["/w/h"].visible)
 
 
@@ -79,9 +79,9 @@ def test_the_ghost_goes_when_another_robot_is_chosen(
         scene.add(each)
     feed.say(pose=np.zeros(3))
     scene.draw()
-    views.show_past(PAGE, feed.snapshot, 1.0)
+    views.of_page(PAGE)[0].show_past(feed.snapshot, 1.0)
     asking.until(lambda: "/w/h" in asking.own)
-    views.select_robot(PAGE, "atlas")
+    views.of_page(PAGE)[0].select_robot("atlas")
     asking.until(lambda: "/w/h" not in asking.own)
 
 
@@ -94,7 +94,7 @@ def test_the_ghost_of_a_sphere_is_beside_it(
     turn = SO3.exp(np.array([0.4, -0.3, 0.8]))
     feed.say(ball=turn, joints=np.zeros(len(feed.kinematics.joints)))
     scene.draw()
-    views.show_past(PAGE, feed.snapshot, 1.0)
+    views.of_page(PAGE)[0].show_past(feed.snapshot, 1.0)
     asking.until(lambda: "/w/h/sphere" in asking.own)
     reach_m = scene.visuals["atlas"].meshes.shape.reach_m
     assert asking.own["/w/h"].position[1] < -2.0 * reach_m

@@ -126,12 +126,12 @@ def test_preview_is_seen_by_one_client_in_place_of_the_live_gimbals(
     other_page, _ = desk.open()
     live = picture(page)
     assert magenta(live) == 0
-    view.set_preview(desk.feed.kinematics.inverse(np.array([0.0, 0.0, 3.0])))
+    view.show_preview(desk.feed.id, desk.feed.kinematics.inverse(np.array([0.0, 0.0, 3.0])))
     tried = until(page, lambda shown: magenta(shown) > 100)
     assert orange(tried) < 0.1 * orange(live)  # The live wheels are not behind them.
     assert magenta(picture(other_page)) == 0
     other_page.close()
-    view.set_preview(None)
+    view.show_preview(desk.feed.id, None)
     # What was tried may be gone a frame before what lives is back.
     again = until(page, lambda shown: magenta(shown) == 0 and orange(shown) > 0.5 * orange(live))
     assert orange(again) == pytest.approx(orange(live), rel=0.05)

@@ -10,10 +10,10 @@ import viser
 
 from tests.support.robot_feed import RobotFeed, link_poses
 from tests.support.viser_client import ViserClient, chosen, viser_client
+from tsd_twin.dashboard.scene.client_nodes import StudentPose
 from tsd_twin.dashboard.scene.client_views import ClientViews
 from tsd_twin.dashboard.scene.robot_visual import exaggerate_tilt
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.student_robot import StudentPose
 from tsd_twin.dashboard.sessions.variants import variant
 from tsd_twin.dashboard.wire.view import TiltFactor, ViewSettings
 from tsd_twin.lie import SE2, Array
@@ -66,7 +66,7 @@ def test_a_variant_replaces_the_robot_on_the_page_that_asked_and_follows_its_joi
     asking.until(lambda: "/w/r/tsd/mchassis" in asking.shared)
     for twist in ((0.5, 0.0, 1.0), (0.0, 0.9, 0.0)):
         pose = pose_of("tsd", twist, drive__pivot_radius_m=0.2)
-        views.show_student(PAGE, pose)
+        views.of_page(PAGE)[0].show_student(pose)
         drawn = exaggerate_tilt(pose.joints, 5.0)
         poses = link_poses(pose.robot, SE2.identity(), drawn)
         asking.until(
@@ -80,7 +80,7 @@ def test_a_variant_replaces_the_robot_on_the_page_that_asked_and_follows_its_joi
     asking.until(lambda: is_hidden(asking, "chassis") and is_hidden(asking, "wheel"))
     assert not asking.own["/w/r/tsd/s"].visible  # Rings of the robot that is not there.
     assert chosen(other) == {}
-    views.show_student(PAGE, None)
+    views.of_page(PAGE)[0].show_student(None)
     asking.until(lambda: chosen(asking) == {})
     asking.until(lambda: not is_hidden(asking, "chassis") and not is_hidden(asking, "wheel"))
 
@@ -90,7 +90,7 @@ def test_the_cross_lies_at_the_centre_of_rotation(
 ) -> None:
     asking, _ = viewers
     scene.add(RobotFeed())
-    views.show_student(PAGE, pose_of("tsd", (0.5, -0.25, 0.5)))
+    views.of_page(PAGE)[0].show_student(pose_of("tsd", (0.5, -0.25, 0.5)))
     asking.until(lambda: "/w/r/tsd/vc" in asking.own)
     points = np.reshape(asking.own["/w/r/tsd/vc"].props["points"], (-1, 3))
     np.testing.assert_allclose(points.mean(axis=0)[:2], (0.5, 1.0), atol=1e-6)
@@ -101,9 +101,9 @@ def test_another_kind_is_drawn_with_its_pushes_without_any_robot(
     base: str, views: ClientViews, viewers: tuple[ViserClient, ViserClient]
 ) -> None:
     asking, _ = viewers
-    views.show_student(PAGE, pose_of(base, (0.2, 0.3, 0.4)))
+    views.of_page(PAGE)[0].show_student(pose_of(base, (0.2, 0.3, 0.4)))
     asking.until(lambda: {"/w/vchassis", "/w/vwheel", "/w/va"} <= asking.own.keys())
-    views.show_student(PAGE, None)
+    views.of_page(PAGE)[0].show_student(None)
     asking.until(lambda: not any("/w/v" in name for name in asking.own))
 
 
@@ -112,7 +112,7 @@ def test_the_robot_that_is_replaced_may_go(
 ) -> None:
     asking, _ = viewers
     scene.add(RobotFeed())
-    views.show_student(PAGE, pose_of("tsd", (0.5, 0.0, 0.0)))
+    views.of_page(PAGE)[0].show_student(pose_of("tsd", (0.5, 0.0, 0.0)))
     asking.until(lambda: "/w/r/tsd/vwheel" in asking.own)
     scene.remove("tsd")
     asking.until(lambda: "/w/vwheel" in asking.own)
@@ -123,10 +123,10 @@ def test_exaggerated_gimbals_are_not_drawn_through_the_variant(
 ) -> None:
     asking, _ = viewers
     scene.add(RobotFeed())
-    views.apply(PAGE, ViewSettings(tilt=TiltFactor.THREE), look=False)
+    views.of_page(PAGE)[0].apply(ViewSettings(tilt=TiltFactor.THREE), look=False)
     asking.until(lambda: "/w/r/tsd/qinner" in asking.own)
     pose = pose_of("tsd", (0.5, 0.0, 0.0))
-    views.show_student(PAGE, pose)
+    views.of_page(PAGE)[0].show_student(pose)
     asking.until(lambda: not asking.own["/w/r/tsd/qinner"].visible)
     true = link_poses(pose.robot, SE2.identity(), pose.joints)["inner"].wxyz
     cosine = np.sum(shown(asking, "/w/r/tsd/vinner") * true, axis=-1)
@@ -141,12 +141,12 @@ def test_a_preview_is_drawn_for_the_robot_it_was_computed_for(
     feed = RobotFeed()
     scene.add(feed)
     joints = feed.kinematics.inverse(np.array([0.3, 0.2, 0.1]))
-    views.show_preview(PAGE, "another", np.zeros(4))
-    views.show_preview(PAGE, "tsd", joints)
+    views.of_page(PAGE)[0].show_preview("another", np.zeros(4))
+    views.of_page(PAGE)[0].show_preview("tsd", joints)
     poses = link_poses(feed.robot, SE2.identity(), exaggerate_tilt(joints, 5.0))
     asking.until(
         lambda: np.allclose(shown(asking, "/w/r/tsd/pinner"), poses["inner"].wxyz, atol=1e-6)
     )
     assert chosen(other) == {}
-    views.show_preview(PAGE, "tsd", None)
+    views.of_page(PAGE)[0].show_preview("tsd", None)
     asking.until(lambda: not asking.own["/w/r/tsd/pinner"].visible)

@@ -54,7 +54,7 @@ def shown(viewer: ViserClient) -> set[tuple[str, Theme]]:
 
 def test_a_client_sees_the_overlays_of_its_theme(views: ClientViews, viewer: ViserClient) -> None:
     for dark, theme in ((True, Theme.DARK), (False, Theme.LIGHT), (True, Theme.DARK)):
-        views.apply(PAGE, ViewSettings(dark=dark), look=False)
+        views.of_page(PAGE)[0].apply(ViewSettings(dark=dark), look=False)
         expected = {(name, theme) for name in OVERLAYS}
         viewer.until(lambda expected=expected: shown(viewer) == expected)
 
@@ -73,14 +73,14 @@ def test_the_robot_is_framed_in_the_free_rectangle_at_first_sight_and_when_it_ch
     views: ClientViews, viewer: ViserClient
 ) -> None:
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), 0.5, atol=0.1))
-    views.set_frame(PAGE, FREE)
+    views.of_page(PAGE)[0].set_frame(FREE)
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), (0.55, 0.35), atol=0.07))
 
 
 def test_the_robot_is_framed_again_in_a_narrower_window(
     views: ClientViews, viewer: ViserClient
 ) -> None:
-    views.set_frame(PAGE, FREE)
+    views.of_page(PAGE)[0].set_frame(FREE)
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), (0.55, 0.35), atol=0.07))
     assert viewer.camera["SetCameraFovMessage"]["fov"] == FIELD_OF_VIEW_RAD
     placed = {
@@ -102,9 +102,9 @@ def test_a_camera_that_somebody_has_moved_stays_until_home(
     away = (3.0, 1.0, 1.0)
     viewer.send(CAMERA | {"position": list(away), "look_at": [2.0, 0.0, 0.0]})
     eventually(lambda: np.allclose(panel.client.camera.position, away))
-    views.set_frame(PAGE, FREE)
+    views.of_page(PAGE)[0].set_frame(FREE)
     np.testing.assert_allclose(panel.client.camera.position, away)
-    views.apply(PAGE, ViewSettings(), look=True)
+    views.of_page(PAGE)[0].apply(ViewSettings(), look=True)
     viewer.until(lambda: np.allclose(robot_in_picture(viewer), (0.55, 0.35), atol=0.07))
 
 

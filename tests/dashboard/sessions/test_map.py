@@ -13,9 +13,8 @@ import viser
 from tests.support.page_client import Page, Site, site
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import ViserClient, viser_client
-from tsd_twin.dashboard.scene.client_views import ClientViews
+from tsd_twin.dashboard.scene.client_views import BackgroundWorker, ClientViews, SceneExecutor
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.scene_executor import BackgroundWorker, SceneExecutor
 from tsd_twin.dashboard.sessions.map_data import TRAIL_POINTS, TRAIL_SPACING_M, MapTrail
 
 ROUTE_NODE = "/w/p/tsd/dark/p"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +16,7 @@ from tests.support.empty_scene import EmptyScene
 from tests.support.link_sockets import eventually
 from tests.support.page_client import Site, site
 from tests.support.robot_feed import RobotFeed
-from tsd_twin.dashboard.sessions.preview import preview_of
+from tsd_twin.dashboard.sessions.previews import preview_of
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import decode_page_message
 from tsd_twin.dashboard.wire.to_page import JointPreview, RobotState
@@ -169,8 +170,9 @@ class WatchedScene(EmptyScene):
         super().__init__()
         self.previews: list[tuple[str, str, Array | None]] = []
 
-    def show_preview(self, page: str, robot_id: str, joints: Array | None) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        self.previews.append((page, robot_id, joints))
+    def draw(self, page: str, kind: str, act: Callable[[Any], None]) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        if kind == "preview":
+            act(SimpleNamespace(show_preview=lambda *shown: self.previews.append((page, *shown))))
 
 
 @pytest.fixture

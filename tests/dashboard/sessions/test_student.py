@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.page_client import Site
+from tests.support.student_answer import answer
 from tsd_twin.bus import Bus, node_config
-from tsd_twin.dashboard.sessions.student import answer, figures_of
 from tsd_twin.dashboard.sessions.variants import variant
 from tsd_twin.dashboard.wire.from_page import StudentRequest, decode_page_message
 from tsd_twin.dashboard.wire.student import StudentFigures
@@ -182,7 +182,9 @@ def test_a_page_without_a_robot_gets_its_figures_and_only_the_newest_of_many() -
         numbers = [reply["number"] for reply in replies]
         assert numbers == sorted(numbers)
         top = {one["name"]: one["value"] for one in replies[-1]["figures"]["figures"]}
-        own = figures_of(load_robot("tsd"), np.zeros(3)).tops[0]
+        usual = answer(StudentRequest(number=1, base="tsd", knobs={})).figures
+        assert usual is not None
+        own = usual.tops[0]
         assert top["Top speed forward"] == pytest.approx(own * 0.05 / 0.04, rel=1e-5)
         assert not page.all("robot")
 

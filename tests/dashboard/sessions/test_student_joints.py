@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -16,9 +17,9 @@ from hypothesis import strategies as st
 from tests.support.empty_scene import EmptyScene
 from tests.support.link_sockets import eventually
 from tests.support.page_client import site
-from tsd_twin.dashboard.scene.student_robot import StudentPose
+from tests.support.student_answer import answer
+from tsd_twin.dashboard.scene.client_nodes import StudentPose
 from tsd_twin.dashboard.sessions import student
-from tsd_twin.dashboard.sessions.student import answer
 from tsd_twin.dashboard.sessions.student_equations import math_tokens
 from tsd_twin.dashboard.wire.from_page import StudentRequest
 from tsd_twin.dashboard.wire.student import MathToken, StudentFigures
@@ -294,8 +295,9 @@ class DrawnScene(EmptyScene):
         super().__init__()
         self.poses: list[StudentPose | None] = []
 
-    def show_student(self, _page: str, pose: StudentPose | None) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        self.poses.append(pose)
+    def draw(self, _page: str, kind: str, act: Callable[[Any], None]) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        if kind == "student":
+            act(SimpleNamespace(show_student=self.poses.append))
 
 
 def test_a_page_shows_its_variant_until_it_leaves() -> None:

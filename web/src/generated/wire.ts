@@ -27,11 +27,11 @@ export type RecordedServerMessage =
 /** Message from a page that shows live robots. */
 export type PageMessage =
   | DriveCommand
+  | FollowPlan
+  | ReleaseControls
   | PlanRequest
   | SetSpeedLevel
   | ClearPlan
-  | FollowPlan
-  | ReleaseControls
   | PreviewRequest
   | PageHeartbeat
   | LeaseAction
@@ -40,14 +40,14 @@ export type PageMessage =
   | ResetRequest
   | SetWheelSpeed
   | StopCommand
+  | SetName
+  | LookBack
   | SelectRobot
   | SelectPlotFields
   | SetView
   | SetFrame
   | ShowMap
   | ShowFleet
-  | SetName
-  | LookBack
   | ShowShadow
   | StudentRequest;
 
@@ -573,23 +573,23 @@ export interface LoopStatus {
   longest_ms: number;
 }
 
-/** State of a gimbal; angles in degrees. */
+/** Measured joints of a module and their effect, with the commanded ones. */
 export interface GimbalState {
   alpha: number;
   beta: number;
   tilt: number;
-  radius_mm: number;
-  rpm: number;
-  alpha_setpoint: number;
-  beta_setpoint: number;
-  /** Tilt direction of the axle in `base_link`, seen from above; length 1 is the tilt limit. */
-  axle: [number, number];
-  set_axle: [number, number];
-  spinning: boolean;
   /** Direction towards which the axle tilts, from X towards Y; None if it is upright. */
   direction: number | null;
-  /** Velocity at which the rolling wheel moves its pivot, m/s in `base_link`. */
+  /** Tilt direction of the axle, seen from above; length 1 is the tilt limit. */
+  axle: [number, number];
+  /** Velocity at which the rolling wheel moves its pivot, m/s. */
   push: [number, number];
+  rpm: number;
+  radius_mm: number;
+  alpha_setpoint: number;
+  beta_setpoint: number;
+  set_axle: [number, number];
+  spinning: boolean;
   /** Commanded joints; the push is for the measured wheel speed. */
   setpoint: GimbalPose;
 }
@@ -608,15 +608,19 @@ export interface GimbalPose {
   rpm: number;
 }
 
-/** State of a rolling wheel. */
+/** Measured speed of a rolling wheel and its effect, with the commanded ones. */
 export interface WheelState {
   rpm: number;
+  /**
+   * Rim velocity along the drive direction from above, along `base_link`, m/s.
+   *
+   * It moves the robot over the floor, or the sphere over the robot.
+   */
+  push: [number, number];
   rpm_setpoint: number;
+  push_setpoint: [number, number];
   /** Rim speed not explained by the robot's motion. */
   residual_mps: number;
-  /** Rim velocity along the drive direction, as in `WheelPose`. */
-  push: [number, number];
-  push_setpoint: [number, number];
 }
 
 /** Measured and commanded value in a row of the panel `joints`. */
@@ -897,6 +901,20 @@ export interface DriveCommand {
   frame?: "base_link" | "odom";
 }
 
+/** Command to follow the planned path; like `drive`, it must be repeated. */
+export interface FollowPlan {
+  t: "follow_plan";
+  /** Number of the path, which changes with each planning. At least 0, at most 9 007 199 254 740 992. */
+  route: number;
+  /** At least 0, at most 9 007 199 254 740 992. */
+  status_seq: number;
+}
+
+/** All controls have been released. */
+export interface ReleaseControls {
+  t: "release";
+}
+
 /** Request to plan a path to a point on the floor, or along a drawn line. */
 export interface PlanRequest {
   t: "plan";
@@ -921,20 +939,6 @@ export interface SetSpeedLevel {
 /** Clear the path. */
 export interface ClearPlan {
   t: "clear_plan";
-}
-
-/** Command to follow the planned path; like `drive`, it must be repeated. */
-export interface FollowPlan {
-  t: "follow_plan";
-  /** Number of the path, which changes with each planning. At least 0, at most 9 007 199 254 740 992. */
-  route: number;
-  /** At least 0, at most 9 007 199 254 740 992. */
-  status_seq: number;
-}
-
-/** All controls have been released. */
-export interface ReleaseControls {
-  t: "release";
 }
 
 /** Request to show the joints for a twist, on this page only; it moves no robot. */
@@ -997,6 +1001,20 @@ export interface StopCommand {
   /** At most 32 characters. */
   robot?: string | null;
   all?: boolean;
+}
+
+/** Display name of the operator, in any script; ignored with a login. */
+export interface SetName {
+  t: "name";
+  /** At most 200 characters. */
+  name: string;
+}
+
+/** Request to draw a past state of the robot next to the live one; null ends it. */
+export interface LookBack {
+  t: "look_back";
+  /** At least 0.1, at most 30. */
+  history_offset_s: number | null;
 }
 
 /** Request to select another robot. */
@@ -1079,20 +1097,6 @@ export interface ShowMap {
 export interface ShowFleet {
   t: "fleet";
   on: boolean;
-}
-
-/** Display name of the operator, in any script; ignored with a login. */
-export interface SetName {
-  t: "name";
-  /** At most 200 characters. */
-  name: string;
-}
-
-/** Request to draw a past state of the robot next to the live one; null ends it. */
-export interface LookBack {
-  t: "look_back";
-  /** At least 0.1, at most 30. */
-  history_offset_s: number | null;
 }
 
 /** Request for the comparison with the shadow twin with every state while `on`. */

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from aiohttp import web
 
 from tsd_twin.client.monitor import RobotMonitor
-from tsd_twin.dashboard.gateway.content import Content
+from tsd_twin.dashboard.gateway.pages import Content
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.errors import TwinError
 from tsd_twin.robots import RobotDescription

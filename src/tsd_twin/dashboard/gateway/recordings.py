@@ -16,9 +16,10 @@ from aiohttp.typedefs import Handler
 from tsd_twin.dashboard.gateway.auth import PRINCIPAL, require_origin
 from tsd_twin.dashboard.gateway.file_download import send_file
 from tsd_twin.dashboard.gateway.socket_limits import Bucket, Quota
-from tsd_twin.dashboard.recorded.exports import KINDS, ExportRequest, Exports, ExportsBusyError
+from tsd_twin.dashboard.recorded.exports import KINDS, Exports, ExportsBusyError
 from tsd_twin.dashboard.recorded.library import RecordingLibrary
 from tsd_twin.errors import RecordingError
+from tsd_twin.recording.export import RecordingSlice
 from tsd_twin.recording.titles import FolderError, read_title
 from tsd_twin.security import Role
 
@@ -77,12 +78,12 @@ class RecordingRoutes:
             text = f"a search has at most {QUERY_LENGTH} characters"
             raise _refusal(web.HTTPBadRequest, "invalid_query", text)
         rows = await self._library.rows(query)
-        response = json_response(msgspec.json.encode(rows))
+        response = json_response(rows)
         response.enable_compression()
         return response
 
     async def _list_trash(self, _request: web.Request) -> web.StreamResponse:
-        return json_response(msgspec.json.encode(await self._library.trash()))
+        return json_response(await self._library.trash())
 
     async def _path(self, request: web.Request) -> web.StreamResponse:
         path = self._library.file(request.match_info["name"])
@@ -90,11 +91,11 @@ class RecordingRoutes:
             found = await self._library.paths(path)
         except RecordingError as error:
             raise FolderError("no_recording", "this recording cannot be shown") from error
-        return json_response(msgspec.json.encode(found))
+        return json_response(found)
 
     async def _lanes(self, request: web.Request) -> web.StreamResponse:
         path = self._library.file(request.match_info["name"])
-        response = json_response(msgspec.json.encode(await self._library.lanes(path)))
+        response = json_response(await self._library.lanes(path))
         response.enable_compression()
         return response
 
@@ -109,19 +110,18 @@ class RecordingRoutes:
             raise _refusal(web.HTTPBadRequest, "invalid_title", text) from error
         name = request.match_info["name"]
         title, previous = await self._library.set_title(name, body.title)
-        body = {"name": name, "title": title, "previous": previous}
-        return json_response(msgspec.json.encode(body))
+        return json_response({"name": name, "title": title, "previous": previous})
 
     async def _delete(self, request: web.Request) -> web.StreamResponse:
         self._admit_change(request)
         operator = request[PRINCIPAL].identity.name
         row = await self._library.delete(request.match_info["name"], operator)
-        return json_response(msgspec.json.encode(row))
+        return json_response(row)
 
     async def _restore(self, request: web.Request) -> web.StreamResponse:
         self._admit_change(request)
         name = await self._library.restore(request.match_info["id"])
-        return json_response(msgspec.json.encode({"name": name}))
+        return json_response({"name": name})
 
     def _admit_change(self, request: web.Request) -> None:
         """Refuse a change by another site, a viewer or a flood.
@@ -151,11 +151,11 @@ class RecordingRoutes:
         path = self._library.file(request.match_info["name"])
         query = _export_query(request)
         kind = query.kind
-        wanted = ExportRequest(path, kind, query.start_s, query.end_s, query.robot)
+        part = RecordingSlice(path, query.start_s, query.end_s, query.robot)
         name = (read_title(path) or path.stem) + KINDS[kind]
 
         async def send() -> web.StreamResponse:
-            async with self._exports.file(wanted) as file:
+            async with self._exports.file(kind, part) as file:
                 return await send_file(request, file, name, _EXPORT_TYPES[kind])
 
         return await self._send(request, send)
@@ -184,11 +184,10 @@ class RecordingRoutes:
                 del self._downloads[key]
 
 
-def json_response(body: bytes) -> web.Response:
-    """Return a response that no browser stores."""
-    return web.Response(
-        body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
-    )
+def json_response(value: object) -> web.Response:
+    """Return a value as JSON that no browser stores."""
+    body, headers = msgspec.json.encode(value), {"Cache-Control": "no-store"}
+    return web.Response(body=body, content_type="application/json", headers=headers)
 
 
 def _export_query(request: web.Request) -> _ExportQuery:
@@ -229,7 +228,7 @@ def _refusing(handler: Handler) -> Handler:
 def _problem(
     status: int, code: str, text: str, headers: dict[str, str] | None = None
 ) -> web.Response:
-    response = json_response(msgspec.json.encode({"code": code, "text": text}))
+    response = json_response({"code": code, "text": text})
     response.set_status(status)
     response.headers.update(headers or {})
     return response

@@ -7,7 +7,6 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Any, cast
 
-import msgspec
 from aiohttp import web
 
 from tsd_twin.dashboard.gateway.auth import (
@@ -21,13 +20,13 @@ from tsd_twin.dashboard.gateway.auth import (
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quiet_log
 from tsd_twin.dashboard.gateway.listener import LISTENER, Listener
 from tsd_twin.dashboard.gateway.login import LoginRoutes
-from tsd_twin.dashboard.gateway.page import BundlePage
+from tsd_twin.dashboard.gateway.pages import BundlePage, ViewportPage
 from tsd_twin.dashboard.gateway.portraits import PortraitRoutes
 from tsd_twin.dashboard.gateway.recordings import RecordingRoutes, json_response
 from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
-from tsd_twin.dashboard.gateway.viewport_page import ViewportPage
 from tsd_twin.dashboard.recorded.pages import RecordedPages
+from tsd_twin.dashboard.sessions.page_session import PageSocket
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.dashboard.wire.to_page import RecordingsChanged
 from tsd_twin.errors import TwinError
@@ -214,10 +213,9 @@ class HttpServer:
             "beyond_limits": self._reader.dropped,
             "cut_off": self._reader.cut_off.count,
         }
-        body = msgspec.json.encode(
+        return json_response(
             {"ready": directory.has_live_robot(), "robots": directory.health(), "refused": refused}
         )
-        return json_response(body)
 
     def _announce_recordings(self) -> None:
         assert self._recorded is not None  # noqa: S101  Its library calls this.
@@ -249,7 +247,7 @@ class HttpServer:
         self,
         request: web.Request,
         page: str,
-        run: Callable[..., Coroutine[Any, Any, None]],
+        run: Callable[[PageSocket], Coroutine[Any, Any, None]],
     ) -> web.StreamResponse:
         principal = request[PRINCIPAL]
         socket = web.WebSocketResponse(
@@ -263,7 +261,7 @@ class HttpServer:
         messages = self._reader.messages(request, socket, TELEOP, principal.key or page)
         holding = self._auth.close_on_logout(principal, socket)
         name = request.query.get("name", "")
-        await run(page, principal, socket, messages, holding, name=name)
+        await run(PageSocket(page, principal, socket, messages, holding, name))
         await self._reader.close_cut_off(request, socket)
         return socket
 

@@ -18,7 +18,7 @@ from types import MappingProxyType
 from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.dashboard.gateway.connection_limits import limit_bytes
-from tsd_twin.dashboard.scene.overlays import RateLimiter
+from tsd_twin.dashboard.scene.themed import RateLimiter
 
 POLICY_VIOLATION = 1008
 """Close code of a flooding socket."""

@@ -22,10 +22,10 @@ from msgspec import Meta
 
 from tsd_twin.dashboard.gateway.socket_limits import VISER, SocketReader, limit_buffer
 from tsd_twin.dashboard.scene.viser_compat import (
-    DARK_HEADER,
     KEY_HEADER,
+    LOOK_HEADER,
+    LOOKS,
     PAGE_HEADER,
-    PLAIN_HEADER,
     access_key,
 )
 from tsd_twin.dashboard.sessions.principal import Principal
@@ -208,8 +208,7 @@ class ViserProxy:
                 headers={
                     KEY_HEADER: access_key(),
                     PAGE_HEADER: page_id,
-                    DARK_HEADER: _display_option(request, "dark"),
-                    PLAIN_HEADER: _display_option(request, "plain"),
+                    LOOK_HEADER: _look(request),
                 },
                 compress=0,
                 max_msg_size=_MAX_VISER_MESSAGE_BYTES,
@@ -278,8 +277,10 @@ class ViserProxy:
                     self.dropped += 1
 
 
-def _display_option(request: web.Request, word: str) -> str:
-    return "1" if word in request.query.get("look", "").split("-") else "0"
+def _look(request: web.Request) -> str:
+    """Return the known words of the page's look, or a dash, which is none of them."""
+    asked = request.query.get("look", "").split("-")
+    return "-".join(word for word in LOOKS if word in asked) or "-"
 
 
 async def _relay_to_page(source: ClientWebSocketResponse, sink: web.WebSocketResponse) -> None:

@@ -20,12 +20,15 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 from PIL import Image
 
+from tsd_twin.dashboard.recorded.view import draw_recorded, timeline_events
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster, Theme
-from tsd_twin.dashboard.scene.scene import STALE_S, Scene
+from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.stage import add_ground, add_lights
+from tsd_twin.dashboard.wire.to_page import TimelineEvent
 from tsd_twin.dashboard.wire.view import TiltFactor
 from tsd_twin.errors import MissingExtraError, TwinError
 from tsd_twin.recording.export import RecordingSlice
@@ -64,8 +67,7 @@ def to_html(part: RecordingSlice, out: Path) -> str:
     Raises:
         TwinError: the part is empty or too long, or the file cannot be written or exists.
     """
-    if out.exists():
-        raise TwinError(f"{out} is there already: choose another file")
+    _check_new(out)
     html = build(part)
     try:
         with out.open("x", encoding="utf-8") as file:
@@ -73,6 +75,11 @@ def to_html(part: RecordingSlice, out: Path) -> str:
     except OSError as error:
         raise TwinError(f"{out} cannot be written: {error.strerror}") from error
     return f"wrote {out}: {len(html.encode()) / 1e6:.1f} MB"
+
+
+def _check_new(out: Path) -> None:
+    if out.exists():
+        raise TwinError(f"{out} is there already: choose another file")
 
 
 def build(part: RecordingSlice) -> str:
@@ -133,10 +140,8 @@ class _Builder:
     def _draw(self, scene: Scene, t_s: float) -> None:
         self._player.seek(self._start_s + t_s)
         for robot in self._player.robots.values():
-            stale = self._player.t_s - robot.snapshot.received_s > STALE_S
-            scene.set_stale(robot.id, stale or not robot.alive)
             self._tracks[robot.id].add(t_s, robot)
-        scene.draw()
+        draw_recorded(scene, self._player)
 
     def _about(self) -> dict[str, Any]:
         start_ns = self._player.start_ns
@@ -158,26 +163,12 @@ class _Builder:
             "events": self._events(),
         }
 
-    def _events(self) -> list[dict[str, Any]]:
-        player = self._player
-        found = [
-            (event.t_s, event.robot, event.kind, event.text, event.count)
-            for event in player.reader.events()
-            if event.robot in player.robots
-        ] + [
-            (1e-9 * (mark.log_ns - player.start_ns), mark.by, "mark", mark.note, 1)
-            for mark in player.reader.marks()
-        ]
+    def _events(self) -> list[TimelineEvent]:
+        shown = {"", *self._player.robots}  # Marks have no robot.
         return [
-            {
-                "t_s": round(t_s - self._start_s, 3),
-                "robot": robot,
-                "kind": kind,
-                "text": text,
-                "count": count,
-            }
-            for t_s, robot, kind, text, count in found
-            if self._start_s <= t_s <= self._end_s
+            replace(each, t_s=round(each.t_s - self._start_s, 3))
+            for each in timeline_events(self._player)
+            if each.robot in shown and self._start_s <= each.t_s <= self._end_s
         ]
 
 
@@ -212,8 +203,7 @@ def to_picture(part: RecordingSlice, out: Path) -> str:
     """
     if (kind := _FORMATS.get(out.suffix)) is None:
         raise TwinError(f"{out} is no moving picture: its name ends with .webp or .gif")
-    if out.exists():
-        raise TwinError(f"{out} is there already: choose another file")
+    _check_new(out)
     duration_s = part.opened().duration_s
     shown_s = min(part.end_s or duration_s, duration_s) - part.start_s
     if shown_s > LONGEST_PICTURE_S:

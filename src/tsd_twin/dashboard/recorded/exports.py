@@ -7,10 +7,10 @@ import contextlib
 import sys
 import tempfile
 from collections.abc import AsyncGenerator
-from dataclasses import dataclass
 from pathlib import Path
 
 from tsd_twin.errors import RecordingError
+from tsd_twin.recording.export import RecordingSlice
 
 MAX_EXPORTS = 2
 """Maximum number of exports at a time, for all pages."""
@@ -23,18 +23,6 @@ KINDS = {"html": ".html", "csv": ".zip", "mcap": ".mcap"}
 
 class ExportsBusyError(RecordingError):
     """Too many exports are in progress."""
-
-
-@dataclass(frozen=True, slots=True)
-class ExportRequest:
-    """Part of a recording to export; seconds since its start."""
-
-    recording: Path
-    kind: str
-    """Key of `KINDS`."""
-    start_s: float = 0.0
-    end_s: float | None = None
-    robot: str | None = None
 
 
 class Exports:
@@ -50,8 +38,8 @@ class Exports:
             process.kill()
 
     @contextlib.asynccontextmanager
-    async def file(self, request: ExportRequest) -> AsyncGenerator[Path]:
-        """Context with the exported file, which is removed afterwards.
+    async def file(self, kind: str, part: RecordingSlice) -> AsyncGenerator[Path]:
+        """Context with an exported file of one of the `KINDS`, which is removed afterwards.
 
         Raises:
             ExportsBusyError: If too many exports are in progress.
@@ -62,24 +50,24 @@ class Exports:
         self._count += 1
         try:
             with tempfile.TemporaryDirectory(prefix="tsd-export-") as folder:
-                out = Path(folder) / f"export{KINDS[request.kind]}"
-                await self._run(request, out)
+                out = Path(folder) / f"export{KINDS[kind]}"
+                await self._run(kind, part, out)
                 yield out
         finally:
             self._count -= 1
 
-    async def _run(self, request: ExportRequest, out: Path) -> None:
-        end = "" if request.end_s is None else f"{request.end_s!r}"
+    async def _run(self, kind: str, part: RecordingSlice, out: Path) -> None:
+        end = "" if part.end_s is None else f"{part.end_s!r}"
         process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
             _PROGRAM,
-            request.kind,
-            str(request.recording),
+            kind,
+            str(part.path),
             str(out),
-            f"{request.start_s!r}",
+            f"{part.start_s!r}",
             end,
-            request.robot or "",
+            part.robot or "",
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.DEVNULL,
             stderr=asyncio.subprocess.PIPE,

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncGenerator, AsyncIterator
-from contextlib import AbstractContextManager
+from collections.abc import AsyncGenerator
 from dataclasses import dataclass
 from pathlib import Path
 
-from aiohttp import WSMessage, WSMsgType, web
+from aiohttp import web
 
 from tsd_twin.dashboard.recorded.library import RecordingLibrary
 from tsd_twin.dashboard.recorded.session import RecordedSession
 from tsd_twin.dashboard.recorded.view import RecordedView
+from tsd_twin.dashboard.sessions.page_session import PageSocket
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.wire.from_page import Message
-from tsd_twin.dashboard.wire.to_page import encode_message
 from tsd_twin.errors import TwinError
 from tsd_twin.recording.remote import ReaderProcesses, RemoteReader
 from tsd_twin.recording.titles import FolderError
@@ -47,14 +46,11 @@ class RecordedPages:
         self._sessions: set[RecordedSession] = set()
         self._views: dict[str, _OpenView] = {}
         self._ended = asyncio.Event()
-        self._sockets: set[web.WebSocketResponse] = set()
         self._closing: set[asyncio.Task[None]] = set()
 
     async def close(self) -> None:
         """Close all sockets and views."""
-        await asyncio.gather(
-            *(each.close(code=1001, message=b"the dashboard ends") for each in self._sockets)
-        )
+        await asyncio.gather(*(each.close_socket("the dashboard ends") for each in self._sessions))
         self._ended.set()
         await asyncio.gather(*(self._close(page) for page in list(self._views)))
         await asyncio.gather(*self._closing, return_exceptions=True)
@@ -64,7 +60,7 @@ class RecordedPages:
     def send_to_all(self, message: Message) -> None:
         """Send a message to all pages that show recordings."""
         for session in self._sessions:
-            session.send_queue.put(encode_message(message))
+            session.send(message)
 
     def _open(self, path: Path) -> RecordedView:
         return RecordedView(path, RemoteReader(path, self._processes))
@@ -106,41 +102,14 @@ class RecordedPages:
             self._closing.add(task)
             task.add_done_callback(self._closing.discard)
 
-    async def run_session(
-        self,
-        view: RecordedView,
-        page: str,
-        principal: Principal,
-        socket: web.WebSocketResponse,
-        messages: AsyncIterator[WSMessage],
-        holding: AbstractContextManager[None],
-        *,
-        name: str = "",
-    ) -> None:
-        """Run the session of a page while its socket is open, within `holding`."""
-        session = RecordedSession(
-            page,
-            view,
-            self._live,
-            principal=principal,
-            name=name,
-            on_marked=self.library.changed,
-        )
-        self._sockets.add(socket)
+    async def run_session(self, view: RecordedView, socket: PageSocket) -> None:
+        """Run the session of a page while its socket is open."""
+        session = RecordedSession(socket, view, self._live, on_marked=self.library.changed)
         self._sessions.add(session)
-        delivering = asyncio.create_task(session.send_queue.run(socket))
         try:
-            with holding:
-                await session.open()
-                async for message in messages:
-                    if message.type is WSMsgType.TEXT:
-                        session.receive(message.data)
+            await session.run()
         finally:
-            session.close()
             self._sessions.discard(session)
-            self._sockets.discard(socket)
-            delivering.cancel()
-            await asyncio.gather(delivering, return_exceptions=True)
 
     async def _close_unused(self, page: str) -> None:
         with contextlib.suppress(TimeoutError):

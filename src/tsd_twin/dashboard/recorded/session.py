@@ -11,25 +11,18 @@ from typing import Any
 
 import msgspec
 
-from tsd_twin.dashboard.recorded.view import RecordedView
-from tsd_twin.dashboard.scene.framing import Rectangle
+from tsd_twin.dashboard.recorded.view import RecordedView, timeline_events
 from tsd_twin.dashboard.sessions.map_data import MapData
-from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession
-from tsd_twin.dashboard.sessions.principal import Principal
+from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession, PageSocket
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import (
     AddMark,
-    PageHeartbeat,
     Pause,
     Play,
     RecordedPageMessage,
     Seek,
-    SelectPlotFields,
     SelectRobot,
-    SetFrame,
-    SetView,
-    ShowFleet,
     ShowMap,
     ShowShadow,
     StepStatus,
@@ -40,12 +33,10 @@ from tsd_twin.dashboard.wire.from_page import (
 from tsd_twin.dashboard.wire.to_page import (
     ActionReply,
     Cursor,
-    HeartbeatReply,
     PastStates,
     RobotName,
     RobotState,
     Timeline,
-    TimelineEvent,
     encode_message,
 )
 from tsd_twin.errors import RecordingError
@@ -72,16 +63,13 @@ class RecordedSession(PageSession):
 
     def __init__(
         self,
-        page: str,
+        socket: PageSocket,
         view: RecordedView,
         live: LiveRobots,
-        *,
-        principal: Principal,
-        name: str = "",
-        on_marked: Callable[[], None] = lambda: None,
+        on_marked: Callable[[], None],
     ) -> None:
         """`live` are the robots of the bus, for stops and the list; `on_marked` reports a mark."""
-        super().__init__(page, principal, name, live)
+        super().__init__(socket, live, view.scene)
         self._view = view
         self._on_marked = on_marked
         self._telemetry = {
@@ -109,14 +97,14 @@ class RecordedSession(PageSession):
             RobotName(each, robot.robot.title, view.roster.css_colour(each))
             for each, robot in view.player.robots.items()
         ]
-        self._send_welcome(Role.VIEWER, names, view.robot_id)
-        self._send(self._telemetry[view.robot_id].info())
+        self.robot_id = view.robot_id
+        self._send_welcome(Role.VIEWER, names)
+        self.send(self._telemetry[view.robot_id].info())
         await self._send_timeline()
         view.on_shown = self._on_shown
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """End the session."""
-        self._show_fleet(on=False)
         view = self._view
         if view.on_shown == self._on_shown:  # Unless the page has connected again.
             view.disconnect()
@@ -135,39 +123,24 @@ class RecordedSession(PageSession):
             self._refuse(text)
             return
         match message:
-            case PageHeartbeat():
-                self.send_queue.acknowledge(message.status_seq)
-                self._send(HeartbeatReply(sent_ms=message.sent_ms))
             case StopCommand():
                 self._stop(message, None)
-            case ShowFleet():
-                self._show_fleet(on=message.on)
             case AddMark():
                 self._mark(message.note)
             case StudentRequest():
-                self._send(ActionReply(to="student", ok=False, why=REFUSAL))
-            case SelectRobot() | SelectPlotFields() | ShowMap() | SetView() | SetFrame():
-                self._show_otherwise(message)
+                self.send(ActionReply(to="student", ok=False, why=REFUSAL))
+            case SelectRobot():
+                self.select_robot(message.id)
+            case ShowMap():
+                self._shows_map = message.on
+                self._settle()
             case ShowShadow():
                 pass  # A shadow twin cannot follow jumps; use `tsd-lab health` for recordings.
             case Seek() | Play() | Pause() | StepStatus():
                 self._move(message)
-
-    def _show_otherwise(
-        self, message: SelectRobot | SelectPlotFields | ShowMap | SetView | SetFrame
-    ) -> None:
-        match message:
-            case SelectRobot():
-                self.select_robot(message.id)
-            case SelectPlotFields():
-                self._plot_fields = message.names
-            case ShowMap():
-                self._shows_map = message.on
-                self._settle()
-            case SetView():
-                self._view.set_view(self.page, message.settings, look=message.look)
-            case SetFrame():
-                self._view.set_frame(self.page, Rectangle(*msgspec.structs.astuple(message)))
+            case _:
+                self._handle_common(message)
+                self._view.frame = self.view.frame
 
     def _move(self, message: Seek | Play | Pause | StepStatus) -> None:
         view = self._view
@@ -187,9 +160,10 @@ class RecordedSession(PageSession):
         """Select another robot of the recording."""
         if robot_id in self._telemetry and robot_id != self._view.robot_id:
             self._plot_fields = ()
-            self._view.select_robot(self.page, robot_id)
-            self.send_queue.drop_states()
-            self._send(self._telemetry[robot_id].info())
+            self._view.robot_id = robot_id
+            self._show_robot(robot_id)
+            self._queue.drop_states()
+            self.send(self._telemetry[robot_id].info())
 
     def _refuse(self, text: str | bytes) -> None:
         try:
@@ -198,14 +172,14 @@ class RecordedSession(PageSession):
             self.reject(error)
             return
         tag = str(message.__struct_config__.tag)
-        self._send(ActionReply(to=tag, ok=False, why=REFUSAL))
+        self.send(ActionReply(to=tag, ok=False, why=REFUSAL))
 
     def _mark(self, note: str) -> None:
         refusal = because(Code.MARK_UNDER_WAY) if self._marking else None
         if self.principal.identity.role is Role.VIEWER:
             refusal = VIEWER_REFUSAL
         if refusal:
-            self._send(ActionReply(to="mark", ok=False, why=refusal))
+            self.send(ActionReply(to="mark", ok=False, why=refusal))
             return
         self._marking = True
         self._start(self._add_mark(note))
@@ -216,11 +190,11 @@ class RecordedSession(PageSession):
         try:
             await asyncio.to_thread(add_mark, player.path, Annotation(log_ns, note, self._operator))
         except RecordingError as error:
-            self._send(ActionReply(to="mark", ok=False, why=because(Code.TEXT, text=str(error))))
+            self.send(ActionReply(to="mark", ok=False, why=because(Code.TEXT, text=str(error))))
             return
         finally:
             self._marking = False
-        self._send(ActionReply(to="mark", ok=True))
+        self.send(ActionReply(to="mark", ok=True))
         self._on_marked()
         await self._send_timeline()
 
@@ -235,21 +209,12 @@ class RecordedSession(PageSession):
     async def _send_timeline(self) -> None:
         player = self._view.player
         self._told_s = player.duration_s
-        events = await asyncio.to_thread(player.reader.events)
-        marks = await asyncio.to_thread(player.reader.marks)
-        self._send(
+        self.send(
             Timeline(
                 name=player.path.name,
                 start_ms=player.start_ns // 1_000_000,
                 duration_s=player.duration_s,
-                events=[
-                    TimelineEvent(each.t_s, each.robot, each.kind, each.text, each.count, each.why)
-                    for each in events
-                ]
-                + [
-                    TimelineEvent(1e-9 * (mark.log_ns - player.start_ns), "", "mark", mark.note, 1)
-                    for mark in marks
-                ],
+                events=await asyncio.to_thread(timeline_events, player),
             )
         )
 
@@ -268,13 +233,13 @@ class RecordedSession(PageSession):
             if jump != self._jumps:
                 return
             states = await asyncio.to_thread(self._past)
-        self._send(PastStates(states=states))
+        self.send(PastStates(states=states))
         self._map_data.clear_trails()
         for state in states:
             if state.pose is not None:
                 self._map_data.extend_trail(self._view.robot_id, *state.pose[:2])
         if self._shows_map:
-            self._send(self._map_data.lines(trails=True))
+            self.send(self._map_data.lines(trails=True))
 
     def _past(self) -> list[RobotState]:
         """Return past states of the selected robot, read with a separate player."""
@@ -319,7 +284,7 @@ class RecordedSession(PageSession):
         )
         if cursor != self._cursor:
             self._cursor = cursor
-            self.send_queue.put_latest("cursor", encode_message(cursor))
+            self._queue.put_latest("cursor", encode_message(cursor))
         if abs(view.player.duration_s - self._told_s) > _GROWN_S:
             self._start(self._send_timeline())
         self._map_data.on_status(robot_id)
@@ -329,6 +294,6 @@ class RecordedSession(PageSession):
             # Use a separate number, because updates continue while the recording is paused.
             number = next(self._numbers)
             shown = self._map_data.state(robot_id) if self._shows_map else None
-            camera = view.camera_state(self.page)
+            camera = self._scene.camera_state(self.page)
             state = msgspec.structs.replace(state, status_seq=number, camera=camera, map=shown)
-            self.send_queue.put_state(number, encode_message(state))
+            self._queue.put_state(number, encode_message(state))

@@ -16,11 +16,15 @@ from pathlib import Path
 
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.scene.client_views import ClientViews
+from tsd_twin.dashboard.scene.client_views import (
+    BackgroundWorker,
+    ClientViews,
+    PageView,
+    SceneExecutor,
+)
 from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.scene import STALE_S, Scene
-from tsd_twin.dashboard.wire.to_page import CameraState
-from tsd_twin.dashboard.wire.view import ViewSettings
+from tsd_twin.dashboard.wire.to_page import TimelineEvent
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.player import PlaybackCursor, Player
 from tsd_twin.recording.remote import RemoteReader
@@ -28,6 +32,25 @@ from tsd_twin.recording.remote import RemoteReader
 RATE_HZ = 30.0
 _REFRESH_S = 1.0
 _LOG = logging.getLogger(__name__)
+
+
+def timeline_events(player: Player) -> list[TimelineEvent]:
+    """Return the events and marks of a recording; reads the file."""
+    return [
+        TimelineEvent(each.t_s, each.robot, each.kind, each.text, each.count, each.why)
+        for each in player.reader.events()
+    ] + [
+        TimelineEvent(1e-9 * (mark.log_ns - player.start_ns), "", "mark", mark.note, 1)
+        for mark in player.reader.marks()
+    ]
+
+
+def draw_recorded(scene: Scene, player: Player) -> None:
+    """Draw the robots of a recording at the time of its player."""
+    for robot in player.robots.values():
+        age_s = player.t_s - robot.snapshot.received_s
+        scene.set_stale(robot.id, age_s > STALE_S or not robot.alive)
+    scene.draw()
 
 
 class RecordedView:
@@ -53,19 +76,21 @@ class RecordedView:
         self._jumped = False
         self._server = viser_compat.start_server(path.name)
         try:
-            self.scene = Scene(self._server, self.roster)
-            self.views = ClientViews(
+            self._scene = Scene(self._server, self.roster)
+            views = ClientViews(
                 self._server,
-                self.scene,
-                robot_of=lambda _page: self.robot_id,
-                frame_of=lambda _page: self.frame,
+                self._scene,
+                view_of=lambda _page: PageView(None, self.frame, self.robot_id),
             )
             for robot in self.player.robots.values():
-                self.scene.add(robot)
+                self._scene.add(robot)
         except BaseException:
             self._server.stop()
             self.player.close()
             raise
+        self._worker = BackgroundWorker("views")
+        self.scene = SceneExecutor(self._worker, self._scene, lambda: views)
+        """Its scene, for sessions."""
         self._thread = threading.Thread(target=self._run, name="recording")
         self._thread.start()
 
@@ -79,6 +104,7 @@ class RecordedView:
         self._stop.set()
         self._requests.put(_ignore)
         self._thread.join()
+        self._worker.close()
         self._server.stop()
         self.player.close()
 
@@ -89,24 +115,6 @@ class RecordedView:
     def request(self, work: Callable[[float], None]) -> None:
         """Call `work` with the monotonic time on the thread of the view; from any thread."""
         self._requests.put(work)
-
-    def select_robot(self, page: str, robot_id: str) -> None:
-        """Show another robot of the recording on a page; from any thread."""
-        self.robot_id = robot_id
-        self.request(lambda _now_s: self.views.select_robot(page, robot_id))
-
-    def set_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
-        """Apply the view settings of a page; `look` turns its camera to the robot."""
-        self.request(lambda _now_s: self.views.apply(page, settings, look=look))
-
-    def set_frame(self, page: str, frame: Rectangle) -> None:
-        """Set the part of a page's picture that nothing covers; from any thread."""
-        self.frame = frame
-        self.request(lambda _now_s: self.views.set_frame(page, frame))
-
-    def camera_state(self, page: str) -> CameraState | None:
-        """Return the state of a page's camera; None before it was placed; from any thread."""
-        return self.views.camera_state(page)
 
     # On the thread of the view.
 
@@ -146,11 +154,8 @@ class RecordedView:
         self.player.seek(self.playback.t_s(now_s))
         jumped, self._jumped = self._jumped, False
         if jumped:
-            self.scene.clear_trails()
-        for robot in self.player.robots.values():
-            age_s = self.player.t_s - robot.snapshot.received_s
-            self.scene.set_stale(robot.id, age_s > STALE_S or not robot.alive)
-        self.scene.draw()
+            self._scene.clear_trails()
+        draw_recorded(self._scene, self.player)
         self.on_shown(jumped)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import viser
 
@@ -17,16 +15,20 @@ from tsd_twin.dashboard.scene.appearance import (
     layer_nodes,
     theme_nodes,
 )
-from tsd_twin.dashboard.scene.client_camera import ClientCamera
-from tsd_twin.dashboard.scene.client_nodes import HistoryGhost, PosePreview
-from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
+from tsd_twin.dashboard.scene.client_nodes import (
+    ExaggeratedTilt,
+    HistoryGhost,
+    PosePreview,
+    StudentPose,
+    StudentRobot,
+)
+from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, ClientCamera, Rectangle
 from tsd_twin.dashboard.scene.metres import MetreLabels, in_odom, metre_places
 from tsd_twin.dashboard.scene.picking import floor_points, off_screen_direction, sphere_point
-from tsd_twin.dashboard.scene.robot_overlays import add_wireframe
-from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual, hide_links
+from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose
+from tsd_twin.dashboard.scene.robot_visual import RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.stage import add_ground, add_lights
-from tsd_twin.dashboard.scene.student_robot import StudentPose, StudentRobot
 from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD, set_theme
 from tsd_twin.dashboard.wire.to_page import CameraState
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
@@ -73,11 +75,6 @@ class ClientView:
         client.camera.on_update(self._on_camera)
 
     # Selection and camera.
-
-    @property
-    def client_id(self) -> int:
-        """Number of its client."""
-        return self.client.client_id
 
     @property
     def robot_id(self) -> str | None:
@@ -207,25 +204,22 @@ class ClientView:
 
     # Preview.
 
-    def set_preview(self, joints: Array | None) -> None:
+    def show_preview(self, robot_id: str, joints: Array | None) -> None:
         """Preview a joint vector (n,) for this client only; None ends the preview.
 
-        It poses gimbals; for wheels without gimbals, arrows show direction and speed.
+        It poses gimbals; for wheels without gimbals, arrows show direction and speed. Without
+        effect if another robot is selected.
         """
         with self._scene.lock:
+            if robot_id != self._robot_id:
+                return
             self._preview_joints = joints
             self._draw_preview()
             body = self.visual
             if joints is None and body is not None and self._tilt.is_on(body):
                 self._tilt.update(body)
-                hide_links(self.client, body, body.id)  # Ending the preview has shown them.
+                self._tilt.hide_links(body, body.id)  # Ending the preview has shown them.
         self.client.flush()
-
-    def preview(self, robot_id: str, joints: Array | None) -> None:
-        """Preview joints as in `set_preview`, unless another robot is selected."""
-        with self._scene.lock:
-            if robot_id == self._robot_id:
-                self.set_preview(joints)
 
     def show_student(self, pose: StudentPose | None) -> None:
         """Draw a robot in place of the selected one for this client; None ends that."""
@@ -270,7 +264,7 @@ class ClientView:
         elif not moves_world:
             return
         if self._world is not None and moves_world:
-            self._move_world(self._world)
+            set_planar_pose(self._world, self._world_pose.xy_heading)
         self.client.flush()
 
     def on_robots_changed(self) -> None:
@@ -280,7 +274,7 @@ class ClientView:
             for body in self._scene.visuals.values():
                 self._preview.forget(body)
                 if self._tilt.is_on(body):
-                    hide_links(self.client, body, None)
+                    self._tilt.hide_links(body, None)
             self._student.clear(self._scene.visuals.values())
             own.reset()
             self._preview.palette = self._ghost.palette = self._student.palette = self._palette
@@ -329,13 +323,8 @@ class ClientView:
         x, y, _ = self._world_pose.xy_heading
         upside_down = (0.0, 1.0, 0.0, 0.0)  # Differs from any rotation about z.
         world = own.add_frame(ROOT, show_axes=False, position=(x + 1.0, y, 0.0), wxyz=upside_down)
-        self._move_world(world)
+        set_planar_pose(world, self._world_pose.xy_heading)
         return world
-
-    def _move_world(self, world: viser.FrameHandle) -> None:
-        x, y, heading = (float(number) for number in self._world_pose.xy_heading)
-        world.position = (x, y, 0.0)
-        world.wxyz = (math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading))
 
     def _select_available(self) -> None:
         """Select the chosen robot, or the first available one while it is missing."""

@@ -1,31 +1,44 @@
-"""Views of all viser clients: each belongs to the page whose frame shows it."""
+"""Views of all viser clients, by the page whose frame shows them, and their worker thread."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeAlias
+import logging
+import threading
+from collections.abc import Callable, Hashable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import viser
 
-from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.client_view import ClientView
-from tsd_twin.dashboard.scene.framing import Rectangle
+from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.student_robot import StudentPose
 from tsd_twin.dashboard.scene.viser_compat import (
-    has_no_gpu,
     is_disconnected,
+    look_of,
     page_of,
-    prefers_dark,
     set_theme,
 )
 from tsd_twin.dashboard.wire.to_page import CameraState
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import Array
 
+_LOG = logging.getLogger(__name__)
+_Answer = TypeVar("_Answer")
+
 OnSphereClick: TypeAlias = Callable[[str, str, tuple[float, float, float]], None]
 """Called on viser's thread with page, robot id, and the unit vector to a point of its sphere."""
+
+
+class PageView(NamedTuple):
+    """View that a page has asked for."""
+
+    settings: ViewSettings | None = None
+    frame: Rectangle = WHOLE_PICTURE
+    """Part of the picture that the page leaves free."""
+    robot_id: str | None = None
+    """Robot that the page shows."""
 
 
 class ClientViews:
@@ -37,9 +50,7 @@ class ClientViews:
         scene: Scene,
         on_point: OnSphereClick = lambda _page, _robot, _at: None,
         *,
-        robot_of: Callable[[str], str | None] = lambda _page: None,
-        view_of: Callable[[str], ViewSettings | None] = lambda _page: None,
-        frame_of: Callable[[str], Rectangle] = lambda _page: Rectangle(),
+        view_of: Callable[[str], PageView] = lambda _page: PageView(),
     ) -> None:
         """Register with the server and the scene.
 
@@ -47,14 +58,12 @@ class ClientViews:
             server: Viser server.
             scene: Shared scene.
             on_point: Called if a sphere is clicked.
-            robot_of: Returns the robot shown on a page; called on viser's thread.
-            view_of: Returns the view settings of a page; called on viser's thread.
-            frame_of: Returns the free part of a page's picture; called on viser's thread.
+            view_of: Returns the view of a page; called on viser's thread.
         """
         self._server = server
         self._scene = scene
         self._on_point = on_point
-        self._robot_of, self._view_of, self._frame_of = robot_of, view_of, frame_of
+        self._view_of = view_of
         self._views: dict[int, ClientView] = {}
         self._pages: dict[int, str | None] = {}
         scene.on_robots_moved.append(self.on_robots_moved)
@@ -66,37 +75,9 @@ class ClientViews:
     def of_page(self, page: str) -> list[ClientView]:
         """Return the views of a page: none before its frame has connected."""
         with self._scene.lock:
-            return [view for view in self._connected() if self._pages[view.client_id] == page]
-
-    def select_robot(self, page: str, robot_id: str) -> None:
-        """Show another robot on a page."""
-        for view in self.of_page(page):
-            view.select_robot(robot_id)
-
-    def apply(self, page: str, settings: ViewSettings, *, look: bool) -> None:
-        """Apply the view settings of a page; `look` points its camera at the robot."""
-        for view in self.of_page(page):
-            view.apply(settings, look=look)
-
-    def set_frame(self, page: str, frame: Rectangle) -> None:
-        """Set the part of a page's picture that nothing covers."""
-        for view in self.of_page(page):
-            view.set_frame(frame)
-
-    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
-        """Draw the past state of a page's robot next to the live one; None hides it."""
-        for view in self.of_page(page):
-            view.show_past(past, ago_s)
-
-    def show_preview(self, page: str, robot_id: str, joints: Array | None) -> None:
-        """Preview a joint vector (n,) of a page's robot on that page; None ends the preview."""
-        for view in self.of_page(page):
-            view.preview(robot_id, joints)
-
-    def show_student(self, page: str, pose: StudentPose | None) -> None:
-        """Draw a robot in place of a page's robot on that page; None ends that."""
-        for view in self.of_page(page):
-            view.show_student(pose)
+            return [
+                view for view in self._connected() if self._pages[view.client.client_id] == page
+            ]
 
     def pick_floor(self, page: str, shares: Array) -> Array:
         """Return floor points (m, 2) in `odom` at a page's screen positions, see `floor_points`."""
@@ -143,24 +124,101 @@ class ClientViews:
     async def _on_connect(self, client: viser.ClientHandle) -> None:
         client_id = client.client_id
         page = page_of(self._server, client_id)
+        asked = PageView() if page is None else self._view_of(page)
         with self._scene.lock:  # Robots must not change in between.
             self._pages[client_id] = page
-            dark = prefers_dark(self._server, client_id) is not False
+            look = look_of(self._server, client_id)
+            dark = "dark" in look
             set_theme(client.gui, dark=dark)
             view = ClientView(
                 self._scene,
                 client,
                 dark=dark,
-                plain=has_no_gpu(self._server, client_id),
-                frame=Rectangle() if page is None else self._frame_of(page),
+                plain="plain" in look,
+                frame=asked.frame,
             )
-            if page is not None and (chosen := self._robot_of(page)) is not None:
-                view.select_robot(chosen)
-            if page is not None and (settings := self._view_of(page)) is not None:
-                view.apply(settings)
+            if asked.robot_id is not None:
+                view.select_robot(asked.robot_id)
+            if asked.settings is not None:
+                view.apply(asked.settings)
             self._views[client_id] = view
 
     async def _on_disconnect(self, client: viser.ClientHandle) -> None:
         with self._scene.lock:
             self._pages.pop(client.client_id, None)
             self._views.pop(client.client_id, None)
+
+
+class BackgroundWorker:
+    """Worker thread with a queue of tasks; thread-safe."""
+
+    def __init__(self, name: str) -> None:
+        self._pool = ThreadPoolExecutor(1, name)
+        self._lock = threading.Lock()
+        self._waiting: dict[Hashable, Callable[[], None]] = {}
+
+    def submit_latest(self, key: Hashable, work: Callable[[], None]) -> None:
+        """Queue `work`; it replaces a waiting task with the same key."""
+        with self._lock:
+            waits = key in self._waiting
+            self._waiting[key] = work
+            if not waits:
+                self._pool.submit(self._do, key)
+
+    def submit(self, work: Callable[[], _Answer]) -> Future[_Answer]:
+        """Queue `work`, and return its future result."""
+        return self._pool.submit(work)
+
+    def close(self) -> None:
+        """Finish queued tasks, and accept no more."""
+        self._pool.shutdown()
+
+    def _do(self, key: Hashable) -> None:
+        with self._lock:
+            work = self._waiting.pop(key)
+        try:
+            work()
+        except Exception:  # The next task belongs to another page.
+            _LOG.exception("%s was not done", key)
+
+
+class SceneExecutor:
+    """Scene of pages, for the event loop: changes are made on a worker thread, one by one."""
+
+    def __init__(
+        self, worker: BackgroundWorker, scene: Scene, views: Callable[[], ClientViews]
+    ) -> None:
+        self._worker, self._scene, self._views = worker, scene, views
+
+    def draw(self, page: str, kind: str, act: Callable[[ClientView], None]) -> None:
+        """Call `act` with the views of a page; it replaces a waiting call of this kind."""
+
+        def work() -> None:
+            for view in self._views().of_page(page):
+                act(view)
+
+        self._worker.submit_latest((kind, page), work)
+
+    def pick_floor(self, page: str, shares: Array) -> Future[Array]:
+        """Floor points (m, 2) in `odom` at screen positions `shares` of a page."""
+        return self._worker.submit(lambda: self._views().pick_floor(page, shares))
+
+    def show_route(self, robot_id: str, poses: Array | None) -> None:
+        """Show the planned path of a robot on all pages; None removes it."""
+        self._worker.submit_latest(
+            ("route", robot_id), lambda: self._scene.show_route(robot_id, poses)
+        )
+
+    # Answered at once, without waiting for a drawing.
+
+    def camera_state(self, page: str) -> CameraState | None:
+        """State of a page's camera; None before it was placed."""
+        return self._views().camera_state(page)
+
+    def envelope(self, robot_id: str) -> Array | None:
+        """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""
+        return self._scene.envelope(robot_id)
+
+    def reach_m(self, robot_id: str) -> float:
+        """Radius of a robot around its base; 0 while it is not in the scene."""
+        return self._scene.reach_m(robot_id)

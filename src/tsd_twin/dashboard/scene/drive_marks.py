@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -11,12 +11,10 @@ import viser
 from manifold3d import CrossSection
 
 from tsd_twin.dashboard.scene.appearance import Palette, Rgb
-from tsd_twin.dashboard.scene.overlays import RateLimiter
-from tsd_twin.dashboard.scene.robot_geometry import LinkPoses, RobotShape, Skeleton, Surface
-from tsd_twin.dashboard.scene.themed import CASING_M, add_lines, set_all, themed
+from tsd_twin.dashboard.scene.robot_geometry import LinkPoses, RobotShape, Surface
+from tsd_twin.dashboard.scene.themed import CASING_M, RateLimiter, add_lines, set_all, themed
 from tsd_twin.dashboard.scene.unlit import coloured, unlit_glb
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.models import LinkGroup
 
 LEAST_ARROW_M = 0.035
 """Length of the arrow of the slowest wheel."""
@@ -49,14 +47,21 @@ def arrow_lines(starts: Array, velocities: Array, speeds: Array) -> npt.NDArray[
     return np.concatenate([np.stack(ends, axis=1) for ends in strokes]).astype(np.float32)
 
 
+def push_strokes(shape: RobotShape, places: Array, velocities: Array) -> npt.NDArray[np.float32]:
+    """Return the arrows of turning wheels, from contacts and rolling velocities (k, 3)."""
+    speeds = np.linalg.norm(velocities, axis=-1)
+    fast = speeds >= MIN_ARROW_SPEED_MPS
+    lifted = places[fast] + np.array([0.0, 0.0, push_height_m(shape)])
+    return arrow_lines(lifted, velocities[fast], speeds[fast])
+
+
 class PushArrows:
     """Flat arrows for the velocity contributed by each wheel, from the joint vector."""
 
     def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
-        self._skeleton = shape.skeleton
-        self._height_m = push_height_m(shape)
+        self._shape = shape
         self._rate = RateLimiter(12.0)
-        wheels = sum(group.count for group in self._skeleton.wheels)
+        wheels = sum(group.count for group in shape.skeleton.wheels)
         self._drawn = np.zeros((wheels, 3))
         self._lines = [
             PushLines(scene, f"{node}/v", palette.command, palette.casing)
@@ -67,17 +72,14 @@ class PushArrows:
         """Draw the arrows for a joint vector (n,)."""
         if not len(self._drawn) or not self._rate.is_due(now_s):
             return
-        places, velocities = self._skeleton.contacts(joints)
-        speeds = np.linalg.norm(velocities, axis=-1)
-        velocities[speeds < MIN_ARROW_SPEED_MPS] = 0.0
+        places, velocities = self._shape.skeleton.contacts(joints)
+        velocities[np.linalg.norm(velocities, axis=-1) < MIN_ARROW_SPEED_MPS] = 0.0
         if np.abs(velocities - self._drawn).max() < 0.5 * MIN_ARROW_SPEED_MPS:
             return
         self._drawn = velocities
-        fast = speeds >= MIN_ARROW_SPEED_MPS
-        lifted = places[fast] + np.array([0.0, 0.0, self._height_m])
-        points = arrow_lines(lifted, velocities[fast], speeds[fast])
+        strokes = push_strokes(self._shape, places, velocities)
         for lines in self._lines:
-            lines.update(points)
+            lines.update(strokes)
 
 
 def push_height_m(shape: RobotShape) -> float:
@@ -126,80 +128,61 @@ AXLE_HZ = 20.0
 """Maximum rate of the poses of rods and rings; the gimbals themselves move at full rate."""
 
 
-class Axles:
-    """Rods along the axles of wheels on gimbals, contact rings, and thin uprights.
+_LEAST_TURN = 1e-3
+"""Smallest change of a quaternion component that is sent."""
+_Themes: TypeAlias = Sequence[tuple[str, Palette]]
+"""Nodes and their colours, see `themed`."""
 
-    Wheels without gimbals have contact rings only.
-    """
+
+class AxleMarks:
+    """Marks that turn with the axles of wheels on gimbals, in all themes."""
 
     def __init__(
-        self, scene: viser.SceneApi, themes: Sequence[tuple[str, Palette]], shape: RobotShape
+        self, scene: viser.SceneApi, marks: Sequence[tuple[str, bytes]], shape: RobotShape
     ) -> None:
-        """`themes` are the nodes and colours, see `themed`."""
-        self._skeleton, self._wheels = shape.skeleton, _gimballed_wheels(shape)
+        """`marks` are names of nodes with their binary glTF; all are upright at first."""
+        self._skeleton, self._kind = shape.skeleton, shape.skeleton.wheels[0].kind
         self._rate = RateLimiter(AXLE_HZ)
-        self._shown: npt.NDArray[np.float32] | None = None
-        self._rods: list[viser.BatchedGlbHandle] = []
-        at_rest = shape.kinematics.inverse(np.zeros(3))
-        for node, palette in themes:
-            _add_contacts(scene, f"{node}/k", shape, at_rest, palette)
-            if self._wheels is not None:
-                wxyz, position = self._poses(at_rest)
-                _add_uprights(scene, f"{node}/u", position, palette)
-                self._rods.append(_add_unlit(scene, f"{node}/r", _rod(palette), wxyz, position))
+        self.joints = shape.kinematics.inverse(np.zeros(3))
+        """Displayed joint vector (n,)."""
+        poses = self._poses(self.joints)
+        self._handles = [_add_unlit(scene, name, data, *poses) for name, data in marks]
+        self._shown = poses.wxyz.astype(np.float32)
+        self.pivots = poses.position
+        """(k, 3): places of the marks."""
 
     def update(self, joints: Array, now_s: float) -> None:
         """Show the axles of a drawn joint vector (n,)."""
-        if self._wheels is None or not self._rate.is_due(now_s):
+        if np.array_equal(joints, self.joints) or not self._rate.is_due(now_s):
             return
+        self.joints = joints
         wxyz = self._poses(joints).wxyz.astype(np.float32)
-        if self._shown is None or np.abs(wxyz - self._shown).max() > _LEAST_TURN:
+        if np.abs(wxyz - self._shown).max() > _LEAST_TURN:
             self._shown = wxyz
-            set_all(self._rods, batched_wxyzs=wxyz)
+            set_all(self._handles, batched_wxyzs=wxyz)
 
     def _poses(self, joints: Array) -> LinkPoses:
-        return _axle_poses(self._skeleton, self._wheels, joints)
+        at_rest = self._skeleton.at_rest(joints)
+        return self._skeleton.poses(SE2.identity(), SO3.identity(), at_rest)[self._kind]
 
 
-_LEAST_TURN = 1e-3
-"""Smallest change of a quaternion component that is sent."""
+def add_axles(scene: viser.SceneApi, themes: _Themes, shape: RobotShape) -> AxleMarks | None:
+    """Add contact rings and, for wheels on gimbals, thin uprights and rods along the axles."""
+    contacts = shape.skeleton.contacts(shape.kinematics.inverse(np.zeros(3)))[0]
+    for node, palette in themes:
+        _add_contacts(scene, f"{node}/k", shape, contacts, palette)
+    if not shape.tilts:
+        return None
+    rods = AxleMarks(scene, [(f"{node}/r", _rod(palette)) for node, palette in themes], shape)
+    ends = np.stack([rods.pivots, rods.pivots + np.array([0.0, 0.0, AXLE_M])], axis=1)
+    for node, palette in themes:
+        add_lines(scene, f"{node}/u", ends, palette.ink, 2.0 * _UPRIGHT_M)
+    return rods
 
 
-class SetpointRings:
-    """Dashed rings around the ends of the rods, at the commanded axles of wheels on gimbals."""
-
-    def __init__(
-        self, scene: viser.SceneApi, themes: Sequence[tuple[str, Palette]], shape: RobotShape
-    ) -> None:
-        """`themes` are the nodes and colours, see `themed`."""
-        self._skeleton, self._wheels = shape.skeleton, _gimballed_wheels(shape)
-        self._rate = RateLimiter(AXLE_HZ)
-        self.shown = shape.kinematics.inverse(np.zeros(3))
-        """Displayed joint vector (n,)."""
-        self._handles = [
-            _add_unlit(scene, f"{node}/s", _setpoint(palette), *self._poses(self.shown))
-            for node, palette in themes
-        ]
-
-    def update(self, setpoint: Array, now_s: float) -> None:
-        """Show a joint vector (n,)."""
-        if np.array_equal(setpoint, self.shown) or not self._rate.is_due(now_s):
-            return
-        self.shown = setpoint
-        set_all(self._handles, batched_wxyzs=self._poses(setpoint).wxyz.astype(np.float32))
-
-    def _poses(self, joints: Array) -> LinkPoses:
-        return _axle_poses(self._skeleton, self._wheels, joints)
-
-
-def _gimballed_wheels(shape: RobotShape) -> LinkGroup | None:
-    return shape.skeleton.wheels[0] if shape.tilts else None
-
-
-def _axle_poses(skeleton: Skeleton, wheels: LinkGroup | None, joints: Array) -> LinkPoses:
-    assert wheels is not None  # noqa: S101  Only wheels on gimbals have such axles.
-    every = skeleton.poses(SE2.identity(), SO3.identity(), skeleton.at_rest(joints))
-    return every[wheels.kind]
+def add_setpoint_rings(scene: viser.SceneApi, themes: _Themes, shape: RobotShape) -> AxleMarks:
+    """Add dashed rings around the ends of the rods, at the commanded axles."""
+    return AxleMarks(scene, [(f"{node}/s", _setpoint(palette)) for node, palette in themes], shape)
 
 
 def _add_unlit(
@@ -211,10 +194,9 @@ def _add_unlit(
 
 
 def _add_contacts(
-    scene: viser.SceneApi, name: str, shape: RobotShape, at_rest: Array, palette: Palette
+    scene: viser.SceneApi, name: str, shape: RobotShape, places: Array, palette: Palette
 ) -> None:
-    """Add rings at the contacts, which hardly depend on the joints."""
-    places = shape.skeleton.contacts(at_rest)[0]
+    """Add rings at the contacts (k, 3), which hardly depend on the joints."""
     if not len(places):
         return
     radius_m = shape.ball_radius_m
@@ -227,13 +209,6 @@ def _add_contacts(
     if shape.tilts:  # The lower deck hides the contacts; viser draws nothing through it.
         above = places + np.array([0.0, 0.0, push_height_m(shape) - _RING_LIFT_M])
         _add_unlit(scene, f"{name}a", _contact(palette, _HIDDEN_OPACITY), wxyz, above)
-
-
-def _add_uprights(
-    scene: viser.SceneApi, name: str, position: Array, palette: Palette
-) -> viser.LineSegmentsHandle:
-    ends = position + np.array([0.0, 0.0, AXLE_M])
-    return add_lines(scene, name, np.stack([position, ends], axis=1), palette.ink, 2.0 * _UPRIGHT_M)
 
 
 def _rod(palette: Palette) -> bytes:

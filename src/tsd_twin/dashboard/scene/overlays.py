@@ -12,6 +12,7 @@ from manifold3d import CrossSection
 
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape, Surface
 from tsd_twin.dashboard.scene.themed import (
+    RateLimiter,
     add_area,
     add_lines,
     closed,
@@ -25,23 +26,6 @@ from tsd_twin.dashboard.scene.unlit import mixed
 from tsd_twin.estimation import heading_region_rad, position_region
 from tsd_twin.lie import Array
 from tsd_twin.messages.status import RobotStatus
-
-
-class RateLimiter:
-    """Rate limiter with time as an argument."""
-
-    def __init__(self, hz: float) -> None:
-        self._period_s = 1.0 / hz
-        self._last_s = -math.inf
-
-    def is_due(self, now_s: float) -> bool:
-        """Return whether a period has passed since it last returned True, or time went back."""
-        # Tolerate early calls, because the callers are periodic too.
-        if 0.0 <= now_s - self._last_s < self._period_s - 1e-3:
-            return False
-        self._last_s = now_s
-        return True
-
 
 _LEAST_SIGMA_M = 0.001
 """Makes the outline of an exact position visible."""

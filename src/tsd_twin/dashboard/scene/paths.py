@@ -7,8 +7,7 @@ import numpy.typing as npt
 import viser
 
 from tsd_twin.dashboard.scene.appearance import Palette
-from tsd_twin.dashboard.scene.overlays import RateLimiter
-from tsd_twin.dashboard.scene.themed import add_area, add_lines, dashes, raised, themed
+from tsd_twin.dashboard.scene.themed import RateLimiter, add_area, add_lines, dashes, raised, themed
 from tsd_twin.dashboard.scene.unlit import mixed, vertex_colour
 from tsd_twin.lie import SE2, Array
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from tsd_twin.dashboard.scene.appearance import Rgb
 from tsd_twin.dashboard.scene.materials import staged, tinted
 from tsd_twin.dashboard.scene.portrait import render_portrait
+from tsd_twin.dashboard.wire.to_page import TwistAxisInfo
 from tsd_twin.kinematics import Joint, JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.cdr import JointState
@@ -32,7 +33,6 @@ from tsd_twin.models import (
 from tsd_twin.models.links import Sphere
 from tsd_twin.models.solids import Part
 from tsd_twin.robots import RobotDescription
-from tsd_twin.robots.description import Limits
 
 _W, _I, _J, _K = np.eye(4)
 _HAMILTON = np.array([[_W, _I, _J, _K], [_I, -_W, _K, -_J], [_J, -_K, -_W, _I], [_K, _J, -_I, -_W]])
@@ -279,6 +279,8 @@ class RobotShape:
         tree = kinematic_tree(robot)
         self.joints = drawn_joints(robot, tree)
         """Joints required for drawing, beginning with the drive joints."""
+        self.rolls = np.array([joint.kind is JointKind.VELOCITY for joint in self.joints])
+        """(n,): whether each of them turns without end."""
         self.skeleton = Skeleton(tree, self.joints)
         self._parts = {
             kind: [staged(part) for part in drawn] for kind, drawn in load_parts(robot).items()
@@ -373,42 +375,16 @@ def robot_shape(robot: RobotDescription) -> RobotShape:
     return _shape_of(_Drawing(msgspec.json.encode(robot), robot))
 
 
-class TwistAxis(NamedTuple):
-    """Component of a twist: name, symbol, unit, and effect of a positive value."""
-
-    name: str
-    symbol: str
-    unit: str
-    positive: str
-    hint: str
-
-    @property
-    def label(self) -> str:
-        """Label of the slider."""
-        return f"{self.positive} ({self.unit})"
-
-
-FLOOR_AXES = (
-    TwistAxis("vx", "vx", "m/s", "Forward", "vx; negative drives backward"),
-    TwistAxis("vy", "vy", "m/s", "Left", "vy; negative drives right"),
-    TwistAxis("omega", "ω", "rad/s", "Turn left", "ω; negative turns right"),
+_FLOOR_AXES = (
+    TwistAxisInfo("vx", "vx", "m/s"),
+    TwistAxisInfo("vy", "vy", "m/s"),
+    TwistAxisInfo("omega", "ω", "rad/s"),
 )
-"""Twist axes of robots that drive on a floor."""
-_SPHERE_AXES = (
-    TwistAxis("wx", "ωx", "rad/s", "Roll right", "ωx; negative rolls the top of the sphere left"),
-    TwistAxis("wy", "ωy", "rad/s", "Roll forward", "ωy; negative rolls its top backward"),
-    TwistAxis("wz", "ωz", "rad/s", "Turn left", "ωz; negative turns the sphere right"),
-)
-_TWIST_AXES = {(0, 1, 5): FLOOR_AXES, (3, 4, 5): _SPHERE_AXES}
+_SPHERE_AXES = tuple(TwistAxisInfo(f"w{axis}", f"ω{axis}", "rad/s") for axis in "xyz")
+_TWIST_AXES = {(0, 1, 5): _FLOOR_AXES, (3, 4, 5): _SPHERE_AXES}
 """Twist axes by their indices in a spatial twist."""
 
 
-def twist_axes_of(kinematics: Kinematics[Any]) -> tuple[TwistAxis, TwistAxis, TwistAxis]:
-    """Return the components of a twist, in order."""
+def twist_axes_of(kinematics: Kinematics[Any]) -> tuple[TwistAxisInfo, ...]:
+    """Return the three components of a twist, in order."""
     return _TWIST_AXES[kinematics.twist_axes]
-
-
-def axis_limits(kinematics: Kinematics[Any], limits: Limits) -> tuple[float, float, float]:
-    """Return the limit of each twist component, in its unit."""
-    most = limits.speed_mps / kinematics.twist_scale_m
-    return most, most, limits.turn_rate_rad_per_s

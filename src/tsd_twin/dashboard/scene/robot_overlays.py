@@ -28,7 +28,7 @@ from tsd_twin.dashboard.scene.appearance import (
     overlay_node,
     robot_node,
 )
-from tsd_twin.dashboard.scene.drive_marks import Axles, PushArrows, SetpointRings
+from tsd_twin.dashboard.scene.drive_marks import PushArrows, add_axles, add_setpoint_rings
 from tsd_twin.dashboard.scene.overlays import FaultRing, PoseRegion, StopEnvelope
 from tsd_twin.dashboard.scene.paths import RouteLine, Trail
 from tsd_twin.dashboard.scene.picking import OnClick, add_click_target
@@ -150,7 +150,7 @@ VISIBLE_DIFFERENCE_RAD = math.radians(0.5)
 
 
 class PoseWireframe:
-    """Wireframe at another pose of the robot: simulated ground truth, or the alternative estimate.
+    """Wireframe at another pose of the robot: true, alternative or predicted.
 
     For spheres, it consists of great circles with the other orientation.
     """
@@ -167,7 +167,7 @@ class PoseWireframe:
         ]
 
     def update(self, reported: Odometry, estimate: Odometry) -> None:
-        """Show the pose, unless it is close to the estimate."""
+        """Show a reported pose, unless it is close to the estimate."""
         set_all(self._wireframes, visible=_differs_visibly(reported, estimate))
         # Also update it while hidden, because a client may show the wireframe anyway.
         if reported.wxyz is None:
@@ -175,6 +175,12 @@ class PoseWireframe:
         else:
             self._frame.position = (0.0, 0.0, self._height_m)
             self._frame.wxyz = reported.wxyz
+
+    def place(self, pose: Array | None) -> None:
+        """Show a pose (3,) in the frame of the parent, to a millimetre; None hides it."""
+        set_all(self._wireframes, visible=pose is not None)
+        if pose is not None:
+            set_planar_pose(self._frame, np.round(pose, 3))
 
     def remove(self) -> None:
         """Remove the wireframe."""
@@ -191,26 +197,6 @@ def _differs_visibly(reported: Odometry, estimate: Odometry) -> bool:
         math.hypot(difference[0], difference[1]) > VISIBLE_DIFFERENCE_M
         or abs(wrap(difference[2])) > VISIBLE_DIFFERENCE_RAD
     )
-
-
-class PredictedPoseWireframe:
-    """Wireframe at the predicted pose of the robot when a command sent now arrives.
-
-    Its parent is the robot, so it sends nothing while delay and speed are constant.
-    """
-
-    def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
-        self._frame = scene.add_frame(name, show_axes=False)
-        self._wireframes = [
-            add_wireframe(scene, f"{node}/c", shape, palette.command, visible=False)
-            for node, palette in themed(scene, name)
-        ]
-
-    def update(self, ahead: Array | None) -> None:
-        """Show a pose (3,) in the robot's frame; None hides it."""
-        set_all(self._wireframes, visible=ahead is not None)
-        if ahead is not None:
-            set_planar_pose(self._frame, np.round(ahead, 3))
 
 
 def set_planar_pose(frame: viser.FrameHandle, pose: Array) -> None:
@@ -265,7 +251,7 @@ class RobotOverlays:
         node, self._reader = robot_node(robot_id), JointReader(shape.kinematics.joints)
         self._base = scene.add_frame(node, show_axes=False)
         self.setpoint = (
-            SetpointRings(scene, themed(scene, overlay_node(Layer.SETPOINT, robot_id)), shape)
+            add_setpoint_rings(scene, themed(scene, overlay_node(Layer.SETPOINT, robot_id)), shape)
             if shape.tilts
             else None
         )
@@ -281,10 +267,11 @@ class RobotOverlays:
             f"{node}/f", contact_shadow(shape.footprint), cast_shadow=False, receive_shadow=False
         )
         self.arrows = PushArrows(scene, overlay_node(Layer.ARROWS, robot_id), shape)
-        self.axles = Axles(scene, themed(scene, f"{node}/{AXLES}"), shape)
+        self.axles = add_axles(scene, themed(scene, f"{node}/{AXLES}"), shape)
         self.region = PoseRegion(scene, overlay_node(Layer.REGION, robot_id), shape.reach_m)
-        self.predicted = PredictedPoseWireframe(
-            scene, overlay_node(Layer.PREDICTED, robot_id), shape
+        # A child of the robot, so it sends nothing while delay and speed are constant.
+        self.predicted = PoseWireframe(
+            scene, overlay_node(Layer.PREDICTED, robot_id), shape, lambda palette: palette.command
         )
         self.envelope = StopEnvelope(scene, overlay_node(Layer.ENVELOPE, robot_id), shape.reach_m)
         if not shape.skeleton.has_ball:  # A sphere does not move.
@@ -313,11 +300,11 @@ class RobotOverlays:
         """
         self._cover.visible = stale
         if stale:
-            self.predicted.update(None)
+            self.predicted.place(None)
 
     def show_prediction(self, prediction: Prediction) -> None:
         """Show a prediction."""
-        self.predicted.update(prediction.arrival_pose)
+        self.predicted.place(prediction.arrival_pose)
         self.envelope.update(prediction.path)
 
     def update(
@@ -339,7 +326,8 @@ class RobotOverlays:
             self.region.update(new.odom.pose_covariance, float(pose[2]), new.received_s)
         if new.joints is not old.joints:
             self.arrows.update(joints, new.received_s)
-            self.axles.update(drawn(joints), new.received_s)
+            if self.axles is not None:
+                self.axles.update(drawn(joints), new.received_s)
         if self.setpoint and new.setpoint is not None and new.setpoint is not old.setpoint:
             setpoint = self._reader.vector(new.setpoint)
             if setpoint is not None:

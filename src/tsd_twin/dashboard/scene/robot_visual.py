@@ -6,7 +6,6 @@ The tilt of the gimbals can be exaggerated for individual clients.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,9 +14,7 @@ import viser
 
 from tsd_twin.client.monitor import RobotMonitor, Snapshot
 from tsd_twin.client.motions import kinematics_in_force
-from tsd_twin.dashboard.scene.appearance import AXLES, Palette, overlay_node, robot_node
-from tsd_twin.dashboard.scene.drive_marks import Axles, SetpointRings
-from tsd_twin.dashboard.scene.overlays import RateLimiter
+from tsd_twin.dashboard.scene.appearance import robot_node
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape, commanded_joints
 from tsd_twin.dashboard.scene.robot_overlays import (
     NO_PREDICTION,
@@ -25,9 +22,9 @@ from tsd_twin.dashboard.scene.robot_overlays import (
     Prediction,
     RobotOverlays,
 )
-from tsd_twin.dashboard.scene.viser_compat import scale_instances
-from tsd_twin.dashboard.wire.view import Layer, TiltFactor
-from tsd_twin.kinematics import JointKind, Kinematics
+from tsd_twin.dashboard.scene.themed import RateLimiter
+from tsd_twin.dashboard.wire.view import TiltFactor
+from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link
 from tsd_twin.recording.player import RecordedRobot
@@ -169,7 +166,6 @@ class RobotVisual:
         self._prediction_rate = RateLimiter(PREDICTION_HZ)
         self._reader = JointReader(meshes.shape.joints)
         self._setpoint_reader = JointReader(link.kinematics.joints)
-        self._wheels = np.array([j.kind is JointKind.VELOCITY for j in meshes.shape.joints])
         self._slowdown = SPIN_SLOWDOWN if meshes.shape.tilts else 1
 
     @property
@@ -207,7 +203,7 @@ class RobotVisual:
                 self.ball = SO3(new.odom.wxyz)
         if new.joints is not None and new.joints is not old.joints:
             # Joints that are no longer measured keep their values.
-            before = np.where(self._wheels, 0.0, self.angles)
+            before = np.where(self.meshes.shape.rolls, 0.0, self.angles)
             joints = self._reader.vector(new.joints, before)
             if joints is not None:
                 self._turn_wheels(joints, new.received_s)
@@ -228,7 +224,7 @@ class RobotVisual:
         self.joints = joints[: len(self.joints)]
         seen_s = dt_s / self._slowdown if dt_s < _MAX_STATE_GAP_S else 0.0
         turned = np.remainder(self.angles + joints * seen_s, 2.0 * np.pi)
-        self.angles = np.where(self._wheels, turned, joints)
+        self.angles = np.where(self.meshes.shape.rolls, turned, joints)
 
 
 MOST_TILT_RAD = math.radians(75.0)
@@ -250,68 +246,3 @@ def exaggerate_tilt(joints: Array, factor: float) -> Array:
     modules[:, 0] = np.arcsin(np.clip(scale * outward, -1.0, 1.0))
     modules[:, 1] = np.arctan2(scale * across, np.cos(larger))
     return modules.ravel()
-
-
-def hide_links(client: viser.ClientHandle, body: RobotVisual, robot_id: str | None) -> None:
-    """Hide the moving links of a robot for a client; None shows all."""
-    for kind in body.meshes.shape.moving:
-        scales = body.meshes.scales_without(robot_id, kind)
-        scale_instances(client, body.meshes.node(kind), scales)
-
-
-class ExaggeratedTilt:
-    """Gimbals, axles and setpoints of a robot in a client's scene, with another tilt."""
-
-    def __init__(self, client: viser.ClientHandle) -> None:
-        self.factor = TiltFactor.FIVE
-        self._client = client
-        self._links: dict[Link, viser.BatchedGlbHandle] = {}
-        self._rings: SetpointRings | None = None
-        self._axles: Axles | None = None
-
-    def is_on(self, body: RobotVisual | None) -> bool:
-        """Return whether this robot is drawn with another tilt than for all clients."""
-        return body is not None and self.factor is not body.tilt and bool(body.meshes.shape.tilts)
-
-    def start(self, body: RobotVisual, palette: Palette, hidden: Iterable[Layer]) -> None:
-        """Create this client's nodes, after the reset of its other nodes."""
-        self._links.clear()
-        scene, node, shape = self._client.scene, robot_node(body.id), body.meshes.shape
-        if Layer.SETPOINT not in hidden:  # Otherwise the shared ones are already hidden.
-            scene.add_frame(overlay_node(Layer.SETPOINT, body.id), show_axes=False, visible=False)
-            self._rings = SetpointRings(scene, [(f"{node}/qs", palette)], shape)
-        if Layer.ARROWS not in hidden:
-            scene.add_frame(f"{node}/{AXLES}", show_axes=False, visible=False)
-            self._axles = Axles(scene, [(f"{node}/qd", palette)], shape)
-        self.update(body)
-        hide_links(self._client, body, body.id)
-
-    def update(self, body: RobotVisual) -> None:
-        """Redraw the joints of a robot."""
-        shape = body.meshes.shape
-        poses = shape.skeleton.poses(
-            SE2.identity(), body.ball, body.tilted(body.angles, self.factor)
-        )
-        for kind in shape.moving:
-            if kind in self._links:
-                self._links[kind].batched_wxyzs = poses[kind].wxyz.astype(np.float32)
-                self._links[kind].batched_positions = poses[kind].position.astype(np.float32)
-            else:
-                self._links[kind] = self._client.scene.add_batched_glb(
-                    f"{robot_node(body.id)}/q{kind}", shape.glbs[kind], *poses[kind], lod="off"
-                )
-        if self._axles is not None:
-            self._axles.update(body.tilted(body.joints, self.factor), body.drawn.received_s)
-        if self._rings is not None and (setpoint := body.setpoint) is not None:
-            drawn = body.tilted(setpoint, self.factor)
-            self._rings.update(drawn, body.drawn.received_s)
-
-    def set_visible(self, visible: bool) -> None:
-        """Show or hide the gimbals, which a preview replaces."""
-        for handle in self._links.values():
-            handle.visible = visible
-
-    def clear(self) -> None:
-        """Discard this client's nodes."""
-        self._links.clear()
-        self._rings = self._axles = None

@@ -1,4 +1,4 @@
-"""Overlays that exist in both themes, and the lines they are drawn with."""
+"""Parts of overlays: frames in both themes, lines and areas, and the rate of changes."""
 
 from __future__ import annotations
 
@@ -17,6 +17,22 @@ from tsd_twin.lie import Array
 _SQRT2 = math.sqrt(2.0)
 CASING_M = 0.0022
 """Width of the casing on each side of a line or solid."""
+
+
+class RateLimiter:
+    """Rate limiter with time as an argument."""
+
+    def __init__(self, hz: float) -> None:
+        self._period_s = 1.0 / hz
+        self._last_s = -math.inf
+
+    def is_due(self, now_s: float) -> bool:
+        """Return whether a period has passed since it last returned True, or time went back."""
+        # Tolerate early calls, because the callers are periodic too.
+        if 0.0 <= now_s - self._last_s < self._period_s - 1e-3:
+            return False
+        self._last_s = now_s
+        return True
 
 
 def themed(scene: viser.SceneApi, name: str) -> list[tuple[str, Palette]]:

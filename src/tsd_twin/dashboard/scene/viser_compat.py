@@ -158,10 +158,10 @@ def next_message_window(
 
 PAGE_HEADER = "X-Tsd-Page"
 """Header added by the gateway to the request of a viser socket: its page."""
-DARK_HEADER = "X-Tsd-Dark"
-"""Header added by the gateway: 1 or 0, whether the browser prefers dark colours."""
-PLAIN_HEADER = "X-Tsd-Plain"
-"""Header added by the gateway: 1 or 0, whether the browser has no graphics card."""
+LOOK_HEADER = "X-Tsd-Look"
+"""Header added by the gateway: the `LOOKS` that the browser of the page asks for."""
+LOOKS = ("dark", "plain")
+"""Dark colours, and the scene for a browser without a graphics card."""
 _SOCKET_SERVER = attrgetter("_websock_server")
 _LIVE_CONNECTIONS = attrgetter("_websock_server._live_connections")
 _SOCKET = attrgetter("_websock_connection")
@@ -172,15 +172,9 @@ def page_of(server: viser.ViserServer, client_id: int) -> str | None:
     return _header_of(server, client_id, PAGE_HEADER)
 
 
-def prefers_dark(server: viser.ViserServer, client_id: int) -> bool | None:
-    """Return whether a client's browser prefers dark colours, or None if unknown."""
-    word = _header_of(server, client_id, DARK_HEADER)
-    return None if word is None else word == "1"
-
-
-def has_no_gpu(server: viser.ViserServer, client_id: int) -> bool:
-    """Return whether a client's browser has no graphics card."""
-    return _header_of(server, client_id, PLAIN_HEADER) == "1"
+def look_of(server: viser.ViserServer, client_id: int) -> list[str]:
+    """Return the `LOOKS` that a client's browser asks for; dark without a gateway."""
+    return (_header_of(server, client_id, LOOK_HEADER) or "dark").split("-")
 
 
 def _header_of(server: viser.ViserServer, client_id: int, name: str) -> str | None:

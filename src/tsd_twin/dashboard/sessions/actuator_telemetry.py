@@ -1,4 +1,4 @@
-"""Actuator telemetry by robot kind: gimbals, wheels, sphere and joints."""
+"""Joints of robots for pages, by kind: gimbals, wheels, sphere and joints."""
 
 from __future__ import annotations
 
@@ -10,20 +10,30 @@ import numpy as np
 
 from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import commanded_joints
-from tsd_twin.dashboard.sessions.joint_poses import GimbalDisplay, wheel_poses
 from tsd_twin.dashboard.wire.from_page import Triple
 from tsd_twin.dashboard.wire.to_page import (
     EstimateDifference,
+    GimbalPose,
     GimbalState,
     JointInfo,
     JointValue,
+    LimitName,
     SphereState,
+    WheelPose,
     WheelSpeedLimits,
     WheelState,
 )
-from tsd_twin.kinematics import Joint, JointKind, Kinematics, OmniKinematics, SphereKinematics
+from tsd_twin.kinematics import (
+    Joint,
+    JointKind,
+    Kinematics,
+    OmniKinematics,
+    SingularityKinematics,
+    SphereKinematics,
+)
 from tsd_twin.lie import SO3, Array, wrap
 from tsd_twin.messages.cdr import Odometry
+from tsd_twin.motion import TwistLimiter
 from tsd_twin.robots import (
     RPM,
     ExternalDescription,
@@ -32,6 +42,102 @@ from tsd_twin.robots import (
     SingularityDescription,
     SphereDescription,
 )
+
+_UPRIGHT_RAD = 1e-6
+"""Smaller tilts have no direction."""
+
+
+class GimbalDisplay:
+    """Computes what pages show of the joints of a singularity drive."""
+
+    def __init__(self, drive: SingularityKinematics) -> None:
+        self.drive = drive
+        # From the module frame of the kinematics to the robot's: a turn by azimuth - pi/2.
+        turn = drive.azimuths_rad - np.pi / 2
+        c, s = np.cos(turn), np.sin(turn)
+        self._base_from_module = np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0)
+
+    def axles(self, joints: Array) -> Array:
+        """Return the horizontal parts (k, 2) of the unit axles in `base_link`, for joints (3k,)."""
+        modules = joints.reshape(-1, 3)
+        alpha, beta = modules[:, 0], modules[:, 1]
+        return self._in_base(np.stack([np.cos(alpha) * np.sin(beta), np.sin(alpha)], axis=-1))
+
+    def pushes(self, joints: Array) -> Array:
+        """Return the rolling velocities (k, 2) of the pivots in `base_link`, m/s."""
+        return self._in_base(self.drive.contacts(joints))
+
+    def residuals(self, residual: Array) -> Array:
+        """Return the residual (2k,) of `forward` as vectors (k, 2) in `base_link`, m/s."""
+        return self._in_base(residual.reshape(-1, 2))
+
+    def poses(self, joints: Array) -> list[GimbalPose]:
+        """Return the modules for joints (3k,)."""
+        limit = math.sin(self.drive.max_tilt_rad)
+        axles, pushes, tilts = self.axles(joints), self.pushes(joints), self.drive.tilt(joints)
+        return [
+            GimbalPose(
+                alpha=round(math.degrees(alpha), 2),
+                beta=round(math.degrees(beta), 2),
+                tilt=round(math.degrees(tilts[i]), 2),
+                direction=_direction_deg(axles[i], tilts[i]),
+                axle=_pair(axles[i] / limit),
+                push=_pair(pushes[i]),
+                rpm=round(spin / RPM),
+            )
+            for i, (alpha, beta, spin) in enumerate(joints.reshape(-1, 3).tolist())
+        ]
+
+    def _in_base(self, vectors: Array) -> Array:
+        return (self._base_from_module @ vectors[..., None])[..., 0]
+
+
+def wheel_poses(drive: OmniKinematics | SphereKinematics, joints: Array) -> list[WheelPose]:
+    """Return the wheels for joints (k,)."""
+    pushes = rim_velocities(drive, joints)
+    return [
+        WheelPose(rpm=round(speed / RPM, 1), push=_pair(pushes[i]))
+        for i, speed in enumerate(joints.tolist())
+    ]
+
+
+def rim_velocities(drive: OmniKinematics | SphereKinematics, joints: Array) -> Array:
+    """Return the rim velocities (k, 2) along the drive directions from above, m/s."""
+    if isinstance(drive, SphereKinematics):
+        directions = drive.actuations[:, :2]
+    else:
+        angles = drive.directions_rad
+        directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    return drive.wheel_radius_m * joints[:, None] * directions
+
+
+def joint_share(drive: Kinematics[Any], joints: Array) -> float | None:
+    """Return the fraction in use of the joint limit, sine of the tilt or speed; None if unknown."""
+    if isinstance(drive, SingularityKinematics):
+        return float(np.sin(drive.tilt(joints)).max() / math.sin(drive.max_tilt_rad))
+    if isinstance(drive, OmniKinematics | SphereKinematics):
+        return float(np.abs(joints).max() / drive.max_speed_rad_per_s)
+    return None
+
+
+def binding_limit(drive: Kinematics[Any], limiter: TwistLimiter, twist: Array) -> LimitName:
+    """Return the limit that `twist` (3,) comes closest to, or exceeds most."""
+    speed, turn, joints = limiter.utilizations(twist)
+    if joints >= max(speed, turn):
+        tilts = any(joint.kind is JointKind.POSITION for joint in drive.joints)
+        return "tilt" if tilts else "wheel_speed"
+    return "speed" if speed >= turn else "turn_rate"
+
+
+def _direction_deg(axle: Array, tilt_rad: float) -> float | None:
+    if tilt_rad < _UPRIGHT_RAD:
+        return None
+    return round(math.degrees(math.atan2(axle[1], axle[0])), 1)
+
+
+def _pair(vector: Array) -> tuple[float, float]:
+    x, y = vector.tolist()
+    return round(x, 4) + 0.0, round(y, 4) + 0.0
 
 
 class ActuatorTelemetry(Protocol):
@@ -83,18 +189,12 @@ class GimbalTelemetry:
         commanded = commanded_joints(self._drive, setpoint, joints)
         modules = [
             GimbalState(
-                alpha=now.alpha,
-                beta=now.beta,
-                tilt=now.tilt,
+                **msgspec.structs.asdict(now),
                 radius_mm=round(float(radius_mm[i]), 2),
-                rpm=now.rpm,
                 alpha_setpoint=goal.alpha,
                 beta_setpoint=goal.beta,
-                axle=now.axle,
                 set_axle=goal.axle,
                 spinning=abs(float(joints[3 * i + 2]) / RPM) > slow_rpm,
-                direction=now.direction,
-                push=now.push,
                 setpoint=msgspec.structs.replace(goal, rpm=round(float(setpoint[3 * i + 2]) / RPM)),
             )
             for i, (now, goal) in enumerate(
@@ -113,12 +213,8 @@ class WheelTelemetry:
 
     def info(self) -> dict[str, Any]:
         """Return the fields of `RobotInfo`."""
-        return {
-            "panel": "wheels",
-            "wheels": self._drive.actuators,
-            "max_rpm": round(self._drive.max_speed_rad_per_s / RPM, 1),
-            "alternative_estimate": "driven wheels" if self._has_other_sensors else None,
-        }
+        alternative = "driven wheels" if self._has_other_sensors else None
+        return _wheels_info(self._drive, "wheels", alternative)
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:
         """Return the fields of `RobotState`."""
@@ -126,6 +222,17 @@ class WheelTelemetry:
             "wheels": wheel_states(self._drive, joints, setpoint),
             "estimate_difference": _planar_difference(snapshot),
         }
+
+
+def _wheels_info(
+    drive: OmniKinematics | SphereKinematics, panel: str, alternative: str | None
+) -> dict[str, Any]:
+    return {
+        "panel": panel,
+        "wheels": drive.actuators,
+        "max_rpm": round(drive.max_speed_rad_per_s / RPM, 1),
+        "alternative_estimate": alternative,
+    }
 
 
 def wheel_states(
@@ -136,11 +243,10 @@ def wheel_states(
     poses = zip(wheel_poses(drive, joints), wheel_poses(drive, setpoint), strict=True)
     return [
         WheelState(
-            rpm=now.rpm,
+            **msgspec.structs.asdict(now),
             rpm_setpoint=goal.rpm,
-            residual_mps=round(float(residual[i]), 4),
-            push=now.push,
             push_setpoint=goal.push,
+            residual_mps=round(float(residual[i]), 4),
         )
         for i, (now, goal) in enumerate(poses)
     ]
@@ -190,7 +296,7 @@ class JointTelemetry:
         return {"joints": [JointValue(round(now, 2), round(goal, 2)) for now, goal in rows]}
 
 
-def joint_rows(_robot: Any, drive: Kinematics[Any], joints: Array) -> dict[str, Any]:
+def joint_rows(drive: Kinematics[Any], joints: Array) -> dict[str, Any]:
     """Return the rows `joints` of a joint vector (n,), as fields of `JointPreview`."""
     values = (joints * _units_per_si(drive.joints)).tolist()
     return {"joints": [JointValue(round(value, 2)) for value in values]}
@@ -217,12 +323,8 @@ class SphereTelemetry:
 
     def info(self) -> dict[str, Any]:
         """Return the fields of `RobotInfo`."""
-        return {
-            "panel": "sphere",
-            "wheels": self._drive.actuators,
-            "max_rpm": round(self._drive.max_speed_rad_per_s / RPM, 1),
-            "alternative_estimate": "ideal model" if self._dual_first else "dual-row model",
-        }
+        alternative = "ideal model" if self._dual_first else "dual-row model"
+        return _wheels_info(self._drive, "sphere", alternative)
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:
         """Return the fields of `RobotState`."""

@@ -8,14 +8,15 @@ from typing import Any
 
 from tsd_twin.dashboard.sessions.actuator_telemetry import (
     ActuatorTelemetry,
+    GimbalDisplay,
     GimbalTelemetry,
     JointTelemetry,
     SphereTelemetry,
     TwistTelemetry,
     WheelTelemetry,
     joint_rows,
+    wheel_poses,
 )
-from tsd_twin.dashboard.sessions.joint_poses import GimbalDisplay, wheel_poses
 from tsd_twin.dashboard.sessions.student_drives import (
     GIMBAL_STUDY,
     ROLLER_STUDY,
@@ -90,24 +91,20 @@ class RobotView:
 
     telemetry: Callable[[Any], ActuatorTelemetry]
     """Class or factory of the actuator telemetry, called with the description."""
-    joint_fields: Callable[[Any, Any, Array], dict[str, Any]] = joint_rows
-    """Fields of `JointPreview` for description, kinematics and a joint vector (n,)."""
+    joint_fields: Callable[[Any, Array], dict[str, Any]] = joint_rows
+    """Fields of `JointPreview` for kinematics and a joint vector (n,)."""
     knobs: tuple[TunableParameter, ...] = ()
     """Description numbers offered in the Student tab."""
     study: DriveStudy | None = None
     """Wheels, equations and figures for the Student tab."""
 
 
-def _gimbal_fields(_robot: Any, drive: Any, joints: Array) -> dict[str, Any]:
+def _gimbal_fields(drive: Any, joints: Array) -> dict[str, Any]:
     return {"modules": GimbalDisplay(drive).poses(joints)}
 
 
-def _wheel_fields(_robot: Any, drive: Any, joints: Array) -> dict[str, Any]:
+def _wheel_fields(drive: Any, joints: Array) -> dict[str, Any]:
     return {"wheels": wheel_poses(drive, joints)}
-
-
-def _no_fields(_robot: Any, _drive: Any, _joints: Array) -> dict[str, Any]:
-    return {}
 
 
 _JOINTS = RobotView(JointTelemetry)
@@ -121,7 +118,7 @@ _VIEWS = KindTable(
         ),
         OmniDescription: RobotView(WheelTelemetry, _wheel_fields, OMNI_KNOBS, ROLLER_STUDY),
         SphereDescription: RobotView(SphereTelemetry, _wheel_fields, SPHERE_KNOBS, SPHERE_STUDY),
-        ExternalDescription: RobotView(TwistTelemetry, _no_fields),
+        ExternalDescription: RobotView(TwistTelemetry, lambda _drive, _joints: {}),
     },
     lambda kind: None if kind.view is None else RobotView(kind.view),
     _JOINTS,

@@ -7,9 +7,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Mapping
 
+from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.scene.robot_visual import VisualSource
-from tsd_twin.dashboard.scene.scene import STALE_S, Scene
-from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
+from tsd_twin.dashboard.scene.scene import STALE_S
 from tsd_twin.dashboard.wire.to_page import FloorPoint, MapLines, MapRobot, MapState
 from tsd_twin.lie import SE2, Array
 
@@ -54,7 +54,7 @@ class MapData:
     def __init__(
         self,
         links: Mapping[str, VisualSource],
-        scene: SceneExecutor | Scene,
+        scene: SceneExecutor,
         on_lines: Callable[[], None],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:

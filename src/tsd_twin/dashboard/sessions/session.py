@@ -10,24 +10,24 @@ from collections.abc import Mapping
 
 import msgspec
 
-from tsd_twin.dashboard.scene.framing import Rectangle
-from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
+from tsd_twin.dashboard.scene.client_nodes import StudentPose
+from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient
-from tsd_twin.dashboard.sessions.look_back import LookBackSession
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
-from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession
-from tsd_twin.dashboard.sessions.preview import PreviewSession
-from tsd_twin.dashboard.sessions.principal import Principal, shown_name
+from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession, PageSocket
+from tsd_twin.dashboard.sessions.previews import LookBackSession, PreviewSession
+from tsd_twin.dashboard.sessions.principal import shown_name
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.sessions.student import StudentSession
-from tsd_twin.dashboard.sessions.teleop import TeleopController, TeleopMessage
+from tsd_twin.dashboard.sessions.teleop import TeleopController
 from tsd_twin.dashboard.wire.from_page import (
     ArmRequest,
     DisarmRequest,
     DisplayMessage,
     DriveCommand,
     FollowPlan,
+    HolderMessage,
     LeaseAction,
     LookBack,
     PageHeartbeat,
@@ -35,22 +35,18 @@ from tsd_twin.dashboard.wire.from_page import (
     PreviewRequest,
     ReleaseControls,
     ResetRequest,
-    SelectPlotFields,
     SelectRobot,
-    SetFrame,
     SetName,
-    SetView,
     SetWheelSpeed,
-    ShowFleet,
     ShowMap,
     ShowShadow,
     StopCommand,
     StudentRequest,
+    TeleopMessage,
     decode_page_message,
 )
 from tsd_twin.dashboard.wire.to_page import (
     ActionReply,
-    HeartbeatReply,
     RobotEvent,
     RobotState,
     encode_message,
@@ -76,36 +72,25 @@ class Session(PageSession):
     """Session for a live page on the event loop; calls to a robot run as tasks of the session."""
 
     def __init__(
-        self,
-        page: str,
-        live: LiveRobots,
-        *,
-        principal: Principal,
-        map_data: MapData,
-        scene: SceneExecutor,
-        name: str = "",
+        self, socket: PageSocket, live: LiveRobots, scene: SceneExecutor, map_data: MapData
     ) -> None:
-        super().__init__(page, principal, name, live)
-        self.robot_id: str | None = None
-        """Selected robot."""
-        self._role = principal.identity.role
+        super().__init__(socket, live, scene)
+        self._role, page = self.principal.identity.role, self.page
         self._directory, executor = live.directory, live.executor
         self._lease_client = LeaseClient(
-            self._operator, executor, self._send, lambda why: self._teleop.release(why)
+            self._operator, executor, self.send, lambda why: self._teleop.release(why)
         )
         self._lease_client.set_name(self._stops.name)
         self._teleop = TeleopController(
             self._lease_client,
-            NavigationSession(page, executor, scene.pick_floor, map_data.show_route, self._send),
-            self._send,
+            NavigationSession(page, executor, scene.pick_floor, map_data.show_route, self.send),
+            self.send,
         )
-        self._student = StudentSession(
-            executor, self._send, lambda pose: scene.show_student(page, pose)
-        )
+        self._student = StudentSession(executor, self.send, self._show_student)
         self._look_back = LookBackSession(page, live.directory, scene)
-        self._preview = PreviewSession(page, live.directory, scene, self.send_queue)
+        self._preview = PreviewSession(page, live.directory, scene, self._queue)
         self._motion: DriveCommand | FollowPlan | None = None
-        self._map_data, self._scene = map_data, scene
+        self._map_data = map_data
         self._shows_shadow = False
 
     def on_robots_changed(self) -> None:
@@ -118,19 +103,24 @@ class Session(PageSession):
             control.link = robot.link
         names = self._directory.robot_names()
         if self.robot_id is None and names:
-            self.robot_id = names[0].id
-            self._scene.select_robot(self.page, self.robot_id)
-        self._send_welcome(self._role, names, self.robot_id)
+            self._show_robot(names[0].id)
+        self._send_welcome(self._role, names)
         self._send_robot()
+
+    async def open(self) -> None:
+        """Send session info and the selected robot."""
+        self.on_robots_changed()
 
     async def close(self) -> None:
         """Stop the motion and release the lease, after the socket has closed."""
         self._motion = None
-        self._show_fleet(on=False)
         self._teleop.close()
         self._student.close()
         self._preview.end()
         await self._lease_client.close()
+
+    def _show_student(self, pose: StudentPose | None) -> None:
+        self._scene.draw(self.page, "student", lambda view: view.show_student(pose))
 
     # Messages from the page.
 
@@ -164,7 +154,7 @@ class Session(PageSession):
     def _move(self) -> None:
         message, self._motion = self._motion, None
         if message is not None:
-            self.send_queue.acknowledge(message.status_seq)
+            self._queue.acknowledge(message.status_seq)
             self._try(message)
 
     def _try(self, message: PageMessage) -> None:
@@ -185,7 +175,7 @@ class Session(PageSession):
             case PageHeartbeat():
                 self._on_heartbeat(message)
             case LeaseAction() if self._role is Role.VIEWER:
-                self._send(ActionReply(to="lease", ok=False, why=VIEWER_REFUSAL))
+                self.send(ActionReply(to="lease", ok=False, why=VIEWER_REFUSAL))
             case LeaseAction():
                 self._on_lease_action(message)
             case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
@@ -193,41 +183,26 @@ class Session(PageSession):
             case _:
                 self._show(message)
 
-    def _show(self, message: DisplayMessage) -> None:
+    def _show(self, message: DisplayMessage | LookBack | PreviewRequest) -> None:
         match message:
             case SelectRobot():
                 self.select_robot(message.id)
-            case SelectPlotFields():
-                self._plot_fields = message.names
-            case SetView():
-                self.view = message.settings
-                self._scene.apply_view(self.page, message.settings, look=message.look)
-            case SetFrame():
-                self.frame = Rectangle(*msgspec.structs.astuple(message))
-                self._scene.set_frame(self.page, self.frame)
             case ShowMap():
                 self._shows_map, was_shown = message.on, self._shows_map
                 if not was_shown:
                     self.send_map_lines(trails=True)
-            case ShowFleet():
-                self._show_fleet(on=message.on)
             case ShowShadow():
                 self._shows_shadow = message.on
-            case LookBack() | StudentRequest() | PreviewRequest():
-                self._draw(message)
-
-    def _draw(self, message: LookBack | StudentRequest | PreviewRequest) -> None:
-        match message:
             case LookBack():
                 self._look_back.request(self.robot_id, message.history_offset_s)
             case StudentRequest():
                 self._student.request(message)
             case PreviewRequest():
                 self._preview.request(self.robot_id, message.twist)
+            case _:
+                self._handle_common(message)
 
-    def _request_as_holder(
-        self, message: ArmRequest | DisarmRequest | ResetRequest | SetWheelSpeed
-    ) -> None:
+    def _request_as_holder(self, message: HolderMessage) -> None:
         if isinstance(message, SetWheelSpeed):
             self._lease_client.start_request(
                 "wheel_speed", self._lease_client.set_wheel_speed(message.cruise_speed_rpm)
@@ -240,8 +215,7 @@ class Session(PageSession):
 
     def _on_heartbeat(self, message: PageHeartbeat) -> None:
         self._lease_client.on_heartbeat()
-        self.send_queue.acknowledge(message.status_seq)
-        self._send(HeartbeatReply(sent_ms=message.sent_ms))
+        self._handle_common(message)
         if not message.focus:
             self._teleop.release(because(Code.PAGE_NOT_IN_FRONT))
 
@@ -257,7 +231,7 @@ class Session(PageSession):
     def _rename(self, message: SetName) -> None:
         self._stops.name = shown_name(self.principal, message.name)
         self._lease_client.set_name(self._stops.name)
-        self._send_welcome(self._role, self._directory.robot_names(), self.robot_id)
+        self._send_welcome(self._role, self._directory.robot_names())
 
     def _on_lease_action(self, message: LeaseAction) -> None:
         lease_client = self._lease_client
@@ -289,9 +263,9 @@ class Session(PageSession):
         await self._lease_client.release_lease()
         self._look_back.request(self.robot_id, None)
         self._preview.end()
-        self.robot_id, self._plot_fields = robot_id, ()
+        self._plot_fields = ()
+        self._show_robot(robot_id)
         self._send_robot()
-        self._scene.select_robot(self.page, robot_id)
         return Reply(True)
 
     # Messages from the robot.
@@ -304,7 +278,7 @@ class Session(PageSession):
             why = because(Code.CONTROL_IS_LOST, lost)
             self._teleop.release(why)
             text = full_sentence(why)
-            self._send(RobotEvent(kind="lease", text=text, why=why, robot_s=0.0))
+            self.send(RobotEvent(kind="lease", text=text, why=why, robot_s=0.0))
         self._lease_client.on_lease_status(status.lease)
         self._teleop.decide(self.robot_id, status)
 
@@ -324,7 +298,7 @@ class Session(PageSession):
             past=self._look_back.show(self.robot_id),
             shadow=robot.shadow.report() if self._shows_shadow and robot else None,
         )
-        self.send_queue.put_state(state.status_seq, encode_message(state))
+        self._queue.put_state(state.status_seq, encode_message(state))
         self._preview.refresh()
 
     def _plot_values(self) -> dict[str, float | None]:
@@ -336,11 +310,11 @@ class Session(PageSession):
     def send_map_lines(self, *, trails: bool) -> None:
         """Send paths and, if requested, trails, if the page shows its map."""
         if self._shows_map:
-            self._send(self._map_data.lines(trails=trails))
+            self.send(self._map_data.lines(trails=trails))
 
     def send_event(self, event: Event, *, past: bool = False, age_s: float = 0.0) -> None:
         """Send an event of the selected robot."""
-        self._send(
+        self.send(
             RobotEvent(
                 kind=event.kind,
                 text=event.text,
@@ -355,8 +329,8 @@ class Session(PageSession):
         robot = self._directory.robot(self.robot_id)
         if robot is None:
             return
-        self.send_queue.drop_states()
-        self._send(robot.telemetry.info())
+        self._queue.drop_states()
+        self.send(robot.telemetry.info())
         for age_s, event in self._directory.events(robot.link.id):
             self.send_event(event, past=True, age_s=age_s)
         if (state := self._directory.state(robot.link.id)) is not None:

@@ -4,25 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable, Mapping
-
-from aiohttp import WSMessage, WSMsgType, web
+from collections.abc import Callable, Mapping
 
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.scene.framing import Rectangle
-from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
+from tsd_twin.dashboard.scene.client_views import PageView, SceneExecutor
 from tsd_twin.dashboard.sessions.fleet_feed import FleetFeed
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.map_data import MapData
+from tsd_twin.dashboard.sessions.page_session import PageSocket
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.dashboard.sessions.robot_directory import RobotDirectory
 from tsd_twin.dashboard.sessions.session import Session
 from tsd_twin.dashboard.sessions.stops import LiveRobots
 from tsd_twin.dashboard.wire.from_page import Message
-from tsd_twin.dashboard.wire.to_page import SphereClick, encode_message
-from tsd_twin.dashboard.wire.view import ViewSettings
-from tsd_twin.messages.errors import MessageError
+from tsd_twin.dashboard.wire.to_page import SphereClick
 from tsd_twin.messages.events import Event
 
 
@@ -57,7 +53,6 @@ class SessionManager:
         self._scene = scene
         self._map_data = MapData(links, scene, self._on_map_lines)
         self._sessions: dict[str, Session] = {}
-        self._sockets: dict[str, web.WebSocketResponse] = {}
         self._rejected = 0
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -73,11 +68,8 @@ class SessionManager:
 
     async def close_sockets(self) -> None:
         """Close the sockets of all pages."""
-        goodbyes = (
-            socket.close(code=1001, message=b"the dashboard ends")
-            for socket in self._sockets.values()
-        )
-        await asyncio.gather(*goodbyes)
+        sessions = self._sessions.values()
+        await asyncio.gather(*(each.close_socket("the dashboard ends") for each in sessions))
 
     @property
     def any_open(self) -> bool:
@@ -113,15 +105,19 @@ class SessionManager:
     def send_to_all(self, message: Message) -> None:
         """Send a message to all pages."""
         for session in self._sessions.values():
-            session.send_queue.put(encode_message(message))
+            session.send(message)
 
     def on_sphere_click(self, page: str, robot_id: str, at: tuple[float, float, float]) -> None:
         """Send a page the clicked point of a sphere; thread-safe.
 
         The page commands the motion, subject to the same dead-man switch as its stick.
         """
-        message = SphereClick(robot=robot_id, at=at)
-        self._with_session(page, lambda session: session.send_queue.put(encode_message(message)))
+
+        def call() -> None:
+            if (session := self._sessions.get(page)) is not None:
+                session.send(SphereClick(robot=robot_id, at=at))
+
+        self._call_soon(call)
 
     def on_robots_changed(self) -> None:
         """Send all pages the list of robots; thread-safe."""
@@ -135,13 +131,6 @@ class SessionManager:
     def _sessions_showing(self, robot_id: str) -> list[Session]:
         return [each for each in self._sessions.values() if each.robot_id == robot_id]
 
-    def _with_session(self, page: str, act: Callable[[Session], None]) -> None:
-        def call() -> None:
-            if (session := self._sessions.get(page)) is not None:
-                act(session)
-
-        self._call_soon(call)
-
     def _on_map_lines(self, *, trails: bool = False) -> None:
         for session in self._sessions.values():
             session.send_map_lines(trails=trails)
@@ -153,65 +142,27 @@ class SessionManager:
 
     # Pages that connect and disconnect.
 
-    def robot_of(self, page: str) -> str | None:
-        """Return the id of the robot selected on a page; thread-safe."""
+    def view_of(self, page: str) -> PageView:
+        """Return the view that a page has asked for; thread-safe."""
         session = self._sessions.get(page)
-        return None if session is None else session.robot_id
-
-    def view_of(self, page: str) -> ViewSettings | None:
-        """Return the view settings of a page, if it has sent any; thread-safe."""
-        session = self._sessions.get(page)
-        return None if session is None else session.view
-
-    def frame_of(self, page: str) -> Rectangle:
-        """Return the free part of a page's picture; thread-safe."""
-        session = self._sessions.get(page)
-        return Rectangle() if session is None else session.frame
+        return PageView() if session is None else session.view._replace(robot_id=session.robot_id)
 
     def principal_of(self, page: str) -> Principal | None:
         """Return the principal of a page, or None if the page is not open."""
         session = self._sessions.get(page)
         return None if session is None else session.principal
 
-    async def run_session(
-        self,
-        page: str,
-        principal: Principal,
-        socket: web.WebSocketResponse,
-        messages: AsyncIterator[WSMessage],
-        holding: contextlib.AbstractContextManager[None],
-        *,
-        name: str = "",
-    ) -> None:
-        """Run the session of a page while its socket is open, within `holding`.
-
-        `messages` are the messages of the socket; `name` is the name typed by the operator.
-        """
-        if (before := self._sockets.get(page)) is not None:  # The old connection was lost silently.
-            await before.close(code=1001, message=b"the page has come back")
-        session = Session(
-            page,
-            self.live,
-            principal=principal,
-            map_data=self._map_data,
-            scene=self._scene,
-            name=name,
-        )
-        self._sessions[page], self._sockets[page] = session, socket
+    async def run_session(self, socket: PageSocket) -> None:
+        """Run the session of a page while its socket is open."""
+        page = socket.page
+        if (before := self._sessions.get(page)) is not None:  # Its connection was lost silently.
+            await before.close_socket("the page has come back")
+        session = Session(socket, self.live, self._scene, self._map_data)
+        self._sessions[page] = session
         self._on_opened()
-        delivering = asyncio.create_task(session.send_queue.run(socket))
         try:
-            with holding:
-                session.on_robots_changed()
-                async for message in messages:
-                    if message.type is WSMsgType.TEXT:
-                        session.receive(message.data)
-                    else:
-                        session.reject(MessageError("shape", "messages are text"))
+            await session.run()
         finally:
-            delivering.cancel()
-            await asyncio.gather(delivering, return_exceptions=True)
-            await session.close()
             self._rejected += session.rejected
-            if self._sockets.get(page) is socket:
-                del self._sessions[page], self._sockets[page]
+            if self._sessions.get(page) is session:
+                del self._sessions[page]

@@ -1,6 +1,6 @@
 """Figures for the Student tab: a built-in robot with modified parameters.
 
-`answer` is pure, without bus, clock or robot. `robots` and `kinematics` provide the mathematics.
+`solve` is pure, without bus, clock or robot. `robots` and `kinematics` provide the mathematics.
 """
 
 from __future__ import annotations
@@ -13,17 +13,18 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from tsd_twin.dashboard.scene.client_nodes import StudentPose
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
-from tsd_twin.dashboard.scene.student_robot import StudentPose
-from tsd_twin.dashboard.sessions.joint_poses import joint_share
+from tsd_twin.dashboard.sessions.actuator_telemetry import joint_share
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.student_equations import (
     residual_rms_mps,
     rotation_axis,
     rotation_centre,
+    short,
+    triple,
 )
-from tsd_twin.dashboard.sessions.student_wheels import short, triple
 from tsd_twin.dashboard.sessions.variants import base_robot, knobs_of, variant, variant_toml
 from tsd_twin.dashboard.wire.from_page import StudentRequest
 from tsd_twin.dashboard.wire.student import (
@@ -35,7 +36,6 @@ from tsd_twin.dashboard.wire.student import (
     StudentOutline,
     StudentReply,
 )
-from tsd_twin.dashboard.wire.to_page import TwistAxisInfo
 from tsd_twin.errors import RobotFileError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.kinematics.base import largest_twist, section, shadow
@@ -102,35 +102,31 @@ class StudentSession:
             self._task = None
 
     def _draw(self, pose: StudentPose | None) -> None:
+        """Show a pose, at once or, if its robot has changed, once that has rested."""
         if pose is not None and pose.robot != self._drawn:
             rests = self._waiting is not None and self._waiting.robot == pose.robot
             self._waiting = pose
             if not rests:
                 self._cancel_timer()
                 loop = asyncio.get_running_loop()
-                self._timer = loop.call_later(REBUILD_AFTER_S, self._draw_waiting)
+                self._timer = loop.call_later(REBUILD_AFTER_S, self._show_waiting)
             return
         self._cancel_timer()
         self._waiting = None
         if pose is not None or self._drawn is not None:
-            self._drawn = None if pose is None else pose.robot
-            self._show(pose)
+            self._show_now(pose)
 
-    def _draw_waiting(self) -> None:
-        pose, self._waiting, self._timer = self._waiting, None, None
-        if pose is not None:
-            self._drawn = pose.robot
-            self._show(pose)
+    def _show_waiting(self) -> None:
+        pose, self._waiting = self._waiting, None
+        self._show_now(pose)
+
+    def _show_now(self, pose: StudentPose | None) -> None:
+        self._drawn = None if pose is None else pose.robot
+        self._show(pose)
 
     def _cancel_timer(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
-            self._timer = None
-
-
-def answer(request: StudentRequest) -> StudentReply:
-    """Return the figures of a variant and, if it is impossible, the problem."""
-    return solve(request)[0]
 
 
 def solve(request: StudentRequest) -> tuple[StudentReply, StudentPose | None]:
@@ -163,11 +159,6 @@ def solve(request: StudentRequest) -> tuple[StudentReply, StudentPose | None]:
     return reply, pose
 
 
-def figures_of(robot: RobotDescription, twist: Array) -> StudentFigures:
-    """Return the figures of a robot, and its wheels at `twist` (3,)."""
-    return _solution(robot, twist, None)[1]
-
-
 def _solution(
     robot: RobotDescription, twist: Array, numbers: Sequence[Sequence[float]] | None
 ) -> tuple[Array, StudentFigures]:
@@ -186,7 +177,7 @@ def _solution(
         share = joint_share(drive, joints) or 0.0
     solution = drive.forward(joints)
     figures = StudentFigures(
-        axes=[TwistAxisInfo(one.name, one.symbol, one.unit) for one in twist_axes_of(drive)],
+        axes=twist_axes_of(drive),
         tops=triple(np.diag(largest_twist(drive, np.eye(3)))),
         figures=_figures(robot, drive),
         outlines=[_outline(drive, plane) for plane in _PLANES],

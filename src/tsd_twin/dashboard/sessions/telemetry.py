@@ -10,8 +10,12 @@ from tsd_twin.client.monitor import RoundTrips, Snapshot
 from tsd_twin.client.motions import PlanLimits
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, commanded_joints, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import VisualSource
-from tsd_twin.dashboard.sessions.actuator_telemetry import ActuatorTelemetry, rounded
-from tsd_twin.dashboard.sessions.joint_poses import binding_limit, joint_share
+from tsd_twin.dashboard.sessions.actuator_telemetry import (
+    ActuatorTelemetry,
+    binding_limit,
+    joint_share,
+    rounded,
+)
 from tsd_twin.dashboard.sessions.kinds import view_of
 from tsd_twin.dashboard.sessions.plot_fields import PlotFields
 from tsd_twin.dashboard.wire.from_page import Triple
@@ -20,7 +24,6 @@ from tsd_twin.dashboard.wire.to_page import (
     RobotInfo,
     RobotState,
     SpeedLimits,
-    TwistAxisInfo,
 )
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.cdr import JointState, Odometry
@@ -52,10 +55,7 @@ class RobotTelemetry:
             limits=SpeedLimits(robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s),
             levels=SPEED_LEVELS_PERCENT,
             space="floor" if self._kinematics.pose_type is SE2 else "sphere",
-            twist_axes=[
-                TwistAxisInfo(one.name, one.symbol, one.unit)
-                for one in twist_axes_of(self._kinematics)
-            ],
+            twist_axes=twist_axes_of(self._kinematics),
             twist_scale_m=self._kinematics.twist_scale_m,
             sideways=robot.drives_sideways,
             plot_fields=self.plot_fields.names,

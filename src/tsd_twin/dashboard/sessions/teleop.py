@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from enum import StrEnum
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any
 
 from tsd_twin.client import ClientError
 from tsd_twin.client.protocol import ZERO_TWIST
@@ -21,6 +21,7 @@ from tsd_twin.dashboard.wire.from_page import (
     PlanRequest,
     ReleaseControls,
     SetSpeedLevel,
+    TeleopMessage,
 )
 from tsd_twin.dashboard.wire.to_page import ActionReply, ControlsReleased
 from tsd_twin.errors import PathError
@@ -96,11 +97,6 @@ DRIVABLE_MODES = (Mode.READY, Mode.DRIVING)
 A robot that is stopping would accept commands, but here a control must be released before it acts
 again.
 """
-
-TeleopMessage: TypeAlias = (
-    DriveCommand | FollowPlan | ReleaseControls | PlanRequest | SetSpeedLevel | ClearPlan
-)
-"""Messages of a page that move the robot or plan its motion."""
 
 
 class TeleopController:

@@ -232,6 +232,12 @@ class StudentRequest(Message, frozen=True, tag="student"):
     """Whether the scene of this page shows the robot with these joints, in place of its own."""
 
 
+TeleopMessage: TypeAlias = (
+    DriveCommand | FollowPlan | ReleaseControls | PlanRequest | SetSpeedLevel | ClearPlan
+)
+"""Messages that move the robot or plan its motion."""
+HolderMessage: TypeAlias = ArmRequest | DisarmRequest | ResetRequest | SetWheelSpeed
+"""Requests of the lease holder."""
 DisplayMessage: TypeAlias = (
     SelectRobot
     | SelectPlotFields
@@ -239,38 +245,22 @@ DisplayMessage: TypeAlias = (
     | SetFrame
     | ShowMap
     | ShowFleet
-    | LookBack
     | ShowShadow
     | StudentRequest
-    | PreviewRequest
 )
 """Messages that change only what the page is sent."""
 PageMessage: TypeAlias = (
-    DriveCommand
-    | PlanRequest
-    | SetSpeedLevel
-    | ClearPlan
-    | FollowPlan
-    | ReleaseControls
+    TeleopMessage
     | PreviewRequest
     | PageHeartbeat
     | LeaseAction
-    | ArmRequest
-    | DisarmRequest
-    | ResetRequest
-    | SetWheelSpeed
+    | HolderMessage
     | StopCommand
-    | SelectRobot
-    | SelectPlotFields
-    | SetView
-    | SetFrame
-    | ShowMap
-    | ShowFleet
     | SetName
     | LookBack
-    | ShowShadow
-    | StudentRequest
+    | DisplayMessage
 )
+
 _DECODER = msgspec.json.Decoder(PageMessage)
 
 
@@ -319,20 +309,6 @@ class AddMark(Message, frozen=True, tag="mark"):
 
 
 RecordedPageMessage: TypeAlias = (
-    Seek
-    | Play
-    | Pause
-    | StepStatus
-    | AddMark
-    | PageHeartbeat
-    | StopCommand
-    | SelectRobot
-    | SelectPlotFields
-    | SetView
-    | SetFrame
-    | ShowMap
-    | ShowFleet
-    | ShowShadow
-    | StudentRequest
+    Seek | Play | Pause | StepStatus | AddMark | PageHeartbeat | StopCommand | DisplayMessage
 )
 """Messages accepted from such a page; none of them moves a robot."""

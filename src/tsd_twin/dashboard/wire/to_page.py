@@ -122,38 +122,25 @@ class WheelPose(msgspec.Struct, frozen=True):
     """
 
 
-class GimbalState(msgspec.Struct, frozen=True):
-    """State of a gimbal; angles in degrees."""
+class GimbalState(GimbalPose, frozen=True):
+    """Measured joints of a module and their effect, with the commanded ones."""
 
-    alpha: float
-    beta: float
-    tilt: float
     radius_mm: float
-    rpm: float
     alpha_setpoint: float
     beta_setpoint: float
-    axle: tuple[float, float]
-    """Tilt direction of the axle in `base_link`, seen from above; length 1 is the tilt limit."""
     set_axle: tuple[float, float]
     spinning: bool
-    direction: float | None
-    """Direction towards which the axle tilts, from X towards Y; None if it is upright."""
-    push: tuple[float, float]
-    """Velocity at which the rolling wheel moves its pivot, m/s in `base_link`."""
     setpoint: GimbalPose
     """Commanded joints; the push is for the measured wheel speed."""
 
 
-class WheelState(msgspec.Struct, frozen=True):
-    """State of a rolling wheel."""
+class WheelState(WheelPose, frozen=True):
+    """Measured speed of a rolling wheel and its effect, with the commanded ones."""
 
-    rpm: float
     rpm_setpoint: float
+    push_setpoint: tuple[float, float]
     residual_mps: float
     """Rim speed not explained by the robot's motion."""
-    push: tuple[float, float]
-    """Rim velocity along the drive direction, as in `WheelPose`."""
-    push_setpoint: tuple[float, float]
 
 
 class JointValue(msgspec.Struct, frozen=True):

@@ -7,10 +7,13 @@ entry here.
 
 from __future__ import annotations
 
+import ast
 import importlib
+import inspect as source
 import json
 import pkgutil
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from enum import Enum
 from pathlib import Path
@@ -23,9 +26,68 @@ from msgspec import inspect
 import tsd_twin.dashboard.wire as package
 from tsd_twin.dashboard.wire import to_page
 from tsd_twin.dashboard.wire.from_page import Message, PageMessage, RecordedPageMessage
-from tsd_twin.dashboard.wire.typescript_docs import block_comment, docs_of, limits_text
 from tsd_twin.dashboard.wire.typescript_tables import HEADER, codes_module, sentences_module
 from tsd_twin.dashboard.wire.typescript_texts import texts_module
+
+
+def docs_of(cls: type) -> tuple[str, dict[str, str]]:
+    """Return the docstring of a class, and those of its own and inherited fields by name."""
+    fields: dict[str, str] = {}
+    for each in reversed(cls.__mro__):
+        if each.__module__.startswith("tsd_twin."):
+            fields |= _field_docs(each)
+    return source.cleandoc(cls.__doc__ or ""), fields
+
+
+def _field_docs(cls: type) -> dict[str, str]:
+    (tree,) = ast.parse(textwrap.dedent(source.getsource(cls))).body
+    if not isinstance(tree, ast.ClassDef):
+        raise TypeError(f"the source of {cls} is not a class")
+    fields: dict[str, str] = {}
+    for before, after in zip(tree.body, tree.body[1:], strict=False):
+        if not (isinstance(before, ast.AnnAssign) and isinstance(before.target, ast.Name)):
+            continue
+        if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+            fields[before.target.id] = source.cleandoc(str(after.value.value))
+    return fields
+
+
+def block_comment(text: str, indent: str = "") -> str:
+    """Return a text as a comment for the declaration below it."""
+    rows = text.replace("*/", "* /").splitlines()
+    if len(rows) == 1:
+        return f"{indent}/** {rows[0]} */\n"
+    body = "".join(f"{indent} * {row}".rstrip() + "\n" for row in rows)
+    return f"{indent}/**\n{body}{indent} */\n"
+
+
+def limits_text(kind: inspect.Type) -> str:
+    """Return the limits of a field as a sentence; "" if it has none."""
+    match kind:
+        case inspect.UnionType(types=types):
+            return " ".join(filter(None, map(limits_text, types)))
+        case inspect.IntType() | inspect.FloatType():
+            return _range_text(kind)
+        case (
+            inspect.StrType(max_length=int(most)) | inspect.ListType(max_length=int(most))
+        ):  # fmt: skip
+            unit = "characters" if isinstance(kind, inspect.StrType) else "items"
+            return f"At most {most} {unit}."
+        case _:
+            return ""
+
+
+def _range_text(kind: inspect.IntType | inspect.FloatType) -> str:
+    least = f"At least {_number(kind.ge)}" if kind.ge is not None else ""
+    above = f"More than {_number(kind.gt)}" if kind.gt is not None else ""
+    most = f"at most {_number(kind.le)}" if kind.le is not None else ""
+    text = ", ".join(filter(None, (least, above, most)))
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+def _number(value: float) -> str:
+    return f"{value:g}" if abs(value) < 1e6 else f"{value:,.0f}".replace(",", " ")
+
 
 FOLDER = Path(__file__).parents[4] / "web/src/generated"
 """Folder in the checkout; a wheel has none."""
