@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -213,8 +214,7 @@ def follow(
         start = protocol.pose(now_s)
         if goal.is_done(start):
             return
-        limits = _limits(protocol, speed_mps)
-        outcome = yield Compute(lambda: plan(goal, start, limits))
+        outcome = yield Compute(partial(plan, goal, start, _limits(protocol, speed_mps)))
         executor = TrajectoryExecutor(
             outcome.value,
             lambda twist: _limits(protocol, speed_mps).cap(twist),
@@ -232,8 +232,8 @@ def follow(
         if lost:
             stale = protocol.stale_commands
             late = f"; {stale} commands came too late and were dropped" if stale else ""
-            reason = f"{lost[0]}{late}"
-            raise MotionFailed(f"{protocol.robot_id} stopped on its way: {reason}", "left_path")
+            reason = f"{protocol.robot_id} stopped on its way: {lost[0]}{late}"
+            raise MotionFailed(reason, "left_path")
 
     yield from _motion(protocol, now_s, body)
 
