@@ -63,31 +63,19 @@ class _List(argparse.Action):
 def main() -> None:
     """Parse the flags and run."""
     PARSER.add_argument("--list", action=_List, nargs=0, help="show the serial ports and end")
-    PARSER.add_argument(
-        "--port", metavar="PORT", help="device, or a URL of pyserial, of the controller board"
+    text = "device, or a URL of pyserial, of the controller board"
+    flags.add(PARSER, "--port", text, metavar="PORT")
+    text = "of a U2D2 with the servos, when they are not connected to the board"
+    flags.add(PARSER, "--servos", text, metavar="PORT")
+    text = "of the board, as it was flashed"
+    flags.add(PARSER, "--baud", text, flags.whole(1200, 4_000_000), BAUD)
+    text = "TOML: neutral steps, turned servos, radio control, pulses"
+    flags.add(PARSER, "--calibration", text, metavar="FILE")
+    text = (
+        "learn the radio control, ask for the pulses of the speed controllers, write both "
+        "into the file and end"
     )
-    PARSER.add_argument(
-        "--servos",
-        metavar="PORT",
-        help="of a U2D2 with the servos, when they are not connected to the board",
-    )
-    PARSER.add_argument(
-        "--baud",
-        type=flags.whole(1200, 4_000_000),
-        default=BAUD,
-        help=f"of the board, as it was flashed; default {BAUD}",
-    )
-    PARSER.add_argument(
-        "--calibration",
-        metavar="FILE",
-        help="TOML: neutral steps, turned servos, radio control, pulses",
-    )
-    PARSER.add_argument(
-        "--setup",
-        action="store_true",
-        help="learn the radio control, ask for the pulses of the speed controllers, write both "
-        "into the file and end",
-    )
+    PARSER.add_argument("--setup", action="store_true", help=text)
     node_program.serve(PARSER, joints)
 
 

@@ -106,32 +106,14 @@ def shown(files: Sequence[Path]) -> str:
 def main() -> None:
     """Parse the flags and run."""
     PARSER.add_argument("folder", type=Path, help="where the files are, or shall be")
-    PARSER.add_argument(
-        "--robot-host",
-        action="append",
-        default=[],
-        metavar="HOST",
-        help="a name or address of the robot; clients connect to the first; may be repeated",
-    )
-    for role, help_ in ROLES.items():
-        PARSER.add_argument(
-            f"--{role}",
-            action="append",
-            default=[],
-            metavar="NAME",
-            help=f"{help_}; may be repeated",
-        )
-    PARSER.add_argument(
-        "--days",
-        type=flags.whole(1, 3_650),
-        default=365,
-        help="how long new certificates are good; default 365",
-    )
-    PARSER.add_argument(
-        "--listen",
-        metavar="ENDPOINT",
-        help=f"where the robot listens; default {security.LISTEN}",
-    )
+    text = "a name or address of the robot; clients connect to the first"
+    flags.add(PARSER, "--robot-host", text, metavar="HOST", repeated=True)
+    for role, text in ROLES.items():
+        flags.add(PARSER, f"--{role}", text, metavar="NAME", repeated=True)
+    text = "how long new certificates are good"
+    flags.add(PARSER, "--days", text, flags.whole(1, 3_650), 365)
+    text = f"where the robot listens; default {security.LISTEN}"
+    flags.add(PARSER, "--listen", text, metavar="ENDPOINT")
     program.run(PARSER, make)
 
 

@@ -20,7 +20,6 @@ with program.requires("tsd-dashboard", "dashboard"):
     from tsd_twin.dashboard.gateway.connection_limits import allow_many_files
     from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY
     from tsd_twin.security.users import Users
-    from tsd_twin.security.web_access import certificate_host_names, server_tls_context
 
 
 _LOG = logging.getLogger(__name__)
@@ -55,7 +54,8 @@ def serve(args: argparse.Namespace) -> None:
     first = [topics.checked(robot_id) for robot_id in args.first]
 
     def ready(port: int) -> None:
-        program.say_ready(f"{url(args, rules, port)}")
+        scheme = "http" if rules.tls is None else "https"
+        program.say_ready(f"{program.url(scheme, args.host, port)}/")
 
     with program.client_bus(args) as bus:
         if args.zenoh_config and not bus.wait_for_peer(_PATIENCE_S):
@@ -81,13 +81,7 @@ def rules_of(args: argparse.Namespace) -> AccessSettings:
     Raises:
         TwinError: If a flag requires another, or a file cannot be used.
     """
-    names: list[str] = list(args.allow_host)
-    context = None
-    if (args.tls_cert is None) != (args.tls_key is None):
-        raise TwinError("--tls-cert and --tls-key go together: name both, or neither")
-    if args.tls_cert is not None:
-        context = server_tls_context(args.tls_cert, args.tls_key)
-        names += certificate_host_names(args.tls_cert)
+    context, names = program.tls(args)
     owner = program.certificate(args) or DEFAULT_IDENTITY
     if owner.role is Role.SENSOR:
         raise TwinError(f"'{owner.name}' is a sensor: a dashboard needs an operator, or a viewer")
@@ -111,64 +105,24 @@ def open_bus(args: argparse.Namespace) -> str:
     )
 
 
-def url(args: argparse.Namespace, rules: AccessSettings, port: int) -> str:
-    """Return the URL of the page on this machine."""
-    scheme = "http" if rules.tls is None else "https"
-    host = f"[{args.host}]" if ":" in args.host else args.host
-    return f"{scheme}://{host}:{port}/"
-
-
 def add_access_flags() -> None:
     """Add the flags for access from other machines."""
     made = PARSER.add_argument_group("for other machines", "docs/access.md goes step by step.")
-    made.add_argument(
-        "--users", type=Path, metavar="FILE", help="who may log in; tsd-users makes it"
-    )
-    made.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate chain in PEM")
-    made.add_argument("--tls-key", type=Path, metavar="FILE", help="its private key")
-    made.add_argument(
-        "--allow-host",
-        type=flags.host_name,
-        action="append",
-        default=[],
-        metavar="NAME[:PORT]",
-        help="a name that browsers know it by, beside those in the certificate; may be repeated",
-    )
-    made.add_argument(
-        "--behind-proxy",
-        nargs="?",
-        const="127.0.0.1",
-        metavar="ADDRESS",
-        help="let in only what a proxy passes on that speaks TLS; default: one on this machine",
-    )
+    flags.add(made, "--users", "who may log in; tsd-users makes it", Path, metavar="FILE")
+    program.add_tls_flags(made, "browsers")
+    text = "let in only what a proxy passes on that speaks TLS; default: one on this machine"
+    flags.add(made, "--behind-proxy", text, metavar="ADDRESS", nargs="?", const="127.0.0.1")
 
 
 def main() -> None:
     """Parse the flags and run."""
     program.add_client_flags(PARSER)
-    PARSER.add_argument(
-        "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"
-    )
-    PARSER.add_argument(
-        "--port",
-        type=flags.PORT,
-        default=PORT,
-        help=f"of the page; default {PORT}; 0 is a free one",
-    )
+    program.add_host_flags(PARSER, PORT, "of the page; ")
     program.add_viewport_flags(PARSER)
-    PARSER.add_argument(
-        "--first",
-        action="append",
-        default=[],
-        metavar="ID",
-        help="a robot that comes first in the menu, the first one is shown; may be repeated",
-    )
-    PARSER.add_argument(
-        "--record-dir",
-        type=Path,
-        metavar="FOLDER",
-        help="folder of recordings that pages may show",
-    )
+    text = "a robot that comes first in the menu, the first one is shown"
+    flags.add(PARSER, "--first", text, metavar="ID", repeated=True)
+    text = "folder of recordings that pages may show"
+    flags.add(PARSER, "--record-dir", text, Path, metavar="FOLDER")
     add_access_flags()
     program.run(PARSER, serve)
 

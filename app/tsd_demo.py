@@ -28,7 +28,7 @@ from tsd_twin.link_emulation import LinkSpec
 from tsd_twin.messages import topics
 
 with program.requires("tsd-demo", "dashboard"):
-    from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
+    from tsd_twin.recording.folder import default_folder
 
 
 ANY_PORTS = range(20_000, 30_000)
@@ -71,38 +71,19 @@ def demonstrate(args: argparse.Namespace) -> None:
     folder = None if args.no_record else record_folder(args.record_dir)
     endpoint = f"{protocol}/127.0.0.1:{bus_port}"
     if args.bus_port is None and bus_port != BUS_PORT:
-        print(
-            f"port {BUS_PORT} is in use, so the bus of this demo is at {endpoint}: name that "
-            "to other programs",
-            flush=True,
-        )
+        where = f"the bus of this demo is at {endpoint}: name that to other programs"
+        print(f"port {BUS_PORT} is in use, so {where}", flush=True)
     if args.port is None and page_port != PAGE_PORT:
         print(f"port {PAGE_PORT} is in use, so the page is at port {page_port}", flush=True)
-    more = [
-        "--noise",
-        str(args.noise),
-        "--errors",
-        str(args.errors),
-        "--plant",
-        args.plant,
-        *(["--verbose"] if args.verbose else []),
-    ]
     listening = over_datagrams(endpoint) if link else endpoint
-    dashboard = [
-        "tsd_dashboard",
-        "--port",
-        str(page_port),
-        *(["--verbose"] if args.verbose else []),
-        *(["--record-dir", str(folder)] if folder else []),
-        *program.viewport_flags(args),
-    ]
     with contextlib.ExitStack() as running:
         # The first robot routes for the others, so that all share one bus.
         doors = [["--listen", listening], *([*ALONE, "--connect", listening] for _ in chosen[1:])]
         robots_ready = [
-            running.enter_context(start_program([*role, *door, *more], stop))
+            running.enter_context(start_program([*role, *door, *robot_flags(args)], stop))
             for role, door in zip(chosen, doors, strict=True)
         ]
+        dashboard = ["tsd_dashboard", "--port", str(page_port), *dashboard_flags(args, folder)]
         dashboard += ["--connect", running.enter_context(linked(link, endpoint, stop))]
         for role in chosen:
             dashboard += ["--first", role[role.index("--id") + 1]]
@@ -124,6 +105,18 @@ def demonstrate(args: argparse.Namespace) -> None:
         stop.wait()
 
 
+def robot_flags(args: argparse.Namespace) -> list[str]:
+    """Return the flags of every robot."""
+    scales = ["--noise", str(args.noise), "--errors", str(args.errors)]
+    return [*scales, "--plant", args.plant, *["--verbose"] * args.verbose]
+
+
+def dashboard_flags(args: argparse.Namespace, folder: Path | None) -> list[str]:
+    """Return the flags of the dashboard, except for its ports and robots."""
+    recordings = ["--record-dir", str(folder)] if folder else []
+    return [*["--verbose"] * args.verbose, *recordings, *program.viewport_flags(args)]
+
+
 def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> list[list[str]]:
     """Return the command line of each robot, with its bus id and start pose.
 
@@ -136,11 +129,11 @@ def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> 
         raise TwinError("--id is for one robot; several are called by their names")
     if robot_id:
         topics.checked(robot_id)
-    described = [
-        robots.load_robot(name) for name in names
-    ]  # Report invalid files before any process starts.
+    # Report invalid files before any process starts.
+    described = [robots.load_robot(name) for name in names]
     moving = [robot.kinematics().pose_type is SE2 for robot in described]
-    places = free_places(moving)
+    spots = iter(range(0 if all(moving) else 1, len(moving) + 1))
+    places = [spot(next(spots)) if moves else "" for moves in moving]  # Spheres have none.
     ids: list[str] = []
     for robot in described:
         number = sum(robot.name == other.name for other in described[: len(ids)]) + 1
@@ -153,13 +146,6 @@ def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> 
         ]
         for name, id_, place, drives in zip(names, ids, places, moving, strict=True)
     ]
-
-
-def free_places(drives: list[bool]) -> list[str]:
-    """Return start poses without overlap; spheres have no start pose."""
-    first = 0 if all(drives) else 1
-    spots = iter(range(first, first + len(drives)))
-    return [spot(next(spots)) if moves else "" for moves in drives]
 
 
 def spot(number: int) -> str:
@@ -313,37 +299,16 @@ def free_port(chosen: int | None, usual: int, kind: socket.SocketKind = socket.S
 def main() -> None:
     """Parse the flags and run."""
     program.add_robot_flags(PARSER, several=True)
-    PARSER.add_argument(
-        "--port", type=flags.PORT, help=f"of the page; default {PAGE_PORT}, or any free one"
-    )
+    flags.add(PARSER, "--port", f"of the page; default {PAGE_PORT}, or any free one", flags.PORT)
     program.add_viewport_flags(PARSER)
-    PARSER.add_argument(
-        "--bus-port",
-        type=flags.PORT,
-        help=f"of the bus; default {BUS_PORT}, or any free one",
-    )
-    PARSER.add_argument("--noise", type=flags.SCALE, default=0.0, help="times [noise]; default 0")
+    flags.add(PARSER, "--bus-port", f"of the bus; default {BUS_PORT}, or any free one", flags.PORT)
+    flags.add(PARSER, "--noise", "times [noise]", flags.SCALE, 0.0)
     program.add_errors_flag(PARSER)
-    PARSER.add_argument(
-        "--camera",
-        action="store_true",
-        help="a camera above the floor tells robots where they are: 24 frames/s, 80 ms late",
-    )
+    text = "a camera above the floor tells robots where they are: 24 frames/s, 80 ms late"
+    PARSER.add_argument("--camera", action="store_true", help=text)
     program.add_plant_flag(PARSER)
     PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between them")
-    PARSER.add_argument(
-        "--record-dir",
-        type=Path,
-        metavar="FOLDER",
-        help=f"folder for recordings; default {default_folder(Path('~'))}",
-    )
-    PARSER.add_argument(
-        "--keep-gb",
-        type=flags.number(LEAST_GB),
-        default=DEFAULT_GB,
-        metavar="GB",
-        help=f"limit of that folder, the oldest files are removed; default {DEFAULT_GB:g}",
-    )
+    program.add_recordings_flags(PARSER, "--record-dir")
     PARSER.add_argument("--no-record", action="store_true", help="do not record")
     PARSER.add_argument("--no-browser", action="store_true", help="do not open a browser")
     program.run(PARSER, demonstrate)

@@ -11,8 +11,6 @@ from pathlib import Path
 
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
-from tsd_twin.messages import topics
-from tsd_twin.security import Role
 
 with program.requires("tsd-foxglove", "foxglove"):
     from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, Access
@@ -20,7 +18,6 @@ with program.requires("tsd-foxglove", "foxglove"):
     from tsd_twin.adapters.foxglove.sources import serve_live, serve_recording
     from tsd_twin.security.certificates import create_file
     from tsd_twin.security.users import refuse_public
-    from tsd_twin.security.web_access import certificate_host_names, server_tls_context
 
 
 _LOG = logging.getLogger(__name__)
@@ -57,27 +54,15 @@ def serve(args: argparse.Namespace) -> None:
 
     def ready(port: int) -> None:
         scheme = "ws" if access.tls is None else "wss"
-        host = f"[{args.host}]" if ":" in args.host else args.host
-        program.say_ready(f"tsd-foxglove on {scheme}://{host}:{port}")
+        program.say_ready(f"tsd-foxglove on {program.url(scheme, args.host, port)}")
 
     address = (args.host, args.port)
     if args.recording is not None:
         asyncio.run(serve_recording(args.recording, address, access, stop, ready))
         return
-    identity = program.certificate(args)
-    name = identity.name if identity is not None else topics.checked(args.operator)
-    asyncio.run(
-        serve_live(
-            partial(program.client_bus, args),
-            address,
-            access,
-            stop,
-            ready,
-            operator=name,
-            may_drive=not args.view_only and (identity is None or identity.role is Role.OPERATOR),
-            only=[topics.checked(robot) for robot in args.robot],
-        )
-    )
+    options = program.adapter_options(args)
+    open_bus = partial(program.client_bus, args)
+    asyncio.run(serve_live(open_bus, address, access, stop, ready, **options))
 
 
 def access_of(args: argparse.Namespace) -> Access:
@@ -86,12 +71,7 @@ def access_of(args: argparse.Namespace) -> Access:
     Raises:
         TwinError: If a flag requires another, or a file cannot be used.
     """
-    if (args.tls_cert is None) != (args.tls_key is None):
-        raise TwinError("--tls-cert and --tls-key go together: name both, or neither")
-    names, tls = list(args.allow_host), None
-    if args.tls_cert is not None:
-        tls = server_tls_context(args.tls_cert, args.tls_key)
-        names += certificate_host_names(args.tls_cert)
+    tls, names = program.tls(args)
     token = None if args.token_file is None else token_of(args.token_file)
     return Access(token, tls, names, (FOXGLOVE_ORIGIN, *args.allow_origin))
 
@@ -117,43 +97,16 @@ def token_of(file: Path) -> str:
 def main() -> None:
     """Parse the flags and run."""
     program.add_client_flags(PARSER)
-    PARSER.add_argument(
-        "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"
-    )
-    PARSER.add_argument(
-        "--port", type=flags.PORT, default=PORT, help=f"default {PORT}; 0 is a free one"
-    )
+    program.add_host_flags(PARSER, PORT)
     program.add_adapter_flags(PARSER, OPERATOR)
-    PARSER.add_argument(
-        "--recording",
-        type=Path,
-        metavar="FILE",
-        help="a recording of tsd-record instead of live robots",
-    )
+    text = "a recording of tsd-record instead of live robots"
+    flags.add(PARSER, "--recording", text, Path, metavar="FILE")
     made = PARSER.add_argument_group("access", "docs/foxglove.md goes step by step.")
-    made.add_argument(
-        "--allow-origin",
-        action="append",
-        default=[],
-        metavar="ORIGIN",
-        help=f"a site whose pages may connect, beside {FOXGLOVE_ORIGIN}; may be repeated",
-    )
-    made.add_argument(
-        "--allow-host",
-        type=flags.host_name,
-        action="append",
-        default=[],
-        metavar="NAME[:PORT]",
-        help="a name that clients know it by, beside those in the certificate; may be repeated",
-    )
-    made.add_argument(
-        "--token-file",
-        type=Path,
-        metavar="FILE",
-        help="the secret that clients have to bring; made if there is none",
-    )
-    made.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate chain in PEM")
-    made.add_argument("--tls-key", type=Path, metavar="FILE", help="its private key")
+    text = f"a site whose pages may connect, beside {FOXGLOVE_ORIGIN}"
+    flags.add(made, "--allow-origin", text, metavar="ORIGIN", repeated=True)
+    text = "the secret that clients have to bring; made if there is none"
+    flags.add(made, "--token-file", text, Path, metavar="FILE")
+    program.add_tls_flags(made, "clients")
     program.run(PARSER, serve)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from tsd_twin.bus import DEFAULT_ENDPOINT
-from tsd_twin.cli import program
+from tsd_twin.cli import flags, program
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 
 PARSER = program.parser(
@@ -32,24 +32,15 @@ def simulate(args: argparse.Namespace) -> None:
 
 def main() -> None:
     """Parse the flags and run."""
-    PARSER.add_argument(
-        "--link",
-        required=True,
-        metavar="SPEC",
-        help="what is bad about it: delay, jitter, loss, reorder, stall, bandwidth, seed; "
-        "see the examples",
+    text = (
+        "what is bad about it: delay, jitter, loss, reorder, stall, bandwidth, seed; "
+        "see the examples"
     )
-    PARSER.add_argument(
-        "--target",
-        default=DEFAULT_ENDPOINT,
-        metavar="ENDPOINT",
-        help=f"where the robot listens, tcp or udp; default {DEFAULT_ENDPOINT}",
-    )
-    PARSER.add_argument(
-        "--listen",
-        metavar="ENDPOINT",
-        help="where the dashboard connects to; default a free port of this machine",
-    )
+    flags.add(PARSER, "--link", text, metavar="SPEC", required=True)
+    text = "where the robot listens, tcp or udp"
+    flags.add(PARSER, "--target", text, default=DEFAULT_ENDPOINT, metavar="ENDPOINT")
+    text = "where the dashboard connects to; default a free port of this machine"
+    flags.add(PARSER, "--listen", text, metavar="ENDPOINT")
     program.run(PARSER, simulate)
 
 

@@ -140,41 +140,20 @@ def companion(
 
 def main() -> None:
     """Parse the flags and run."""
-    PARSER.add_argument("--seed", type=flags.SEED, default=0, help="of the noise; default 0")
-    PARSER.add_argument(
-        "--noise",
-        type=flags.SCALE,
-        default=0.0,
-        metavar="SCALE",
-        help="times [noise]; default 0",
-    )
+    flags.add(PARSER, "--seed", "of the noise", flags.SEED, 0)
+    flags.add(PARSER, "--noise", "times [noise]", flags.SCALE, 0.0, "SCALE")
     program.add_errors_flag(PARSER)
-    PARSER.add_argument(
-        "--at",
-        metavar="X,Y,DEGREES",
-        help="where it stands at the start, m and degrees; default 0,0,0",
+    text = "where it stands at the start, m and degrees; default 0,0,0"
+    flags.add(PARSER, "--at", text, metavar="X,Y,DEGREES")
+    text = f"let a gimbal stick once it leans so far, {USUAL_LEAN_DEG:g} degrees unless given"
+    flags.add(PARSER, "--jam", text, metavar="GIMBAL[@DEGREES]", repeated=True)
+    text = (
+        "let a joint be slower, as in module2_alpha=-30%%, or the battery weaker, as in "
+        "battery=-1V, after so many seconds of driving, 0 unless given"
     )
-    PARSER.add_argument(
-        "--jam",
-        action="append",
-        default=[],
-        metavar="GIMBAL[@DEGREES]",
-        help=f"let a gimbal stick once it leans so far, {USUAL_LEAN_DEG:g} degrees unless given; "
-        "may be repeated",
-    )
-    PARSER.add_argument(
-        "--wear",
-        action="append",
-        default=[],
-        metavar="PART=-SIZE[@SECONDS]",
-        help="let a joint be slower, as in module2_alpha=-30%%, or the battery weaker, as in "
-        "battery=-1V, after so many seconds of driving, 0 unless given; may be repeated",
-    )
-    PARSER.add_argument(
-        "--camera",
-        action="store_true",
-        help="a camera above the floor tells the bus where it is: 24 frames/s, 80 ms late",
-    )
+    flags.add(PARSER, "--wear", text, metavar="PART=-SIZE[@SECONDS]", repeated=True)
+    text = "a camera above the floor tells the bus where it is: 24 frames/s, 80 ms late"
+    PARSER.add_argument("--camera", action="store_true", help=text)
     program.add_plant_flag(PARSER)
     node_program.serve(PARSER, joints, pose_at, companion)
 

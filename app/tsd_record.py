@@ -9,6 +9,7 @@ import threading
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from tsd_twin.bus import (
     DEFAULT_ENDPOINT,
@@ -33,7 +34,7 @@ with program.requires("tsd-record", "record"):
         add_mark,
         export,
     )
-    from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
+    from tsd_twin.recording.folder import default_folder
     from tsd_twin.recording.index import RecordingIndex
     from tsd_twin.recording.reader import FolderReader
 
@@ -200,77 +201,54 @@ def mark(args: argparse.Namespace) -> None:
 def main() -> None:
     """Parse the flags and run."""
     program.add_client_flags(PARSER)
-    PARSER.add_argument(
-        "--dir",
-        type=Path,
-        default=default_folder(),
-        metavar="FOLDER",
-        help=f"folder of the recordings; default {default_folder(Path('~'))}",
-    )
-    PARSER.add_argument(
-        "--keep-gb",
-        type=flags.number(LEAST_GB),
-        default=DEFAULT_GB,
-        metavar="GB",
-        help=f"limit of the folder, the oldest files are removed; default {DEFAULT_GB:g}",
-    )
-    PARSER.set_defaults(body=record)
+    program.add_recordings_flags(PARSER, "--dir")
+    PARSER.set_defaults(body=record, dir=default_folder())
     commands = PARSER.add_subparsers(metavar="export | list | mark")
-    parser = commands.add_parser(
-        "export",
-        help="write a part of a recording as MCAP, CSV, a page, or a moving picture",
-        description="Write a part of a recording as MCAP without lease ids, as CSV, as one HTML "
-        "page that plays in any browser, or as a moving picture.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog="examples:\n"
-        "  tsd-record export FILE --out part.mcap --from 10 --to 70\n"
-        "  tsd-record export FILE --csv tables --robot tsd\n"
-        "  tsd-record export FILE --html drive.html --from 10 --to 70\n"
-        "  tsd-record export FILE --picture drive.webp --from 10 --to 16",
-    )
-    parser.add_argument("file", metavar="FILE", help="a recording")
-    parser.add_argument(
-        "--from",
-        dest="start_s",
-        type=flags.number(0.0),
-        default=0.0,
-        metavar="S",
-        help="start, in seconds",
-    )
-    parser.add_argument(
-        "--to",
-        dest="end_s",
-        type=flags.POSITIVE,
-        metavar="S",
-        help="end, in seconds; default: the end",
-    )
-    parser.add_argument("--robot", metavar="ID", help="one robot; default: all")
-    parser.add_argument("--out", metavar="FILE", help="MCAP file to write")
-    parser.add_argument("--csv", metavar="FOLDER", help="folder for CSV files, one for a stream")
-    parser.add_argument("--html", metavar="FILE", help="HTML page to write")
-    parser.add_argument(
-        "--picture",
-        metavar="FILE",
-        help="moving picture to write, .webp or .gif; needs Chromium and Playwright",
-    )
-    parser.set_defaults(body=export_file)
+    about = "write a part of a recording as MCAP, CSV, a page, or a moving picture"
+    _add_export_flags(commands.add_parser("export", help=about, **_EXPORT))
     about = "list the recordings in the folder: start, duration, robots, marks"
     parser = commands.add_parser("list", help=about, description=f"{about.capitalize()}.")
     parser.set_defaults(body=list_recordings)
     about = "attach a note to a time of a recording"
     parser = commands.add_parser("mark", help=about, description=f"{about.capitalize()}.")
     parser.add_argument("file", metavar="FILE", help="a recording")
-    parser.add_argument(
-        "--at",
-        dest="at_s",
-        type=flags.number(0.0),
-        metavar="S",
-        help="time, in seconds since its start; default: its end, which is now in one that is "
-        "being written",
+    text = (
+        "time, in seconds since its start; default: its end, which is now in one that is "
+        "being written"
     )
+    flags.add(parser, "--at", text, flags.number(0.0), metavar="S", dest="at_s")
     parser.add_argument("note", metavar="NOTE", help="text of at most 200 characters")
     parser.set_defaults(body=mark)
     program.run(PARSER, lambda args: args.body(args))
+
+
+_EXPORT: dict[str, Any] = {
+    "description": "Write a part of a recording as MCAP without lease ids, as CSV, as one HTML "
+    "page that plays in any browser, or as a moving picture.",
+    **program.with_examples(
+        [
+            "tsd-record export FILE --out part.mcap --from 10 --to 70",
+            "tsd-record export FILE --csv tables --robot tsd",
+            "tsd-record export FILE --html drive.html --from 10 --to 70",
+            "tsd-record export FILE --picture drive.webp --from 10 --to 16",
+        ]
+    ),
+}
+
+
+def _add_export_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", help="a recording")
+    text = "start, in seconds; default: the start"
+    flags.add(parser, "--from", text, flags.number(0.0), 0.0, "S", dest="start_s")
+    text = "end, in seconds; default: the end"
+    flags.add(parser, "--to", text, flags.POSITIVE, metavar="S", dest="end_s")
+    parser.add_argument("--robot", metavar="ID", help="one robot; default: all")
+    parser.add_argument("--out", metavar="FILE", help="MCAP file to write")
+    parser.add_argument("--csv", metavar="FOLDER", help="folder for CSV files, one for a stream")
+    parser.add_argument("--html", metavar="FILE", help="HTML page to write")
+    text = "moving picture to write, .webp or .gif; needs Chromium and Playwright"
+    parser.add_argument("--picture", metavar="FILE", help=text)
+    parser.set_defaults(body=export_file)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 from pathlib import Path
 
-from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, as_client, client_config, node_config
+from tsd_twin.bus import Bus, as_client, client_config, node_config
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
 
@@ -75,23 +75,11 @@ def main() -> None:
     PARSER.add_argument("file", metavar="FILE", type=Path, help="a recording of tsd-record")
     PARSER.add_argument("--robot", metavar="ID", help="robot in the recording, when it has several")
     PARSER.add_argument("--id", help=f"id on the bus; default: that of the robot and {SUFFIX}")
-    PARSER.add_argument(
-        "--speed",
-        type=flags.POSITIVE,
-        default=1.0,
-        metavar="FACTOR",
-        help="1 is as it was; default 1",
-    )
+    flags.add(PARSER, "--speed", "1 is as it was", flags.POSITIVE, 1.0, "FACTOR")
     PARSER.add_argument("--loop", action="store_true", help="begin again at the end")
-    PARSER.add_argument(
-        "--listen",
-        default=DEFAULT_ENDPOINT,
-        metavar="ENDPOINT",
-        help=f"where the bus listens; default {DEFAULT_ENDPOINT}, port 0 takes a free one",
-    )
-    PARSER.add_argument(
-        "--connect", metavar="ENDPOINT", help="join the bus of a robot there, and listen nowhere"
-    )
+    program.add_listen_flag(PARSER)
+    text = "join the bus of a robot there, and listen nowhere"
+    flags.add(PARSER, "--connect", text, metavar="ENDPOINT")
     program.run(PARSER, replay)
 
 

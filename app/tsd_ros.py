@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
+import dataclasses
 import os
 import threading
 from functools import partial
@@ -17,7 +18,6 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.robots import ExternalDescription, description_of_kind, parse_description
-from tsd_twin.security import Role
 
 with program.requires("tsd-ros", "ros"):
     from tsd_twin.adapters.ros.adapter import MeshServer, serve_ros
@@ -28,7 +28,7 @@ with program.requires("tsd-ros", "ros"):
         describe,
         endpoints,
     )
-    from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, OpenPort, PortCallbacks, RosPort
+    from tsd_twin.adapters.ros.port import ADAPTER, Endpoints, OpenPort, PortCallbacks
     from tsd_twin.adapters.ros.zenoh_port import ZenohPort
     from tsd_twin.adapters.ros_messages import RosNames
 
@@ -39,7 +39,6 @@ ROUTER = "tcp/127.0.0.1:7447"
 NODE_ENDPOINT = "tcp/127.0.0.1:7448"
 """Default endpoint of an imported robot's bus, next to the router's port."""
 _PATIENCE_S = 3.0
-_USUAL = ExternalLimits()
 _LAST_DOMAIN = 232
 
 PARSER = program.parser(
@@ -69,10 +68,7 @@ def serve(args: argparse.Namespace) -> None:
     if args.imported is not None:
         serve_imported(args, stop)
         return
-    identity = program.certificate(args)
-    name = identity.name if identity is not None else topics.checked(args.operator)
-    may_drive = not args.view_only and (identity is None or identity.role is Role.OPERATOR)
-    only = [topics.checked(robot) for robot in args.robot]
+    options = program.adapter_options(args)
     domain = domain_of(args)
     open_port, where = ports(args, domain)
     meshes = args.mesh_uri or MeshServer(args.mesh_host, args.mesh_port)
@@ -82,19 +78,10 @@ def serve(args: argparse.Namespace) -> None:
 
     open_bus = partial(program.client_bus, args)
     try:
-        asyncio.run(
-            serve_ros(
-                open_bus,
-                open_port,
-                meshes,
-                stop,
-                ready,
-                operator=name,
-                may_drive=may_drive,
-                require_echo=args.require_echo,
-                only=only,
-            )
+        serving = serve_ros(
+            open_bus, open_port, meshes, stop, ready, require_echo=args.require_echo, **options
         )
+        asyncio.run(serving)
     finally:
         if isinstance(meshes, MeshServer):
             meshes.close()
@@ -118,21 +105,14 @@ def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
     open_port, where = ports(args, domain, endpoints(stamped=args.stamped))
     names = RosNames(args.import_namespace.strip("/"), shared=bool(args.import_namespace))
 
-    def opened(robot: ExternalRobot) -> RosPort:
-        return open_port(names, robot)
-
-    with (
-        contextlib.closing(
-            ExternalRobot(
-                opened,
-                names,
-                args.import_timeout,
-                stamped=args.stamped,
-                description_s=args.import_wait,
-            )
-        ) as robot_io,
-        program.node_bus(args) as bus,
-    ):
+    external = ExternalRobot(
+        partial(open_port, names),
+        names,
+        args.import_timeout,
+        stamped=args.stamped,
+        description_s=args.import_wait,
+    )
+    with contextlib.closing(external) as robot_io, program.node_bus(args) as bus:
         text = describe(name, robot_io.urdf, limits)
         robot = description_of_kind(parse_description(text, name), ExternalDescription)
         robot_io.configure(robot)
@@ -194,50 +174,22 @@ def main() -> None:
     program.add_client_flags(PARSER)
     program.add_adapter_flags(PARSER, OPERATOR)
     made = PARSER.add_argument_group("ROS", "docs/ros2.md goes step by step.")
-    made.add_argument(
-        "--rmw",
-        choices=["zenoh", "dds"],
-        default="zenoh",
-        help="middleware of ROS; default zenoh; dds is a node of rclpy, of a ROS that is sourced",
-    )
-    made.add_argument(
-        "--ros-connect",
-        default=ROUTER,
-        metavar="ENDPOINT",
-        help=f"where the router of ROS (rmw_zenohd) listens; default {ROUTER}",
-    )
-    made.add_argument(
-        "--ros-zenoh-config", metavar="FILE", help="a JSON5 file for that connection, for TLS"
-    )
-    made.add_argument(
-        "--domain",
-        type=flags.whole(0, _LAST_DOMAIN),
-        metavar="ID",
-        help="domain of ROS; default ROS_DOMAIN_ID, or 0",
-    )
-    made.add_argument(
-        "--mesh-host",
-        default="127.0.0.1",
-        metavar="HOST",
-        help="address that serves meshes for robot_description over HTTP; default 127.0.0.1",
-    )
-    made.add_argument(
-        "--mesh-port",
-        type=flags.PORT,
-        default=0,
-        metavar="PORT",
-        help="its port; default 0, a free one",
-    )
-    made.add_argument(
-        "--mesh-uri",
-        metavar="URI",
-        help="what goes before the names of meshes instead, as package://my_robot/meshes/",
-    )
-    made.add_argument(
-        "--require-echo",
-        action="store_true",
-        help="cmd_vel moves a robot only as TwistStamped with the stamp of the newest odom",
-    )
+    text = "middleware of ROS; default zenoh; dds is a node of rclpy, of a ROS that is sourced"
+    flags.add(made, "--rmw", text, default="zenoh", choices=["zenoh", "dds"])
+    text = "where the router of ROS (rmw_zenohd) listens"
+    flags.add(made, "--ros-connect", text, default=ROUTER, metavar="ENDPOINT")
+    text = "a JSON5 file for that connection, for TLS"
+    flags.add(made, "--ros-zenoh-config", text, metavar="FILE")
+    text = "domain of ROS; default ROS_DOMAIN_ID, or 0"
+    flags.add(made, "--domain", text, flags.whole(0, _LAST_DOMAIN), metavar="ID")
+    text = "address that serves meshes for robot_description over HTTP"
+    flags.add(made, "--mesh-host", text, default="127.0.0.1", metavar="HOST")
+    text = "its port; default 0, a free one"
+    flags.add(made, "--mesh-port", text, flags.PORT, 0, "PORT")
+    text = "what goes before the names of meshes instead, as package://my_robot/meshes/"
+    flags.add(made, "--mesh-uri", text, metavar="URI")
+    text = "cmd_vel moves a robot only as TwistStamped with the stamp of the newest odom"
+    made.add_argument("--require-echo", action="store_true", help=text)
     _add_import_flags()
     program.run(PARSER, serve)
 
@@ -248,68 +200,25 @@ def _add_import_flags() -> None:
         "It needs odom, and at best joint_states and robot_description; docs/ros2.md says what "
         "cannot be promised.",
     )
-    made.add_argument(
-        "--import",
-        dest="imported",
-        metavar="NAME",
-        help="show the robot of ROS on the bus under this id, and drive it by cmd_vel",
-    )
-    made.add_argument(
-        "--import-namespace",
-        default="",
-        metavar="NAME",
-        help="namespace of its topics, as robot1 for /robot1/odom; default none",
-    )
-    made.add_argument(
-        "--import-drive",
-        choices=["diff", "omni"],
-        default="diff",
-        help="diff, the default, drives forward and turns; omni drives sideways, too",
-    )
-    made.add_argument(
-        "--import-speed",
-        type=flags.POSITIVE,
-        default=_USUAL.speed_mps,
-        metavar="M/S",
-        help=f"speed limit; default {_USUAL.speed_mps:g}",
-    )
-    made.add_argument(
-        "--import-turn-rate",
-        type=flags.POSITIVE,
-        default=_USUAL.turn_rate_rad_per_s,
-        metavar="RAD/S",
-        help=f"limit of the turn rate; default {_USUAL.turn_rate_rad_per_s:g}",
-    )
-    made.add_argument(
-        "--import-acceleration",
-        type=flags.POSITIVE,
-        default=_USUAL.acceleration_mps2,
-        metavar="M/S2",
-        help=f"how fast its speed is changed; default {_USUAL.acceleration_mps2:g}",
-    )
-    made.add_argument(
-        "--import-timeout",
-        type=flags.POSITIVE,
-        default=0.5,
-        metavar="S",
-        help="age of odom beyond which it is not driven; default 0.5",
-    )
-    made.add_argument(
-        "--import-wait",
-        type=flags.POSITIVE,
-        default=5.0,
-        metavar="S",
-        help="time to wait for robot_description at the start; default 5",
-    )
-    made.add_argument(
-        "--stamped", action="store_true", help="drive by TwistStamped instead of Twist"
-    )
-    made.add_argument(
-        "--listen",
-        default=NODE_ENDPOINT,
-        metavar="ENDPOINT",
-        help=f"where the bus of this robot listens; default {NODE_ENDPOINT}",
-    )
+    text = "show the robot of ROS on the bus under this id, and drive it by cmd_vel"
+    flags.add(made, "--import", text, metavar="NAME", dest="imported")
+    text = "namespace of its topics, as robot1 for /robot1/odom; default none"
+    flags.add(made, "--import-namespace", text, default="", metavar="NAME")
+    text = "diff, the default, drives forward and turns; omni drives sideways, too"
+    flags.add(made, "--import-drive", text, default="diff", choices=["diff", "omni"])
+    speed, turn_rate, acceleration, _ = dataclasses.astuple(ExternalLimits())
+    for name, text, usual, unit in (
+        ("speed", "speed limit", speed, "M/S"),
+        ("turn-rate", "limit of the turn rate", turn_rate, "RAD/S"),
+        ("acceleration", "how fast its speed is changed", acceleration, "M/S2"),
+        ("timeout", "age of odom beyond which it is not driven", 0.5, "S"),
+        ("wait", "time to wait for robot_description at the start", 5.0, "S"),
+    ):
+        flags.add(made, f"--import-{name}", text, flags.POSITIVE, usual, unit)
+    text = "drive by TwistStamped instead of Twist"
+    made.add_argument("--stamped", action="store_true", help=text)
+    text = "where the bus of this robot listens"
+    flags.add(made, "--listen", text, default=NODE_ENDPOINT, metavar="ENDPOINT")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from pathlib import Path
 from tests.support.recorded_drives import RecordedDrive
 from tsd_twin.messages import topics
 from tsd_twin.messages.status import LeaseStatus, RobotStatus, encode_status
-from tsd_twin.recording.lanes import RobotLanes, read_lanes
+from tsd_twin.recording.details import RobotLanes, read_lanes
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.recording.reader import RecordingReader
 

@@ -228,17 +228,11 @@ class CmdVelOperator:
         """
         self._note_hold_up(now_s)
         paused = now_s - self._received_s >= PAUSE_S
-        refusal = self._refusal(message)
-        if refusal:
+        if refusal := self._refusal(message):
             return self._drop(now_s, *refusal)
         if message.is_zero:
             return self._rest(now_s)  # Accept it at any age, because it can only stop the robot.
-        if sent_after_s is not None and now_s - sent_after_s > self.max_age_s:
-            # The publisher may have released the stick before a stalled link delivered this.
-            late = "cmd_vel comes too late: the link has stalled, or is slow"
-            return self._drop(now_s, "late", late)
-        obstacle = self._obstacle(status)
-        if obstacle:
+        if obstacle := self._lateness(now_s, sent_after_s) or self._obstacle(status):
             return self._drop(now_s, *obstacle)
         self._received_s = now_s
         if self._must_pause and not paused:
@@ -300,6 +294,12 @@ class CmdVelOperator:
             text = f"cmd_vel in the frame '{message.frame}' is ignored: use {BASE} or {ODOM}"
             return "frame", text
         return None
+
+    def _lateness(self, now_s: float, sent_after_s: float | None) -> Objection | None:
+        if sent_after_s is None or now_s - sent_after_s <= self.max_age_s:
+            return None
+        # The publisher may have released the stick before a stalled link delivered this.
+        return "late", "cmd_vel comes too late: the link has stalled, or is slow"
 
     def _obstacle(self, status: RobotStatus) -> Objection | None:
         """Return why a twist other than zero cannot move the robot now; None when it can."""

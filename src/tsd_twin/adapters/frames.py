@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tsd_twin.messages.errors import MessageError
+from tsd_twin.models.links import roll_pitch_yaw
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -191,8 +192,5 @@ def from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 def yaw_pitch_roll(turn: Quaternion) -> Vector:
     """Return the intrinsic Z-Y-X angles (yaw, pitch, roll) of an orientation."""
-    w, x, y, z = turn
-    pitch = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - x * z))))
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    roll, pitch, yaw = roll_pitch_yaw(turn)
     return yaw, pitch, roll

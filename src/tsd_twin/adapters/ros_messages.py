@@ -368,20 +368,12 @@ class RobotMapping:
         return self._message(DIAGNOSTICS, array)
 
     def _battery(self, volts: float) -> RosMessage:
-        unknown = math.nan  # BatteryState requires NaN for unmeasured values.
         message = make_message(
             BATTERY.type,
             header=make_header(self._stamp_ns, self.names.frame(BASE)),
             voltage=volts,
-            temperature=unknown,
-            current=unknown,
-            charge=unknown,
-            capacity=unknown,
-            design_capacity=unknown,
-            percentage=unknown,
-            power_supply_status=0,
-            power_supply_health=0,
-            power_supply_technology=0,
+            **dict.fromkeys(_UNMEASURED, math.nan),  # As BatteryState requires.
+            **dict.fromkeys(_UNSPECIFIED, 0),
             present=True,
             cell_voltage=np.empty(0, dtype=np.float32),
             cell_temperature=np.empty(0, dtype=np.float32),
@@ -418,6 +410,9 @@ def _transform(each: Transform) -> Any:
     )
 
 
+_UNMEASURED = ("temperature", "current", "charge", "capacity", "design_capacity", "percentage")
+_UNSPECIFIED = ("power_supply_status", "power_supply_health", "power_supply_technology")
+"""Fields of `sensor_msgs/msg/BatteryState`."""
 _INFO, _WARN = 20, 30
 """Levels of `rcl_interfaces/msg/Log`."""
 _WARNINGS = frozenset({"adapter", "drop", "refusal", "consistency", "id", "loop"})
@@ -443,43 +438,21 @@ def diagnose(
     """Return name, level, message and values of each diagnostic of a robot."""
     level = ERROR if status.mode == Mode.FAULT else WARN if status.mode in LATCHED else OK
     command, consistency, loop = status.command, status.consistency, status.loop
+    mode = {"mode": status.mode, "holder": status.lease.holder or "", "stops": status.stops}
+    counts = {f"dropped_{name}": count for name, count in asdict(command.dropped).items()}
+    ages = {"age_s": command.age_s, "echo_s": command.echo_s, "counted": command.accepted}
     suspect = consistency.suspect
+    agrees = "consistent" if suspect is None else f"{suspect} contradicts the others"
+    residual = {"residual_mps": consistency.residual_mps, "level": consistency.level}
+    late = WARN if loop.longest_ms >= LATE_S * 1000.0 else OK
+    rate = f"{loop.hz:.0f} Hz, longest period {loop.longest_ms:.0f} ms"
+    reason = _reason_values("stop", status.stop)
     found: list[tuple[str, int, str, dict[str, object]]] = [
-        (
-            "mode",
-            level,
-            status.stop_reason or status.mode,
-            {
-                "mode": status.mode,
-                "holder": status.lease.holder or "",
-                "stops": status.stops,
-                **_reason_values("stop", status.stop),
-            },
-        ),
-        (
-            "commands",
-            OK,
-            f"{command.accepted} counted",
-            {
-                "age_s": command.age_s,
-                "echo_s": command.echo_s,
-                "counted": command.accepted,
-                **{f"dropped_{name}": count for name, count in asdict(command.dropped).items()},
-            },
-        ),
+        ("mode", level, status.stop_reason or status.mode, {**mode, **reason}),
+        ("commands", OK, f"{command.accepted} counted", {**ages, **counts}),
         ("cmd_vel", ERROR if input_problem else OK, input_problem or "ok", {}),
-        (
-            "consistency",
-            OK if suspect is None else WARN,
-            "consistent" if suspect is None else f"{suspect} contradicts the others",
-            {"residual_mps": consistency.residual_mps, "level": consistency.level},
-        ),
-        (
-            "loop",
-            WARN if loop.longest_ms >= LATE_S * 1000.0 else OK,
-            f"{loop.hz:.0f} Hz, longest period {loop.longest_ms:.0f} ms",
-            asdict(loop),
-        ),
+        ("consistency", OK if suspect is None else WARN, agrees, {**residual}),
+        ("loop", late, rate, asdict(loop)),
     ]
     volts = _volts(status)
     if volts is not None:

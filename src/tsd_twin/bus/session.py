@@ -176,24 +176,17 @@ _ENCODINGS = {
 
 # Periodic messages are not retransmitted on links that support it, see `over_datagrams`.
 _QOS: dict[QoS, dict[str, Any]] = {
-    QoS.REAL_TIME: {
-        "priority": zenoh.Priority.REAL_TIME,
-        "express": True,
+    qos: {
+        "priority": priority,
+        "express": qos is QoS.REAL_TIME,
         "congestion_control": zenoh.CongestionControl.DROP,
-        "reliability": zenoh.Reliability.BEST_EFFORT,
-    },
-    QoS.DATA: {
-        "priority": zenoh.Priority.DATA,
-        "express": False,
-        "congestion_control": zenoh.CongestionControl.DROP,
-        "reliability": zenoh.Reliability.BEST_EFFORT,
-    },
-    QoS.LOG: {
-        "priority": zenoh.Priority.BACKGROUND,
-        "express": False,
-        "congestion_control": zenoh.CongestionControl.DROP,
-        "reliability": zenoh.Reliability.RELIABLE,
-    },
+        "reliability": reliability,
+    }
+    for qos, priority, reliability in (
+        (QoS.REAL_TIME, zenoh.Priority.REAL_TIME, zenoh.Reliability.BEST_EFFORT),
+        (QoS.DATA, zenoh.Priority.DATA, zenoh.Reliability.BEST_EFFORT),
+        (QoS.LOG, zenoh.Priority.BACKGROUND, zenoh.Reliability.RELIABLE),
+    )
 }
 
 

@@ -183,12 +183,8 @@ _SPINE = "#8a94a3"
 
 def add_jobs_flag(parser: argparse.ArgumentParser) -> None:
     """Add `--jobs`, for `run_cases`."""
-    parser.add_argument(
-        "--jobs",
-        type=flags.whole(0),
-        default=0,
-        help="worker processes; default one for each core",
-    )
+    text = "worker processes; default one for each core"
+    flags.add(parser, "--jobs", text, flags.whole(0), 0)
 
 
 def run_cases(
@@ -230,19 +226,11 @@ class Experiment:
     def add_flags(self, parser: argparse.ArgumentParser) -> None:
         """Add the common flags and the experiment's flags."""
         if self.robot:
-            default = f"default {self.robot}"
-            parser.add_argument("--robot", default=self.robot, metavar="NAME|FILE", help=default)
+            text = f"default {self.robot}"
+            flags.add(parser, "--robot", text, default=self.robot, metavar="NAME|FILE")
         if self.seed_of:
-            parser.add_argument(
-                "--seed", type=flags.SEED, default=0, help=f"of {self.seed_of}; default 0"
-            )
+            flags.add(parser, "--seed", f"of {self.seed_of}", flags.SEED, 0)
         if self.noise:
-            parser.add_argument(
-                "--noise",
-                type=flags.SCALE,
-                default=1.0,
-                metavar="SCALE",
-                help="times [noise]; default 1",
-            )
+            flags.add(parser, "--noise", "times [noise]", flags.SCALE, 1.0, "SCALE")
         if self.add_own_flags:
             self.add_own_flags(parser)

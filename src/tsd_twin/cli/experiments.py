@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from tsd_twin.cli import program
+from tsd_twin.cli import flags, program
 from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.errors import TwinError
 
@@ -15,17 +15,10 @@ def run_experiments(parser: argparse.ArgumentParser, experiments: Sequence[Exper
     """Add a subcommand for each experiment to a parser, read the flags, and run one."""
     commands = parser.add_subparsers(metavar="EXPERIMENT", required=True)
     for each in experiments:
-        own = commands.add_parser(
-            each.name,
-            help=each.purpose,
-            description=each.purpose,
-            epilog="examples:\n" + "\n".join(f"  {example}" for example in each.examples),
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
+        purpose, settings = each.purpose, program.with_examples(each.examples)
+        own = commands.add_parser(each.name, help=purpose, description=purpose, **settings)
         each.add_flags(own)
-        own.add_argument(
-            "--out", type=Path, default=Path("lab"), metavar="FOLDER", help="default lab"
-        )
+        flags.add(own, "--out", "default lab", Path, Path("lab"), "FOLDER")
         own.add_argument("--quiet", action="store_true", help="show no progress")
         own.set_defaults(experiment=each)
     program.run(parser, _experiment)

@@ -1,6 +1,7 @@
-"""Types of command-line flags: numbers within a range, and host names.
+"""Command-line flags, and their types: numbers within a range, host names, web origins.
 
-Each is a function for argparse's `type=`; invalid text causes a one-sentence error and exit code 2.
+A type is a function for argparse's `type=`; invalid text causes a one-sentence error and exit
+code 2.
 """
 
 from __future__ import annotations
@@ -9,6 +10,33 @@ import argparse
 import math
 import re
 from collections.abc import Callable
+from typing import Any, TypeAlias
+
+Container: TypeAlias = Any
+"""Parser or argument group, for which argparse has no common public type."""
+
+
+def add(
+    to: Container,
+    name: str,
+    text: str,
+    kind: Callable[[str], Any] | None = None,
+    default: Any = None,
+    metavar: str | None = None,
+    *,
+    repeated: bool = False,
+    **more: Any,
+) -> None:
+    """Add a flag with a value, or a list of values if `repeated`; `more` is passed to argparse.
+
+    The help is `text`, with the default and the repetition unless it mentions them.
+    """
+    if repeated:
+        more["action"], default = "append", default or list[Any]()
+        text += "" if "repeated" in text else "; may be repeated"
+    if default not in (None, []) and "default" not in text:
+        text += f"; default {default:g}" if isinstance(default, float) else f"; default {default}"
+    to.add_argument(name, type=kind, default=default, metavar=metavar, help=text, **more)
 
 
 def number(

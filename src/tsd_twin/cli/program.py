@@ -13,14 +13,17 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Generator, Sequence
+from pathlib import Path
+from ssl import SSLContext
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from tsd_twin import __version__, robots
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
 from tsd_twin.cli import flags
 from tsd_twin.errors import MissingExtraError, TwinError, check_extra
-from tsd_twin.security import BusIdentity
+from tsd_twin.messages import topics
+from tsd_twin.security import BusIdentity, Role
 from tsd_twin.simulation import PLANTS
 
 _LOG = logging.getLogger(__name__)
@@ -58,12 +61,7 @@ def requires(prog: str, extra: str) -> Generator[None]:
 
 def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.ArgumentParser:
     """Argument parser whose help ends with `examples`."""
-    made = _Parser(
-        prog=prog,
-        description=purpose,
-        epilog="examples:\n" + "\n".join(f"  {example}" for example in examples),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    made = _Parser(prog=prog, description=purpose, **with_examples(examples))
     made.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
     made.add_argument(
         "--until-eof", action="store_true", help="end when standard input ends, as a child does"
@@ -72,48 +70,42 @@ def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.Argumen
     return made
 
 
+def with_examples(examples: Sequence[str]) -> dict[str, Any]:
+    """Return the settings of a parser whose help ends with `examples`."""
+    return {
+        "epilog": "examples:\n" + "\n".join(f"  {example}" for example in examples),
+        "formatter_class": argparse.RawDescriptionHelpFormatter,
+    }
+
+
 def add_robot_flags(made: argparse.ArgumentParser, *, several: bool = False) -> None:
     """Add `--robot`, a list when there may be `several`, and `--id`."""
     shipped = ", ".join(robots.robot_names())
-    made.add_argument(
-        "--robot",
-        action="append" if several else "store",
-        default=None if several else "tsd",
-        metavar="NAME|FILE",
-        help=f"a shipped robot ({shipped}) or a TOML file of yours; default tsd"
-        + ("; may be repeated" if several else ""),
-    )
+    text = f"a shipped robot ({shipped}) or a TOML file of yours; default tsd"
+    usual = None if several else "tsd"
+    flags.add(made, "--robot", text, default=usual, metavar="NAME|FILE", repeated=several)
     made.add_argument("--id", help="id on the bus, 1 to 32 of a-z 0-9 _ -; default: its name")
 
 
 def add_errors_flag(made: argparse.ArgumentParser, default: float = 0.0) -> None:
     """Add `--errors`."""
-    made.add_argument(
-        "--errors",
-        type=flags.SCALE,
-        default=default,
-        metavar="SCALE",
-        help=f"factor on [errors], the model errors of a built robot; default {default:g}",
-    )
+    text = "factor on [errors], the model errors of a built robot"
+    flags.add(made, "--errors", text, flags.SCALE, default, "SCALE")
 
 
-def add_viewport_flags(parser: argparse.ArgumentParser) -> None:
+def add_viewport_flags(made: argparse.ArgumentParser) -> None:
     """Add the flags of the port that serves viser's page."""
-    parser.add_argument(
-        "--viewport-port",
-        type=flags.PORT,
-        metavar="PORT",
-        help="of the 3D view in the page; default: the port after that of the page, or any free "
+    text = (
+        "of the 3D view in the page; default: the port after that of the page, or any free "
         "one if that is in use or --port is 0. If browsers cannot reach it, the view comes from "
-        "the port of the page, and a slow view then slows down the page",
+        "the port of the page, and a slow view then slows down the page"
     )
-    parser.add_argument(
-        "--viewport-origin",
-        type=flags.web_origin,
-        metavar="URL",
-        help="at which browsers reach the port of the 3D view, if a proxy or tunnel changes it: "
-        "the page's name with another port, as https://robot.example:8443",
+    flags.add(made, "--viewport-port", text, flags.PORT, metavar="PORT")
+    text = (
+        "at which browsers reach the port of the 3D view, if a proxy or tunnel changes it: "
+        "the page's name with another port, as https://robot.example:8443"
     )
+    flags.add(made, "--viewport-origin", text, flags.web_origin, metavar="URL")
 
 
 def viewport_flags(args: argparse.Namespace) -> list[str]:
@@ -124,31 +116,25 @@ def viewport_flags(args: argparse.Namespace) -> list[str]:
 
 def add_plant_flag(made: argparse.ArgumentParser) -> None:
     """Add `--plant`."""
-    made.add_argument(
-        "--plant",
-        choices=sorted(PLANTS),
-        default="kinematic",
-        help="plant: rolling by the equations (default), or rigid bodies in MuJoCo, "
-        "for which the extra `mujoco` must be installed",
+    text = (
+        "plant: rolling by the equations (default), or rigid bodies in MuJoCo, "
+        "for which the extra `mujoco` must be installed"
     )
+    flags.add(made, "--plant", text, default="kinematic", choices=sorted(PLANTS))
 
 
 def add_node_flags(made: argparse.ArgumentParser) -> None:
     """Add the bus flags of a robot node: `--listen`, `--connect`, `--zenoh-config`."""
-    made.add_argument(
-        "--listen",
-        default=DEFAULT_ENDPOINT,
-        metavar="ENDPOINT",
-        help=f"where the bus listens; default {DEFAULT_ENDPOINT}, port 0 takes a free one",
-    )
-    made.add_argument(
-        "--connect",
-        action="append",
-        default=[],
-        metavar="ENDPOINT",
-        help="a router to join as well; may be repeated",
-    )
+    add_listen_flag(made)
+    text = "a router to join as well"
+    flags.add(made, "--connect", text, metavar="ENDPOINT", repeated=True)
     made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
+
+
+def add_listen_flag(made: argparse.ArgumentParser) -> None:
+    """Add `--listen`, the endpoint of a bus."""
+    text = f"where the bus listens; default {DEFAULT_ENDPOINT}, port 0 takes a free one"
+    flags.add(made, "--listen", text, default=DEFAULT_ENDPOINT, metavar="ENDPOINT")
 
 
 def node_bus(args: argparse.Namespace) -> Bus:
@@ -164,31 +150,79 @@ def node_bus(args: argparse.Namespace) -> Bus:
 
 def add_client_flags(made: argparse.ArgumentParser) -> None:
     """Add the bus flags of a client: `--connect` and `--zenoh-config`."""
-    made.add_argument(
-        "--connect",
-        action="append",
-        metavar="ENDPOINT",
-        help=f"where a robot listens, may be repeated; default {DEFAULT_ENDPOINT}",
-    )
+    text = f"where a robot listens, may be repeated; default {DEFAULT_ENDPOINT}"
+    flags.add(made, "--connect", text, metavar="ENDPOINT", repeated=True)
     made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
 
 
 def add_adapter_flags(made: argparse.ArgumentParser, operator: str) -> None:
     """Add the flags of an adapter to other tools: `--robot`, `--operator` and `--view-only`."""
-    made.add_argument(
-        "--robot",
-        action="append",
-        default=[],
-        metavar="ID",
-        help="show this robot only; may be repeated; default: all, up to 16",
-    )
-    made.add_argument(
-        "--operator",
-        default=operator,
-        metavar="NAME",
-        help=f"name on the bus before `-` and 8 digits; default {operator}, or the certificate's",
-    )
+    text = "show this robot only; may be repeated; default: all, up to 16"
+    flags.add(made, "--robot", text, metavar="ID", repeated=True)
+    text = f"name on the bus before `-` and 8 digits; default {operator}, or the certificate's"
+    flags.add(made, "--operator", text, default=operator, metavar="NAME")
     made.add_argument("--view-only", action="store_true", help="no cmd_vel and no services")
+
+
+def adapter_options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments of an adapter that the flags of `add_adapter_flags` ask for.
+
+    The name and the right to drive come from the certificate, if there is one.
+    """
+    identity = certificate(args)
+    may_drive = identity is None or identity.role is Role.OPERATOR
+    return {
+        "operator": topics.checked(args.operator) if identity is None else identity.name,
+        "may_drive": may_drive and not args.view_only,
+        "only": [topics.checked(robot) for robot in args.robot],
+    }
+
+
+def add_recordings_flags(made: argparse.ArgumentParser, name: str) -> None:
+    """Add the flags of a folder of recordings: its path, called `name`, and `--keep-gb`."""
+    # Late, because it needs the extra `record`.
+    from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
+
+    text = f"folder of the recordings; default {default_folder(Path('~'))}"
+    flags.add(made, name, text, Path, metavar="FOLDER")
+    text = f"limit of the folder, the oldest files are removed; default {DEFAULT_GB:g}"
+    flags.add(made, "--keep-gb", text, flags.number(LEAST_GB), DEFAULT_GB, "GB")
+
+
+def add_host_flags(made: argparse.ArgumentParser, port: int, of: str = "") -> None:
+    """Add `--host` and `--port` of a web server."""
+    flags.add(made, "--host", "address to listen on", default="127.0.0.1")
+    flags.add(made, "--port", f"{of}default {port}; 0 is a free one", flags.PORT, port)
+
+
+def add_tls_flags(made: flags.Container, clients: str) -> None:
+    """Add the flags of a web server that other machines reach."""
+    made.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate chain in PEM")
+    made.add_argument("--tls-key", type=Path, metavar="FILE", help="its private key")
+    text = f"a name that {clients} know it by, beside those in the certificate"
+    flags.add(made, "--allow-host", text, flags.host_name, metavar="NAME[:PORT]", repeated=True)
+
+
+def tls(args: argparse.Namespace) -> tuple[SSLContext | None, list[str]]:
+    """Return the TLS context of `add_tls_flags`, or None, and all names of the server.
+
+    Raises:
+        TwinError: If a flag requires another, or a file cannot be used.
+    """
+    if (args.tls_cert is None) != (args.tls_key is None):
+        raise TwinError("--tls-cert and --tls-key go together: name both, or neither")
+    if args.tls_cert is None:
+        return None, args.allow_host
+    # Late, because it needs the extra `tls`.
+    from tsd_twin.security.web_access import certificate_host_names, server_tls_context
+
+    context = server_tls_context(args.tls_cert, args.tls_key)
+    return context, [*args.allow_host, *certificate_host_names(args.tls_cert)]
+
+
+def url(scheme: str, host: str, port: int) -> str:
+    """Return the URL of a server on this machine, without a path."""
+    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
 
 
 def client_bus(args: argparse.Namespace) -> Bus:

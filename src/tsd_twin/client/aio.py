@@ -159,7 +159,7 @@ class AsyncRobotControl(BaseControl[AsyncRobotClient, _Done]):
         self._link.attach(self._protocol)
         self.robot.add_control(self, active=True)
         try:
-            await self._perform(lambda: self._acquire(self._protocol, self._now_s))
+            await self._perform_now(self._acquire)
             for work in (self._renew(), self._send_setpoints()):
                 self._tasks.append(asyncio.create_task(work))
             if self._arm:
@@ -174,7 +174,7 @@ class AsyncRobotControl(BaseControl[AsyncRobotClient, _Done]):
 
     async def _release(self) -> None:
         try:
-            await self._perform(lambda: procedures.give_back(self._protocol, self._now_s))
+            await self._perform_now(procedures.give_back)
         finally:
             for task in self._tasks:
                 task.cancel()
@@ -188,7 +188,7 @@ class AsyncRobotControl(BaseControl[AsyncRobotClient, _Done]):
     async def _renew(self) -> None:
         while True:
             await asyncio.sleep(0.5 * RENEW_PERIOD_S)
-            await self._perform(lambda: procedures.renew(self._protocol, self._now_s))
+            await self._perform_now(procedures.renew)
 
     async def _send_setpoints(self) -> None:
         while await self._has_setpoint.wait():

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import Any, Concatenate, Generic, ParamSpec, TypeAlias, TypeVar
 
 from tsd_twin.client import motions, procedures
 from tsd_twin.client.arguments import (
@@ -33,6 +33,7 @@ QUEUE = 64
 """Maximum number of states or events queued for a slow consumer."""
 _SHORTEST_SLEEP_S = 0.001
 
+P = ParamSpec("P")
 DoneT = TypeVar("DoneT")
 """Return type of methods that wait for the robot: None or an awaitable."""
 ClientT = TypeVar("ClientT", bound="BaseClient[Any, Any]")
@@ -235,9 +236,7 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
             RequestRefused: If there is no request, or it is from another operator.
         """
         check_text(asker=asker)
-        return self._perform(
-            lambda: procedures.answer_request(self._protocol, grant=True, asker=asker)
-        )
+        return self._perform(procedures.answer_request, grant=True, asker=asker)
 
     def deny(self, asker: str | None = None) -> DoneT:
         """Deny the pending request for control.
@@ -246,9 +245,7 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
             RequestRefused: If there is no request, or it is from another operator.
         """
         check_text(asker=asker)
-        return self._perform(
-            lambda: procedures.answer_request(self._protocol, grant=False, asker=asker)
-        )
+        return self._perform(procedures.answer_request, grant=False, asker=asker)
 
     def arm(self) -> DoneT:
         """Arm and wait until the robot is ready (about 3 s).
@@ -257,20 +254,20 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
             RequestRefused: If the robot refuses or aborts arming.
             RobotStopped: If it is latched and needs a reset first.
         """
-        return self._perform(lambda: procedures.arm(self._protocol, self._now_s))
+        return self._perform_now(procedures.arm)
 
     def disarm(self) -> DoneT:
         """Disarm: stop if driving, then spin the wheels down."""
-        return self._perform(lambda: procedures.disarm(self._protocol, self._now_s))
+        return self._perform_now(procedures.disarm)
 
     def stop(self, reason: str = "") -> DoneT:
         """Stop and latch the robot (software stop)."""
         check_text(reason=reason)
-        return self._perform(lambda: procedures.stop(self._link.id, self.operator, reason))
+        return self.robot.perform(lambda: procedures.stop(self._link.id, self.operator, reason))
 
     def reset(self) -> DoneT:
         """Unlatch a stopped or faulty robot; it is then disarmed."""
-        return self._perform(lambda: procedures.reset(self._protocol, self._now_s))
+        return self._perform_now(procedures.reset)
 
     # Motions.
 
@@ -292,9 +289,8 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
             RobotStopped: If the robot is not ready, is stopped or stops automatically.
             RobotSilent: If the robot sends no status.
         """
-        return self._drive(
-            lambda: self._protocol.planar(vx_mps, vy_mps, omega_rad_per_s), duration_s, frame
-        )
+        twist = self._protocol.planar(vx_mps, vy_mps, omega_rad_per_s)
+        return self._perform_now(motions.drive, twist, duration_s, frame)
 
     def turn(
         self,
@@ -306,11 +302,8 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
         frame: str = BASE,
     ) -> DoneT:
         """Turn a sphere in place for `duration_s`, then stop; see `drive`."""
-        return self._drive(
-            lambda: self._protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s),
-            duration_s,
-            frame,
-        )
+        twist = self._protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s)
+        return self._perform_now(motions.drive, twist, duration_s, frame)
 
     def set_velocity(
         self,
@@ -353,7 +346,7 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
 
         Ends any other motion of this control.
         """
-        return self._perform(lambda: motions.rest(self._protocol, self._now_s))
+        return self._perform_now(motions.rest)
 
     def go_to(
         self,
@@ -372,11 +365,8 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
             MotionFailed: If the robot leaves the path or misses the goal. It is then at rest.
             ClientError: As for `drive`.
         """
-        return self._perform(
-            lambda: motions.follow(
-                self._protocol, self._now_s, goal_at(x_m, y_m, heading_rad), speed_mps
-            )
-        )
+        goal = goal_at(x_m, y_m, heading_rad)
+        return self._perform_now(motions.follow, goal, speed_mps)
 
     def follow_path(
         self,
@@ -390,11 +380,7 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
         Raises:
             PathError, MotionFailed, ClientError: As for `go_to`.
         """
-        return self._perform(
-            lambda: motions.follow(
-                self._protocol, self._now_s, goal_along(points, heading_rad), speed_mps
-            )
-        )
+        return self._perform_now(motions.follow, goal_along(points, heading_rad), speed_mps)
 
     # Settings.
 
@@ -405,14 +391,14 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
             RequestRefused: If the robot moves or a number is not finite.
         """
         check_numbers(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
-        return self._perform(lambda: procedures.set_pose(self._protocol, x_m, y_m, heading_rad))
+        return self._perform(procedures.set_pose, x_m, y_m, heading_rad)
 
     def set_orientation(
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, w: float = 1.0
     ) -> DoneT:
         """Set the orientation estimate (quaternion) of a sphere; the robot must be at rest."""
         check_numbers(x=x, y=y, z=z, w=w)
-        return self._perform(lambda: procedures.set_orientation(self._protocol, x, y, z, w))
+        return self._perform(procedures.set_orientation, x, y, z, w)
 
     def set_wheel_speed(self, rpm: float) -> DoneT:
         """Set the speed of continuously spinning wheels until they are switched off.
@@ -421,14 +407,9 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
             RequestRefused: If the robot has no such wheels or `rpm` is out of range.
         """
         check_numbers(rpm=rpm)
-        return self._perform(lambda: procedures.set_wheel_speed(self._protocol, rpm))
+        return self._perform(procedures.set_wheel_speed, rpm)
 
     # Internals.
-
-    def _drive(self, twist: Callable[[], Sequence[float]], duration_s: float, frame: str) -> DoneT:
-        return self._perform(
-            lambda: motions.drive(self._protocol, self._now_s, twist(), duration_s, frame)
-        )
 
     @property
     def _link(self) -> Link:
@@ -454,8 +435,22 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
             self._link.send(command)
         return max(self._protocol.next_due_s, now_s + _SHORTEST_SLEEP_S)
 
-    def _perform(self, begin: Callable[[], Procedure[None]]) -> DoneT:
-        return self.robot.perform(begin)
+    def _perform(
+        self,
+        begin: Callable[Concatenate[ControlProtocol, P], Procedure[None]],
+        *args: P.args,
+        **kwargs: P.kwargs,
+    ) -> DoneT:
+        return self.robot.perform(lambda: begin(self._protocol, *args, **kwargs))
+
+    def _perform_now(
+        self,
+        begin: Callable[Concatenate[ControlProtocol, float, P], Procedure[None]],
+        *args: P.args,
+        **kwargs: P.kwargs,
+    ) -> DoneT:
+        """Perform a procedure with the time at which it begins."""
+        return self.robot.perform(lambda: begin(self._protocol, self._now_s, *args, **kwargs))
 
     @abstractmethod
     def _wake_sender(self) -> None: ...

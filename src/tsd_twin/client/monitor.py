@@ -156,13 +156,8 @@ class RobotMonitor(RobotConnection):
         for subscriber in self._subscribers.values():
             subscriber.close()
         self._subscribers = {}
-        self.snapshot = Snapshot(
-            status=self.snapshot.status,
-            source=self.snapshot.source,
-            status_seq=self.snapshot.status_seq,
-            status_robot_s=self.snapshot.status_robot_s,
-            received_s=self.snapshot.received_s,
-        )
+        none = dict.fromkeys(self._streams)
+        self.snapshot = replace(self.snapshot, **none, odom_received_s=-np.inf)
 
     def poll(self, now_s: float) -> bool:
         """Process received messages; return whether a new status arrived.

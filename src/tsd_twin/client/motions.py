@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -30,7 +31,7 @@ from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.status import RobotStatus
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.routes import NavigationGoal
-from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
+from tsd_twin.motion.tracking import ExecutionPhase, TrajectoryExecutor
 from tsd_twin.motion.trajectory import Trajectory
 from tsd_twin.motion.trajectory import plan as time_parameterize
 from tsd_twin.robots import RPM, RobotDescription
@@ -213,39 +214,28 @@ def follow(
         start = protocol.pose(now_s)
         if goal.is_done(start):
             return
-        limits = _limits(protocol, speed_mps)
-        outcome = yield Compute(lambda: plan(goal, start, limits))
-        path = _PathFollower(protocol, outcome.value, speed_mps)
-        yield from _send_twists(protocol, outcome.now_s, motion, path, BASE)
-        if path.step is not None and path.step.why is not None:
-            reason = sentence(path.step.why)
-            if stale := protocol.stale_commands:
-                reason += f"; {stale} commands came too late and were dropped"
-            raise MotionFailed(f"{protocol.robot_id} stopped on its way: {reason}", "left_path")
-
-    yield from _motion(protocol, now_s, body)
-
-
-class _PathFollower:
-    """Generates twists along a trajectory, with feedback from a protocol's odometry."""
-
-    def __init__(
-        self, protocol: ControlProtocol, trajectory: Trajectory, speed_mps: float | None
-    ) -> None:
-        self._protocol = protocol
-        self._executor = TrajectoryExecutor(
-            trajectory,
+        outcome = yield Compute(partial(plan, goal, start, _limits(protocol, speed_mps)))
+        executor = TrajectoryExecutor(
+            outcome.value,
             lambda twist: _limits(protocol, speed_mps).cap(twist),
             lag_s=protocol.robot.lag_s,
             delay_s=protocol.round_trip_s,
         )
-        self.step: ExecutionStep | None = None
-        """Latest step."""
+        lost: list[str] = []
 
-    def __call__(self, now_s: float) -> Array | None:
-        protocol = self._protocol
-        self.step = self._executor.advance(now_s, protocol.pose(now_s), protocol.delay_s(now_s))
-        return self.step.twist if self.step.phase is ExecutionPhase.GOING else None
+        def twist_at(now_s: float) -> Array | None:
+            step = executor.advance(now_s, protocol.pose(now_s), protocol.delay_s(now_s))
+            lost.extend([sentence(step.why)] if step.why else [])
+            return step.twist if step.phase is ExecutionPhase.GOING else None
+
+        yield from _send_twists(protocol, outcome.now_s, motion, twist_at, BASE)
+        if lost:
+            stale = protocol.stale_commands
+            late = f"; {stale} commands came too late and were dropped" if stale else ""
+            reason = f"{protocol.robot_id} stopped on its way: {lost[0]}{late}"
+            raise MotionFailed(reason, "left_path")
+
+    yield from _motion(protocol, now_s, body)
 
 
 def _limits(protocol: ControlProtocol, speed_mps: float | None) -> PlanLimits:

@@ -171,7 +171,7 @@ class RobotControl(BaseControl[RobotClient, None]):
         self._link.attach(self._protocol)
         self.robot.add_control(self, active=True)
         try:
-            self._perform(lambda: self._acquire(self._protocol, self._now_s))
+            self._perform_now(self._acquire)
             if not self._link.virtual:
                 for work in (self._renew, self._send_setpoints):
                     thread = threading.Thread(target=work, name="client-control", daemon=True)
@@ -190,10 +190,7 @@ class RobotControl(BaseControl[RobotClient, None]):
         """
         link = self._link  # A forked child must not join its parent's threads.
         try:
-            _uninterrupted(
-                lambda: self._perform(lambda: procedures.give_back(self._protocol, self._now_s)),
-                link,
-            )
+            _uninterrupted(lambda: self._perform_now(procedures.give_back), link)
         finally:
             self._ended.set()
             self._has_setpoint.set()
@@ -252,7 +249,7 @@ class RobotControl(BaseControl[RobotClient, None]):
 
     def _renew(self) -> None:
         while not self._ended.wait(0.5 * RENEW_PERIOD_S):
-            self._perform(lambda: procedures.renew(self._protocol, self._now_s))
+            self._perform_now(procedures.renew)
 
     def _send_setpoints(self) -> None:
         while self._has_setpoint.wait() and not self._ended.is_set():

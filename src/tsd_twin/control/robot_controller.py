@@ -171,7 +171,8 @@ class RobotController:
         self._add_event(self.supervisor.loop.step(now_s))
         if dt_s > 0.0:
             self._estimator.advance(now_s, measured, self.setpoint, dt_s)
-        self._update_pose_measurements(now_s)
+        moves = self.supervisor.mode in (Mode.DRIVING, Mode.STOPPING)
+        self._add_event(self._estimator.pose_sensor.step(now_s, at_rest=not moves))
         for sample in samples:
             self.supervisor.receive(sample, now_s)
         fault = self._faults.step(now_s, self.setpoint, self.supervisor, fault)
@@ -190,10 +191,6 @@ class RobotController:
     def add_pose_measurements(self, poses: Sequence[Sample], now_s: float, wall_ns: int) -> None:
         """Queue samples of `sensor/pose`; `wall_ns` is the wall-clock time at `now_s`."""
         self._estimator.pose_sensor.receive(poses, now_s, wall_ns)
-
-    def _update_pose_measurements(self, now_s: float) -> None:
-        at_rest = self.supervisor.mode not in (Mode.DRIVING, Mode.STOPPING)
-        self._add_event(self._estimator.pose_sensor.step(now_s, at_rest=at_rest))
 
     def _add_event(self, event: Event | None) -> None:
         if event is not None:

@@ -54,7 +54,9 @@ class ServiceHandler:
                     }[service]
                     return ask(decode_request(payload, HolderRequest).lease, now_s)
                 case Service.SET_POSE:
-                    return self._set_pose(self._decode_pose_request(payload), now_s)
+                    planar = self._estimator.kinematics.pose_type is SE2
+                    kind = SetPoseRequest if planar else SetOrientationRequest
+                    return self._set_pose(decode_request(payload, kind), now_s)
                 case Service.SPEED:
                     return self._choose_speed(decode_request(payload, SpeedRequest), now_s)
                 case Service.STOP:
@@ -107,11 +109,6 @@ class ServiceHandler:
             or supervisor.latched_refusal
             or self._wheel_speed.refusal
         )
-
-    def _decode_pose_request(self, payload: bytes) -> SetPoseRequest | SetOrientationRequest:
-        if self._estimator.kinematics.pose_type is SE2:
-            return decode_request(payload, SetPoseRequest)
-        return decode_request(payload, SetOrientationRequest)
 
     def _set_pose(self, request: SetPoseRequest | SetOrientationRequest, now_s: float) -> Reply:
         pose = _requested_pose(request)

@@ -122,13 +122,17 @@ class StateEstimator:
         if self._aux_odom is not None:
             self._aux_odom.follow(joints, self.sensors, motion, dt_s)
         if self._fused is not None:
-            self._fused.follow(now_s)
-            self._fused.fuse_readings(self.sensors, now_s)
-            if isinstance(self._aux_odom, GyroOdometry) and self._aux_odom.comparison is not None:
-                comparison = self._aux_odom.comparison
-                by = self._fused.sensors.padded(comparison.bias_jacobian)
-                self._fused.learning.compare(now_s, comparison._replace(bias_jacobian=by))
+            self._fuse(self._fused, now_s)
         self._consistency.advance(joints, dt_s, modelled=modelled)
+
+    def _fuse(self, fused: FusedEstimate, now_s: float) -> None:
+        """Fuse the sensor readings, and learn biases from the gyro."""
+        fused.follow(now_s)
+        fused.fuse_readings(self.sensors, now_s)
+        if isinstance(self._aux_odom, GyroOdometry) and self._aux_odom.comparison is not None:
+            comparison = self._aux_odom.comparison
+            by = fused.sensors.padded(comparison.bias_jacobian)
+            fused.learning.compare(now_s, comparison._replace(bias_jacobian=by))
 
     def _coast(self, now_s: float, dt_s: float) -> None:
         """Propagate an outage by `dt_s` to `now_s`, without measurements."""

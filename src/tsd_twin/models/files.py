@@ -80,10 +80,8 @@ def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
     tree = kinematic_tree(robot)
     root = ET.Element("robot", name=robot.name)
     # Read only by MuJoCo: keep visuals and base_link, and look for meshes next to the file.
-    extension = ET.SubElement(root, "mujoco")
-    ET.SubElement(
-        extension, "compiler", discardvisual="false", fusestatic="false", strippath="true"
-    )
+    settings = {"discardvisual": "false", "fusestatic": "false", "strippath": "true"}
+    ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", settings)
 
     def link(name: str, kind: Link) -> ET.Element:
         element = ET.SubElement(root, "link", name=name)

@@ -22,7 +22,6 @@ BASE = "base_link"
 class JointType(StrEnum):
     """Joint between a link and its parent."""
 
-    FIXED = "fixed"
     ANGLE = "revolute"
     """Position joint."""
     SLIDE = "prismatic"
@@ -129,7 +128,7 @@ def from_axes(x: Array, y: Array, z: Array) -> SO3:
     return SO3(np.asarray(matrices.as_quat(scalar_first=True), np.float64))
 
 
-def roll_pitch_yaw(turn: Array) -> tuple[float, float, float]:
+def roll_pitch_yaw(turn: Array | tuple[float, ...]) -> tuple[float, float, float]:
     """Return the angles about fixed X, Y, Z, in this order, for a rotation (4,), radians."""
     w, x, y, z = (float(q) for q in turn)
     sine = max(-1.0, min(1.0, 2.0 * (w * y - x * z)))

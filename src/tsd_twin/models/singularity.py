@@ -264,8 +264,7 @@ def tree(robot: SingularityDescription) -> KinematicTree:
     shape at the contact; frames do not collide.
     """
     g = robot.drive
-    azimuths = np.radians(g.directions_deg)
-    k = len(azimuths)
+    azimuths, k = np.radians(g.directions_deg), g.modules
     pivots = np.column_stack([g.pivots_m, np.zeros(k)])
     tilt = JointLimits(
         float(np.radians(g.max_tilt_deg)),

@@ -6,11 +6,12 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, Protocol
 
 import numpy as np
 
-from tsd_twin.errors import PathError
+from tsd_twin.errors import PathError, needs_extra
 from tsd_twin.lie import Array, sinc, wrap
 
 
@@ -181,6 +182,16 @@ class Curve:
         return u, row
 
 
+def scipy_splines() -> Any:
+    """Import `scipy.interpolate`: it takes a quarter of a second, and only bends need it.
+
+    Raises:
+        MissingExtraError: If the extra `paths` is not installed.
+    """
+    with needs_extra("A curved path", "paths"):
+        return import_module("scipy.interpolate")
+
+
 def spline(points_m: Array | Sequence[Sequence[float]]) -> Curve:
     """Return a cubic spline through `points_m` (n, 2), n > 2, metres; periodic if closed."""
     points = np.asarray(points_m, dtype=float)
@@ -194,11 +205,9 @@ def spline(points_m: Array | Sequence[Sequence[float]]) -> Curve:
     closed = bool(np.allclose(points[0], points[-1], rtol=0.0, atol=1e-9))
     if closed:
         points = np.concatenate([points[:-1], points[:1]])
-    from tsd_twin.motion.splines import SCIPY  # Late, because it imports scipy.
-
     ends = "periodic" if closed else "natural"
     knots = np.concatenate([[0.0], np.cumsum(chords)])
-    return Curve(SCIPY.CubicSpline(knots, points, bc_type=ends), knots, smooth=False)
+    return Curve(scipy_splines().CubicSpline(knots, points, bc_type=ends), knots, smooth=False)
 
 
 def function(
@@ -213,9 +222,7 @@ def function(
     y = np.broadcast_to(np.asarray(f(x), dtype=float), x.shape)
     if not np.isfinite(y).all() or start_x_m == end_x_m:
         raise PathError(f"f(x) must be finite from {start_x_m} to {end_x_m}, two different places")
-    from tsd_twin.motion.splines import SCIPY  # As in `spline`.
-
-    return Curve(SCIPY.make_interp_spline(t, np.stack([x, y], axis=-1), k=5), t)
+    return Curve(scipy_splines().make_interp_spline(t, np.stack([x, y], axis=-1), k=5), t)
 
 
 def parabola(a_per_m: float, b: float, c_m: float, start_x_m: float, end_x_m: float) -> Curve:
@@ -239,9 +246,7 @@ def blend(start_m: Array, corner_m: Array, end_m: Array) -> Curve:
 
 
 def _bezier(points: Array) -> Any:
-    from tsd_twin.motion.splines import SCIPY  # As in `spline`.
-
-    return SCIPY.BPoly(points[:, None, :], _UNIT)
+    return scipy_splines().BPoly(points[:, None, :], _UNIT)
 
 
 _GAP_M = 1e-6

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.errors import path_refusal
-from tsd_twin.motion.paths import Curve, Path, PathPoints, line
+from tsd_twin.motion.paths import Curve, Path, PathPoints, line, scipy_splines
 
 _HEADING_ASIDE_M = 1e-9
 _JUMP_PER_M = 1e-4
@@ -254,8 +254,6 @@ class NavigationGoal:
 
 def _smooth(points: Array) -> Path:
     """Return a smooth curve from the first to the last of `points` (n, 2), close to the others."""
-    from tsd_twin.motion import splines  # Late, because it imports scipy.
-
     steps = np.hypot(*np.diff(points, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     count = int(np.clip(np.ceil(along[-1] / _STEP_M), 8, _MAX_STEPS))
@@ -263,10 +261,19 @@ def _smooth(points: Array) -> Path:
     drawn = np.stack([np.interp(even, along, points[:, axis]) for axis in (0, 1)], axis=-1)
     weights = np.ones(count)
     weights[[0, -1]] = 1e3  # Interpolate the ends.
-    spline = splines.smoothing(drawn, weights, even, _SMOOTHING_M)
+    spline = _fitted(drawn, weights, even, _SMOOTHING_M)
     for halved in range(1, _MAX_HALVINGS + 1):
         if np.hypot(*(spline(even) - drawn).T).max() <= _MAX_DEVIATION_M:
             break
-        spline = splines.smoothing(drawn, weights, even, _SMOOTHING_M * 0.5**halved)
+        spline = _fitted(drawn, weights, even, _SMOOTHING_M * 0.5**halved)
     # The third derivative is continuous, so knots need neither stops nor a finer time grid.
     return Curve(spline, np.unique(spline.t))
+
+
+def _fitted(points: Array, weights: Array, at: Array, rms: float) -> Any:
+    """Return a quintic spline within a weighted RMS distance of `points` (n, 2) at `at` (n,)."""
+    scipy = scipy_splines()
+    # With the full output scipy does not warn about a near-convergence.
+    options: dict[str, Any] = {"s": len(at) * rms**2, "k": 5, "full_output": 1}
+    knots, coefficients, degree = scipy.splprep(points.T, w=weights, u=at, **options)[0][0]
+    return scipy.BSpline(knots, np.array(coefficients).T, degree)

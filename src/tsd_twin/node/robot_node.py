@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -75,21 +76,25 @@ class RobotNode:
         """
         alive = topics.alive_key(topics.checked(robot_id))
         if bus.living_tokens(alive):
-            raise BusError(
-                f"a robot with the id '{robot_id}' is on the bus already: choose another"
-            )
-        self._bus = bus
-        self._id = robot_id
-        self._io = io
+            sentence = f"a robot with the id '{robot_id}' is on the bus already: choose another"
+            raise BusError(sentence)
+        self._bus, self._id, self._io = bus, robot_id, io
         # Resolve once; runtime Protocol checks are slow.
         self._watchdog = io if isinstance(io, HasWatchdog) else None
         self._battery = io if isinstance(io, HasBattery) else None
         self._servos = io if isinstance(io, HasServoTemperature) else None
         self._truth_io = io if isinstance(io, HasTruth) else None
         self._controller = LoggedController(
-            robot, lambda: secrets.token_bytes(16), pose=pose, build=build()
+            robot, partial(secrets.token_bytes, 16), pose=pose, build=build()
         )
         self._description = msgspec.json.encode(description)
+        self._mode = self._controller.supervisor.mode
+        self._loop_status = LoopStatus()
+        self._open_streams(bus, robot_id)
+        # Declare last, because clients may send requests once they discover the robot.
+        self._token = bus.declare_token(alive)
+
+    def _open_streams(self, bus: Bus, robot_id: str) -> None:
         self._commands = bus.subscriber(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
         self._poses = bus.subscriber(topics.SENSOR_POSE.key(robot_id), _POSES_KEPT)
         self._stops = bus.subscriber(topics.STOP.key(robot_id), 8)
@@ -102,14 +107,10 @@ class RobotNode:
         self._publishers = {
             topic: bus.publisher(topic.key(robot_id), topic.qos, topic.type) for topic in states
         }
+        self._numbers = dict.fromkeys(states, 0)
         self._input_log = InputLogPublisher(bus, robot_id, self._controller)
         self._event_publishers: dict[str, Publisher] = {}
-        self._numbers = dict.fromkeys(states, 0)
-        self._mode = self._controller.supervisor.mode
-        self._loop_status = LoopStatus()
         self._duplicate_ids = DuplicateIdMonitor(bus, robot_id)
-        # Declare last, because clients may send requests once they discover the robot.
-        self._token = bus.declare_token(alive)
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set; the last setpoint is standstill."""

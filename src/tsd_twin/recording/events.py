@@ -85,7 +85,9 @@ def read_events(index: RecordingIndex) -> list[RecordedEvent]:
             at = len(found)
             is_old = event.kind == "mode" and event.why is None
             kind = _of_mode(_mode_after(index, robot, entry.log_ns)) if is_old else kind_of(event)
-            found.append(RecordedEvent(t_s, robot, kind, event.text, why=_short(event.why)))
+            short = len(msgspec.json.encode(event.why)) <= _REASON_BYTES
+            why = event.why if short else None
+            found.append(RecordedEvent(t_s, robot, kind, event.text, why=why))
         latest[key] = at, t_s
     return found
 
@@ -135,10 +137,6 @@ def _mode_after(index: RecordingIndex, robot: str, at_ns: int) -> str:
         return "" if entry is None else decode_status(entry.data).mode
     except MessageError:
         return ""
-
-
-def _short(why: Reason | None) -> Reason | None:
-    return why if len(msgspec.json.encode(why)) <= _REASON_BYTES else None
 
 
 def _same(event: Event) -> str:

@@ -185,7 +185,9 @@ class Catalogue:
     def recordings(self) -> dict[Path, RecordingSummary]:
         """Return the summaries of all readable recordings, latest first."""
         known, self._known = self._known, {}
-        for path in filter(_is_named_well, self.folder.glob("*.mcap")):
+        for path in self.folder.glob("*.mcap"):
+            if not is_recording_name(path.name):
+                continue
             stamp = tuple(_stamp(each) for each in (path, *sidecars(path)))
             if path not in known or known[path][0] != stamp:
                 known[path] = stamp, self._summary(path)
@@ -205,10 +207,6 @@ class Catalogue:
             return self._reader.listing(path)
         except RecordingError:
             return None
-
-
-def _is_named_well(path: Path) -> bool:
-    return is_recording_name(path.name)
 
 
 def _stamp(path: Path) -> tuple[int, int] | None:

@@ -159,7 +159,7 @@ class RecordingReader:
         with readable(self.index.path):
             return {each: self._robots[each].at(at_ns) for each in robot_ids}
 
-    def next_status_ns(self, robot_id: str, at_ns: int, *, back: bool) -> int | None:
+    def next_status_ns(self, robot_id: str, at_ns: int, back: bool) -> int | None:
         """Return the time of a robot's first status after a time, or of the last before it.
 
         Raises:

@@ -11,14 +11,14 @@ import resource
 import signal
 import socket
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
 import msgspec
 
 from tsd_twin.errors import RecordingError
-from tsd_twin.recording.details import read_details
-from tsd_twin.recording.lanes import read_lanes
+from tsd_twin.recording.details import read_details, read_lanes
 from tsd_twin.recording.reader import FolderReader, RecordingReader
 from tsd_twin.recording.remote import MOST_ANSWER_BYTES, receive, send
 
@@ -31,6 +31,13 @@ MEMORY_BYTES = 768 << 20
 _MOST_REQUEST_BYTES = 1 << 16
 
 
+_READ_ONCE: dict[str, Callable[[RecordingReader, int], Any]] = {
+    "details": read_details,
+    "lanes": read_lanes,
+}
+"""Requests that open the file, read and close it, with the number of samples."""
+
+
 class _Reader:
     """Answers the requests of a connection."""
 
@@ -41,22 +48,15 @@ class _Reader:
     def answer(self, name: str, *arguments: Any) -> Any:
         if name == "listing":
             return self._folder.listing(Path(arguments[0]))
-        if name == "details":
-            path, points = arguments
-            with contextlib.closing(RecordingReader(Path(path))) as recording:
-                return read_details(recording, points)
-        if name == "lanes":
+        if name in _READ_ONCE:
             path, count = arguments
             with contextlib.closing(RecordingReader(Path(path))) as recording:
-                return read_lanes(recording, count)
+                return _READ_ONCE[name](recording, count)
         if name == "open":
             self._open = RecordingReader(Path(arguments[0]))
             return None
         if self._open is None:
             raise RecordingError("no recording is open")
-        if name == "next_status_ns":
-            robot_id, at_ns, back = arguments
-            return self._open.next_status_ns(robot_id, at_ns, back=back)
         return getattr(self._open, name)(*arguments)
 
 

@@ -20,9 +20,8 @@ from typing import Any, TypeVar
 import msgspec
 
 from tsd_twin.errors import RecordingError
-from tsd_twin.recording.details import RecordingDetails
+from tsd_twin.recording.details import RecordingDetails, RobotLanes
 from tsd_twin.recording.events import Annotation, RecordedEvent
-from tsd_twin.recording.lanes import RobotLanes
 from tsd_twin.recording.reader import Contents, RecordingSummary, RobotStates
 
 MOST_ANSWER_BYTES = 2 << 20
@@ -148,7 +147,7 @@ class RemoteReader:
         """See `RecordingReader.states`."""
         return self._ask("states", dict[str, RobotStates], robot_ids, at_ns)
 
-    def next_status_ns(self, robot_id: str, at_ns: int, *, back: bool) -> int | None:
+    def next_status_ns(self, robot_id: str, at_ns: int, back: bool) -> int | None:
         """See `RecordingReader.next_status_ns`."""
         return self._ask("next_status_ns", int | None, robot_id, at_ns, back)
 

@@ -135,14 +135,10 @@ class _ClientChannel(msgspec.Struct, frozen=True):
 
 class _Operation(msgspec.Struct, frozen=True):
     op: str
-
-
-class _Advertise(msgspec.Struct, frozen=True):
-    channels: list[_ClientChannel]
-
-
-class _Unadvertise(msgspec.Struct, frozen=True):
-    channelIds: list[int]  # noqa: N815  Name defined by the protocol.
+    channels: msgspec.Raw = msgspec.Raw(b"null")
+    """Of `advertise`."""
+    channelIds: msgspec.Raw = msgspec.Raw(b"null")  # noqa: N815  Name defined by the protocol.
+    """Of `unadvertise`."""
 
 
 @dataclass(slots=True)
@@ -314,12 +310,12 @@ class _Client:
     async def _on_text(self, text: str) -> None:
         assert self._wrapped is not None  # noqa: S101  `run` has set it.
         try:
-            operation = msgspec.json.decode(text, type=_Operation).op
-            if operation == "advertise" and self._operator is not None:
-                self._advertise(msgspec.json.decode(text, type=_Advertise).channels)
+            operation = msgspec.json.decode(text, type=_Operation)
+            if operation.op == "advertise" and self._operator is not None:
+                self._advertise(msgspec.json.decode(operation.channels, type=list[_ClientChannel]))
                 return
-            if operation == "unadvertise" and self._operator is not None:
-                for number in msgspec.json.decode(text, type=_Unadvertise).channelIds:
+            if operation.op == "unadvertise" and self._operator is not None:
+                for number in msgspec.json.decode(operation.channelIds, type=list[int]):
                     self._channels.pop(number, None)
                 return
         except (msgspec.DecodeError, RecursionError) as error:

@@ -80,15 +80,13 @@ class SdkServer:
         self._lock = threading.Lock()
         self._resending = ThreadPoolExecutor(1, "latched")
         certificate, key, self.trust = _own_certificate()
-        capability = web.Capability
-        capabilities = [capability.Time]
-        if may_drive:
-            capabilities += [capability.ClientPublish, capability.Services]
+        able = web.Capability
+        driving = [able.ClientPublish, able.Services] if may_drive else []
         self.server: Any = self._sdk.start_server(
             name=name,
             host=LOOPBACK,
             port=0,
-            capabilities=capabilities,
+            capabilities=[able.Time, *driving],
             server_listener=_listener(web, self._on_subscribe, on_playback),
             supported_encodings=["json", "cdr"] if may_drive else None,
             asset_handler=self._asset,

@@ -69,14 +69,9 @@ def check_ros(endpoints: Endpoints = ADAPTER) -> None:
         TwinError: If rclpy or a type is not installed.
     """
     load_rclpy()
-    for type_name in _types(endpoints):
+    published = (row.type for row in endpoints.published)
+    for type_name in itertools.chain(published, *map(types_of, endpoints.read), [TRIGGER]):
         load_type(type_name)
-    load_type(TRIGGER)
-
-
-def _types(endpoints: Endpoints) -> list[str]:
-    published = [row.type for row in endpoints.published]
-    return [*published, *itertools.chain(*map(types_of, endpoints.read))]
 
 
 class DdsPort:

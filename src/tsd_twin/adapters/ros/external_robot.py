@@ -360,16 +360,9 @@ class ExternalRobot:
         for name, position in zip(raw.name, raw.position.tolist(), strict=True):
             column = self._columns.get(name)
             # Drive joints come from odometry; no ROS joint shares their names.
-            if (
-                column is not None
-                and column >= self._first_joint
-                and abs(position) <= _MAX_COORDINATE_M
-            ):
+            is_own = column is not None and column > self._columns["odom_heading_rad"]
+            if is_own and abs(position) <= _MAX_COORDINATE_M:
                 self._measured[column] = position
-
-    @property
-    def _first_joint(self) -> int:
-        return self._columns["odom_heading_rad"] + 1
 
     def _describe(self, received: Received) -> None:
         try:

@@ -156,14 +156,16 @@ class ZenohPort:
             gid = self._enter(Kind.PUBLISHER, name, row.type, QOS[row.qos])
             self._published[name] = publisher, gid, itertools.count(1)
         self._others: dict[tuple[Kind, str], dict[str, str]] = {}
-        if inputs is None:
-            return
+        if inputs is not None:
+            self._listen(inputs, endpoints)
+
+    def _listen(self, inputs: PortCallbacks, endpoints: Endpoints) -> None:
+        bus, names = self._bus, self._names
         for kind, row in ((Kind.PUBLISHER, ODOMETRY), (Kind.SUBSCRIPTION, CMD_VEL)):
             name = names.topic(row.name)
             found = self._others.setdefault((kind, name), {})
-            bus.subscribe_liveliness(
-                endpoints_key(domain, kind, name), partial(self._note_endpoint, found)
-            )
+            key = endpoints_key(self._domain, kind, name)
+            bus.subscribe_liveliness(key, partial(self._note_endpoint, found))
         for row in endpoints.read:
             name = names.topic(row.name)
             for type_name in types_of(row):
