@@ -1,0 +1,165 @@
+"""Withheld time: for how long threads were ready to run, and the machine ran something else.
+
+Linux counts it for each thread (`/proc/<pid>/task/<tid>/schedstat`, second field). A thread that
+sleeps, waits for a lock or for the interpreter, or is stopped by a signal is not ready to run: what
+a program does wrong is never withheld time, so a real-time test may add it to its bounds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+_TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
+_STOLEN = 8
+"""Field of `/proc/stat` with the time that a hypervisor gave to other machines."""
+
+
+class WithheldTime:
+    """Withheld time of processes, with their children, and of the whole virtual machine.
+
+    The sum over all threads: what a chain of threads does late is late by no more than that.
+    """
+
+    def __init__(self, *pids: int) -> None:
+        """Measure these processes; without any, this one alone, without its children."""
+        self._pids = pids
+        self._began: dict[int, float] = {}
+        self._newest: dict[int, float] = {}
+        self._stolen_s = 0.0
+        self._total_s: float | None = None
+
+    def __enter__(self) -> Self:
+        self._stolen_s = _stolen_s()
+        self._began = self._read()
+        self._newest = dict(self._began)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._total_s = self.total_s
+        if error is not None:
+            error.add_note(f"The machine withheld {self._total_s:.3f} s.")
+
+    @property
+    def total_s(self) -> float:
+        """Withheld time since the start of the context, until now or its end."""
+        if self._total_s is not None:
+            return self._total_s
+        self._newest.update(self._read())  # A thread that has ended keeps its last count.
+        threads_s = sum(each - self._began.get(tid, 0.0) for tid, each in self._newest.items())
+        return threads_s + _stolen_s() - self._stolen_s
+
+    def _read(self) -> dict[int, float]:
+        if not self._pids:
+            return _threads_s(os.getpid())
+        family = (pid for each in self._pids for pid in _family(each))
+        return {tid: each for pid in family for tid, each in _threads_s(pid).items()}
+
+
+@dataclass
+class Tally:
+    """Withheld times and lifetimes of all processes of a kind in a run."""
+
+    withheld_s: float = 0.0
+    lifetime_s: float = 0.0
+    count: int = 0
+
+    def add(self, withheld_s: float, lifetime_s: float) -> None:
+        """Add one process."""
+        self.withheld_s += withheld_s
+        self.lifetime_s += lifetime_s
+        self.count += 1
+
+
+@dataclass
+class Budget:
+    """Withheld time of each kind of process under test, and how much of it a run may have."""
+
+    limit: float
+    """Largest fraction of the lifetime of all processes."""
+    free_s: float
+    """Withheld time that no run fails for, however short it is."""
+    tallies: dict[str, Tally] = field(default_factory=dict[str, Tally])
+
+    def follow(self, name: str, *pids: int) -> Followed:
+        """Return the entry of a process that runs now; without a pid, of this one."""
+        return Followed(self.tallies.setdefault(name, Tally()), WithheldTime(*pids))
+
+    @property
+    def excess(self) -> str:
+        """Why the run cannot count, or nothing."""
+        withheld_s = sum(each.withheld_s for each in self.tallies.values())
+        lifetime_s = sum(each.lifetime_s for each in self.tallies.values())
+        allowed_s = max(self.free_s, self.limit * lifetime_s)
+        if withheld_s <= allowed_s:
+            return ""
+        return (
+            f"the machine withheld {withheld_s:.1f} s from processes under test, more than "
+            f"{allowed_s:.1f} s: repeat the run with less other load"
+        )
+
+    def lines(self) -> Iterator[str]:
+        """Describe each kind of process, that with the most withheld time first."""
+        for name, it in sorted(self.tallies.items(), key=lambda item: -item[1].withheld_s):
+            share = it.withheld_s / it.lifetime_s if it.lifetime_s else 0.0
+            yield (
+                f"{name}: {it.withheld_s:.2f} s of {it.lifetime_s:.0f} s ({share:.1%}, {it.count}x)"
+            )
+
+
+class Followed:
+    """Entry of one process in a budget."""
+
+    def __init__(self, tally: Tally, withheld: WithheldTime) -> None:
+        self._tally: Tally | None = tally
+        self._withheld = withheld.__enter__()
+        self._began_s = time.monotonic()
+
+    def end(self) -> None:
+        """Count the process, once; call it just before the process ends."""
+        tally, self._tally = self._tally, None
+        if tally is not None:
+            tally.add(self._withheld.total_s, time.monotonic() - self._began_s)
+
+
+budget = Budget(limit=0.1, free_s=2.0)
+"""Of the run of pytest that this process is."""
+
+
+def _family(pid: int) -> Iterator[int]:
+    yield pid
+    try:
+        tasks = [int(task.name) for task in Path(f"/proc/{pid}/task").iterdir()]
+        texts = [Path(f"/proc/{pid}/task/{tid}/children").read_text("ascii") for tid in tasks]
+    except OSError:
+        return
+    for child in " ".join(texts).split():
+        yield from _family(int(child))
+
+
+def _threads_s(pid: int) -> dict[int, float]:
+    """Withheld time of each thread since its start; none of a process that has ended."""
+    found: dict[int, float] = {}
+    try:
+        tasks = list(Path(f"/proc/{pid}/task").iterdir())
+    except OSError:
+        return found
+    for task in tasks:
+        with contextlib.suppress(OSError):  # It may have ended since.
+            found[int(task.name)] = int((task / "schedstat").read_bytes().split()[1]) * 1e-9
+    return found
+
+
+def _stolen_s() -> float:
+    return int(Path("/proc/stat").read_text("ascii").split(maxsplit=9)[_STOLEN]) * _TICK_S
