@@ -9,6 +9,7 @@ from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import Any
 
+from tests.support.withheld import budget
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, client_config, node_config
 from tsd_twin.hardware.robot_io import RobotIO
@@ -71,10 +72,12 @@ def running(
                 it.failure = error
 
         thread = threading.Thread(target=run, name=robot_id)
+        followed = budget.follow("robots and their operators in this process")
         thread.start()
         try:
             yield it
         finally:
+            followed.end()
             it.stopping.set()
             thread.join(PATIENCE_S)
             assert not thread.is_alive()

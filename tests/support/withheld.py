@@ -30,15 +30,12 @@ class WithheldTime:
     def __init__(self, *pids: int) -> None:
         """Measure these processes; without any, this one alone, without its children."""
         self._pids = pids
-        self._began: dict[int, float] = {}
-        self._newest: dict[int, float] = {}
-        self._stolen_s = 0.0
-        self._total_s: float | None = None
-
-    def __enter__(self) -> Self:
         self._stolen_s = _stolen_s()
         self._began = self._read()
         self._newest = dict(self._began)
+        self._total_s: float | None = None
+
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -53,7 +50,7 @@ class WithheldTime:
 
     @property
     def total_s(self) -> float:
-        """Withheld time since the start of the context, until now or its end."""
+        """Withheld time since it was made, until now or the end of its context."""
         if self._total_s is not None:
             return self._total_s
         self._newest.update(self._read())  # A thread that has ended keeps its last count.
@@ -123,7 +120,7 @@ class Followed:
 
     def __init__(self, tally: Tally, withheld: WithheldTime) -> None:
         self._tally: Tally | None = tally
-        self._withheld = withheld.__enter__()
+        self._withheld = withheld
         self._began_s = time.monotonic()
 
     def end(self) -> None:
