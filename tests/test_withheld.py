@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.withheld import Budget, Tally, WithheldTime
+from tests.support.withheld import Budget, Pauses, Tally, WithheldTime
 
 pytestmark = pytest.mark.system
 
@@ -105,6 +105,18 @@ def test_children_count_and_those_that_have_ended_keep_their_time(cpu: int) -> N
         os.kill(int(children), signal.SIGKILL)
         time.sleep(0.1)
         assert withheld.total_s >= before_s
+
+
+def test_a_pause_counts_less_what_was_withheld_in_it(cpu: int) -> None:
+    with process(SPIN, cpu) as pid, process(SPIN, cpu):
+        competing, alone = Pauses(pid), Pauses()
+        for pauses in (competing, alone):
+            pauses.note(time.monotonic())
+        time.sleep(WATCHED_S)
+        for pauses in (competing, alone):
+            pauses.note(time.monotonic())
+    assert competing.longest_s < 0.6 * WATCHED_S
+    assert alone.longest_s > 0.9 * WATCHED_S
 
 
 def test_a_failure_says_what_the_machine_withheld() -> None:

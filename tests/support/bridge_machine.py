@@ -19,9 +19,6 @@ from tsd_twin.robots import RobotDescription
 
 AHEAD = (0.5, 0.0, 0.0)
 ZERO_US = 1000.0
-BUSY = ("has not answered", "have not been measured", "too busy", "hangs", "is gone", "garbage")
-"""Faults that a machine has which gives some program no time."""
-_TRIES = 5
 QUICK = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
 """The shipped robot without the core's wait: the board has one of its own."""
 
@@ -137,7 +134,7 @@ class Machine:
         return self.hardware["connected"] and self.hardware["age_ms"] < 50.0
 
     def get_ready(self) -> None:
-        """Take control, reset and arm as often as it takes: a busy machine is silent at times."""
+        """Take control, reset and arm."""
         self._until(lambda: self.mode == "ready", (0.0, 0.0, 0.0))
 
     def drive(self, until: Callable[[], object] | None = None) -> None:
@@ -163,19 +160,6 @@ class Machine:
     def hold_until(self, condition: Callable[[], object]) -> None:
         """Hold the stick meanwhile, as an operator does who has seen nothing yet."""
         self.pilot.drive(AHEAD, until=condition)
-
-    def undisturbed(self, happens: Callable[[], object]) -> None:
-        """Drive, and let something happen; again if the machine was too busy for it meanwhile."""
-        for _ in range(_TRIES):
-            self.drive()
-            try:
-                happens()
-            except AssertionError:
-                if not any(word in self.reason for word in BUSY):
-                    raise
-            else:
-                return
-        raise AssertionError(f"this machine is too busy: {self.reason}")
 
     def refuses_to_arm(self, reason: str) -> None:
         """Ask for it until it is refused for this reason, resetting what is latched."""

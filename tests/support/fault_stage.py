@@ -24,6 +24,7 @@ import numpy as np
 
 from tests.app.conftest import Program
 from tests.support.robot_node import PATIENCE_S, QUICK
+from tests.support.withheld import Pauses
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.estimation import exponential_error
 from tsd_twin.lie import SE2, Array
@@ -59,6 +60,8 @@ class Observer:
         self.truth: list[tuple[float, Array, float]] = []
         """Robot time in seconds, (x, y), and speed at which anything moves."""
         self.status = RobotStatus("disarmed")
+        self.pauses: Pauses | None = None
+        """Notes each truth, if there is one."""
         self._newest: dict[str, Odometry] = {}
         for topic in (topics.ODOM, topics.TRUTH):
             bus.subscribe(topic.key(ID), functools.partial(self._on_odometry, topic.path))
@@ -71,6 +74,8 @@ class Observer:
         with self._news:
             speed = float(np.abs(odometry.twist).max())
             self.truth.append((robot_s, odometry.xy_heading[:2], speed))
+            if self.pauses is not None:
+                self.pauses.note(robot_s)
             self._news.notify_all()
 
     def _on_status(self, sample: Sample) -> None:

@@ -64,6 +64,24 @@ class WithheldTime:
         return {tid: each for pid in family for tid, each in _threads_s(pid).items()}
 
 
+class Pauses:
+    """Longest pause between events of processes, less what was withheld from them in that pause."""
+
+    def __init__(self, *pids: int) -> None:
+        """Watch these processes; without any, this one."""
+        self._withheld = WithheldTime(*pids)
+        self._last: tuple[float, float] | None = None
+        self.longest_s = 0.0
+
+    def note(self, at_s: float) -> None:
+        """Note an event at a time, as soon as it is known."""
+        withheld_s = self._withheld.total_s
+        if self._last is not None:
+            pause_s, in_it_s = at_s - self._last[0], withheld_s - self._last[1]
+            self.longest_s = max(self.longest_s, pause_s - in_it_s)
+        self._last = at_s, withheld_s
+
+
 @dataclass
 class Tally:
     """Withheld times and lifetimes of all processes of a kind in a run."""

@@ -17,11 +17,15 @@ from tests.support.fault_stage import (
     send_signal,
 )
 from tests.support.result_table import LIMIT_M, Table, stands_still
+from tests.support.withheld import Pauses
 from tsd_twin.link_emulation import LinkSpec
 from tsd_twin.simulation.robot import TIMEOUT_S
 
 pytestmark = pytest.mark.system
 
+HELD_S = 5.0
+MAX_PAUSE_S = 0.05
+"""Between two states, which are 20 ms apart: the robot warns of a longer pause of its loop."""
 WATCHED_S = 1.0
 """For how long nothing may move after the last thing that happened."""
 MOST_NEES = 16.3
@@ -63,6 +67,20 @@ def drives_again_once_let_go(scene: FaultStage, page: PretendPage) -> None:
     scene.observer.until_speed(0.3)
     page.do("release")
     scene.observer.until_rest()
+
+
+def test_without_a_fault_a_stick_that_is_held_drives_on(scene: FaultStage) -> None:
+    """Neither the robot nor its dashboard pauses for longer than the machine lets them wait."""
+    page, observer = scene.driving_page(), scene.observer
+    observer.pauses = pauses = Pauses(scene.mock.process.pid)
+    before, since_s = observer.status.stops, time.monotonic()
+    observer.until_time(since_s + HELD_S)
+    observer.pauses = None
+    assert (observer.status.mode, observer.status.stops) == ("driving", before)
+    assert page.count("released") == 0
+    assert pauses.longest_s < MAX_PAUSE_S
+    page.do("release")
+    observer.until_rest()
 
 
 def test_a_dashboard_that_is_killed(scene: FaultStage, table: Table) -> None:

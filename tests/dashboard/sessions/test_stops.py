@@ -26,7 +26,7 @@ def test_a_stop_between_two_states_that_both_say_driving_lets_go() -> None:
     with site() as served, served.page() as page:
         page.make_ready()
         sessions, reasons = served.sessions, list[str]()
-        while BY_ITSELF not in reasons:  # On a busy machine it may be let go for silence before.
+        while BY_ITSELF not in reasons:  # It may be let go for silence before.
             assert len(reasons) < 20, reasons
             before = len(page.all("released"))
             page.send(t="release")

@@ -1,0 +1,118 @@
+"""Plant faults in our programs, and count how often tests in real time catch each one.
+
+`python -m tests.planted_faults [--runs 20] [--load] [FAULT ...]` runs the tests of each fault with
+and without it. With `--load` a process spins on one processor meanwhile. What happens once a minute
+in service happens here every two seconds, so that a test of some seconds meets it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.support.priorities import REALTIME
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "tests/support/planted"
+EVERY_S = 2.0
+HELD = "tests/system/test_faults.py::test_without_a_fault_a_stick_that_is_held_drives_on"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault, and the test that has to catch it."""
+
+    name: str
+    text: str
+    test: str
+
+
+FAULTS = (
+    Fault("loop-sleeps", "control loop sleeps 120 ms", HELD),
+    Fault("dashboard-blocks", "event loop of the dashboard is blocked for 300 ms", HELD),
+    Fault(
+        "first-command-lost",
+        "first command is lost",
+        "tests/node/test_promptness.py::test_each_command_counts_from_the_first_on",
+    ),
+    Fault(
+        "state-twice",
+        "one state in twenty arrives twice",
+        "tests/node/test_streams.py::test_every_stream_has_its_encoding_its_rate_and_a_rising_stamp",
+    ),
+    Fault(
+        "lease-late",
+        "lease is granted one period late",
+        "tests/node/test_promptness.py::test_a_request_is_answered_in_the_period_in_which_it_comes",
+    ),
+)
+
+
+def fails(test: str, fault: str = "") -> bool:
+    """Return whether a test fails with a planted fault, or without one.
+
+    Raises:
+        RuntimeError: If the test did not run.
+    """
+    folders = [str(FOLDER), str(ROOT / "src"), str(ROOT / "app"), str(ROOT)]
+    variables = {
+        "PYTHONPATH": os.pathsep.join(folders),
+        "TEST_PLANTED_FAULT": fault,
+        "TEST_PLANTED_EVERY_S": str(EVERY_S),
+    }
+    pytest = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
+    done = subprocess.run(
+        [*REALTIME, *pytest],
+        cwd=ROOT,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    if done.returncode > 1 or ("1 failed" not in done.stdout and "1 passed" not in done.stdout):
+        raise RuntimeError(done.stdout + done.stderr)
+    return "1 failed" in done.stdout
+
+
+@contextlib.contextmanager
+def load() -> Iterator[None]:
+    """Let a process spin on one processor."""
+    command = [sys.executable, "-c", "while True: pass"]
+    with subprocess.Popen(command) as spinning:
+        try:
+            yield
+        finally:
+            spinning.kill()
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(prog="python -m tests.planted_faults", description=__doc__)
+    parser.add_argument("faults", nargs="*", metavar="FAULT", help="only these")
+    parser.add_argument("--runs", type=int, default=20, help="runs of each test (20)")
+    parser.add_argument("--load", action="store_true", help="spin on one processor meanwhile")
+    args = parser.parse_args()
+    chosen = [fault for fault in FAULTS if not args.faults or fault.name in args.faults]
+    say("| planted fault | test | caught | fails without it |")
+    say("| --- | --- | --- | --- |")
+    with load() if args.load else contextlib.nullcontext():
+        for fault in chosen:
+            caught = sum(fails(fault.test, fault.name) for _ in range(args.runs))
+            wrong = sum(fails(fault.test) for _ in range(args.runs))
+            name = fault.test.rpartition("::")[2]
+            say(f"| {fault.text} | {name} | {caught} of {args.runs} | {wrong} of {args.runs} |")
+
+
+def say(line: str) -> None:
+    """Print a line at once."""
+    print(line, flush=True)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()
