@@ -17,6 +17,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.support.empty_scene import EmptyScene
 from tests.support.tls_connection import TlsConnection
+from tests.support.withheld import IN_PROCESS, budget
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.monitor import RobotMonitor
@@ -322,9 +323,11 @@ def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
         node = RobotNode(bus, robot_id, robot, SimRobot(robot), Description(text, ""))
         thread = threading.Thread(target=node.run, args=(stop,))
         thread.start()
+        followed = budget.follow(IN_PROCESS)
         try:
             yield bus.endpoints()[0]
         finally:
+            followed.end()
             stop.set()
             thread.join(PATIENCE_S)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tests.support.priorities import REALTIME
-from tests.support.withheld import budget
+from tests.support.withheld import IN_PROCESS, budget
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, client_config, node_config
 from tsd_twin.hardware.robot_io import RobotIO
@@ -76,7 +76,7 @@ def running(
                 it.failure = error
 
         thread = threading.Thread(target=run, name=robot_id)
-        followed = budget.follow("robots and their operators in this process")
+        followed = budget.follow(IN_PROCESS)
         thread.start()
         try:
             yield it

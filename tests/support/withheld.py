@@ -148,6 +148,8 @@ class Followed:
             tally.add(self._withheld.total_s, time.monotonic() - self._began_s)
 
 
+IN_PROCESS = "robots, dashboards and operators in the process of the tests"
+"""Kind of process in a budget."""
 budget = Budget(limit=0.1, free_s=2.0)
 """Of the run of pytest that this process is."""
 
