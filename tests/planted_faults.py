@@ -1,8 +1,9 @@
 """Plant faults in our programs, and count how often tests in real time catch each one.
 
-`python -m tests.planted_faults [--runs 20] [--load] [FAULT ...]` runs the tests of each fault with
-and without it. With `--load` a process spins on one processor meanwhile. What happens once a minute
-in service happens here every two seconds, so that a test of some seconds meets it.
+`python -m tests.planted_faults [--runs 20] [--load] [--plain] [FAULT ...]` runs the tests of each
+fault with and without it. With `--load` a process spins on one processor meanwhile. With `--plain`
+tests have the priority of that process, else real time as in `scripts/run_tests`, if allowed. What
+would happen once a minute happens every two seconds, so that a test of some seconds meets it.
 """
 
 from __future__ import annotations
@@ -12,11 +13,10 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-
-from tests.support.priorities import REALTIME
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests/support/planted"
@@ -54,7 +54,16 @@ FAULTS = (
 )
 
 
-def fails(test: str, fault: str = "") -> bool:
+def realtime() -> list[str]:
+    """Return the start of a command in real time; nothing if that is not allowed."""
+    command = ["chrt", "--rr", "1"]
+    with contextlib.suppress(OSError):
+        if subprocess.run([*command, "true"], capture_output=True, check=False).returncode == 0:
+            return command
+    return []
+
+
+def fails(test: str, fault: str = "", start: Sequence[str] = ()) -> bool:
     """Return whether a test fails with a planted fault, or without one.
 
     Raises:
@@ -65,10 +74,11 @@ def fails(test: str, fault: str = "") -> bool:
         "PYTHONPATH": os.pathsep.join(folders),
         "TEST_PLANTED_FAULT": fault,
         "TEST_PLANTED_EVERY_S": str(EVERY_S),
+        "TEST_REALTIME": " ".join(start),
     }
     pytest = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", test]
     done = subprocess.run(
-        [*REALTIME, *pytest],
+        [*start, *pytest],
         cwd=ROOT,
         env=os.environ | variables,
         capture_output=True,
@@ -97,14 +107,17 @@ def main() -> None:
     parser.add_argument("faults", nargs="*", metavar="FAULT", help="only these")
     parser.add_argument("--runs", type=int, default=20, help="runs of each test (20)")
     parser.add_argument("--load", action="store_true", help="spin on one processor meanwhile")
+    parser.add_argument("--plain", action="store_true", help="do not run tests in real time")
     args = parser.parse_args()
     chosen = [fault for fault in FAULTS if not args.faults or fault.name in args.faults]
     say("| planted fault | test | caught | fails without it |")
     say("| --- | --- | --- | --- |")
+    start = () if args.plain else realtime()
+    wrong_of = cache(lambda test: sum(fails(test, start=start) for _ in range(args.runs)))
     with load() if args.load else contextlib.nullcontext():
         for fault in chosen:
-            caught = sum(fails(fault.test, fault.name) for _ in range(args.runs))
-            wrong = sum(fails(fault.test) for _ in range(args.runs))
+            caught = sum(fails(fault.test, fault.name, start) for _ in range(args.runs))
+            wrong = wrong_of(fault.test)
             name = fault.test.rpartition("::")[2]
             say(f"| {fault.text} | {name} | {caught} of {args.runs} | {wrong} of {args.runs} |")
 
