@@ -13,7 +13,7 @@ import contextlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -91,7 +91,7 @@ def fails(test: str, fault: str = "", start: Sequence[str] = ()) -> bool:
 
 
 @contextlib.contextmanager
-def load() -> Iterator[None]:
+def load() -> Generator[None]:
     """Let a process spin on one processor."""
     command = [sys.executable, "-c", "while True: pass"]
     with subprocess.Popen(command) as spinning:
@@ -113,7 +113,11 @@ def main() -> None:
     say("| planted fault | test | caught | fails without it |")
     say("| --- | --- | --- | --- |")
     start = () if args.plain else realtime()
-    wrong_of = cache(lambda test: sum(fails(test, start=start) for _ in range(args.runs)))
+
+    @cache
+    def wrong_of(test: str) -> int:
+        return sum(fails(test, start=start) for _ in range(args.runs))
+
     with load() if args.load else contextlib.nullcontext():
         for fault in chosen:
             caught = sum(fails(fault.test, fault.name, start) for _ in range(args.runs))
