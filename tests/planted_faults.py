@@ -21,7 +21,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "tests/support/planted"
 EVERY_S = 2.0
-HELD = "tests/system/test_faults.py::test_without_a_fault_a_stick_that_is_held_drives_on"
+HELD = "tests/system/test_faults.py::test_without_a_fault_a_held_stick_keeps_driving"
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ FAULTS = (
     Fault(
         "first-command-lost",
         "first command is lost",
-        "tests/node/test_promptness.py::test_each_command_counts_from_the_first_on",
+        "tests/node/test_promptness.py::test_every_command_counts_including_the_first",
     ),
     Fault(
         "state-twice",
@@ -49,7 +49,7 @@ FAULTS = (
     Fault(
         "lease-late",
         "lease is granted one period late",
-        "tests/node/test_promptness.py::test_a_request_is_answered_in_the_period_in_which_it_comes",
+        "tests/node/test_promptness.py::test_a_request_is_answered_within_one_period",
     ),
 )
 

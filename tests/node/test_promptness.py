@@ -1,4 +1,4 @@
-"""A robot node takes each command and answers each request in the period in which it comes."""
+"""A robot node accepts every command and answers each request within one period."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def patient() -> Generator[RunningNode]:
         yield it
 
 
-def test_each_command_counts_from_the_first_on(patient: RunningNode) -> None:
+def test_every_command_counts_including_the_first(patient: RunningNode) -> None:
     with BusOperator(patient) as pilot:
         assert pilot.acquire()["granted"]
         before = pilot.status.command
@@ -39,7 +39,7 @@ def test_each_command_counts_from_the_first_on(patient: RunningNode) -> None:
     assert command.dropped == before.dropped
 
 
-def test_a_request_is_answered_in_the_period_in_which_it_comes(patient: RunningNode) -> None:
+def test_a_request_is_answered_within_one_period(patient: RunningNode) -> None:
     late_s: list[float] = []
     with BusOperator(patient) as pilot:
         assert pilot.acquire()["granted"]

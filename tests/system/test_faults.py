@@ -69,7 +69,7 @@ def drives_again_once_let_go(scene: FaultStage, page: PretendPage) -> None:
     scene.observer.until_rest()
 
 
-def test_without_a_fault_a_stick_that_is_held_drives_on(scene: FaultStage) -> None:
+def test_without_a_fault_a_held_stick_keeps_driving(scene: FaultStage) -> None:
     """Neither the robot nor its dashboard pauses for longer than the machine lets them wait."""
     page, observer = scene.driving_page(), scene.observer
     observer.pauses = pauses = Pauses(scene.mock.process.pid)
