@@ -56,7 +56,7 @@ FAULTS = (
 
 def realtime() -> list[str]:
     """Return the start of a command in real time; nothing if that is not allowed."""
-    command = ["chrt", "--rr", "1"]
+    command = ["chrt", "--rr", "2"]
     with contextlib.suppress(OSError):
         if subprocess.run([*command, "true"], capture_output=True, check=False).returncode == 0:
             return command

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import os
 import signal
 import subprocess
 import sys
@@ -17,7 +16,7 @@ import pytest
 from playwright.sync_api import Browser, sync_playwright
 
 from tests.support.browser import CHEAP_FLAGS, executable
-from tests.support.priorities import AS_OTHERS, REALTIME
+from tests.support.priorities import AS_OTHERS, HEAVY, REALTIME, to_realtime
 from tests.support.withheld import Followed, budget
 
 PATIENCE_S = 60.0
@@ -60,8 +59,8 @@ class Program:
         for line in stream:
             into.append(line.rstrip("\n"))
             if line.startswith("ready:"):
-                if self._loads:
-                    to_realtime(self.process.pid)
+                if self._loads and self._name not in HEAVY:
+                    family_to_realtime(self.process.pid)
                 self._followed = budget.follow(self._name, self.process.pid)
                 self._ready.set()
         self._ready.set()
@@ -153,16 +152,11 @@ def alive(pid: int) -> bool:
     return fields is not None and fields[0] != "Z"
 
 
-def to_realtime(pid: int) -> None:
-    """Let a process and its children run in real time, as a robot on a machine of its own.
-
-    Before what tests compute in real time, of which one thread keeps a processor for 0.1 s.
-    """
+def family_to_realtime(pid: int) -> None:
+    """Let a process and its children run in real time, as a robot on a machine of its own."""
     for child in children_of(pid):
-        to_realtime(child)
-    with contextlib.suppress(OSError):  # A thread may have ended.
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(2))
+        family_to_realtime(child)
+    to_realtime(pid)
 
 
 def stat_of(pid: int) -> list[str] | None:

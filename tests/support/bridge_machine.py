@@ -11,6 +11,7 @@ from typing import Any, cast
 
 from tests.app.conftest import PATIENCE_S, Program
 from tests.support.bus_operator import BusOperator
+from tests.support.priorities import own_threads_to_realtime
 from tests.support.robot_node import RunningNode
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
@@ -108,9 +109,10 @@ class Machine:
 
     def _pilot(self) -> BusOperator:
         self.endpoint = self.bridge.ready().split()[-1]
-        return BusOperator.blind(
-            cast(RunningNode, Endpoint("tsd", self.endpoint, robots.load_robot("tsd")))
-        )
+        endpoint = Endpoint("tsd", self.endpoint, robots.load_robot("tsd"))
+        pilot = BusOperator.blind(cast(RunningNode, endpoint))
+        own_threads_to_realtime()  # Those of the operator, and not a browser that starts later.
+        return pilot
 
     @property
     def mode(self) -> str:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import queue
 import threading
 from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import Any
 
-from tests.support.priorities import REALTIME
+from tests.support.priorities import this_thread_is_a_robot
 from tests.support.withheld import IN_PROCESS, budget
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, client_config, node_config
@@ -68,8 +67,7 @@ def running(
         it = RunningNode(robot_id, toml, robot, bus, endpoint, io)
 
         def run() -> None:
-            if REALTIME:  # Before what tests and their programs compute in real time.
-                os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(2))
+            this_thread_is_a_robot()
             try:
                 node.run(it.stopping)
             except OSError as error:  # A device that fails; all else is a bug and shows itself.
