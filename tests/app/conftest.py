@@ -16,7 +16,7 @@ import pytest
 from playwright.sync_api import Browser, sync_playwright
 
 from tests.support.browser import CHEAP_FLAGS, executable
-from tests.support.priorities import AS_OTHERS, HEAVY, REALTIME, to_realtime
+from tests.support.priorities import AS_OTHERS, REALTIME, to_realtime
 from tests.support.withheld import Followed, budget
 
 PATIENCE_S = 60.0
@@ -59,7 +59,7 @@ class Program:
         for line in stream:
             into.append(line.rstrip("\n"))
             if line.startswith("ready:"):
-                if self._loads and self._name not in HEAVY:
+                if self._loads:
                     family_to_realtime(self.process.pid)
                 self._followed = budget.follow(self._name, self.process.pid)
                 self._ready.set()

@@ -260,7 +260,7 @@ def test_the_thresholds_of_the_battery_are_told_to_the_board_and_warned_of(
     assert written.battery_stop_mv == pytest.approx(1000.0 * battery.stop_v)
     low_v = round(0.5 * (battery.warn_v + battery.arm_v), 1)
     it.board.telemetry = replace(it.board.telemetry, battery_mv=round(1000.0 * low_v))
-    it.until(lambda: it.robot.hardware()["warnings"], "warned")
+    it.until(lambda: it.robot.hardware().get("warnings"), "warned")
     assert it.robot.hardware()["warnings"] == [f"the battery is low: below {battery.warn_v:g} V"]
     assert caplog.text.count("the battery is low") == 1
     assert it.fault is None

@@ -12,18 +12,19 @@ AS_OTHERS = ["chrt", "--other", "0"] if REALTIME else []
 """Starts a command like those of others: tests in real time would pass their priority on, and what
 only computes would hold up robots."""
 
-ROBOT, TEST = 3, 2
+ROBOT, TEST, HEAVY = 3, 2, 1
 """Priorities in real time: what has little to do and must do it soon comes first."""
-HEAVY = {"firmware.simulator", "tsd_dashboard", "tsd_demo"}
-"""Programs that may take most of a processor. Two of one priority in real time would hold up each
-other for 0.1 s, and robots that have a lower one for longer."""
+_HEAVY = (b"firmware.simulator", b"tsd_dashboard")
+"""Programs that may take most of a processor, and must not starve robots of other tests."""
 
 
 def to_realtime(pid: int) -> None:
     """Let all threads of a process run in real time, as on a machine of its own."""
     with contextlib.suppress(OSError):  # A thread may have ended.
+        command = Path(f"/proc/{pid}/cmdline").read_bytes()
+        priority = HEAVY if any(name in command for name in _HEAVY) else ROBOT
         for task in Path(f"/proc/{pid}/task").iterdir():
-            os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(ROBOT))
+            os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(priority))
 
 
 def this_thread_is_a_robot() -> None:

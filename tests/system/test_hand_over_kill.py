@@ -76,6 +76,8 @@ class Two:
         desks = (desk.program.process.pid for desk in (here, there))
         self._pids = os.getpid(), robot.mock.process.pid, *desks
         self._withheld = WithheldTime(*self._pids)
+        # Each dashboard loads its first robot first: that may take all of a processor.
+        self.bob.until(lambda: self.bob.state)
         self.alice.make_ready()
         self.drive_fast(self.alice)
         self.bob.until(lambda: lease_in(self.bob)["holder"] == self.alice.operator)
