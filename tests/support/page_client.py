@@ -259,6 +259,11 @@ class Site:
 
         self._loop.call_soon_threadsafe(choose)
 
+    def repeat_status(self) -> None:
+        """Handle the latest status of each robot again, as a loop that is late does."""
+        for robot_id in self.discovery.links:
+            self._loop.call_soon_threadsafe(self.sessions.on_status, robot_id)
+
     def tell(self, robot_id: str, event: Event) -> None:
         self._loop.call_soon_threadsafe(self.sessions.on_event, robot_id, event)
 

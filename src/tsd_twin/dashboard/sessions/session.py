@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import msgspec
 
+from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.framing import Rectangle
 from tsd_twin.dashboard.scene.scene_executor import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient
@@ -88,6 +89,7 @@ class Session(PageSession):
         super().__init__(page, principal, name, live)
         self.robot_id: str | None = None
         """Selected robot."""
+        self._sent_link: RobotMonitor | None = None
         self._role = principal.identity.role
         self._directory, executor = live.directory, live.executor
         self._lease_client = LeaseClient(
@@ -355,7 +357,9 @@ class Session(PageSession):
         robot = self._directory.robot(self.robot_id)
         if robot is None:
             return
-        self.send_queue.drop_states()
+        if robot.link is not self._sent_link:  # Its numbers start again.
+            self._sent_link = robot.link
+            self.send_queue.drop_states()
         self._send(robot.telemetry.info())
         for age_s, event in self._directory.events(robot.link.id):
             self.send_event(event, past=True, age_s=age_s)
