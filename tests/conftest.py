@@ -9,11 +9,13 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from pytest_timeout import Settings, timeout_sigalrm
 
 from tests.support.marks import WRITTEN, all_marks, may_choose, possible_marks
 from tests.support.robot_node import RunningNode, running
 from tests.support.slow_tests import is_long, listed, name_of, shared
 from tests.support.text_tests import NonsenseRun
+from tests.support.time_limits import TimeLimit
 from tests.support.withheld import WithheldTime, budget
 from tsd_twin.messages import codes
 
@@ -77,6 +79,18 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
         return (yield)
     with WithheldTime(os.getpid()):
         return (yield)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_timeout_set_timer(item: pytest.Item, settings: Settings) -> bool:
+    """Count no time towards the limit of a test that the machine withheld from it."""
+    limit = TimeLimit(
+        settings.timeout,
+        lambda: timeout_sigalrm(item, settings),
+        waits=item.get_closest_marker("timed") is not None,
+    )
+    item.cancel_timeout = limit.cancel  # type: ignore[attr-defined]
+    return True
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 PERIOD_S = 0.02
 LET_GO_S = 0.6
 """For so long there must be no command before a fault can be reset."""

@@ -14,7 +14,7 @@ from robo_ws_bridge import WebSocketBridgeClient
 from rosbags.typesys import Stores, get_typestore
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 _PUSH_S, _HELD_S = 5.0, 60.0
 TWIST = "geometry_msgs/msg/Twist"
 

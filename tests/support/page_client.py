@@ -33,7 +33,7 @@ from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.simulation import SimRobot
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 DRIVE_S = 0.02
 BEATS = 5  # A beat for so many times DRIVE_S.
 T = TypeVar("T")

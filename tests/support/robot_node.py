@@ -19,7 +19,7 @@ from tsd_twin.node import RobotNode
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 """What is waited for comes within milliseconds, unless it never does."""
 ANY_PORT = "tcp/127.0.0.1:0"
 URDF = '<robot name="tsd"/>'

@@ -60,8 +60,8 @@ class WithheldTime:
     def _read(self) -> dict[int, float]:
         if not self._pids:
             return _threads_s(os.getpid())
-        family = (pid for each in self._pids for pid in _family(each))
-        return {tid: each for pid in family for tid, each in _threads_s(pid).items()}
+        pids = (pid for each in self._pids for pid in family(each))
+        return {tid: each for pid in pids for tid, each in _threads_s(pid).items()}
 
 
 class Pauses:
@@ -121,7 +121,8 @@ class Budget:
             return ""
         return (
             f"the machine withheld {withheld_s:.1f} s from processes under test, more than "
-            f"{allowed_s:.1f} s: repeat the run with less other load"
+            f"{allowed_s:.1f} s: repeat the run with less other load, or allow a larger fraction "
+            f"of their lifetime than TEST_WITHHELD_LIMIT={self.limit:g}"
         )
 
     def lines(self) -> Iterator[str]:
@@ -155,7 +156,8 @@ budget = Budget(limit=0.4, free_s=5.0)
 robots and dashboards have 15 to 25 %, summed over their threads; with them, 1 to 5 %."""
 
 
-def _family(pid: int) -> Iterator[int]:
+def family(pid: int) -> Iterator[int]:
+    """Yield a process, its living children and theirs."""
     yield pid
     try:
         tasks = [int(task.name) for task in Path(f"/proc/{pid}/task").iterdir()]
@@ -163,7 +165,7 @@ def _family(pid: int) -> Iterator[int]:
     except OSError:
         return
     for child in " ".join(texts).split():
-        yield from _family(int(child))
+        yield from family(int(child))
 
 
 def _threads_s(pid: int) -> dict[int, float]:
