@@ -96,7 +96,7 @@ def pytest_timeout_set_timer(item: pytest.Item, settings: Settings) -> bool:
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Print for how long the machine withheld a processor from the processes under test."""
     for line in budget.lines():
-        terminalreporter.write_line(f"withheld from {line}")
+        terminalreporter.write_line(line)
     if budget.excess:
         terminalreporter.write_line(f"FAILED: {budget.excess}", red=True)
 

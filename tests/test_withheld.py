@@ -153,9 +153,22 @@ def test_a_budget_adds_up_and_names_the_excess() -> None:
     budget = Budget(limit=0.1, free_s=1.0, tallies={"robot": Tally(1.0, 50.0, 2)})
     budget.tallies["page"] = Tally(4.0, 0.0, 1)
     assert budget.excess == ""
-    assert [line.split(":")[0] for line in budget.lines()] == ["page", "robot"]
+    names = [line.split(":")[0] for line in budget.lines()]
+    assert names == ["withheld from page", "withheld from robot"]
     budget.tallies["page"].add(0.1, 0.5)
     assert "withheld 5.1 s" in budget.excess
+
+
+def test_inputs_that_are_given_again_count_and_too_many_fail_the_run() -> None:
+    budget = Budget(limit=0.1, free_s=1.0)
+    for _ in range(10):
+        next(budget.tries("press", 5))
+    assert budget.excess == ""
+    assert list(budget.lines()) == ["inputs to pages given again: 0 of 10"]
+    for _ in range(2):
+        assert list(budget.tries("push", 5, free=2)) == list(range(5))
+    assert "6 inputs to pages were given again" in budget.excess
+    assert list(budget.lines()) == ["inputs to pages given again: 6 of 12: push (6x)"]
 
 
 def test_a_short_run_may_have_a_moment_of_withheld_time() -> None:

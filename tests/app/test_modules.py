@@ -11,6 +11,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from tests.app.conftest import PATIENCE_S, Program
 from tests.support.browser import PATIENCE_MS, WATCH_STALLS, get_ready, mode, trials
+from tests.support.withheld import budget
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
@@ -72,7 +73,7 @@ def choose_speed(page: Page, watcher: Watcher) -> None:
 def drive_until(page: Page, seen: Callable[[], None]) -> None:
     """Hold a key until something is to be seen."""
     stick = page.get_by_role("application", name="Stick")
-    for _ in range(_PRESSES):
+    for _ in budget.tries("hold a key", _PRESSES):
         get_ready(page)
         stick.focus()  # Where a key is no number: it drives.
         page.keyboard.down("d")

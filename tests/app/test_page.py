@@ -38,7 +38,7 @@ from tests.support.page_watcher import (
     observer,
     stick_forward,
 )
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import WithheldTime, budget
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.scene.client_camera import LABELS_ABOVE_M
 from tsd_twin.dashboard.scene.framing import Rectangle, Stand, frame_robot
@@ -241,7 +241,7 @@ def test_stop_latches_and_only_reset_arm_and_a_new_command_move_again(demo: Demo
 def reset(page: Page) -> None:
     """Hold the reset with the mouse; first take control when the page has stalled and lost it."""
     said = page.get_by_role("status", name="Mode")
-    for _ in range(PRESSES):
+    for _ in budget.tries("hold the reset", PRESSES):
         press_now(page, "Take control")
         x, y, _ = centre(page, "button", "Hold to reset")
         page.mouse.move(x, y)
@@ -271,7 +271,7 @@ def go_to_the_end(demo: Demo) -> None:
     Let go of a moment before by a page that stalls, it has to be held again for the rest.
     """
     held, path = go_button(demo.page), demo.page.get_by_role("status", name="Path")
-    for _ in range(PRESSES):
+    for _ in budget.tries("hold the button of a path", PRESSES):
         held.down()
         try:
             expect(path).to_contain_text("Arrived", timeout=1000 * PRESS_S)
@@ -341,7 +341,7 @@ def drive_to_a_click(demo: Demo) -> None:
     choose(demo, "Go to")
     place = (0.4, -0.2)
     goal = watcher.truth[:2] + place
-    for _ in range(PRESSES):
+    for _ in budget.tries("click on the floor", PRESSES):
         page.mouse.click(*demo.pixel_of(place))
         try:
             expect(path).not_to_contain_text("Click on the floor", timeout=1000 * PRESS_S)
@@ -360,7 +360,7 @@ def drive_what_is_drawn(demo: Demo) -> None:
     start, before, seen = watcher.truth[:2].copy(), len(watcher.commands), len(watcher.way)
     choose(demo, "Draw")
     path = page.get_by_role("status", name="Path")
-    for _ in range(PRESSES):
+    for _ in budget.tries("draw", PRESSES):
         for i, place in enumerate(line):
             page.mouse.move(*demo.pixel_of(place))
             if i == 0:

@@ -21,6 +21,7 @@ from tests.support.browser import (
     take_control_and_arm,
     trials,
 )
+from tests.support.withheld import budget
 from tsd_twin import robots
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
@@ -96,7 +97,7 @@ def drive(page: Page, name: str) -> None:
     get_ready(page)
     speed = page.locator(".hero .n")
     x, y, half = centre(page, "application", "Stick")
-    for _ in range(_PRESSES):
+    for _ in budget.tries("push the stick", _PRESSES):
         # A robot that has got no time is in a fault, as it must be.
         click_through(page, "Take control", "Hold to reset", "Arm")
         page.mouse.move(x, y)
@@ -143,7 +144,7 @@ def bring_up_by_key(page: Page) -> None:
     take_control_and_arm(page)
     mark = page.locator(".mark.front")
     expect(mark).to_have_attribute("cy", re.compile(r"^-3[56]"))  # Seen from above, in front.
-    for _ in range(_PRESSES):
+    for _ in budget.tries("bring a mark up", _PRESSES):
         front.press("Enter", timeout=PATIENCE_MS)
         with contextlib.suppress(AssertionError):
             expect(mark).to_have_attribute("cy", re.compile(r"^-?[01](\.|$)"), timeout=8000)

@@ -25,7 +25,7 @@ from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS, press_now
 from tests.support.ros_nodes import foreign_hash, ros_router
 from tests.support.ros_robot import JOINTS, ODOMETRY, START, ForeignRobot
-from tests.support.withheld import WithheldTime
+from tests.support.withheld import WithheldTime, budget
 from tsd_twin.adapters.ros.external_robot import ZEROS
 from tsd_twin.client import RobotClient
 from tsd_twin.errors import TwinError
@@ -368,7 +368,8 @@ def test_the_page_says_what_is_not_promised(browser: Browser, stage: Stage) -> N
         assert sentences[: len(NOT_PROMISED)] == list(NOT_PROMISED)
         assert any("meshes" in text for text in sentences)
         what = page.get_by_text("which does not promise where it stops")
-        for _ in range(_PRESSES):  # A page that stalls as it loads loses control.
+        # A page that stalls as it loads loses control.
+        for _ in budget.tries("take control", _PRESSES):
             press_now(page, "Take control")
             with contextlib.suppress(AssertionError):
                 expect(what).to_be_visible(timeout=PATIENCE_MS / _PRESSES)

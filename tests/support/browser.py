@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from playwright.sync_api import Error as PlaywrightError
 from playwright.sync_api import Locator, Page, expect
 
+from tests.support.withheld import budget
+
 _EITHER = (
     "--headless=new",
     "--no-sandbox",  # Tests run as root, where Chromium has no sandbox.
@@ -103,7 +105,7 @@ def press(page: Page, name: str, patience_ms: float = PATIENCE_MS) -> None:
 
 def press_until(page: Page, name: str, then: Locator) -> None:
     """Press a button until something is to be seen: a click on a page that was busy may be lost."""
-    for _ in range(5):
+    for _ in budget.tries(f"press {name}", 5):
         press(page, name)
         try:
             expect(then).to_be_visible(timeout=PATIENCE_MS / 5)
@@ -139,7 +141,7 @@ def get_ready(page: Page) -> None:
     said = page.get_by_role("status", name="Mode")
     held = page.get_by_role("button", name="Release control")
     armed = page.get_by_role("button", name="Disarm", exact=True)
-    for _ in range(_PRESSES):
+    for _ in budget.tries("take control and arm", _PRESSES, free=2):  # The second looks.
         with contextlib.suppress(AssertionError):
             link = page.get_by_role("button", name=re.compile("^Link"))
             expect(link).to_contain_text(_NEAR, timeout=PATIENCE_MS / _PRESSES)
@@ -177,8 +179,8 @@ def trials(*pages: Page) -> Iterator[contextlib.AbstractContextManager[None]]:
             if last or stalled_ms < _STALL_MS:
                 raise
 
-    for left in reversed(range(_TRIALS)):
-        yield trial(last=left == 0)
+    for attempt in budget.tries("trial", _TRIALS):
+        yield trial(last=attempt == _TRIALS - 1)
         if passed:
             return
 

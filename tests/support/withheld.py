@@ -10,12 +10,15 @@ from __future__ import annotations
 import contextlib
 import os
 import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+_REPEATS, _FREE_REPEATS = 0.3, 5
+"""Fraction of the inputs to pages that may be given again, and a number that always may."""
 _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 _STOLEN = 8
 """Field of `/proc/stat` with the time that a hypervisor gave to other machines."""
@@ -106,6 +109,18 @@ class Budget:
     free_s: float
     """Withheld time that no run fails for, however short it is."""
     tallies: dict[str, Tally] = field(default_factory=dict[str, Tally])
+    inputs: int = 0
+    """Inputs to pages that a test gives as often as a person would."""
+    repeated: list[str] = field(default_factory=list[str])
+    """Those that were given again, as the page had stalled."""
+
+    def tries(self, what: str, count: int, *, free: int = 1) -> Iterator[int]:
+        """Number attempts at an input to a page, and count those after the first, or `free`."""
+        self.inputs += 1
+        for attempt in range(count):
+            if attempt >= free:
+                self.repeated.append(what)
+            yield attempt
 
     def follow(self, name: str, *pids: int) -> Followed:
         """Return the entry of a process that runs now; without a pid, of this one."""
@@ -114,6 +129,12 @@ class Budget:
     @property
     def excess(self) -> str:
         """Why the run cannot count, or nothing."""
+        allowed = max(_FREE_REPEATS, _REPEATS * self.inputs)
+        if len(self.repeated) > allowed:
+            return (
+                f"{len(self.repeated)} inputs to pages were given again, more than {allowed:.0f}: "
+                "if the machine is not overloaded, pages lose inputs"
+            )
         withheld_s = sum(each.withheld_s for each in self.tallies.values())
         lifetime_s = sum(each.lifetime_s for each in self.tallies.values())
         allowed_s = max(self.free_s, self.limit * lifetime_s)
@@ -126,12 +147,15 @@ class Budget:
         )
 
     def lines(self) -> Iterator[str]:
-        """Describe each kind of process, that with the most withheld time first."""
+        """Describe each kind of process, that with the most withheld time first, and inputs."""
         for name, it in sorted(self.tallies.items(), key=lambda item: -item[1].withheld_s):
             share = it.withheld_s / it.lifetime_s if it.lifetime_s else 0.0
-            yield (
-                f"{name}: {it.withheld_s:.2f} s of {it.lifetime_s:.0f} s ({share:.1%}, {it.count}x)"
-            )
+            figures = f"{it.withheld_s:.2f} s of {it.lifetime_s:.0f} s ({share:.1%}, {it.count}x)"
+            yield f"withheld from {name}: {figures}"
+        if self.inputs:
+            again = ", ".join(f"{what} ({n}x)" for what, n in Counter(self.repeated).items())
+            figures = f"{len(self.repeated)} of {self.inputs}" + (f": {again}" if again else "")
+            yield f"inputs to pages given again: {figures}"
 
 
 class Followed:
