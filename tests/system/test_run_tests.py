@@ -24,6 +24,14 @@ def test_fails_once():
     been.touch()
     assert not first
 """
+LOGS = """
+
+@pytest.mark.{mark}
+def test_{mark}():
+    for _ in range(2):
+        open("turns", "a").write("{mark} ")
+        time.sleep(0.3)
+"""
 STARVED = """
 import sys
 sys.path.insert(0, {root!r})
@@ -35,7 +43,7 @@ budget.tallies["robot"].add({withheld_s}, 30.0)
 """
 
 
-def run_in(folder: Path, files: dict[str, str]) -> tuple[int, str]:
+def run_in(folder: Path, files: dict[str, str], **variables: str) -> tuple[int, str]:
     """Return exit status and output of a run over a project of its own."""
     (folder / "pytest.ini").write_text(SETTINGS, "ascii")
     for name, text in files.items():
@@ -49,7 +57,9 @@ def run_in(folder: Path, files: dict[str, str]) -> tuple[int, str]:
         [folder / "run_tests"],
         cwd=folder,
         # Plugins take most of the start of each of these runs, and these tests need none.
-        env=os.environ | {"TEST_PRIORITIES": "same", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        env=os.environ
+        | {"TEST_PRIORITIES": "same", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+        | variables,
         capture_output=True,
         text=True,
         timeout=100,
@@ -58,9 +68,21 @@ def run_in(folder: Path, files: dict[str, str]) -> tuple[int, str]:
 
 
 @pytest.mark.system
-def test_a_run_in_which_all_tests_pass_passes(tmp_path: Path) -> None:
-    status, _ = run_in(tmp_path, {"test_sound.py": SOUND})
+@pytest.mark.parametrize("serial", ["", "1"], ids=["together", "in turn"])
+def test_a_run_in_which_all_tests_pass_passes(tmp_path: Path, serial: str) -> None:
+    status, output = run_in(tmp_path, {"test_sound.py": SOUND}, TEST_SERIAL=serial)
     assert status == 0
+    assert output.count("1 passed") == 2
+
+
+@pytest.mark.system
+def test_runs_in_turn_do_not_overlap_except_those_that_only_compute(tmp_path: Path) -> None:
+    tests = "".join(LOGS.format(mark=mark) for mark in ("timed", "programs", "busy", "slow"))
+    status, _ = run_in(tmp_path, {"test_turns.py": f"import pytest, time{tests}"}, TEST_SERIAL="1")
+    assert status == 0
+    lines = (tmp_path / "turns").read_text("ascii").split()
+    turns = ["timed", "timed", "programs", "programs", "busy", "busy"]
+    assert lines[:6] == turns
 
 
 @pytest.mark.system
