@@ -18,6 +18,7 @@ from playwright.sync_api import Browser, sync_playwright
 from tests.support.browser import CHEAP_FLAGS, executable
 from tests.support.priorities import AS_OTHERS, REALTIME, to_realtime
 from tests.support.withheld import Followed, budget
+from tsd_twin.adapters.cmd_vel import PAUSE_S
 
 PATIENCE_S = 60.0
 
@@ -26,6 +27,16 @@ def longest_pause_s(times_s: Iterable[float], since_s: float) -> float:
     """Return the longest time in which none of some events was, from a time until now."""
     within = [since_s, *(each for each in times_s if each > since_s), time.monotonic()]
     return max(after - before for before, after in itertools.pairwise(within))
+
+
+def stays_put(moved_m: float, pushed_s: Iterable[float], since_s: float, withheld_s: float) -> None:
+    """Check that a stick that is held on has not moved a robot.
+
+    One that the machine lets pause counts as let go, and may move the robot when it is pushed on.
+    """
+    pause_s = longest_pause_s(pushed_s, since_s)
+    assert pause_s < PAUSE_S + withheld_s, "the stick was let go"
+    assert moved_m < 0.01 or pause_s >= PAUSE_S
 
 
 class Program:

@@ -23,7 +23,7 @@ import pytest
 import zenoh
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program, longest_pause_s
+from tests.app.conftest import PATIENCE_S, Program, stays_put
 from tests.support.robot_node import QUICK
 from tests.support.ros_nodes import (
     STORE,
@@ -41,7 +41,7 @@ from tests.support.square_drive import SquareDrive
 from tests.support.tcp_relay import Relay
 from tests.support.withheld import WithheldTime
 from tsd_twin import robots
-from tsd_twin.adapters.cmd_vel import HELD_UP_S, PAUSE_S
+from tsd_twin.adapters.cmd_vel import HELD_UP_S
 from tsd_twin.adapters.ros_messages import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
@@ -344,9 +344,25 @@ def test_services_stop_reset_disarm_and_their_refusals(stage: Stage) -> None:
 
 def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage) -> None:
     """Stopped for three seconds while twists pile up; the stick is held on."""
-    moved_m, pause_s = moved_after_hang(stage)
-    assert pause_s < PAUSE_S, "the stick was let go"
-    assert moved_m < 0.01
+    stage.arm()
+    stage.pause()
+    with stage.pushing(SPEED_MPS) as pushed_s, tsd_twin.connect(stage.endpoint) as robot:
+        time.sleep(1.0)
+        stage.adapter.process.send_signal(signal.SIGSTOP)
+        try:
+            robot.sleep(0.1)
+            with stage.withheld() as withheld:
+                last_m = robot.state.truth.pose.x_m
+                robot.sleep(2.5)
+            still_m = robot.state.truth.pose.x_m
+            assert still_m - last_m < ALLOWANCE_M + withheld.total_s * SPEED_MPS
+        finally:
+            stage.adapter.process.send_signal(signal.SIGCONT)
+        on_s = time.monotonic()
+        with stage.withheld() as withheld:
+            robot.sleep(1.5)
+        moved_m = abs(robot.state.truth.pose.x_m - still_m)
+        stays_put(moved_m, pushed_s, on_s, withheld.total_s)
 
 
 def test_a_controller_that_streams_is_an_error_after_a_stall_and_moves_again_by_resume(
@@ -400,47 +416,21 @@ def resident_mb(pid: int) -> float:
 def test_after_a_stop_by_itself_the_next_push_counts(stage: Stage) -> None:
     """How a motion ended that is held no more is no reason against the next one."""
     stage.arm()
+    stage.pause()
+    node = stage.node
     with tsd_twin.connect(stage.endpoint) as robot:
-        assert pushed_after_stop_m(stage, robot) > 0.05
-
-
-def pushed_after_stop_m(stage: Stage, robot: tsd_twin.Robot) -> float:
-    """Let the robot stop by itself after a push, and return how far the next one moves it."""
-    stage.pause()
-    stage.push(0.4, 1.0)
-    before = robot.state.status.stops
-    stage.adapter.process.send_signal(signal.SIGSTOP)
-    try:
-        stage.node.until(lambda: robot.state.status.stops > before, "it does not stop")
-    finally:
-        stage.adapter.process.send_signal(signal.SIGCONT)
-    stage.until_still()
-    robot.sleep(1.0)
-    start_m = robot.state.truth.pose.x_m
-    stage.push(0.4, 1.0)
-    return robot.state.truth.pose.x_m - start_m
-
-
-def moved_after_hang(stage: Stage) -> tuple[float, float]:
-    """Return how far the robot moved after the adapter went on, and the longest pause of twists."""
-    stage.arm()
-    stage.pause()
-    with stage.pushing(SPEED_MPS) as pushed_s, tsd_twin.connect(stage.endpoint) as robot:
-        time.sleep(1.0)
-        stage.adapter.process.send_signal(signal.SIGSTOP)
+        before = robot.state.status.stops
         try:
-            robot.sleep(0.1)
-            with stage.withheld() as withheld:
-                last_m = robot.state.truth.pose.x_m
-                robot.sleep(2.5)
-            still_m = robot.state.truth.pose.x_m
-            assert still_m - last_m < ALLOWANCE_M + withheld.total_s * SPEED_MPS
+            with stage.driving(0.4, lambda: node.speed_mps > 0.2):
+                stage.adapter.process.send_signal(signal.SIGSTOP)
+            node.until(lambda: robot.state.status.stops > before, "it does not stop")
         finally:
             stage.adapter.process.send_signal(signal.SIGCONT)
-        on_s = time.monotonic()
-        robot.sleep(1.5)
-        moved_m = abs(robot.state.truth.pose.x_m - still_m)
-        return moved_m, longest_pause_s(pushed_s, on_s)
+    stage.until_still()
+    stage.pause()
+    start_m = node.x_m
+    with stage.driving(0.4, lambda: node.x_m - start_m > 0.05):
+        pass
 
 
 def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held_on(
