@@ -67,6 +67,20 @@ class WithheldTime:
         return {tid: each for pid in pids for tid, each in _threads_s(pid).items()}
 
 
+class Stopwatch:
+    """Time that passes, less what is withheld from processes; without any, from this one."""
+
+    def __init__(self, *pids: int) -> None:
+        """Start."""
+        self._withheld = WithheldTime(*pids)
+        self._began_s = time.monotonic()
+
+    @property
+    def took_s(self) -> float:
+        """Time since the start."""
+        return time.monotonic() - self._began_s - self._withheld.total_s
+
+
 class Pauses:
     """Longest pause between events of processes, less what was withheld from them in that pause."""
 
