@@ -1,9 +1,9 @@
 """Plant faults in our programs, and count how often tests in real time catch each one.
 
-`python -m tests.planted_faults [--runs 20] [--load] [--plain] [FAULT ...]` runs the tests of each
-fault with and without it. With `--load` a process spins on one processor meanwhile. With `--plain`
-tests have the priority of that process, else real time as in `scripts/run_tests`, if allowed. What
-would happen once a minute happens every two seconds, so that a test of some seconds meets it.
+`python -m tests.planted_faults [--runs 20] [--only quiet] [--plain] [FAULT ...]` runs the test of
+each fault with it, and without any, quiet and while a process spins on each processor. With
+`--plain` tests have the priority of those, else real time as in `scripts/run_tests`, if allowed.
+What would happen once a minute happens every two seconds, so that a test of some seconds meets it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import subprocess
 import sys
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -92,13 +91,22 @@ def fails(test: str, fault: str = "", start: Sequence[str] = ()) -> bool:
 
 @contextlib.contextmanager
 def load() -> Generator[None]:
-    """Let a process spin on one processor."""
+    """Let a process spin on each processor."""
     command = [sys.executable, "-c", "while True: pass"]
-    with subprocess.Popen(command) as spinning:
-        try:
-            yield
-        finally:
-            spinning.kill()
+    spinning = [subprocess.Popen(command) for _ in os.sched_getaffinity(0)]
+    try:
+        yield
+    finally:
+        for each in spinning:
+            each.kill()
+            each.wait()
+
+
+def count(test: str, fault: str, runs: int, start: Sequence[str], *, loaded: bool) -> str:
+    """Return how many runs of a test fail, as `3 of 20`."""
+    with load() if loaded else contextlib.nullcontext():
+        failed = sum(fails(test, fault, start) for _ in range(runs))
+    return f"{failed} of {runs}"
 
 
 def main() -> None:
@@ -106,24 +114,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.planted_faults", description=__doc__)
     parser.add_argument("faults", nargs="*", metavar="FAULT", help="only these")
     parser.add_argument("--runs", type=int, default=20, help="runs of each test (20)")
-    parser.add_argument("--load", action="store_true", help="spin on one processor meanwhile")
+    parser.add_argument("--only", choices=["quiet", "loaded"], help="only so, not both")
     parser.add_argument("--plain", action="store_true", help="do not run tests in real time")
     args = parser.parse_args()
     chosen = [fault for fault in FAULTS if not args.faults or fault.name in args.faults]
-    say("| planted fault | test | caught | fails without it |")
-    say("| --- | --- | --- | --- |")
+    ways = [way for way in ("quiet", "loaded") if args.only in (None, way)]
     start = () if args.plain else realtime()
-
-    @cache
-    def wrong_of(test: str) -> int:
-        return sum(fails(test, start=start) for _ in range(args.runs))
-
-    with load() if args.load else contextlib.nullcontext():
-        for fault in chosen:
-            caught = sum(fails(fault.test, fault.name, start) for _ in range(args.runs))
-            wrong = wrong_of(fault.test)
-            name = fault.test.rpartition("::")[2]
-            say(f"| {fault.text} | {name} | {caught} of {args.runs} | {wrong} of {args.runs} |")
+    say(" | ".join(["| planted fault", *(f"caught, {way}" for way in ways), "test |"]))
+    say("| --- " * (len(ways) + 2) + "|")
+    healthy = [Fault("", "none", test) for test in dict.fromkeys(fault.test for fault in chosen)]
+    for fault in [*chosen, *healthy]:
+        counts = [
+            count(fault.test, fault.name, args.runs, start, loaded=way == "loaded") for way in ways
+        ]
+        say(" | ".join([f"| {fault.text}", *counts, f"{fault.test.rpartition('::')[2]} |"]))
 
 
 def say(line: str) -> None:

@@ -62,6 +62,8 @@ class Observer:
         self.status = RobotStatus("disarmed")
         self.pauses: Pauses | None = None
         """Notes each truth, if there is one."""
+        self.command_pauses: Pauses | None = None
+        """Notes each status by which commands have been accepted, if there is one."""
         self._newest: dict[str, Odometry] = {}
         for topic in (topics.ODOM, topics.TRUTH):
             bus.subscribe(topic.key(ID), functools.partial(self._on_odometry, topic.path))
@@ -80,7 +82,10 @@ class Observer:
 
     def _on_status(self, sample: Sample) -> None:
         with self._news:
-            self.status = decode_status(sample.payload)
+            before, self.status = self.status, decode_status(sample.payload)
+            is_newer = self.status.command.accepted > before.command.accepted
+            if self.command_pauses is not None and is_newer:
+                self.command_pauses.note(time.monotonic())
             self._news.notify_all()
 
     def _on_odometry(self, name: str, sample: Sample) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -82,21 +82,29 @@ class Stopwatch:
 
 
 class Pauses:
-    """Longest pause between events of processes, less what was withheld from them in that pause."""
+    """Longest pause between events of processes, less what was withheld from them in that pause.
+
+    Withheld time counts from the event before the pause, which may have been known late.
+    """
 
     def __init__(self, *pids: int) -> None:
         """Watch these processes; without any, this one."""
         self._withheld = WithheldTime(*pids)
-        self._last: tuple[float, float] | None = None
+        self._last_s: float | None = None
+        self._counts_s = deque([0.0], maxlen=2)
         self.longest_s = 0.0
+        self.on_the_clock_s = 0.0
+        """Longest with all that was withheld."""
 
     def note(self, at_s: float) -> None:
         """Note an event at a time, as soon as it is known."""
         withheld_s = self._withheld.total_s
-        if self._last is not None:
-            pause_s, in_it_s = at_s - self._last[0], withheld_s - self._last[1]
+        if self._last_s is not None:
+            pause_s, in_it_s = at_s - self._last_s, withheld_s - self._counts_s[0]
             self.longest_s = max(self.longest_s, pause_s - in_it_s)
-        self._last = at_s, withheld_s
+            self.on_the_clock_s = max(self.on_the_clock_s, pause_s)
+        self._last_s = at_s
+        self._counts_s.append(withheld_s)
 
 
 @dataclass
