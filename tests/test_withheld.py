@@ -61,8 +61,13 @@ def test_a_competitor_for_the_processor_withholds_half_of_it(cpu: int) -> None:
 
 def test_a_process_that_sleeps_next_to_one_that_spins_misses_next_to_nothing(cpu: int) -> None:
     text = "import time\nprint(flush=True)\ntime.sleep(60)"
-    with process(text, cpu) as pid, process(SPIN, cpu), WithheldTime(pid) as withheld:
-        time.sleep(WATCHED_S)
+    with process(text, cpu) as pid, process(SPIN, cpu):
+        before = ""
+        while (seen := Path(f"/proc/{pid}/schedstat").read_text("ascii")) != before:
+            before = seen  # It has run since, so it does not sleep yet.
+            time.sleep(0.2)
+        with WithheldTime(pid) as withheld:
+            time.sleep(WATCHED_S)
     assert withheld.total_s < 0.1 * WATCHED_S
 
 
