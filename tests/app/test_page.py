@@ -413,4 +413,4 @@ def picture(demo: Demo) -> bytes:
     x, y = demo.pixel_of((0.0, 0.0))
     side = 2.0 * _ROBOT_PX
     clip: FloatRect = {"x": x - _ROBOT_PX, "y": y - _ROBOT_PX, "width": side, "height": side}
-    return demo.page.screenshot(clip=clip)
+    return demo.page.screenshot(clip=clip, timeout=PATIENCE_MS)

@@ -61,6 +61,7 @@ WATCH_STALLS = """{
 """
 """Script of a page that measures for how long it got no time at most, for `trials`."""
 PATIENCE_MS = 60_000
+expect.set_options(timeout=PATIENCE_MS)
 _PRESSES = 20
 _TRIALS = 6
 _STALL_MS = 1000.0
