@@ -19,7 +19,6 @@ from tests.app.conftest import Program
 from tests.support.browser import (
     FEW_FRAMES,
     PATIENCE_MS,
-    WATCH_STALLS,
     centre,
     click_through,
     get_ready,
@@ -27,7 +26,6 @@ from tests.support.browser import (
     mode,
     press_now,
     take_control_and_arm,
-    trials,
 )
 from tests.support.page_watcher import (
     PRESS_S,
@@ -117,7 +115,6 @@ def shared(start_shared: Callable[..., Program], browser: Browser) -> Iterator[D
     url, endpoint = re.findall(r"http://\S+|tcp/[\d.:]+", program.ready())
     context = browser.new_context(viewport={"width": 1280, "height": 640})
     context.add_init_script(FEW_FRAMES)
-    context.add_init_script(WATCH_STALLS)
     page = context.new_page()
     with Bus(observer(endpoint)) as bus:
         demo = Demo(page, Watcher(bus, page), program)
@@ -204,18 +201,16 @@ def test_keys_drive_as_the_stick_does(demo: Demo) -> None:
     page, watcher = demo.page, demo.watcher
     take_control_and_arm(page)
     for name, axis, sign in (("w", 0, 1), ("a", 1, 1), ("s", 0, -1), ("d", 1, -1), ("q", 2, 1)):
-        for trial in trials(page):
-            with trial:
-                get_ready(page)
-                held = key(page, name)
-                watcher.holding(
-                    held, lambda a=axis, s=sign: s * watcher.twist[a] > MOVING_MPS, f"{name} moves"
-                )
-                at_release = watcher.truth.copy()
-                held.up()
-                watcher.until(lambda: watcher.at_rest, f"standstill after {name}")
-                assert math.dist(at_release[:2], watcher.truth[:2]) <= STOP_WITHIN_M
-                mode(page, "ready")
+        get_ready(page)
+        held = key(page, name)
+        watcher.holding(
+            held, lambda a=axis, s=sign: s * watcher.twist[a] > MOVING_MPS, f"{name} moves"
+        )
+        at_release = watcher.truth.copy()
+        held.up()
+        watcher.until(lambda: watcher.at_rest, f"standstill after {name}")
+        assert math.dist(at_release[:2], watcher.truth[:2]) <= STOP_WITHIN_M
+        mode(page, "ready")
 
 
 def test_stop_latches_and_only_reset_arm_and_a_new_command_move_again(demo: Demo) -> None:
@@ -298,11 +293,9 @@ def go_button(page: Page) -> Press:
 def test_a_path_is_driven_while_it_is_held_and_let_go_the_robot_stands(demo: Demo) -> None:
     """In numbers, held by a key; by a click on the floor, held with the mouse; and drawn."""
     for drive in (drive_by_numbers, drive_to_a_click, drive_what_is_drawn):
-        for trial in trials(demo.page):
-            with trial:
-                demo.watcher.until(lambda: demo.watcher.at_rest, "standstill")
-                get_ready(demo.page)
-                drive(demo)
+        demo.watcher.until(lambda: demo.watcher.at_rest, "standstill")
+        get_ready(demo.page)
+        drive(demo)
 
 
 def drive_by_numbers(demo: Demo) -> None:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 import shutil
-from collections.abc import Iterator
 
-from playwright.sync_api import Error as PlaywrightError
 from playwright.sync_api import Locator, Page, expect
 
 from tests.support.withheld import budget
@@ -42,29 +40,9 @@ FEW_FRAMES = """{
 
 To draw it as often as it can takes most of the processor.
 """
-WATCH_STALLS = """{
-  let lastMs = performance.now();
-  let longestMs = 0;
-  const look = () => {
-    const nowMs = performance.now();
-    longestMs = Math.max(longestMs, nowMs - lastMs);
-    lastMs = nowMs;
-  };
-  setInterval(look, 50);
-  window.longestStallMs = () => {
-    look();
-    const stallMs = longestMs;
-    longestMs = 0;
-    return stallMs;
-  };
-}
-"""
-"""Script of a page that measures for how long it got no time at most, for `trials`."""
 PATIENCE_MS = 60_000
 expect.set_options(timeout=PATIENCE_MS)
 _PRESSES = 20
-_TRIALS = 6
-_STALL_MS = 1000.0
 _ARMING = re.compile("arming", re.IGNORECASE)
 _NEAR = re.compile(r"(^|\D)\d{1,2} ms")
 _CENTRE = """(found) => {
@@ -156,34 +134,6 @@ def get_ready(page: Page) -> None:
         with contextlib.suppress(AssertionError):  # The wheels of some spin up for two seconds.
             expect(said).not_to_contain_text(_ARMING, timeout=PATIENCE_MS / _PRESSES)
     raise AssertionError(f"not in control and armed: {said.inner_text()}")
-
-
-def trials(*pages: Page) -> Iterator[contextlib.AbstractContextManager[None]]:
-    """Yield contexts until what is tried in one has not failed; only a stall lets a trial fail.
-
-    A page that stalls lets go, and loses control; a robot that does is in a fault. What fails then
-    shows nothing, and is tried again. What fails without a stall of one of the pages, which need
-    `WATCH_STALLS`, fails.
-    """
-    passed = False
-
-    @contextlib.contextmanager
-    def trial(*, last: bool) -> Iterator[None]:
-        nonlocal passed
-        for page in pages:
-            page.evaluate("longestStallMs()")
-        try:
-            yield
-            passed = True
-        except (AssertionError, PlaywrightError):
-            stalled_ms = max(page.evaluate("longestStallMs()") for page in pages)
-            if last or stalled_ms < _STALL_MS:
-                raise
-
-    for attempt in budget.tries("trial", _TRIALS):
-        yield trial(last=attempt == _TRIALS - 1)
-        if passed:
-            return
 
 
 def press_now(page: Page, name: str) -> bool:

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-_REPEATS, _FREE_REPEATS = 0.3, 5
+_REPEATS, _FREE_REPEATS = 0.2, 5
 """Fraction of the inputs to pages that may be given again, and a number that always may."""
 _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 _STOLEN = 8
