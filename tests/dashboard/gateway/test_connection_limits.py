@@ -30,7 +30,7 @@ from tests.support.raw_http import (
     request,
     status_of,
 )
-from tests.support.withheld import Stopwatch
+from tests.support.withheld import Stopwatch, budget
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimits
 from tsd_twin.dashboard.gateway.viewport_page import VIEWPORT_PATH
@@ -65,7 +65,7 @@ def test_strangers_share_a_few_places_and_are_told_so(fresh: Site) -> None:
 def test_a_thousand_connections_neither_stop_an_operator_nor_keep_one_out(fresh: Site) -> None:
     with fresh.page(PAGE, user="alice", cookie=cookie_of(fresh.port, "alice")) as page:
         page.make_ready()
-        for _ in range(GOES):
+        for _ in budget.tries("drive among a thousand connections", GOES):
             page.drive()
             with dialled(fresh.port, 1000):
                 bob = cookie_of(fresh.port, "bob")

@@ -58,7 +58,7 @@ def test_a_stop_is_published_before_the_controls_are_released() -> None:
 async def show_stopped(session: Session, state: RobotState) -> bool:
     """Show a state of a stopped robot without its lease, and return whether control is held."""
     status = replace(state.status, mode="stopped", lease=LeaseStatus(holder="bob"))
-    session.show(replace(state, status=status))
+    session.show(replace(state, status=status, status_seq=state.status_seq + 1))
     return session._lease_client.lease is not None
 
 
