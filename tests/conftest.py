@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import gc
+import os
 from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from pytest_timeout import Settings, timeout_sigalrm
 
 from tests.support.marks import WRITTEN, all_marks, may_choose, possible_marks
 from tests.support.robot_node import RunningNode, running
 from tests.support.slow_tests import is_long, listed, name_of, shared
 from tests.support.text_tests import NonsenseRun
+from tests.support.time_limits import TimeLimit
+from tests.support.withheld import WithheldTime, budget
 from tsd_twin.messages import codes
 
 settings.register_profile("unhurried", deadline=None)  # A busy machine is no failure.
@@ -66,6 +70,42 @@ def pytest_collection_finish() -> None:
     """Take what is loaded now out of each search for garbage: that took 6 % of a run."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Let each failure of a test in real time say what the machine withheld from its processes."""
+    if item.get_closest_marker("timed") is None:
+        return (yield)
+    with WithheldTime(os.getpid()):
+        return (yield)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_timeout_set_timer(item: pytest.Item, settings: Settings) -> bool:
+    """Count no time towards the limit of a test that the machine withheld from it."""
+    limit = TimeLimit(
+        settings.timeout,
+        lambda: timeout_sigalrm(item, settings),
+        waits=item.get_closest_marker("timed") is not None,
+    )
+    item.cancel_timeout = limit.cancel  # type: ignore[attr-defined]
+    return True
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Print for how long the machine withheld a processor from the processes under test."""
+    for line in budget.lines():
+        terminalreporter.write_line(line)
+    if budget.excess:
+        terminalreporter.write_line(f"FAILED: {budget.excess}", red=True)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail a run in which the machine withheld too much time to judge."""
+    if budget.excess:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 def _order(item: pytest.Item) -> bool:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import itertools
-import os
 import signal
 import subprocess
 import sys
@@ -13,22 +11,16 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
-from typing import Any, ParamSpec
 
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
-import tsd_twin
 from tests.support.browser import CHEAP_FLAGS, executable
-from tests.support.priorities import AS_OTHERS, REALTIME
-from tests.support.stall_watch import StallWatch
+from tests.support.priorities import AS_OTHERS, REALTIME, to_realtime
+from tests.support.withheld import Followed, budget
+from tsd_twin.adapters.cmd_vel import PAUSE_S
 
 PATIENCE_S = 60.0
-HELD_UP = "have not been measured"
-HELD_UP_CODES = ("joints_silent", "joints_silent_loop_late")
-"""What a robot says that is armed and gets no time."""
-_RUNS = 4
-P = ParamSpec("P")
 
 
 def longest_pause_s(times_s: Iterable[float], since_s: float) -> float:
@@ -37,39 +29,14 @@ def longest_pause_s(times_s: Iterable[float], since_s: float) -> float:
     return max(after - before for before, after in itertools.pairwise(within))
 
 
-def again_if_held_up(test: Callable[P, None]) -> Callable[P, None]:
-    """Run a test of a `stage` again whose robot, or which itself, got no time.
+def stays_put(moved_m: float, pushed_s: Iterable[float], since_s: float, withheld_s: float) -> None:
+    """Check that a stick that is held on has not moved a robot.
 
-    A robot that got none is in a fault, and commands that come late move nothing: both end a drive.
+    One that the machine lets pause counts as let go, and may move the robot when it is pushed on.
     """
-
-    @functools.wraps(test)
-    def run(*args: P.args, **kwargs: P.kwargs) -> None:
-        for left in reversed(range(_RUNS)):
-            with StallWatch() as machine:
-                try:
-                    test(*args, **kwargs)
-                except AssertionError:
-                    stage: Any = kwargs["stage"]
-                    held_up = reset_if_held_up(stage.endpoint)
-                    if left == 0 or not (held_up or machine.stalled):
-                        raise
-                else:
-                    return
-
-    return run
-
-
-def reset_if_held_up(endpoint: str) -> bool:
-    """Return whether a robot is in the fault of one that got no time, after resetting it."""
-    with tsd_twin.connect(endpoint) as robot:
-        status = robot.state.status
-        code = status.stop.code if status.stop else ""
-        if status.mode != "fault" or code not in HELD_UP_CODES:
-            return False
-        with robot.control("cleaner", take_over=True, arm=False) as base:
-            base.reset()
-    return True
+    pause_s = longest_pause_s(pushed_s, since_s)
+    assert pause_s < PAUSE_S + withheld_s, "the stick was let go"
+    assert moved_m < 0.01 or pause_s >= PAUSE_S
 
 
 class Program:
@@ -89,6 +56,8 @@ class Program:
         )
         self.output: list[str] = []
         self.errors: list[str] = []
+        self._name = arguments[0]
+        self._followed: Followed | None = None
         self._ready = threading.Event()
         self._threads = [
             threading.Thread(target=self._read, args=(self.process.stdout, self.output)),
@@ -102,7 +71,8 @@ class Program:
             into.append(line.rstrip("\n"))
             if line.startswith("ready:"):
                 if self._loads:
-                    to_realtime(self.process.pid)
+                    family_to_realtime(self.process.pid)
+                self._followed = budget.follow(self._name, self.process.pid)
                 self._ready.set()
         self._ready.set()
 
@@ -115,6 +85,7 @@ class Program:
 
     def end(self, signal_number: int = signal.SIGINT) -> int:
         """Signal, wait, and return the exit code."""
+        self._count()
         self.process.send_signal(signal_number)
         return self.wait()
 
@@ -125,6 +96,11 @@ class Program:
             thread.join(PATIENCE_S)
         return code
 
+    def _count(self) -> None:
+        """Add what the machine withheld from it to the budget."""
+        if self._followed is not None:
+            self._followed.end()
+
     @property
     def sentence(self) -> str:
         """What was said on standard error."""
@@ -132,6 +108,7 @@ class Program:
 
     def clean_up(self) -> None:
         """Leave nothing behind."""
+        self._count()
         if self.process.poll() is None:
             self.process.kill()
         self.wait()
@@ -186,16 +163,11 @@ def alive(pid: int) -> bool:
     return fields is not None and fields[0] != "Z"
 
 
-def to_realtime(pid: int) -> None:
-    """Let a process and its children run in real time, as a robot on a machine of its own.
-
-    Before what tests compute in real time, of which one thread keeps a processor for 0.1 s.
-    """
+def family_to_realtime(pid: int) -> None:
+    """Let a process and its children run in real time, as a robot on a machine of its own."""
     for child in children_of(pid):
-        to_realtime(child)
-    with contextlib.suppress(OSError):  # A thread may have ended.
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(2))
+        family_to_realtime(child)
+    to_realtime(pid)
 
 
 def stat_of(pid: int) -> list[str] | None:

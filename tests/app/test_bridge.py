@@ -63,7 +63,8 @@ def test_the_pose_on_the_bus_comes_from_servos_that_the_firmware_moves(machine: 
         moved_m = pilot.odom.xy_heading[0] - x_m
         assert abs(seen["pose"][0] - there_m - moved_m) < 0.1 * moved_m
 
-    machine.undisturbed(drives_half_a_metre)
+    machine.drive()
+    drives_half_a_metre()
 
 
 def test_in_ready_it_stays_armed_without_any_command(machine: Machine) -> None:
@@ -77,7 +78,8 @@ def test_in_ready_it_stays_armed_without_any_command(machine: Machine) -> None:
             time.sleep(0.05)
         assert min(machine.box.show()["pulses_us"]) > 1100.0
 
-    machine.undisturbed(waits)
+    machine.drive()
+    waits()
 
 
 def test_an_operator_who_falls_silent_is_a_controlled_stop_and_no_trip(machine: Machine) -> None:
@@ -88,7 +90,8 @@ def test_an_operator_who_falls_silent_is_a_controlled_stop_and_no_trip(machine: 
         assert machine.reason.startswith(reasons)
         assert machine.hardware["board"] == "armed"
 
-    machine.undisturbed(falls_silent)
+    machine.drive()
+    falls_silent()
 
 
 def keep_throwing_garbage(machine: Machine) -> None:
@@ -151,7 +154,8 @@ def test_a_line_that_fails_stops_it_in_one_sentence_and_nothing_moves_until_it_i
         wait_until(told, "a message where the bridge was started")
         assert len(told()) == 1
 
-    machine.undisturbed(fails)
+    machine.drive()
+    fails()
     machine.hold_until(lambda: machine.answers)
     assert machine.stays_at_rest(), "nothing moves, though the line is well and the stick is held"
     assert machine.mode == "fault"
@@ -187,7 +191,8 @@ def test_a_piece_of_garbage_now_and_then_is_counted_and_stops_nobody(machine: Ma
             assert machine.mode == "driving", machine.reason
         assert machine.box.drives
 
-    machine.undisturbed(survives)
+    machine.drive()
+    survives()
 
 
 def test_a_dead_servo_is_named(machine: Machine) -> None:
@@ -212,7 +217,8 @@ def test_the_radio_control_takes_the_robot_and_the_core_refuses_to_drive(machine
             raise AssertionError(machine.reason)
 
     box.tell("sticks 0 0 0 0")
-    machine.undisturbed(takes_over)
+    machine.drive()
+    takes_over()
     wait_until(lambda: box.at_rest, "at rest")
 
     # Now it is moved on purpose, off and on again with the robot at rest; once more if a busy
@@ -241,7 +247,8 @@ def test_the_kill_switch_stops_it_and_arming_is_refused(machine: Machine) -> Non
             box.tell("kill off")
             raise AssertionError(machine.reason)
 
-    machine.undisturbed(kills)
+    machine.drive()
+    kills()
     wait_until(lambda: box.at_rest, "at rest")
     machine.refuses_to_arm("the kill switch of the radio control is on")
     box.tell("kill off")

@@ -17,12 +17,14 @@ from tests.app.conftest import Program
 from tests.support.bus_operator import BusOperator
 from tests.support.experiment_runs import is_picture
 from tests.support.robot_node import PATIENCE_S, PATIENT, running
+from tests.support.withheld import WithheldTime
 from tsd_mock import OverheadCamera
 from tsd_twin import robots
 from tsd_twin.calibration.drive_log import read_recordings
 from tsd_twin.calibration.operator import watch_keys
 from tsd_twin.calibration.zeroing import twist_by_zero_offsets
 from tsd_twin.robots import SingularityDescription
+from tsd_twin.safety.loop_watch import LATE_S
 from tsd_twin.simulation import simulate
 
 pytestmark = pytest.mark.system
@@ -30,11 +32,6 @@ pytestmark = pytest.mark.system
 Start = Callable[..., Program]
 BUILT = re.sub(r"zero_deg = \S+", "zero_deg = 0.3", PATIENT)
 """And one whose gimbals are off by more than thumbs would leave."""
-
-TOO_BUSY = (
-    "held up|off its path|left its area|no command|fault|has sent no status|no odometry|"
-    "no pose measurement|makes no progress|disagree|was based on|too busy|does not answer"
-)
 
 
 def drive(start: Start, endpoint: str, folder: Path, *flags: str) -> Program:
@@ -50,21 +47,13 @@ def test_a_mock_under_a_camera_is_driven_and_what_is_wrong_with_it_found(
 ) -> None:
     toml, folder = tmp_path / "built.toml", tmp_path / "lab"
     toml.write_text(BUILT)
-    for _ in range(5):
-        mock = start(
-            "tsd_mock", "--robot", str(toml), "--noise", "1", "--errors", "1", "--seed", "4",
-            "--camera", "--listen", "tcp/127.0.0.1:0",
-        )  # fmt: skip
-        endpoint = mock.ready().rpartition(" ")[2]
-        lab = drive(
-            start, endpoint, folder, "--room", "2.84", "--speed", "1", "--write-to", str(toml)
-        )
-        if lab.wait() == 0:
-            break
-        # A machine too busy to drive by is told so, and whoever sits there would drive again.
-        assert re.search(TOO_BUSY, lab.sentence)
-        mock.end()
-    assert lab.process.returncode == 0
+    mock = start(
+        "tsd_mock", "--robot", str(toml), "--noise", "1", "--errors", "1", "--seed", "4",
+        "--camera", "--listen", "tcp/127.0.0.1:0",
+    )  # fmt: skip
+    endpoint = mock.ready().rpartition(" ")[2]
+    lab = drive(start, endpoint, folder, "--room", "2.84", "--speed", "1", "--write-to", str(toml))
+    assert lab.wait() == 0, lab.sentence
     assert is_picture(folder / "calibrate.png")
     log = folder / "calibrate_log.csv"
     # Where the simulated gimbals stand when their servos say zero, by the seed.
@@ -105,40 +94,28 @@ def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
         node.client() as bus,
         OverheadCamera(bus, node.id),
     ):
-        for attempt in range(5):
-            (folder := tmp_path / str(attempt)).mkdir()
-            lab = drive(start, node.endpoint, folder, "--room", "1.2", "--speed", "1")
-            alice.wait_until(
-                lambda it=lab: it.process.poll() or np.hypot(*alice.truth.twist[:2]) > 0.3
-            )
-            if lab.end(signal.SIGKILL) != -signal.SIGKILL:
-                assert re.search(TOO_BUSY, lab.sentence), lab.sentence
-                alice.wait_until(lambda: alice.status.lease.holder is None)
-                continue
-            killed_at = alice.truth.xy_heading[:2]
-            # By itself; and nobody drives it any more.
-            alice.wait_until(lambda: alice.status.mode in ("ready", "disarmed"))
-            stopped = alice.status
-            alice.wait_until(lambda: np.abs(alice.truth.twist).max() < 0.05)
-            # 0.31 m from the last command that counted at 1 m/s, docs/safety.md; it went slower.
-            assert np.hypot(*(alice.truth.xy_heading[:2] - killed_at)) < 0.35
-            alice.wait_until(lambda: alice.status.lease.holder is None)
-            if stopped.mode == "ready":
-                break
-            # A busy machine has stopped the robot a moment before, and the lab was giving up.
-            assert stopped.stop_reason == "disarmed by the operator"
-        else:
-            pytest.fail("the lab never drives until it is killed")
+        lab = drive(start, node.endpoint, tmp_path, "--room", "1.2", "--speed", "1")
+        alice.wait_until(lambda: lab.process.poll() or np.hypot(*alice.truth.twist[:2]) > 0.3)
+        assert lab.end(signal.SIGKILL) == -signal.SIGKILL, lab.sentence
+        withheld = WithheldTime()
+        killed_at = alice.truth.xy_heading[:2]
+        # By itself; and nobody drives it any more.
+        alice.wait_until(lambda: alice.status.mode == "ready")
+        alice.wait_until(lambda: np.abs(alice.truth.twist).max() < 0.05)
+        # 0.31 m from the last command that counted at 1 m/s, docs/safety.md; it went slower.
+        travel_m = np.hypot(*(alice.truth.xy_heading[:2] - killed_at))
+        assert travel_m < 0.35 + 1.0 * withheld.total_s
+        alice.wait_until(lambda: alice.status.lease.holder is None)
 
 
 def test_without_a_camera_nothing_moves(start: Start, tmp_path: Path) -> None:
-    with running() as node, BusOperator(node) as alice:
+    with running() as node, BusOperator(node) as alice, WithheldTime() as withheld:
         lab = drive(start, node.endpoint, tmp_path)
         assert lab.wait() != 0
         assert f"no pose measurements on twin/{node.id}/sensor/pose" in lab.sentence
         assert "\n" not in lab.sentence
-        # A loop that was held up warns of that.
-        assert {event["kind"] for event in alice.events} <= {"pose", "loop"}
+        late = {"loop"} if withheld.total_s > LATE_S else set[str]()
+        assert {event["kind"] for event in alice.events} <= {"pose"} | late
         assert alice.status.mode == "disarmed"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import re
 import signal
 import ssl
@@ -26,7 +27,7 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program, again_if_held_up, longest_pause_s
+from tests.app.conftest import PATIENCE_S, Program, stays_put
 from tests.support.foxglove_client import (
     TWIST,
     ForeignClient,
@@ -38,8 +39,8 @@ from tests.support.provisioning import provision_folder
 from tests.support.recorded_drives import RecordedDrive
 from tests.support.robot_node import QUICK
 from tests.support.tcp_relay import Relay
+from tests.support.withheld import WithheldTime
 from tsd_twin import robots
-from tsd_twin.adapters.cmd_vel import PAUSE_S
 from tsd_twin.adapters.foxglove.gateway import FOXGLOVE_ORIGIN, SILENT_S
 from tsd_twin.adapters.ros_messages import PUBLISHED, SERVICES
 from tsd_twin.bus import Bus, as_client, client_config
@@ -50,7 +51,6 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 PROTOCOL = Subprotocol("foxglove.sdk.v1")
 ALLOWANCE_M = robots.load_robot("tsd").limits.stop_allowance_m
 SPEED_MPS = 0.8
-TRIES = 3
 T = TypeVar("T")
 
 
@@ -62,7 +62,12 @@ class Stage:
     relay: Relay
     """Between robot and adapter."""
     url: str
+    robot: Program
     adapter: Program
+
+    def withheld(self) -> WithheldTime:
+        """Measure what the machine withholds from robot, adapter and this process."""
+        return WithheldTime(self.robot.process.pid, self.adapter.process.pid, os.getpid())
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
         return asyncio.run(work)
@@ -82,7 +87,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
         with Relay(endpoint) as relay:
             flags = ["--connect", relay.endpoint, "--port", "0"]
             programs.append(Program(["tsd_foxglove", *flags]))
-            yield Stage(endpoint, relay, url_of(programs[1]), programs[1])
+            yield Stage(endpoint, relay, url_of(programs[1]), *programs)
             assert programs[1].end() == 0
             assert "Traceback" not in programs[1].sentence, programs[1].sentence
             assert len(programs[1].errors) < 50, "a client fills the log with its mistakes"
@@ -158,45 +163,36 @@ def test_a_foreign_client_sees_all_topics_and_gets_the_urdf_with_its_meshes(stag
 
 
 @pytest.mark.parametrize("encoding", ["json", "cdr"])
-@again_if_held_up
 def test_a_foreign_client_arms_drives_and_silence_stops_the_robot(
     stage: Stage, encoding: str
 ) -> None:
     """Within the distance that is promised for a link that fails."""
 
-    async def drive_and_fall_silent(it: ForeignClient) -> bool:
-        """Return whether the robot was driven, and never had to stop by itself.
-
-        On a busy machine it has to; or twists come late, and the adapter says so.
-        """
+    async def drive_and_fall_silent(it: ForeignClient) -> None:
         await it.pause()
-        before, start_m, said = it.status["stops"], it.x_m, len(it.said)
+        before, start_m = it.status["stops"], it.x_m
         await it.push(SPEED_MPS, 1.2, encoding)
-        last_m, last_s = it.x_m, time.monotonic()
-        await it.until(lambda: it.status["mode"] == "ready", "it does not stop")
-        await it.until_still()
+        with stage.withheld() as withheld:
+            last_m, last_s = it.x_m, time.monotonic()
+            await it.until(lambda: it.status["mode"] == "ready", "it does not stop")
+            await it.until_still()
         # The newest pose that has come in is up to two periods of the stream old.
         travel_m = it.x_m - last_m
-        assert travel_m < ALLOWANCE_M + 0.04 * SPEED_MPS, travel_m
+        assert travel_m < ALLOWANCE_M + (0.04 + withheld.total_s) * SPEED_MPS
         assert time.monotonic() - last_s < 10.0
-        stops, drove = it.status["stops"] - before, last_m - start_m > 0.3
-        assert drove or stops or "cmd_vel" in " ".join(it.said[said:])
-        return drove and not stops
+        assert last_m - start_m > 0.3
+        assert it.status["stops"] == before, "the adapter sends no zeros"
 
     async def work() -> None:
         async with foreign_client(stage.url) as it:
             answer = await it.call("/arm")
             assert answer == {"success": True, "message": "ready"}
             assert it.status["lease"]["holder"].startswith("foxglove-")
-            for _ in range(TRIES):
-                if rested := await drive_and_fall_silent(it):
-                    break
-            assert rested, "the adapter sends no zeros"
+            await drive_and_fall_silent(it)
 
     stage.run(work())
 
 
-@again_if_held_up
 def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stage: Stage) -> None:
     async def work() -> None:
         async with foreign_client(stage.url) as it:
@@ -232,7 +228,6 @@ def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stag
     stage.run(work())
 
 
-@again_if_held_up
 def test_services_stop_reset_and_disarm_and_their_refusals(stage: Stage) -> None:
     async def work() -> None:
         async with foreign_client(stage.url) as it, foreign_client(stage.url) as other:
@@ -251,7 +246,6 @@ def test_services_stop_reset_and_disarm_and_their_refusals(stage: Stage) -> None
     stage.run(work())
 
 
-@again_if_held_up
 def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -> None:
     async def work() -> None:
         async with foreign_client(stage.url) as it:
@@ -259,18 +253,18 @@ def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -
                 await driver.call("/arm")
                 await driver.pause()
                 await driver.push(SPEED_MPS, 0.8)
+                withheld = stage.withheld()
                 last_m = it.x_m
                 # As the system does for a process that is killed.
                 driver.client._websocket.transport.abort()
             await it.until(lambda: it.status["lease"]["holder"] is None, "still held")
             await it.until_still()
-            assert it.x_m - last_m < ALLOWANCE_M + 0.04 * SPEED_MPS
+            assert it.x_m - last_m < ALLOWANCE_M + (0.04 + withheld.total_s) * SPEED_MPS
             assert it.status["mode"] == "disarmed"
 
     stage.run(work())
 
 
-@again_if_held_up
 def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held_on(
     stage: Stage,
 ) -> None:
@@ -298,11 +292,10 @@ def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held
     assert stage.run(work()) < 0.01
 
 
-@again_if_held_up
 def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage) -> None:
     """Stopped for three seconds while twists pile up in its buffers; the stick is held on."""
 
-    async def moved_and_pause() -> tuple[float, float]:
+    async def work() -> None:
         async with foreign_client(stage.url) as it:
             await it.call("/arm")
             await it.pause()
@@ -311,28 +304,23 @@ def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage
             stage.adapter.process.send_signal(signal.SIGSTOP)
             with tsd_twin.connect(stage.endpoint) as robot:
                 robot.sleep(0.1)
-                last_m = robot.state.truth.pose.x_m
-                await asyncio.sleep(1.5)
+                with stage.withheld() as withheld:
+                    last_m = robot.state.truth.pose.x_m
+                    await asyncio.sleep(1.5)
                 still_m = robot.state.truth.pose.x_m
-                assert still_m - last_m < ALLOWANCE_M
+                assert still_m - last_m < ALLOWANCE_M + withheld.total_s * SPEED_MPS
                 stage.adapter.process.send_signal(signal.SIGCONT)
                 on_s = time.monotonic()
-                await asyncio.sleep(1.5)
+                with stage.withheld() as withheld:
+                    await asyncio.sleep(1.5)
                 moved_m = abs(robot.state.truth.pose.x_m - still_m)
-                pause_s = longest_pause_s(it.pushed_s, on_s)
+                stays_put(moved_m, it.pushed_s, on_s, withheld.total_s)
             pushing.cancel()
             await asyncio.gather(pushing, return_exceptions=True)
-        return moved_m, pause_s
 
-    for _ in range(TRIES):
-        moved_m, pause_s = stage.run(moved_and_pause())
-        if pause_s < PAUSE_S:  # A busy machine held up the publisher, which is as to let go.
-            break
-    assert pause_s < PAUSE_S
-    assert moved_m < 0.01
+    stage.run(work())
 
 
-@again_if_held_up
 def test_a_client_that_answers_no_ping_drives_nothing_and_is_cut_off(stage: Stage) -> None:
     """Without answers the age of its twists has no bound: so it is with a link that has stalled."""
 
@@ -386,7 +374,6 @@ async def closed_by(url: str, data: bytes | str, patience_s: float = PATIENCE_S)
         return line.close_code
 
 
-@again_if_held_up
 def test_hostile_messages_move_nothing_and_end_nothing(stage: Stage) -> None:
     async def work() -> None:
         async with foreign_client(stage.url) as it:

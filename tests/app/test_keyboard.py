@@ -10,7 +10,8 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.app.conftest import Program
-from tests.support.browser import FEW_FRAMES, PATIENCE_MS, WATCH_STALLS, give_back, mode
+from tests.support.browser import FEW_FRAMES, PATIENCE_MS, give_back, mode
+from tests.support.withheld import budget
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
@@ -33,7 +34,6 @@ def shared(start_shared: Callable[..., Program], browser: Browser) -> Page:
     line = start_shared("tsd_demo", "--no-browser", "--no-record", "--until-eof", *ports)
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     page.add_init_script(FEW_FRAMES)
-    page.add_init_script(WATCH_STALLS)
     page.goto(re.findall(r"http://\S+", line.ready())[0])
     mode(page, "disarmed")
     return page
@@ -53,7 +53,8 @@ def tab_to(page: Page, target: Locator) -> None:
     """Go to a control with the Tab key alone."""
     expect(target).to_be_visible(timeout=_WAIT_MS)
     for _ in range(_TABS):
-        if target.evaluate("(node) => document.activeElement === node"):
+        # Without waiting: a control that is needed no more is gone.
+        if target.evaluate_all("(found) => found.includes(document.activeElement)"):
             return
         page.keyboard.press("Tab")
     raise AssertionError(f"Tab does not reach {target}")
@@ -73,7 +74,7 @@ def get_ready(page: Page) -> None:
     A page that gets no time is silent, and loses control; a robot that gets none is in a fault.
     """
     said = page.get_by_role("status", name="Mode")
-    for _ in range(_TRIES):
+    for _ in budget.tries("take control and arm by key", _TRIES):
         with contextlib.suppress(AssertionError):
             for step, hold_ms in (("Take control", 0), ("Hold to reset", 1500), ("Arm", 0)):
                 if button(page, step).is_visible():
@@ -90,7 +91,7 @@ def get_ready(page: Page) -> None:
 
 def hold_until_it_moves(page: Page, key: str, focused: Locator | None = None) -> None:
     """Hold a key, and again if the page has stalled, and so has let go."""
-    for _ in range(_TRIES):
+    for _ in budget.tries("hold a key", _TRIES):
         get_ready(page)
         if focused is not None:
             tab_to(page, focused)
@@ -161,7 +162,7 @@ def test_the_name_that_an_operator_types_is_kept_and_shown_to_others(page: Page)
     other = browser.new_page()
     other.goto(page.url)
     driven = other.get_by_role("banner").get_by_text("Анна Müller drives")
-    for _ in range(_TRIES):
+    for _ in budget.tries("take control by key", _TRIES):
         with contextlib.suppress(AssertionError):
             if button(page, "Take control").is_visible():
                 tab_to(page, button(page, "Take control"))

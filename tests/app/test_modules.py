@@ -10,7 +10,8 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.app.conftest import PATIENCE_S, Program
-from tests.support.browser import PATIENCE_MS, WATCH_STALLS, get_ready, mode, trials
+from tests.support.browser import PATIENCE_MS, get_ready, mode
+from tests.support.withheld import budget
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
@@ -72,7 +73,7 @@ def choose_speed(page: Page, watcher: Watcher) -> None:
 def drive_until(page: Page, seen: Callable[[], None]) -> None:
     """Hold a key until something is to be seen."""
     stick = page.get_by_role("application", name="Stick")
-    for _ in range(_PRESSES):
+    for _ in budget.tries("hold a key", _PRESSES):
         get_ready(page)
         stick.focus()  # Where a key is no number: it drives.
         page.keyboard.down("d")
@@ -98,17 +99,14 @@ def test_an_operator_chooses_the_wheel_speed_and_is_told_which_module_sticks(
         watcher = Watcher(bus)
         page = browser.new_page(viewport={"width": 960, "height": 640})
         page.on("pageerror", lambda error: errors.append(str(error)))
-        page.add_init_script(WATCH_STALLS)
         page.goto(address)
         mode(page, "disarmed")
         page.locator("summary", has_text="Wheel speed").click(timeout=PATIENCE_MS)
         slider = page.get_by_role("slider", name="Wheel speed")
         expect(slider).to_be_disabled(timeout=PATIENCE_MS)
         expect(slider.locator("..")).to_contain_text("Take control first.")
-        for trial in trials(page):
-            with trial:
-                get_ready(page)
-                choose_speed(page, watcher)
+        get_ready(page)
+        choose_speed(page, watcher)
         panel = page.get_by_role("tabpanel")
         notice = page.get_by_role("status").filter(has_text="module2 contradicts the others.")
         expect(notice).to_have_count(0)

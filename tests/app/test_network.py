@@ -18,7 +18,7 @@ from tests.app.conftest import Program
 pytestmark = pytest.mark.system
 
 Start = Callable[..., Program]
-_PATIENCE_S = 20.0
+_PATIENCE_S = 60.0
 _STATES = 600
 _AGAIN = 10
 

@@ -19,7 +19,6 @@ from tests.app.conftest import Program
 from tests.support.browser import (
     FEW_FRAMES,
     PATIENCE_MS,
-    WATCH_STALLS,
     centre,
     click_through,
     get_ready,
@@ -27,7 +26,6 @@ from tests.support.browser import (
     mode,
     press_now,
     take_control_and_arm,
-    trials,
 )
 from tests.support.page_watcher import (
     PRESS_S,
@@ -38,7 +36,7 @@ from tests.support.page_watcher import (
     observer,
     stick_forward,
 )
-from tests.support.stall_watch import StallWatch
+from tests.support.withheld import WithheldTime, budget
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.scene.framing import LABELS_ABOVE_M, Rectangle, Stand, frame_robot
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
@@ -65,6 +63,7 @@ class Demo:
 
     page: Page
     watcher: Watcher
+    program: Program
     console: list[ConsoleMessage] = field(default_factory=list[ConsoleMessage])
     failures: list[str] = field(default_factory=list[str])
     free: Rectangle = field(default_factory=Rectangle)
@@ -111,14 +110,13 @@ class Demo:
 def shared(start_shared: Callable[..., Program], browser: Browser) -> Iterator[Demo]:
     """One demo and one page for all tests: starting them takes most of the time."""
     flags = ("--no-record", "--no-browser", "--until-eof", *ANY_PORTS)
-    line = start_shared("tsd_demo", *flags).ready()
-    url, endpoint = re.findall(r"http://\S+|tcp/[\d.:]+", line)
+    program = start_shared("tsd_demo", *flags)
+    url, endpoint = re.findall(r"http://\S+|tcp/[\d.:]+", program.ready())
     context = browser.new_context(viewport={"width": 1280, "height": 640})
     context.add_init_script(FEW_FRAMES)
-    context.add_init_script(WATCH_STALLS)
     page = context.new_page()
     with Bus(observer(endpoint)) as bus:
-        demo = Demo(page, Watcher(bus, page))
+        demo = Demo(page, Watcher(bus, page), program)
         demo.listen()
         page.goto(url)
         expect(page.get_by_role("group", name="Start")).to_be_hidden(timeout=PATIENCE_MS)
@@ -168,7 +166,7 @@ def test_the_stick_drives_forward_and_let_go_the_robot_stands_still(demo: Demo) 
         since_s = now_s
         return driven_s > 2.0
 
-    with StallWatch() as machine:
+    with WithheldTime(demo.program.process.pid) as withheld:
         watcher.holding(stick, two_seconds_at_speed, "two seconds of driving forward")
         at_release = watcher.truth.copy()
         stick.up()
@@ -192,9 +190,8 @@ def test_the_stick_drives_forward_and_let_go_the_robot_stands_still(demo: Demo) 
         page.wait_for_timeout(500)
     estimate = watcher.estimate
     assert shown_m() == pytest.approx(estimate.xy_heading[0], abs=0.01)
-    # Joints that a stall of the machine left unmeasured make it less exact, and less sure.
-    sigma_m = float(np.sqrt(estimate.pose_covariance[0, 0]))
-    allowed_m = max(0.03, 3.0 * sigma_m) if machine.stalled else 0.03
+    # Joints move unmeasured while the machine withholds the processor from the loop.
+    allowed_m = 0.03 + 0.3 * withheld.total_s
     assert shown_m() == pytest.approx(watcher.truth[0], abs=allowed_m)
     mode(page, "ready")
 
@@ -203,18 +200,16 @@ def test_keys_drive_as_the_stick_does(demo: Demo) -> None:
     page, watcher = demo.page, demo.watcher
     take_control_and_arm(page)
     for name, axis, sign in (("w", 0, 1), ("a", 1, 1), ("s", 0, -1), ("d", 1, -1), ("q", 2, 1)):
-        for trial in trials(page):
-            with trial:
-                get_ready(page)
-                held = key(page, name)
-                watcher.holding(
-                    held, lambda a=axis, s=sign: s * watcher.twist[a] > MOVING_MPS, f"{name} moves"
-                )
-                at_release = watcher.truth.copy()
-                held.up()
-                watcher.until(lambda: watcher.at_rest, f"standstill after {name}")
-                assert math.dist(at_release[:2], watcher.truth[:2]) <= STOP_WITHIN_M
-                mode(page, "ready")
+        get_ready(page)
+        held = key(page, name)
+        watcher.holding(
+            held, lambda a=axis, s=sign: s * watcher.twist[a] > MOVING_MPS, f"{name} moves"
+        )
+        at_release = watcher.truth.copy()
+        held.up()
+        watcher.until(lambda: watcher.at_rest, f"standstill after {name}")
+        assert math.dist(at_release[:2], watcher.truth[:2]) <= STOP_WITHIN_M
+        mode(page, "ready")
 
 
 def test_stop_latches_and_only_reset_arm_and_a_new_command_move_again(demo: Demo) -> None:
@@ -240,7 +235,7 @@ def test_stop_latches_and_only_reset_arm_and_a_new_command_move_again(demo: Demo
 def reset(page: Page) -> None:
     """Hold the reset with the mouse; first take control when the page has stalled and lost it."""
     said = page.get_by_role("status", name="Mode")
-    for _ in range(PRESSES):
+    for _ in budget.tries("hold the reset", PRESSES):
         press_now(page, "Take control")
         x, y, _ = centre(page, "button", "Hold to reset")
         page.mouse.move(x, y)
@@ -270,7 +265,7 @@ def go_to_the_end(demo: Demo) -> None:
     Let go of a moment before by a page that stalls, it has to be held again for the rest.
     """
     held, path = go_button(demo.page), demo.page.get_by_role("status", name="Path")
-    for _ in range(PRESSES):
+    for _ in budget.tries("hold the button of a path", PRESSES):
         held.down()
         try:
             expect(path).to_contain_text("Arrived", timeout=1000 * PRESS_S)
@@ -297,11 +292,9 @@ def go_button(page: Page) -> Press:
 def test_a_path_is_driven_while_it_is_held_and_let_go_the_robot_stands(demo: Demo) -> None:
     """In numbers, held by a key; by a click on the floor, held with the mouse; and drawn."""
     for drive in (drive_by_numbers, drive_to_a_click, drive_what_is_drawn):
-        for trial in trials(demo.page):
-            with trial:
-                demo.watcher.until(lambda: demo.watcher.at_rest, "standstill")
-                get_ready(demo.page)
-                drive(demo)
+        demo.watcher.until(lambda: demo.watcher.at_rest, "standstill")
+        get_ready(demo.page)
+        drive(demo)
 
 
 def drive_by_numbers(demo: Demo) -> None:
@@ -340,7 +333,7 @@ def drive_to_a_click(demo: Demo) -> None:
     choose(demo, "Go to")
     place = (0.4, -0.2)
     goal = watcher.truth[:2] + place
-    for _ in range(PRESSES):
+    for _ in budget.tries("click on the floor", PRESSES):
         page.mouse.click(*demo.pixel_of(place))
         try:
             expect(path).not_to_contain_text("Click on the floor", timeout=1000 * PRESS_S)
@@ -359,7 +352,7 @@ def drive_what_is_drawn(demo: Demo) -> None:
     start, before, seen = watcher.truth[:2].copy(), len(watcher.commands), len(watcher.way)
     choose(demo, "Draw")
     path = page.get_by_role("status", name="Path")
-    for _ in range(PRESSES):
+    for _ in budget.tries("draw", PRESSES):
         for i, place in enumerate(line):
             page.mouse.move(*demo.pixel_of(place))
             if i == 0:
@@ -412,4 +405,4 @@ def picture(demo: Demo) -> bytes:
     x, y = demo.pixel_of((0.0, 0.0))
     side = 2.0 * _ROBOT_PX
     clip: FloatRect = {"x": x - _ROBOT_PX, "y": y - _ROBOT_PX, "width": side, "height": side}
-    return demo.page.screenshot(clip=clip)
+    return demo.page.screenshot(clip=clip, timeout=PATIENCE_MS)

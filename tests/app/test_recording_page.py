@@ -50,7 +50,7 @@ def show(page: Page, t_s: float) -> Image.Image:
         len(shots) < STABLE or len(set(shots[-STABLE:])) > 1
     ):  # A canvas says not when it is drawn.
         page.wait_for_timeout(1000)
-        shots.append(page.screenshot(clip=clip))
+        shots.append(page.screenshot(clip=clip, timeout=PATIENCE_MS))
     return Image.open(io.BytesIO(shots[-1])).convert("L")
 
 

@@ -13,14 +13,13 @@ from tests.app.conftest import Program
 from tests.support.browser import (
     FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
-    WATCH_STALLS,
     centre,
     click_through,
     get_ready,
     mode,
     take_control_and_arm,
-    trials,
 )
+from tests.support.withheld import budget
 from tsd_twin import robots
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
@@ -58,7 +57,6 @@ def opened(browser: Browser, address: str, *, drawn: bool) -> Generator[Page]:
     """Open the page, in a browser that draws the scene, or in one that cannot."""
     errors: list[str] = []
     page = browser.new_page(viewport={"width": 960, "height": 640})
-    page.add_init_script(WATCH_STALLS)
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.goto(address)
     yield page
@@ -89,14 +87,17 @@ def drive(page: Page, name: str) -> None:
     mode(page, "disarmed")
     spins = isinstance(robots.load_robot(name), robots.SingularityDescription)
     what = "Arming spins the wheels up" if spins else "Arming switches the motors on"
-    for trial in trials(page):
-        with trial:
-            click_through(page, "Take control")
-            expect(page.get_by_text(what)).to_be_visible(timeout=PATIENCE_MS / 4)
+    for _ in budget.tries("take control", _PRESSES):
+        click_through(page, "Take control")
+        with contextlib.suppress(AssertionError):
+            expect(page.get_by_text(what)).to_be_visible(timeout=PATIENCE_MS / _PRESSES)
+            break
+    else:
+        pytest.fail(f"'{what}' is not shown")
     get_ready(page)
     speed = page.locator(".hero .n")
     x, y, half = centre(page, "application", "Stick")
-    for _ in range(_PRESSES):
+    for _ in budget.tries("push the stick", _PRESSES):
         # A robot that has got no time is in a fault, as it must be.
         click_through(page, "Take control", "Hold to reset", "Arm")
         page.mouse.move(x, y)
@@ -143,7 +144,7 @@ def bring_up_by_key(page: Page) -> None:
     take_control_and_arm(page)
     mark = page.locator(".mark.front")
     expect(mark).to_have_attribute("cy", re.compile(r"^-3[56]"))  # Seen from above, in front.
-    for _ in range(_PRESSES):
+    for _ in budget.tries("bring a mark up", _PRESSES):
         front.press("Enter", timeout=PATIENCE_MS)
         with contextlib.suppress(AssertionError):
             expect(mark).to_have_attribute("cy", re.compile(r"^-?[01](\.|$)"), timeout=8000)

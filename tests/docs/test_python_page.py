@@ -10,7 +10,7 @@ import pytest
 
 import tsd_twin
 from tests.support.markdown_pages import code, page, quoted, section, tables
-from tests.support.scripts import mock_endpoint, run_script
+from tests.support.scripts import mock_robot, run_script
 from tsd_twin import __all__
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.client.protocol import SETPOINT_TIMEOUT_S, STATUS_TIMEOUT_S
@@ -21,8 +21,8 @@ SCRIPTS = code(PAGE, "python")
 
 @pytest.fixture(scope="module")
 def endpoint() -> Generator[str]:
-    with mock_endpoint() as found:
-        yield found
+    with mock_robot() as mock:
+        yield mock.ready().split()[-1]
 
 
 @pytest.mark.system
@@ -32,7 +32,7 @@ def test_every_script_runs(number: int, endpoint: str, tmp_path: Path) -> None:
     text = re.sub(r"(connect(_async)?)\(\)", rf'\1("{endpoint}")', SCRIPTS[number])
     script = tmp_path / "script.py"
     script.write_text(text, encoding="utf-8")
-    run_script(script, tmp_path, endpoint=endpoint)
+    run_script(script, tmp_path)
 
 
 def test_every_error_of_the_library_is_in_the_table() -> None:

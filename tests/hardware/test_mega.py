@@ -36,7 +36,6 @@ PATIENCE_S = 60.0
 ROBOT = robots.description_of_kind(robots.load_robot("tsd"), robots.SingularityDescription)
 DRIVE = ROBOT.kinematics()
 REST = np.zeros(9)
-TRIES = 5
 AHEAD = DRIVE.inverse(np.array([0.5, 0.0, 0.0]))
 
 
@@ -261,7 +260,7 @@ def test_the_thresholds_of_the_battery_are_told_to_the_board_and_warned_of(
     assert written.battery_stop_mv == pytest.approx(1000.0 * battery.stop_v)
     low_v = round(0.5 * (battery.warn_v + battery.arm_v), 1)
     it.board.telemetry = replace(it.board.telemetry, battery_mv=round(1000.0 * low_v))
-    it.until(lambda: it.robot.hardware()["warnings"], "warned")
+    it.until(lambda: it.robot.hardware().get("warnings"), "warned")
     assert it.robot.hardware()["warnings"] == [f"the battery is low: below {battery.warn_v:g} V"]
     assert caplog.text.count("the battery is low") == 1
     assert it.fault is None
@@ -600,19 +599,14 @@ def spoil(it: Bench, count: int) -> None:
 def test_a_broken_answer_now_and_then_is_missed_and_stops_nobody(
     it: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
-    for _ in range(TRIES):  # On a busy machine no answer may come for 100 ms, which is a fault.
-        it.arm()
-        caplog.clear()
-        missed, broken = it.robot.hardware()["link"]["missed"], it.broken
-        for count in range(1, LIMIT):
-            spoil(it, broken + count)
-            it.until(lambda: it.robot.read(time.monotonic()) is not None, "measured", armed=True)
-        assert it.robot.hardware()["link"]["missed"] >= missed + LIMIT - 1
-        if "garbage" not in caplog.text:
-            return
-        clean_s = time.monotonic() + 2.0 * WINDOW_S
-        it.until(lambda at_s=clean_s: time.monotonic() > at_s, "clean")
-    raise AssertionError(caplog.text)
+    it.arm()
+    caplog.clear()
+    missed, broken = it.robot.hardware()["link"]["missed"], it.broken
+    for count in range(1, LIMIT):
+        spoil(it, broken + count)
+        it.until(lambda: it.robot.read(time.monotonic()) is not None, "measured", armed=True)
+    assert it.robot.hardware()["link"]["missed"] >= missed + LIMIT - 1
+    assert "garbage" not in caplog.text
 
 
 @pytest.mark.parametrize("kind", ["stray", "spoilt", "misheard"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from tests.support.robot_node import running
+from tests.support.withheld import WithheldTime
 from tsd_twin import robots
 
 DRIVER = Path(__file__).with_name("external_driver.py")
@@ -19,17 +21,22 @@ DRIVER = Path(__file__).with_name("external_driver.py")
 
 @pytest.fixture(scope="module")
 def drive() -> dict[str, Any]:
-    """Run the program against the robot as it is shipped, and return what it printed."""
-    with running(toml=robots.read_description("tsd")) as node:
-        process = subprocess.run(
-            [sys.executable, "-I", str(DRIVER), node.endpoint, node.id],
-            capture_output=True,
-            text=True,
-            timeout=90,
-            check=False,
-        )
-    assert process.returncode == 0, process.stderr
-    lines = [json.loads(line) for line in process.stdout.splitlines()]
+    """Run the program against the robot as it is shipped, and return what it printed.
+
+    Each figure also has the time that the machine withheld from both meanwhile.
+    """
+    command = [sys.executable, "-I", str(DRIVER)]
+    lines: list[dict[str, Any]] = []
+    with (
+        running(toml=robots.read_description("tsd")) as node,
+        subprocess.Popen([*command, node.endpoint, node.id], stdout=subprocess.PIPE) as process,
+    ):
+        assert process.stdout is not None
+        withheld = WithheldTime(os.getpid())
+        for line in process.stdout:
+            lines.append(json.loads(line) | {"withheld_s": withheld.total_s})
+            withheld = WithheldTime(os.getpid())
+        assert process.wait(90) == 0
     return {line.get("figure", "end"): line for line in lines}
 
 
@@ -38,11 +45,11 @@ def drive() -> dict[str, Any]:
 def test_the_estimate_follows_the_truth_within_a_hundredth_of_the_path(
     drive: dict[str, Any], figure: str
 ) -> None:
-    """While the loop is held up, joints move unseen: that is the machine's fault, and allowed."""
+    """While the machine withholds the processor from the loop, joints move unseen."""
     result = drive[figure]
     # A turn on the spot has next to no path; its measure is the arc of a wheel.
     path_m = result["path_m"] + 0.15 * result["turned_rad"]
-    allowed_m = 0.01 * path_m + 0.3 * result["held_up_s"]
+    allowed_m = 0.01 * path_m + 0.3 * result["withheld_s"]
     assert path_m > 0.2
     assert result["worst_m"] <= allowed_m
     assert 0.15 * result["worst_rad"] <= allowed_m
@@ -64,7 +71,7 @@ def test_the_figures_are_what_they_are_called(
 ) -> None:
     """Up to what it takes to see that a figure is complete, and to come to rest."""
     result = drive[figure]
-    late_s = 0.25 + result["held_up_s"]
+    late_s = 0.25 + result["withheld_s"]
     assert path_m - 0.01 <= result["path_m"] <= path_m + 0.7 * late_s
     assert np.hypot(*np.subtract(result["end"], end)[:2]) < 0.7 * late_s
     heading = result["end"][2] - end[2]
@@ -73,8 +80,6 @@ def test_the_figures_are_what_they_are_called(
 
 @pytest.mark.system
 def test_it_needed_nothing_of_ours_and_all_its_commands_counted(drive: dict[str, Any]) -> None:
-    """But for those that a busy machine makes it send too late, and after its control has ended."""
-    dropped, was_lost = drive["end"]["dropped"], drive["end"]["leases"] > 1
-    allowed = {"stale", "lease"} if was_lost else {"stale"}
-    assert {reason for reason, count in dropped.items() if count} <= allowed
+    assert drive["end"]["leases"] == 1
+    assert not any(drive["end"]["dropped"].values()), drive["end"]
     assert drive["end"]["ours"] == []

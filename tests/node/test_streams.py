@@ -16,6 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tests.support.bus_operator import BusOperator
 from tests.support.robot_node import PATIENCE_S, URDF, Mailbox, RunningNode, matched, running
+from tests.support.withheld import WithheldTime
 from tsd_twin.messages import topics
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.topics import QoS, Service
@@ -74,15 +75,16 @@ def test_a_late_subscriber_gets_each_stream_within_two_periods(
     took_s: list[float] = []
     heard: list[tuple[int, int]] = []
     with robot.client() as client:
-        for _ in range(5):  # A machine that is busy is late now and then; the rule is not.
+        for _ in range(5):
             box, start_s = Mailbox(), time.monotonic()
-            subscriber = client._session.declare_subscriber(f"twin/tsd/{stream}", box)
-            stamp = box.next().attachment.to_bytes()
-            took_s.append(time.monotonic() - start_s)
+            with WithheldTime() as withheld:
+                subscriber = client._session.declare_subscriber(f"twin/tsd/{stream}", box)
+                stamp = box.next().attachment.to_bytes()
+            took_s.append(time.monotonic() - start_s - withheld.total_s)
             subscriber.undeclare()
             heard.append(struct.unpack("<Qq", stamp))
             time.sleep(5 * period_s)
-    assert min(took_s) < 2.0 * period_s, took_s
+    assert max(took_s) < 2.0 * period_s, took_s
     numbers, times_ns = np.array(heard).T
     assert (np.diff(numbers) > 0).all()
     assert np.median(np.diff(numbers)) >= 3.0  # As of the time that it takes.

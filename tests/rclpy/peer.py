@@ -26,7 +26,7 @@ from std_srvs.srv import Trigger
 
 from tests.support.square_drive import SquareDrive
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 PERIOD_S = 0.05
 _CART_S, _CART_TIMEOUT_S = 0.04, 0.5
 

@@ -33,7 +33,7 @@ ALLOWANCE_M = robots.load_robot("tsd").limits.stop_allowance_m
 SPEED_MPS = 0.8
 LONGEST_GAP_S = 0.1
 """Between two messages of the truth as a node of rclpy gets them."""
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 PROFILE = Path(__file__).with_name("loopback.xml")
 DOMAIN = 1 + os.getpid() % 100

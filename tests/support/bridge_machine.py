@@ -11,6 +11,7 @@ from typing import Any, cast
 
 from tests.app.conftest import PATIENCE_S, Program
 from tests.support.bus_operator import BusOperator
+from tests.support.priorities import own_threads_to_realtime
 from tests.support.robot_node import RunningNode
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
@@ -19,9 +20,6 @@ from tsd_twin.robots import RobotDescription
 
 AHEAD = (0.5, 0.0, 0.0)
 ZERO_US = 1000.0
-BUSY = ("has not answered", "have not been measured", "too busy", "hangs", "is gone", "garbage")
-"""Faults that a machine has which gives some program no time."""
-_TRIES = 5
 QUICK = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
 """The shipped robot without the core's wait: the board has one of its own."""
 
@@ -111,9 +109,10 @@ class Machine:
 
     def _pilot(self) -> BusOperator:
         self.endpoint = self.bridge.ready().split()[-1]
-        return BusOperator.blind(
-            cast(RunningNode, Endpoint("tsd", self.endpoint, robots.load_robot("tsd")))
-        )
+        endpoint = Endpoint("tsd", self.endpoint, robots.load_robot("tsd"))
+        pilot = BusOperator.blind(cast(RunningNode, endpoint))
+        own_threads_to_realtime()  # Those of the operator, and not a browser that starts later.
+        return pilot
 
     @property
     def mode(self) -> str:
@@ -137,7 +136,7 @@ class Machine:
         return self.hardware["connected"] and self.hardware["age_ms"] < 50.0
 
     def get_ready(self) -> None:
-        """Take control, reset and arm as often as it takes: a busy machine is silent at times."""
+        """Take control, reset and arm."""
         self._until(lambda: self.mode == "ready", (0.0, 0.0, 0.0))
 
     def drive(self, until: Callable[[], object] | None = None) -> None:
@@ -163,19 +162,6 @@ class Machine:
     def hold_until(self, condition: Callable[[], object]) -> None:
         """Hold the stick meanwhile, as an operator does who has seen nothing yet."""
         self.pilot.drive(AHEAD, until=condition)
-
-    def undisturbed(self, happens: Callable[[], object]) -> None:
-        """Drive, and let something happen; again if the machine was too busy for it meanwhile."""
-        for _ in range(_TRIES):
-            self.drive()
-            try:
-                happens()
-            except AssertionError:
-                if not any(word in self.reason for word in BUSY):
-                    raise
-            else:
-                return
-        raise AssertionError(f"this machine is too busy: {self.reason}")
 
     def refuses_to_arm(self, reason: str) -> None:
         """Ask for it until it is refused for this reason, resetting what is latched."""

@@ -5,12 +5,10 @@ from __future__ import annotations
 import contextlib
 import re
 import shutil
-from collections.abc import Iterator
 
-from playwright.sync_api import Error as PlaywrightError
 from playwright.sync_api import Locator, Page, expect
 
-from tests.support.stall_watch import StallWatch
+from tests.support.withheld import budget
 
 _EITHER = (
     "--headless=new",
@@ -42,28 +40,9 @@ FEW_FRAMES = """{
 
 To draw it as often as it can takes most of the processor.
 """
-WATCH_STALLS = """{
-  let lastMs = performance.now();
-  let longestMs = 0;
-  const look = () => {
-    const nowMs = performance.now();
-    longestMs = Math.max(longestMs, nowMs - lastMs);
-    lastMs = nowMs;
-  };
-  setInterval(look, 50);
-  window.longestStallMs = () => {
-    look();
-    const stallMs = longestMs;
-    longestMs = 0;
-    return stallMs;
-  };
-}
-"""
-"""Script of a page that measures for how long it got no time at most, for `trials`."""
 PATIENCE_MS = 60_000
+expect.set_options(timeout=PATIENCE_MS)
 _PRESSES = 20
-_TRIALS = 6
-_STALL_MS = 1000.0
 _ARMING = re.compile("arming", re.IGNORECASE)
 _NEAR = re.compile(r"(^|\D)\d{1,2} ms")
 _CENTRE = """(found) => {
@@ -105,7 +84,7 @@ def press(page: Page, name: str, patience_ms: float = PATIENCE_MS) -> None:
 
 def press_until(page: Page, name: str, then: Locator) -> None:
     """Press a button until something is to be seen: a click on a page that was busy may be lost."""
-    for _ in range(5):
+    for _ in budget.tries(f"press {name}", 5):
         press(page, name)
         try:
             expect(then).to_be_visible(timeout=PATIENCE_MS / 5)
@@ -141,7 +120,7 @@ def get_ready(page: Page) -> None:
     said = page.get_by_role("status", name="Mode")
     held = page.get_by_role("button", name="Release control")
     armed = page.get_by_role("button", name="Disarm", exact=True)
-    for _ in range(_PRESSES):
+    for _ in budget.tries("take control and arm", _PRESSES, free=2):  # The second looks.
         with contextlib.suppress(AssertionError):
             link = page.get_by_role("button", name=re.compile("^Link"))
             expect(link).to_contain_text(_NEAR, timeout=PATIENCE_MS / _PRESSES)
@@ -155,35 +134,6 @@ def get_ready(page: Page) -> None:
         with contextlib.suppress(AssertionError):  # The wheels of some spin up for two seconds.
             expect(said).not_to_contain_text(_ARMING, timeout=PATIENCE_MS / _PRESSES)
     raise AssertionError(f"not in control and armed: {said.inner_text()}")
-
-
-def trials(*pages: Page) -> Iterator[contextlib.AbstractContextManager[None]]:
-    """Yield contexts until what is tried in one has not failed; only a stall lets a trial fail.
-
-    A page that stalls lets go, and loses control; a robot that does is in a fault. What fails then
-    shows nothing, and is tried again. What fails without a stall of the machine, or of one of the
-    pages, which need `WATCH_STALLS`, fails.
-    """
-    passed = False
-
-    @contextlib.contextmanager
-    def trial(*, last: bool) -> Iterator[None]:
-        nonlocal passed
-        for page in pages:
-            page.evaluate("longestStallMs()")
-        with StallWatch() as machine:
-            try:
-                yield
-                passed = True
-            except (AssertionError, PlaywrightError):
-                stalled_ms = max(page.evaluate("longestStallMs()") for page in pages)
-                if last or not (machine.stalled or stalled_ms >= _STALL_MS):
-                    raise
-
-    for left in reversed(range(_TRIALS)):
-        yield trial(last=left == 0)
-        if passed:
-            return
 
 
 def press_now(page: Page, name: str) -> bool:

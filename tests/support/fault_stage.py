@@ -24,6 +24,7 @@ import numpy as np
 
 from tests.app.conftest import Program
 from tests.support.robot_node import PATIENCE_S, QUICK
+from tests.support.withheld import Pauses
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.estimation import exponential_error
 from tsd_twin.lie import SE2, Array
@@ -37,8 +38,6 @@ ID = "tsd"
 SPEED_MPS = 1.0
 AT_REST_MPS = 1e-3
 ANY_PORT = "tcp/127.0.0.1:0"
-_PUSHES, _PUSH_S = 6, 5.0
-"""How often a stick is pushed, and for how long it is waited that the robot gets fast."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +60,10 @@ class Observer:
         self.truth: list[tuple[float, Array, float]] = []
         """Robot time in seconds, (x, y), and speed at which anything moves."""
         self.status = RobotStatus("disarmed")
+        self.pauses: Pauses | None = None
+        """Notes each truth, if there is one."""
+        self.command_pauses: Pauses | None = None
+        """Notes each status by which commands have been accepted, if there is one."""
         self._newest: dict[str, Odometry] = {}
         for topic in (topics.ODOM, topics.TRUTH):
             bus.subscribe(topic.key(ID), functools.partial(self._on_odometry, topic.path))
@@ -73,11 +76,16 @@ class Observer:
         with self._news:
             speed = float(np.abs(odometry.twist).max())
             self.truth.append((robot_s, odometry.xy_heading[:2], speed))
+            if self.pauses is not None:
+                self.pauses.note(robot_s)
             self._news.notify_all()
 
     def _on_status(self, sample: Sample) -> None:
         with self._news:
-            self.status = decode_status(sample.payload)
+            before, self.status = self.status, decode_status(sample.payload)
+            is_newer = self.status.command.accepted > before.command.accepted
+            if self.command_pauses is not None and is_newer:
+                self.command_pauses.note(time.monotonic())
             self._news.notify_all()
 
     def _on_odometry(self, name: str, sample: Sample) -> None:
@@ -259,18 +267,12 @@ class FaultStage:
         return self._pages[-1]
 
     def driving_page(self) -> PretendPage:
-        """Open a page that takes control, arms, and pushes the stick until the robot is fast.
-
-        A robot or a page that gets no processor for 0.2 s stops; a person would push again.
-        """
+        """Open a page that takes control, arms, and pushes the stick until the robot is fast."""
         page = self.page()
-        for _ in range(_PUSHES):
-            page.get_ready()
-            page.do("push", SPEED_MPS)
-            if self.observer.gets_fast(_PUSH_S):
-                return page
-            page.do("release")
-        raise AssertionError(f"not fast after {_PUSHES} pushes; {self.observer.status}")
+        page.get_ready()
+        page.do("push", SPEED_MPS)
+        self.observer.until_speed()
+        return page
 
     def close_pages(self) -> None:
         """End all pages."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 ANY = ("127.0.0.1", 0)
 
 

@@ -16,7 +16,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from tests.support.empty_scene import EmptyScene
+from tests.support.priorities import this_thread_is_a_robot
 from tests.support.tls_connection import TlsConnection
+from tests.support.withheld import IN_PROCESS, budget
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.monitor import RobotMonitor
@@ -31,9 +33,8 @@ from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.simulation import SimRobot
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 DRIVE_S = 0.02
-_PUSHES, _PUSH_S = 7, 3.0
 BEATS = 5  # A beat for so many times DRIVE_S.
 T = TypeVar("T")
 
@@ -124,11 +125,7 @@ class Page:
 
     def until(self, condition: Callable[[], T]) -> T:
         """Wait until received messages make a condition true."""
-        result = self._wait_for(condition, PATIENCE_S)
-        assert result, f"it did not come; the last were {self.messages[-3:]}"
-        return result
 
-    def _wait_for(self, condition: Callable[[], T], patience_s: float) -> T | None:
         def holds() -> T | None:
             try:
                 return condition()
@@ -136,7 +133,9 @@ class Page:
                 return None
 
         with self._changed:
-            return self._changed.wait_for(holds, patience_s)
+            result = self._changed.wait_for(holds, PATIENCE_S)
+        assert result, f"it did not come; the last were {self.messages[-3:]}"
+        return result
 
     def answer(self, to: str, **message: Any) -> dict[str, Any]:
         """Press a button and wait for the reply."""
@@ -163,26 +162,9 @@ class Page:
         self.until(lambda: self.mode == "ready")
 
     def drive(self, vx: float = 0.2, vy: float = 0.0, omega: float = 0.0) -> None:
-        """Hold the stick, and wait until the robot obeys.
-
-        A page that is starved echoes an old status: the gateway releases its stick, and a person
-        would centre it and push again, each time after a longer pause. A robot that is starved is
-        in a fault, and is reset.
-        """
-        for push in range(_PUSHES):
-            before = len(self.all("released"))
-            self.holds = {"vx": vx, "vy": vy, "omega": omega}
-            self._wait_for(
-                lambda b=before: self.mode == "driving" or self.all("released")[b:], _PUSH_S
-            )
-            if self.mode == "driving":
-                return
-            self.holds = {"vx": 0.0, "vy": 0.0, "omega": 0.0}
-            time.sleep(4 * DRIVE_S * 2**push)
-            if self.mode in ("fault", "disarmed") or not self.state["has_control"]:
-                self.let_go()
-                self.make_ready()
-        raise AssertionError(f"not driving after {_PUSHES} pushes of the stick")
+        """Hold the stick, and wait until the robot obeys."""
+        self.holds = {"vx": vx, "vy": vy, "omega": omega}
+        self.until(lambda: self.mode == "driving")
 
     def let_go(self) -> None:
         """Let go of the stick: no drive command follows the release."""
@@ -276,6 +258,11 @@ class Site:
 
         self._loop.call_soon_threadsafe(choose)
 
+    def repeat_status(self) -> None:
+        """Handle the latest status of each robot again, as a loop that is late does."""
+        for robot_id in self.discovery.links:
+            self._loop.call_soon_threadsafe(self.sessions.on_status, robot_id)
+
     def tell(self, robot_id: str, event: Event) -> None:
         self._loop.call_soon_threadsafe(self.sessions.on_event, robot_id, event)
 
@@ -319,11 +306,18 @@ def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
     stop = threading.Event()
     with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
         node = RobotNode(bus, robot_id, robot, SimRobot(robot), Description(text, ""))
-        thread = threading.Thread(target=node.run, args=(stop,))
+
+        def run() -> None:
+            this_thread_is_a_robot()
+            node.run(stop)
+
+        thread = threading.Thread(target=run)
         thread.start()
+        followed = budget.follow(IN_PROCESS)
         try:
             yield bus.endpoints()[0]
         finally:
+            followed.end()
             stop.set()
             thread.join(PATIENCE_S)
 

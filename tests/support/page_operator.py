@@ -12,6 +12,7 @@ from tests.support.chromium import Chromium, RefusedError
 from tests.support.fault_stage import FaultStage, Observer, Run
 from tests.support.real_page import RealPage
 from tests.support.result_table import MOVED_M
+from tests.support.withheld import budget
 
 WATCHED_S = 0.6
 """For how long nothing may move after the last thing that happened."""
@@ -95,7 +96,7 @@ class PageOperator:
         push again.
         """
         page = page or self.page
-        for _ in range(_PRESSES):
+        for _ in budget.tries("push", _PRESSES):
             page.get_ready(self.observer)
             hand.down(page)
             if self.observer.gets_fast(_PRESS_S):

@@ -10,6 +10,7 @@ import numpy as np
 from playwright.sync_api import Page
 
 from tests.support.browser import centre, get_ready
+from tests.support.withheld import budget
 from tsd_twin.bus import Bus, Config, client_config
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
@@ -100,7 +101,7 @@ class Watcher:
         and obeys the control again only after its release. So release and press it again, as a
         person would, who also takes control again if the page has lost it.
         """
-        for _ in range(PRESSES):
+        for _ in budget.tries(f"hold until {what}", PRESSES):
             press.down()
             with self._news:
                 if self._news.wait_for(condition, PRESS_S):

@@ -8,6 +8,7 @@ import time
 from collections.abc import Generator
 
 from tests.support.page_client import PATIENCE_S
+from tests.support.withheld import Stopwatch
 
 FORM = "application/x-www-form-urlencoded"
 
@@ -68,18 +69,18 @@ def is_closed(connection: socket.socket) -> bool:
 
 
 def closed_after_s(connections: list[socket.socket], patience_s: float = PATIENCE_S) -> float:
-    """Return how long it took until all connections were closed, in seconds.
+    """Return how long it took until all connections were closed, less withheld time, in seconds.
 
     Raises:
         TimeoutError: some are still open.
     """
-    start_s = time.monotonic()
+    watch = Stopwatch()
     left = connections
     while left := [each for each in left if not is_closed(each)]:
-        if time.monotonic() - start_s > patience_s:
+        if watch.took_s > patience_s:
             raise TimeoutError(f"{len(left)} are open after {patience_s:g} s")
         time.sleep(0.02)
-    return time.monotonic() - start_s
+    return watch.took_s
 
 
 MALFORMED: tuple[tuple[str, str, bytes], ...] = (

@@ -9,6 +9,8 @@ from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import Any
 
+from tests.support.priorities import this_thread_is_a_robot
+from tests.support.withheld import IN_PROCESS, budget
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, client_config, node_config
 from tsd_twin.hardware.robot_io import RobotIO
@@ -17,7 +19,7 @@ from tsd_twin.node import RobotNode
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 """What is waited for comes within milliseconds, unless it never does."""
 ANY_PORT = "tcp/127.0.0.1:0"
 URDF = '<robot name="tsd"/>'
@@ -65,16 +67,19 @@ def running(
         it = RunningNode(robot_id, toml, robot, bus, endpoint, io)
 
         def run() -> None:
+            this_thread_is_a_robot()
             try:
                 node.run(it.stopping)
             except OSError as error:  # A device that fails; all else is a bug and shows itself.
                 it.failure = error
 
         thread = threading.Thread(target=run, name=robot_id)
+        followed = budget.follow(IN_PROCESS)
         thread.start()
         try:
             yield it
         finally:
+            followed.end()
             it.stopping.set()
             thread.join(PATIENCE_S)
             assert not thread.is_alive()

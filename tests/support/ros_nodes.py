@@ -26,7 +26,7 @@ STORE = get_typestore(Stores.ROS2_JAZZY)
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 TRIGGER_HASH = "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
 _GID = bytes(range(16))
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 @functools.cache

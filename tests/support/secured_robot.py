@@ -37,7 +37,7 @@ from tsd_twin.security import Role
 from tsd_twin.security.certificates import KeyFolder, provision
 from tsd_twin.simulation import SimRobot
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 ID = "tsd"
 TEXT = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
 DESCRIPTION = Description(TEXT, "<robot/>")

@@ -8,9 +8,6 @@ from dataclasses import dataclass, field
 NEAR_M = 0.004
 _GAIN_PER_S = 1.5
 _SLOWEST_MPS = 0.01
-_MOVES_M = 5e-4
-_PATIENCE = 20
-"""Twists after which the robot should have moved."""
 
 
 @dataclass
@@ -22,8 +19,6 @@ class SquareDrive:
     _corners: list[tuple[float, float]] = field(default_factory=list)
     _heading: float = 0.0
     _begun: bool = False
-    _last: tuple[float, float] = (math.inf, math.inf)
-    _waited: int = 0
 
     @property
     def path_m(self) -> float:
@@ -36,12 +31,6 @@ class SquareDrive:
             for along, left in ((1, 0), (1, 1), (0, 1), (0, 0)):
                 dx, dy = along * self.side_m, left * self.side_m
                 self._corners.append((x_m + dx, y_m + dy))
-        if math.dist(self._last, (x_m, y_m)) > _MOVES_M:
-            self._last, self._waited = (x_m, y_m), 0
-        self._waited += 1
-        if self._corners and self._waited % _PATIENCE == 0:
-            # On a busy machine the robot stops by itself; a zero makes the next twists count.
-            return 0.0, 0.0, 0.0
         while self._corners:
             dx, dy = self._corners[0][0] - x_m, self._corners[0][1] - y_m
             away_m = math.hypot(dx, dy)

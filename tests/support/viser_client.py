@@ -20,7 +20,7 @@ from websockets.sync.client import ClientConnection, connect
 from tsd_twin.dashboard.scene.appearance import METRES
 from tsd_twin.dashboard.scene.viser_compat import KEY_HEADER, access_key
 
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": [1.0, 0.0, 0.0, 0.0],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import time
 from collections.abc import Generator
@@ -17,11 +18,17 @@ from tests.support.fault_stage import (
     send_signal,
 )
 from tests.support.result_table import LIMIT_M, Table, stands_still
+from tests.support.withheld import Pauses
 from tsd_twin.link_emulation import LinkSpec
 from tsd_twin.simulation.robot import TIMEOUT_S
 
 pytestmark = pytest.mark.system
 
+HELD_S = 5.0
+MAX_PAUSE_S = 0.05
+"""Between two states, which are 20 ms apart: the robot warns of a longer pause of its loop."""
+MAX_COMMAND_PAUSE_S = 0.2
+"""Between two statuses, 50 ms apart, by which further commands have counted, 20 ms apart."""
 WATCHED_S = 1.0
 """For how long nothing may move after the last thing that happened."""
 MOST_NEES = 16.3
@@ -63,6 +70,25 @@ def drives_again_once_let_go(scene: FaultStage, page: PretendPage) -> None:
     scene.observer.until_speed(0.3)
     page.do("release")
     scene.observer.until_rest()
+
+
+def test_without_a_fault_a_held_stick_keeps_driving(scene: FaultStage) -> None:
+    """Neither the robot nor its dashboard pauses for longer than the machine lets them wait."""
+    page, observer = scene.driving_page(), scene.observer
+    programs = (scene.mock, scene.dashboard, page)
+    observer.pauses = states = Pauses(scene.mock.process.pid)
+    observer.command_pauses = commands = Pauses(os.getpid(), *(it.process.pid for it in programs))
+    before, since_s = observer.status.stops, time.monotonic()
+    observer.until_time(since_s + HELD_S)
+    observer.pauses = observer.command_pauses = None
+    commands.note(time.monotonic())
+    assert states.longest_s < MAX_PAUSE_S
+    assert commands.longest_s < MAX_COMMAND_PAUSE_S
+    if states.on_the_clock_s < MAX_PAUSE_S and commands.on_the_clock_s < MAX_COMMAND_PAUSE_S:
+        assert (observer.status.mode, observer.status.stops) == ("driving", before)
+        assert page.count("released") == 0
+    page.do("release")
+    observer.until_rest()
 
 
 def test_a_dashboard_that_is_killed(scene: FaultStage, table: Table) -> None:

@@ -1,4 +1,4 @@
-"""`scripts/run_tests` says how many tests it ran again, and which: none goes unnoticed."""
+"""`scripts/run_tests` reruns no failure, and fails if the machine withheld too much time."""
 
 from __future__ import annotations
 
@@ -11,63 +11,97 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SETTINGS = "[pytest]\nmarkers =\n    timed\n    busy\n    slow\n"
+SETTINGS = "[pytest]\nmarkers =\n    timed\n    programs\n    busy\n    slow\n"
 SOUND = "import pytest\n\n@pytest.mark.timed\ndef test_sound(): pass\n\ndef test_sum(): pass\n"
 FAILS_ONCE = """
 import pathlib, pytest
 
 @pytest.mark.timed
 @pytest.mark.{mark}
-@pytest.mark.parametrize("which", ["a", "b"])
-def test_fails_once(which):
-    been = pathlib.Path("{mark}-" + which)
+def test_fails_once():
+    been = pathlib.Path("{mark}")
     first = not been.exists()
     been.touch()
     assert not first
 """
+LOGS = """
+
+@pytest.mark.{mark}
+def test_{mark}():
+    for _ in range(2):
+        open("turns", "a").write("{mark} ")
+        time.sleep(0.3)
+"""
+STARVED = """
+import sys
+sys.path.insert(0, {root!r})
+from tests.conftest import pytest_sessionfinish, pytest_terminal_summary
+from tests.support.withheld import budget
+
+budget.follow("robot").end()
+budget.tallies["robot"].add({withheld_s}, 30.0)
+"""
 
 
-def run_in(folder: Path, tests: dict[str, str]) -> tuple[int, list[str]]:
-    """Return the exit status and the lines of a run over a project of its own."""
+def run_in(folder: Path, files: dict[str, str], **variables: str) -> tuple[int, str]:
+    """Return exit status and output of a run over a project of its own."""
     (folder / "pytest.ini").write_text(SETTINGS, "ascii")
-    for name, text in tests.items():
+    for name, text in files.items():
         (folder / name).write_text(text, "ascii")
     (folder / ".venv/bin").mkdir(parents=True)
     pytest_script = folder / ".venv/bin/pytest"
     pytest_script.write_text(f'#!/bin/sh\nexec {sys.executable} -m pytest "$@"\n', "ascii")
-    python = folder / ".venv/bin/python"
-    python.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n', "ascii")
-    for script in (pytest_script, python):
-        script.chmod(0o755)
+    pytest_script.chmod(0o755)
     shutil.copy(ROOT / "scripts/run_tests", folder)
     done = subprocess.run(
         [folder / "run_tests"],
         cwd=folder,
         # Plugins take most of the start of each of these runs, and these tests need none.
-        env=os.environ | {"TEST_PRIORITIES": "same", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"},
+        env=os.environ
+        | {"TEST_PRIORITIES": "same", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+        | variables,
         capture_output=True,
         text=True,
         timeout=100,
     )
-    return done.returncode, done.stdout.splitlines()
+    return done.returncode, done.stdout + done.stderr
 
 
 @pytest.mark.system
-def test_a_run_in_which_all_passes_says_that_none_was_run_again(tmp_path: Path) -> None:
-    status, lines = run_in(tmp_path, {"test_sound.py": SOUND})
-    assert (status, lines[-1]) == (0, "run again: 0")
+@pytest.mark.parametrize("serial", ["", "1"], ids=["together", "in turn"])
+def test_a_run_in_which_all_tests_pass_passes(tmp_path: Path, serial: str) -> None:
+    status, output = run_in(tmp_path, {"test_sound.py": SOUND}, TEST_SERIAL=serial)
+    assert status == 0
+    assert output.count("1 passed") == 2
 
 
 @pytest.mark.system
-def test_tests_that_pass_only_alone_are_counted_and_named(tmp_path: Path) -> None:
-    tests = {f"test_{mark}.py": FAILS_ONCE.format(mark=mark) for mark in ("timed", "busy")}
-    status, lines = run_in(tmp_path, {**tests, "test_sound.py": SOUND})
-    names = [f"test_{mark}.py::test_fails_once[{w}]" for mark in ("timed", "busy") for w in "ab"]
-    assert (status, lines[-1]) == (0, f"run again: 4 ({', '.join(names)})")
+def test_runs_in_turn_do_not_overlap_except_those_that_only_compute(tmp_path: Path) -> None:
+    tests = "".join(LOGS.format(mark=mark) for mark in ("timed", "programs", "busy", "slow"))
+    status, _ = run_in(tmp_path, {"test_turns.py": f"import pytest, time{tests}"}, TEST_SERIAL="1")
+    assert status == 0
+    lines = (tmp_path / "turns").read_text("ascii").split()
+    turns = ["timed", "timed", "programs", "programs", "busy", "busy"]
+    assert lines[:6] == turns
 
 
 @pytest.mark.system
-def test_a_test_that_fails_again_fails_the_run_and_is_named(tmp_path: Path) -> None:
-    fails = "import pytest\n\n@pytest.mark.timed\ndef test_wrong(): assert False\n"
-    status, lines = run_in(tmp_path, {"test_wrong.py": fails, "test_sound.py": SOUND})
-    assert (status, lines[-1]) == (1, "run again: 1 (test_wrong.py::test_wrong)")
+@pytest.mark.parametrize("mark", ["timed", "programs", "busy"])
+def test_a_test_that_would_pass_when_run_again_fails_the_run(tmp_path: Path, mark: str) -> None:
+    files = {"test_once.py": FAILS_ONCE.format(mark=mark), "test_sound.py": SOUND}
+    status, output = run_in(tmp_path, files)
+    assert status == 1
+    assert output.endswith(f"failed: {mark} (1)\n")
+    assert (tmp_path / mark).exists()
+
+
+@pytest.mark.system
+@pytest.mark.parametrize(("withheld_s", "status"), [(1.0, 0), (19.0, 1)])
+def test_a_run_with_too_much_withheld_time_fails_and_says_so(
+    tmp_path: Path, withheld_s: float, status: int
+) -> None:
+    conftest = STARVED.format(root=str(ROOT), withheld_s=withheld_s)
+    found, output = run_in(tmp_path, {"test_sound.py": SOUND, "conftest.py": conftest})
+    assert found == status
+    assert f"withheld from robot: {withheld_s:.2f} s of 30 s" in output
+    assert ("repeat the run with less other load" in output) == (status == 1)

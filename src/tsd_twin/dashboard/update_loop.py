@@ -89,10 +89,8 @@ class UpdateLoop:
             link.set_streaming(self._active)
             # Pages receive a status before the scene does: its number is already in use for
             # commands.
-            before = link.snapshot
-            news = link.poll(now_s)
-            if news or (before.odom is None and link.snapshot.odom is not None):
-                self._on_status(robot_id)  # Also with the first pose: a page waits for it.
+            if link.poll(now_s):
+                self._on_status(robot_id)
             if not self._active:
                 continue
             stale = now_s - link.snapshot.received_s > STALE_S

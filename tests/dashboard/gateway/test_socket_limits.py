@@ -111,10 +111,10 @@ def test_a_message_of_a_flood_costs_little() -> None:
     limiter = SocketLimiter(TELEOP)
 
     def took_s() -> float:
-        begin_s = time.perf_counter()
+        begin_s = time.thread_time()
         for _ in range(2000):
             limiter.decide(CLEARED, 1.0)
-        return (time.perf_counter() - begin_s) / 2000
+        return (time.thread_time() - begin_s) / 2000
 
     assert min(took_s() for _ in range(10)) < 20e-6
 

@@ -10,7 +10,7 @@ import viser
 from imageio.v3 import imread
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from tests.support.browser import CHEAP_FLAGS, executable
+from tests.support.browser import CHEAP_FLAGS, PATIENCE_MS, executable
 from tests.support.robot_feed import RobotFeed
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.client_view import ClientView
@@ -91,7 +91,7 @@ def view(opened: tuple[Page, ClientView]) -> ClientView:
 
 def picture(page: Page) -> Array:
     """Return the scene as it is on the screen, (height, width, 3), 0 to 255."""
-    return np.asarray(imread(page.screenshot()), float)[..., :3]
+    return np.asarray(imread(page.screenshot(timeout=PATIENCE_MS)), float)[..., :3]
 
 
 def until(page: Page, seen: Callable[[Array], bool]) -> Array:

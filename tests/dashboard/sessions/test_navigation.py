@@ -33,7 +33,6 @@ from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep
 
 THERE_M = 0.05
 ROLLS_M = 0.2
-_PRESSES = 10
 
 
 @pytest.fixture(scope="module")
@@ -65,21 +64,14 @@ def let_go(page: Page) -> None:
 
 
 def go(page: Page, until: Callable[[], bool]) -> dict[str, Any]:
-    """Hold the button until something is true, and return the way that was held last.
-
-    On a busy machine this page is late at times, and is let go of, as it must be: so it lets go as
-    well and presses again, as a person would.
-    """
-    for _ in range(_PRESSES):
-        route = page.until(lambda: planned(page))
-        before = len(page.all("released"))
-        assert route is not None
-        hold(page, route)
-        page.until(lambda b=before: until() or len(page.all("released")) > b)
-        if until():
-            return route
-        let_go(page)
-    raise AssertionError(f"never, at {page.state}")
+    """Hold the button until something is true, and return the way that was held."""
+    route = page.until(lambda: planned(page))
+    before = len(page.all("released"))
+    assert route is not None
+    hold(page, route)
+    page.until(lambda: until() or len(page.all("released")) > before)
+    assert until(), page.last("released")
+    return route
 
 
 def midway(page: Page) -> Callable[[], bool]:

@@ -60,6 +60,35 @@ def test_of_states_that_wait_only_the_newest_is_sent(count: int) -> None:
     assert deliver(act) == [str(count - 1)]
 
 
+@given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 3)), max_size=40))
+def test_no_state_is_sent_twice(steps: list[tuple[int, int]]) -> None:
+    """Also when it is put again by two callbacks in a row; only another robot starts again."""
+
+    async def run() -> list[str]:
+        queue, pipe, number = SendQueue(), Pipe(), 0
+        task = asyncio.create_task(queue.run(pipe))
+        for rise, turns in steps:
+            number += rise
+            queue.put_state(number, str(number))
+            queue.acknowledge(number)
+            for _ in range(turns):
+                await asyncio.sleep(0)
+        for _ in range(4):
+            await asyncio.sleep(0)
+        sent = list(pipe.sent_commands)
+        queue.drop_states()
+        queue.put_state(number, "of another robot")
+        for _ in range(4):
+            await asyncio.sleep(0)
+        task.cancel()
+        assert pipe.sent_commands == [*sent, "of another robot"]
+        return sent
+
+    numbers = [int(each) for each in asyncio.run(run())]
+    assert numbers == sorted(set(numbers))
+    assert not steps or numbers[-1] == sum(rise for rise, _ in steps)
+
+
 def test_a_page_that_confirms_nothing_is_sent_no_more_states_until_it_does() -> None:
     async def run() -> tuple[list[str], list[str]]:
         queue, pipe = SendQueue(), Pipe()

@@ -26,6 +26,7 @@ class SendQueue:
         self._latest: dict[str, str] = {}
         self._fleet: str | None = None
         self._state: tuple[int, str] | None = None
+        self._sent: int | None = None
         self._unacknowledged: deque[int] = deque()
         self._wake = asyncio.Event()
 
@@ -45,9 +46,10 @@ class SendQueue:
         self._wake.set()
 
     def put_state(self, number: int, text: str) -> None:
-        """Queue a state, replacing any that is waiting."""
-        self._state = (number, text)
-        self._wake.set()
+        """Queue a state, replacing any that is waiting; each number is sent once."""
+        if number != self._sent:
+            self._state = (number, text)
+            self._wake.set()
 
     def acknowledge(self, number: int) -> None:
         """Record that the page has received the state with this number."""
@@ -58,7 +60,7 @@ class SendQueue:
 
     def drop_states(self) -> None:
         """Discard waiting states after another robot is selected, because its numbers restart."""
-        self._state = None
+        self._state = self._sent = None
         self._unacknowledged.clear()
 
     async def run(self, socket: web.WebSocketResponse) -> None:
@@ -81,6 +83,7 @@ class SendQueue:
             return text
         if self._state is not None:
             (number, text), self._state = self._state, None
+            self._sent = number
             self._unacknowledged.append(number)
             return text
         return None

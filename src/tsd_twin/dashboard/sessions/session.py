@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import msgspec
 
+from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.client_nodes import StudentPose
 from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient
@@ -75,6 +76,7 @@ class Session(PageSession):
         self, socket: PageSocket, live: LiveRobots, scene: SceneExecutor, map_data: MapData
     ) -> None:
         super().__init__(socket, live, scene)
+        self._sent_link: RobotMonitor | None = None
         self._role, page = self.principal.identity.role, self.page
         self._directory, executor = live.directory, live.executor
         self._lease_client = LeaseClient(
@@ -329,7 +331,9 @@ class Session(PageSession):
         robot = self._directory.robot(self.robot_id)
         if robot is None:
             return
-        self._queue.drop_states()
+        if robot.link is not self._sent_link:  # Its numbers start again.
+            self._sent_link = robot.link
+            self._queue.drop_states()
         self.send(robot.telemetry.info())
         for age_s, event in self._directory.events(robot.link.id):
             self.send_event(event, past=True, age_s=age_s)

@@ -1,0 +1,231 @@
+"""Withheld time: for how long threads were ready to run, and the machine ran something else.
+
+Linux counts it for each thread (`/proc/<pid>/task/<tid>/schedstat`, second field). A thread that
+sleeps, waits for a lock or for the interpreter, or is stopped by a signal is not ready to run: what
+a program does wrong is never withheld time, so a real-time test may add it to its bounds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+_REPEATS, _FREE_REPEATS = 0.2, 5
+"""Fraction of the inputs to pages that may be given again, and a number that always may."""
+_TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
+_STOLEN = 8
+"""Field of `/proc/stat` with the time that a hypervisor gave to other machines."""
+
+
+class WithheldTime:
+    """Withheld time of processes, with their children, and of the whole virtual machine.
+
+    The sum over all threads: what a chain of threads does late is late by no more than that.
+    """
+
+    def __init__(self, *pids: int) -> None:
+        """Measure these processes; without any, this one alone, without its children."""
+        self._pids = pids
+        self._stolen_s = _stolen_s()
+        self._began = self._read()
+        self._newest = dict(self._began)
+        self._total_s: float | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._total_s = self.total_s
+        if error is not None:
+            error.add_note(f"The machine withheld {self._total_s:.3f} s.")
+
+    @property
+    def total_s(self) -> float:
+        """Withheld time since it was made, until now or the end of its context."""
+        if self._total_s is not None:
+            return self._total_s
+        self._newest.update(self._read())  # A thread that has ended keeps its last count.
+        threads_s = sum(each - self._began.get(tid, 0.0) for tid, each in self._newest.items())
+        return threads_s + _stolen_s() - self._stolen_s
+
+    def _read(self) -> dict[int, float]:
+        if not self._pids:
+            return _threads_s(os.getpid())
+        pids = (pid for each in self._pids for pid in family(each))
+        return {tid: each for pid in pids for tid, each in _threads_s(pid).items()}
+
+
+class Stopwatch:
+    """Time that passes, less what is withheld from processes; without any, from this one."""
+
+    def __init__(self, *pids: int) -> None:
+        """Start."""
+        self._withheld = WithheldTime(*pids)
+        self._began_s = time.monotonic()
+
+    @property
+    def took_s(self) -> float:
+        """Time since the start."""
+        return time.monotonic() - self._began_s - self._withheld.total_s
+
+
+class Pauses:
+    """Longest pause between events of processes, less what was withheld from them in that pause.
+
+    Withheld time counts from the event before the pause, which may have been known late.
+    """
+
+    def __init__(self, *pids: int) -> None:
+        """Watch these processes; without any, this one."""
+        self._withheld = WithheldTime(*pids)
+        self._last_s: float | None = None
+        self._counts_s = deque([0.0], maxlen=2)
+        self.longest_s = 0.0
+        self.on_the_clock_s = 0.0
+        """Longest with all that was withheld."""
+
+    def note(self, at_s: float) -> None:
+        """Note an event at a time, as soon as it is known."""
+        withheld_s = self._withheld.total_s
+        if self._last_s is not None:
+            pause_s, in_it_s = at_s - self._last_s, withheld_s - self._counts_s[0]
+            self.longest_s = max(self.longest_s, pause_s - in_it_s)
+            self.on_the_clock_s = max(self.on_the_clock_s, pause_s)
+        self._last_s = at_s
+        self._counts_s.append(withheld_s)
+
+
+@dataclass
+class Tally:
+    """Withheld times and lifetimes of all processes of a kind in a run."""
+
+    withheld_s: float = 0.0
+    lifetime_s: float = 0.0
+    count: int = 0
+
+    def add(self, withheld_s: float, lifetime_s: float) -> None:
+        """Add one process."""
+        self.withheld_s += withheld_s
+        self.lifetime_s += lifetime_s
+        self.count += 1
+
+
+@dataclass
+class Budget:
+    """Withheld time of each kind of process under test, and how much of it a run may have."""
+
+    limit: float
+    """Largest fraction of the lifetime of all processes."""
+    free_s: float
+    """Withheld time that no run fails for, however short it is."""
+    tallies: dict[str, Tally] = field(default_factory=dict[str, Tally])
+    inputs: int = 0
+    """Inputs to pages that a test gives as often as a person would."""
+    repeated: list[str] = field(default_factory=list[str])
+    """Those that were given again, as the page had stalled."""
+
+    def tries(self, what: str, count: int, *, free: int = 1) -> Iterator[int]:
+        """Number attempts at an input to a page, and count those after the first, or `free`."""
+        self.inputs += 1
+        for attempt in range(count):
+            if attempt >= free:
+                self.repeated.append(what)
+            yield attempt
+
+    def follow(self, name: str, *pids: int) -> Followed:
+        """Return the entry of a process that runs now; without a pid, of this one."""
+        return Followed(self.tallies.setdefault(name, Tally()), WithheldTime(*pids))
+
+    @property
+    def excess(self) -> str:
+        """Why the run cannot count, or nothing."""
+        allowed = max(_FREE_REPEATS, _REPEATS * self.inputs)
+        if len(self.repeated) > allowed:
+            return (
+                f"{len(self.repeated)} inputs to pages were given again, more than {allowed:.0f}: "
+                "if the machine is not overloaded, pages lose inputs"
+            )
+        withheld_s = sum(each.withheld_s for each in self.tallies.values())
+        lifetime_s = sum(each.lifetime_s for each in self.tallies.values())
+        allowed_s = max(self.free_s, self.limit * lifetime_s)
+        if withheld_s <= allowed_s:
+            return ""
+        return (
+            f"the machine withheld {withheld_s:.1f} s from processes under test, more than "
+            f"{allowed_s:.1f} s: repeat the run with less other load, or allow a larger fraction "
+            f"of their lifetime than TEST_WITHHELD_LIMIT={self.limit:g}"
+        )
+
+    def lines(self) -> Iterator[str]:
+        """Describe each kind of process, that with the most withheld time first, and inputs."""
+        for name, it in sorted(self.tallies.items(), key=lambda item: -item[1].withheld_s):
+            share = it.withheld_s / it.lifetime_s if it.lifetime_s else 0.0
+            figures = f"{it.withheld_s:.2f} s of {it.lifetime_s:.0f} s ({share:.1%}, {it.count}x)"
+            yield f"withheld from {name}: {figures}"
+        if self.inputs:
+            again = ", ".join(f"{what} ({n}x)" for what, n in Counter(self.repeated).items())
+            figures = f"{len(self.repeated)} of {self.inputs}" + (f": {again}" if again else "")
+            yield f"inputs to pages given again: {figures}"
+
+
+class Followed:
+    """Entry of one process in a budget."""
+
+    def __init__(self, tally: Tally, withheld: WithheldTime) -> None:
+        self._tally: Tally | None = tally
+        self._withheld = withheld
+        self._began_s = time.monotonic()
+
+    def end(self) -> None:
+        """Count the process, once; call it just before the process ends."""
+        tally, self._tally = self._tally, None
+        if tally is not None:
+            tally.add(self._withheld.total_s, time.monotonic() - self._began_s)
+
+
+IN_PROCESS = "robots, dashboards and operators in the process of the tests"
+"""Kind of process in a budget."""
+budget = Budget(limit=float(os.environ.get("TEST_WITHHELD_LIMIT", "0.4")), free_s=5.0)
+"""Budget of this run. Next to a process that spins on one of two processors, without priorities,
+robots and dashboards have 15 to 25 %, summed over their threads; with them, 1 to 5 %."""
+
+
+def family(pid: int) -> Iterator[int]:
+    """Yield a process, its living children and theirs."""
+    yield pid
+    try:
+        tasks = [int(task.name) for task in Path(f"/proc/{pid}/task").iterdir()]
+        texts = [Path(f"/proc/{pid}/task/{tid}/children").read_text("ascii") for tid in tasks]
+    except OSError:
+        return
+    for child in " ".join(texts).split():
+        yield from family(int(child))
+
+
+def _threads_s(pid: int) -> dict[int, float]:
+    """Withheld time of each thread since its start; none of a process that has ended."""
+    found: dict[int, float] = {}
+    try:
+        tasks = list(Path(f"/proc/{pid}/task").iterdir())
+    except OSError:
+        return found
+    for task in tasks:
+        with contextlib.suppress(OSError):  # It may have ended since.
+            found[int(task.name)] = int((task / "schedstat").read_bytes().split()[1]) * 1e-9
+    return found
+
+
+def _stolen_s() -> float:
+    return int(Path("/proc/stat").read_text("ascii").split(maxsplit=9)[_STOLEN]) * _TICK_S
