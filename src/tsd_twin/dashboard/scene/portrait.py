@@ -30,7 +30,8 @@ def render_portrait(parts: Iterable[tuple[Array, Part]]) -> bytes:
     Args:
         parts: vertices (n, 3) of each part in a frame with z up and x ahead, and the part.
     """
-    triangles, colours = [], []
+    triangles: list[Array] = []
+    colours: list[Array] = []
     for vertices, part in parts:
         triangles.append(vertices[np.asarray(part.mesh.faces)])
         colours.append(np.broadcast_to(part.material.rgba[:3], (len(triangles[-1]), 3)))
