@@ -7,6 +7,7 @@ import ctypes
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from tsd_twin.bus import Bus
@@ -20,7 +21,6 @@ from tsd_twin.dashboard.scene.client_views import BackgroundWorker, ClientViews,
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
 from tsd_twin.dashboard.update_loop import UpdateLoop
-from tsd_twin.messages.events import Event
 
 _M_MMAP_THRESHOLD = -3
 """From glibc's `malloc.h`."""
@@ -101,36 +101,37 @@ async def run(
         )
         discovery.on_change = sessions.on_robots_changed
 
-        def on_status(robot_id: str) -> None:
-            loop.call_soon_threadsafe(sessions.on_status, robot_id)
-
-        def on_event(robot_id: str, event: Event) -> None:
-            loop.call_soon_threadsafe(sessions.on_event, robot_id, event)
-
         async def on_client(_client: object) -> None:
             ticker.wake()
 
-        ended = threading.Event()
         ticker = UpdateLoop(
             discovery,
             scene,
-            on_status,
-            on_event,
+            partial(loop.call_soon_threadsafe, sessions.on_status),
+            partial(loop.call_soon_threadsafe, sessions.on_event),
             is_watched=lambda: sessions.any_open or bool(server.get_clients()),
         )
         server.on_client_connect(on_client)
         await gateway.start(host, port, viewport_port)
-        thread = threading.Thread(target=ticker.run, args=(ended,), name="ticker")
-        thread.start()
-        try:
-            on_ready(gateway.port)
-            while not stop.is_set():  # Set by a signal handler, which cannot wake a loop safely.
-                await asyncio.sleep(_STOP_POLL_S)
-        finally:
-            await gateway.stop()
-            ended.set()
-            ticker.wake()
-            await asyncio.to_thread(thread.join)
+        await _serve_until(stop, gateway, ticker, on_ready)
     finally:
         worker.close()
         server.stop()
+
+
+async def _serve_until(
+    stop: threading.Event, gateway: HttpServer, ticker: UpdateLoop, on_ready: Callable[[int], None]
+) -> None:
+    """Draw on another thread, and answer requests here, until `stop` is set."""
+    ended = threading.Event()
+    thread = threading.Thread(target=ticker.run, args=(ended,), name="ticker")
+    thread.start()
+    try:
+        on_ready(gateway.port)
+        while not stop.is_set():  # Set by a signal handler, which cannot wake a loop safely.
+            await asyncio.sleep(_STOP_POLL_S)
+    finally:
+        await gateway.stop()
+        ended.set()
+        ticker.wake()
+        await asyncio.to_thread(thread.join)

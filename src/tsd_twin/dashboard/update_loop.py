@@ -32,8 +32,8 @@ class UpdateLoop:
         self,
         discovery: RobotDiscovery,
         scene: Scene,
-        on_status: Callable[[str], None],
-        on_event: Callable[[str, Event], None],
+        on_status: Callable[[str], object],
+        on_event: Callable[[str, Event], object],
         is_watched: Callable[[], bool] = lambda: True,
     ) -> None:
         """`on_status` and `on_event` are called on the thread of the loop and must not block.

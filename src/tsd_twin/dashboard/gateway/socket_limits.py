@@ -257,8 +257,7 @@ class SocketReader:
     ) -> AsyncGenerator[WSMessage]:
         """Yield the accepted messages of a socket until it closes or floods, which blocks `key`.
 
-        Disable the automatic pong of `socket`, because a flood of pings would otherwise go
-        unnoticed.
+        Disable the automatic pong of `socket`, which would hide a flood of pings.
         """
         limiter = SocketLimiter(limits)
         wire = Bucket(limits.on_the_wire)

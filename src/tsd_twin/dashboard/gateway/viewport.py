@@ -197,24 +197,7 @@ class ViserProxy:
 
         `port` selects the viser server of a recording.
         """
-        if self._client is None:
-            self._client = ClientSession()
-        offered = request.headers.get("Sec-WebSocket-Protocol", "")
-        protocols = [name.strip() for name in offered.split(",") if name.strip()]
-        try:
-            viser = await self._client.ws_connect(
-                self._url if port is None else f"ws://127.0.0.1:{port}/",
-                protocols=protocols,
-                headers={
-                    KEY_HEADER: access_key(),
-                    PAGE_HEADER: page_id,
-                    LOOK_HEADER: _look(request),
-                },
-                compress=0,
-                max_msg_size=_MAX_VISER_MESSAGE_BYTES,
-            )
-        except (ClientError, OSError) as error:
-            raise web.HTTPServiceUnavailable(text=f"viser does not answer: {error}") from error
+        viser = await self._connect_viser(request, page_id, port)
         async with viser:
             chosen = (viser.protocol,) if viser.protocol else ()
             page = web.WebSocketResponse(
@@ -232,12 +215,33 @@ class ViserProxy:
             try:
                 with holding(page):
                     messages = self._reader.messages(request, page, VISER, principal.key or page_id)
-                    await self._connect(request, page, viser, messages, principal.identity.role)
+                    await self._relay(request, page, viser, messages, principal.identity.role)
             finally:
                 self._open.discard(page)
         return page
 
-    async def _connect(
+    async def _connect_viser(
+        self, request: web.Request, page_id: str, port: int | None
+    ) -> ClientWebSocketResponse:
+        if self._client is None:
+            self._client = ClientSession()
+        offered = request.headers.get("Sec-WebSocket-Protocol", "")
+        try:
+            return await self._client.ws_connect(
+                self._url if port is None else f"ws://127.0.0.1:{port}/",
+                protocols=[name.strip() for name in offered.split(",") if name.strip()],
+                headers={
+                    KEY_HEADER: access_key(),
+                    PAGE_HEADER: page_id,
+                    LOOK_HEADER: _look(request),
+                },
+                compress=0,
+                max_msg_size=_MAX_VISER_MESSAGE_BYTES,
+            )
+        except (ClientError, OSError) as error:
+            raise web.HTTPServiceUnavailable(text=f"viser does not answer: {error}") from error
+
+    async def _relay(
         self,
         request: web.Request,
         page: web.WebSocketResponse,

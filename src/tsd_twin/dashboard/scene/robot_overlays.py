@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 import viser
@@ -244,7 +245,6 @@ class RobotOverlays:
         robot_id: str,
         shape: RobotShape,
         on_click: OnClick,
-        *,
         colour: Rgb,
     ) -> None:
         """`colour` identifies the robot."""
@@ -255,12 +255,9 @@ class RobotOverlays:
             if shape.tilts
             else None
         )
-        self.truth = PoseWireframe(
-            scene, f"{TRUE_POSES}/{robot_id}", shape, lambda palette: palette.ink
-        )
-        self.alternative = PoseWireframe(
-            scene, f"{ALTERNATIVE_POSES}/{robot_id}", shape, lambda palette: palette.estimate
-        )
+        truth, alternative = f"{TRUE_POSES}/{robot_id}", f"{ALTERNATIVE_POSES}/{robot_id}"
+        self.truth = PoseWireframe(scene, truth, shape, attrgetter("ink"))
+        self.alternative = PoseWireframe(scene, alternative, shape, attrgetter("estimate"))
         self.trail = Trail(scene, f"{TRAILS}/{robot_id}")
         self.route = RouteLine(scene, f"{ROUTES}/{robot_id}", shape.footprint)
         scene.add_glb(
@@ -270,21 +267,18 @@ class RobotOverlays:
         self.axles = add_axles(scene, themed(scene, f"{node}/{AXLES}"), shape)
         self.region = PoseRegion(scene, overlay_node(Layer.REGION, robot_id), shape.reach_m)
         # A child of the robot, so it sends nothing while delay and speed are constant.
-        self.predicted = PoseWireframe(
-            scene, overlay_node(Layer.PREDICTED, robot_id), shape, lambda palette: palette.command
-        )
+        predicted = overlay_node(Layer.PREDICTED, robot_id)
+        self.predicted = PoseWireframe(scene, predicted, shape, attrgetter("command"))
         self.envelope = StopEnvelope(scene, overlay_node(Layer.ENVELOPE, robot_id), shape.reach_m)
         if not shape.skeleton.has_ball:  # A sphere does not move.
             _add_heading_mark(scene, f"{node}/{HEADING}", shape)
         add_click_target(scene, f"{node}/x", shape, robot_id, on_click)
         self._suspect = FaultRing(scene, f"{node}/{FAULT}", shape)
         self._cover = _add_stale_hull(scene, f"{node}/c", shape)
+        above = (0.0, 0.0, shape.height_m + 0.15)
+        name = overlay_node(Layer.LABELS, robot_id)
         self.label = scene.add_label(
-            overlay_node(Layer.LABELS, robot_id),
-            robot_id,
-            position=(0.0, 0.0, shape.height_m + 0.15),
-            anchor="bottom-center",
-            visible=False,
+            name, robot_id, position=above, anchor="bottom-center", visible=False
         )
         self._name_ring = _add_name_ring(scene, f"{node}/q", shape, colour)
 

@@ -133,20 +133,22 @@ def unlit_glb(
             {"buffer": 0, "byteOffset": at, "byteLength": len(blob)}
             for at, blob in zip(offsets, blobs, strict=False)
         ],
-        "accessors": [
-            {
-                "bufferView": 0,
-                "componentType": 5126,
-                "count": len(position),
-                "type": "VEC3",
-                "min": position.min(axis=0).tolist(),
-                "max": position.max(axis=0).tolist(),
-            },
-            {"bufferView": 1, "componentType": 5126, "count": len(colour), "type": "VEC4"},
-            {"bufferView": 2, "componentType": 5125, "count": len(index), "type": "SCALAR"},
-        ],
+        "accessors": _accessors(position, colour, index),
     }
     return _container(json.dumps(head).encode(), b"".join(blobs))
+
+
+def _accessors(
+    position: npt.NDArray[Any], colour: npt.NDArray[Any], index: npt.NDArray[Any]
+) -> list[dict[str, Any]]:
+    bounds = {"min": position.min(axis=0).tolist(), "max": position.max(axis=0).tolist()}
+    kinds = ((position, 5126, "VEC3"), (colour, 5126, "VEC4"), (index, 5125, "SCALAR"))
+    accessors: list[dict[str, Any]] = [
+        {"bufferView": view, "componentType": number, "count": len(data), "type": kind}
+        for view, (data, number, kind) in enumerate(kinds)
+    ]
+    accessors[0] |= bounds
+    return accessors
 
 
 def _container(head: bytes, body: bytes) -> bytes:

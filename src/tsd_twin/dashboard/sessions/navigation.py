@@ -223,8 +223,7 @@ class NavigationSession:
             number: Number of the plan to follow.
             max_age_s: Maximum age of the pose.
             now_s: Monotonic time.
-            delay_s: Currently measured delay from a command to its effect in a state, or None if
-                unknown.
+            delay_s: Measured delay from a command to its effect in a state, if known.
 
         Raises:
             PathError: If the plan is outdated or for another robot, cannot be started, or was
