@@ -135,9 +135,7 @@ def driving(applied: float, twist: tuple[float, ...]) -> RobotState:
     telemetry = RobotTelemetry(feed)
     feed.snapshot.setpoint.velocity_rad_per_s[:] = joints
     feed.snapshot.setpoint.position_rad[:] = joints
-    return telemetry.state(
-        feed.snapshot, status, feed.now_s, mode_age_s=0.0, round_trips=feed.round_trips
-    )
+    return telemetry.state(feed.snapshot, feed.now_s)
 
 
 @pytest.mark.parametrize(

@@ -257,14 +257,10 @@ class RecordedSession(PageSession):
         return states
 
     def _state(self, telemetry: RobotTelemetry, robot: RecordedRobot) -> RobotState | None:
-        snapshot = robot.snapshot
-        if snapshot.status is None or not robot.alive:
+        state = telemetry.state(robot.snapshot, self._view.player.t_s)
+        if state is None or not robot.alive:
             return None
-        now_s = self._view.player.t_s
-        state = telemetry.state(
-            snapshot, snapshot.status, now_s, mode_age_s=0.0, round_trips=robot.round_trips
-        )
-        plot = telemetry.plot_fields.values(self._plot_fields, snapshot)
+        plot = telemetry.plot_fields.values(self._plot_fields, robot.snapshot)
         return msgspec.structs.replace(state, plot=plot)
 
     def _on_shown(self, jumped: bool) -> None:

@@ -95,9 +95,7 @@ class LookBackSession:
             self._past = past
             at_s = ago_s or 0.0
             self._scene.draw(self._page, "past", lambda view: view.show_past(past, at_s))
-        if ago_s is None or past is None or past.status is None or robot is None:
+        if ago_s is None or past is None or robot is None:
             return None
-        told = robot.telemetry.state(
-            past, past.status, past.received_s, mode_age_s=0.0, round_trips=robot.link.round_trips
-        )
-        return PastState(ago_s, told.status.mode, told.pose, told.twist)
+        told = robot.telemetry.state(past, past.received_s)
+        return told and PastState(ago_s, told.status.mode, told.pose, told.twist)

@@ -120,19 +120,12 @@ class RobotDirectory:
     def state(self, robot_id: str | None) -> RobotState | None:
         """Return the state of a robot, or None before its first status."""
         known = self.robot(robot_id)
-        if known is None:
-            return None
-        snapshot = known.link.snapshot
-        if snapshot.status is None:
+        snapshot = None if known is None else known.link.snapshot
+        if known is None or snapshot is None or snapshot.status is None:
             return None
         now_s = time.monotonic()
-        return known.telemetry.state(
-            snapshot,
-            snapshot.status,
-            now_s,
-            mode_age_s=now_s - self._mode_since_s(known.link.id, snapshot.status.mode),
-            round_trips=known.link.round_trips,
-        )
+        mode_age_s = now_s - self._mode_since_s(known.link.id, snapshot.status.mode)
+        return known.telemetry.state(snapshot, now_s, mode_age_s)
 
     def close(self) -> None:
         """End all shadow twins."""

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.client.monitor import RoundTrips, Snapshot
+from tsd_twin.client.monitor import Snapshot
 from tsd_twin.client.motions import PlanLimits
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, commanded_joints, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import VisualSource
@@ -62,17 +62,11 @@ class RobotTelemetry:
             **self._actuators.info(),
         )
 
-    def state(
-        self,
-        snapshot: Snapshot,
-        status: RobotStatus,
-        now_s: float,
-        *,
-        mode_age_s: float,
-        round_trips: RoundTrips,
-    ) -> RobotState:
-        """Return the latest state; null for messages not yet received."""
-        typical_s, jitter_s = round_trips.median_s(), round_trips.jitter_s()
+    def state(self, snapshot: Snapshot, now_s: float, mode_age_s: float = 0.0) -> RobotState | None:
+        """Return the state in a snapshot, or None without a status; null for missing messages."""
+        if (status := snapshot.status) is None:
+            return None
+        trips = self._link.round_trips
         joints = self._joint_vector(snapshot.joints)
         setpoint = self._joint_vector(snapshot.setpoint)
         commanded = self._commanded(setpoint, joints)
@@ -88,8 +82,8 @@ class RobotTelemetry:
             status=status,
             mode_age_s=round(mode_age_s, 1),
             has_control=False,
-            rtt_ms=_milliseconds(typical_s),
-            rtt_jitter_ms=_milliseconds(jitter_s),
+            rtt_ms=_milliseconds(trips.median_s()),
+            rtt_jitter_ms=_milliseconds(trips.jitter_s()),
             pose=self._planar_pose(odom),
             twist=rounded(odom.twist) if odom else None,
             commanded=None if commanded is None else rounded(commanded),
