@@ -8,8 +8,8 @@ from urllib.parse import parse_qsl
 import pytest
 
 from tests.support.markdown_pages import page
+from tests.support.student_answer import answer
 from tsd_twin.dashboard.scene.robot_visual import MOST_TILT_RAD
-from tsd_twin.dashboard.sessions.student import answer
 from tsd_twin.dashboard.wire.from_page import StudentRequest
 
 ROWS = re.findall(

@@ -22,7 +22,7 @@ from tsd_twin.dashboard.scene.client_nodes import (
     StudentPose,
     StudentRobot,
 )
-from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, ClientCamera, Rectangle
+from tsd_twin.dashboard.scene.framing import ClientCamera, Rectangle
 from tsd_twin.dashboard.scene.metres import MetreLabels, in_odom, metre_places
 from tsd_twin.dashboard.scene.picking import floor_points, off_screen_direction, sphere_point
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose
@@ -45,17 +45,22 @@ class ClientView:
         self,
         scene: Scene,
         client: viser.ClientHandle,
+        page: str | None,
         *,
-        dark: bool = True,
-        plain: bool = False,
-        frame: Rectangle = WHOLE_PICTURE,
+        dark: bool,
+        plain: bool,
+        frame: Rectangle,
     ) -> None:
-        """`plain` is for browsers without a graphics card; `frame` is free of the page's parts."""
+        """`page` has the id of the client's page, if known, and `frame` is free of its parts.
+
+        `plain` is for browsers without a graphics card.
+        """
         self._no_gpu = plain
         self._prefers_dark = dark
         self._scene = scene
         self.client = client
         """Its viser client."""
+        self.page = page
         self._robot_id = scene.default_robot_id
         self._requested_id: str | None = None
         self._settings = ViewSettings()

@@ -65,9 +65,8 @@ class ClientViews:
         self._on_point = on_point
         self._view_of = view_of
         self._views: dict[int, ClientView] = {}
-        self._pages: dict[int, str | None] = {}
-        scene.on_robots_moved.append(self.on_robots_moved)
-        scene.on_robots_changed.append(self.on_robots_changed)
+        scene.on_robots_moved = self._on_robots_moved
+        scene.on_robots_changed = self._on_robots_changed
         scene.on_click = self._on_click
         server.on_client_connect(self._on_connect)
         server.on_client_disconnect(self._on_disconnect)
@@ -75,9 +74,7 @@ class ClientViews:
     def of_page(self, page: str) -> list[ClientView]:
         """Return the views of a page: none before its frame has connected."""
         with self._scene.lock:
-            return [
-                view for view in self._connected() if self._pages[view.client.client_id] == page
-            ]
+            return [view for view in self._connected() if view.page == page]
 
     def pick_floor(self, page: str, shares: Array) -> Array:
         """Return floor points (m, 2) in `odom` at a page's screen positions, see `floor_points`."""
@@ -91,18 +88,14 @@ class ClientViews:
 
         It waits for no drawing: a pose that is half old moves an arrow by some pixels.
         """
-        for client_id, view in list(self._views.items()):
-            if self._pages.get(client_id) == page and not is_disconnected(view.client):
-                return view.camera_state
-        return None
+        shown = (view for view in self._connected() if view.page == page)
+        return next((view.camera_state for view in shown), None)
 
-    def on_robots_moved(self) -> None:
-        """Update the followed robot of each client."""
+    def _on_robots_moved(self) -> None:
         for view in self._connected():
             view.on_robots_moved()
 
-    def on_robots_changed(self) -> None:
-        """Update after robots were added or removed."""
+    def _on_robots_changed(self) -> None:
         for view in self._connected():
             view.on_robots_changed()
 
@@ -111,32 +104,25 @@ class ClientViews:
     ) -> None:
         """Forward a click to the page, which decides whether the robot moves."""
         with self._scene.lock:
-            view, page = self._views.get(client.client_id), self._pages.get(client.client_id)
-            if view is None or page is None or view.robot_id != robot_id:
+            view = self._views.get(client.client_id)
+            if view is None or view.page is None or view.robot_id != robot_id:
                 return
             at = view.pick_sphere(origin, direction)
         if at is not None:
-            self._on_point(page, robot_id, at)
+            self._on_point(view.page, robot_id, at)
 
     def _connected(self) -> list[ClientView]:
-        return [view for view in self._views.values() if not is_disconnected(view.client)]
+        return [view for view in list(self._views.values()) if not is_disconnected(view.client)]
 
     async def _on_connect(self, client: viser.ClientHandle) -> None:
         client_id = client.client_id
-        page = page_of(self._server, client_id)
-        asked = PageView() if page is None else self._view_of(page)
-        with self._scene.lock:  # Robots must not change in between.
-            self._pages[client_id] = page
-            look = look_of(self._server, client_id)
+        page, look = page_of(self._server, client_id), look_of(self._server, client_id)
+        with self._scene.lock:  # Neither robots nor what the page asks for may change in between.
+            asked = PageView() if page is None else self._view_of(page)
             dark = "dark" in look
             set_theme(client.gui, dark=dark)
-            view = ClientView(
-                self._scene,
-                client,
-                dark=dark,
-                plain="plain" in look,
-                frame=asked.frame,
-            )
+            plain = "plain" in look
+            view = ClientView(self._scene, client, page, dark=dark, plain=plain, frame=asked.frame)
             if asked.robot_id is not None:
                 view.select_robot(asked.robot_id)
             if asked.settings is not None:
@@ -145,7 +131,6 @@ class ClientViews:
 
     async def _on_disconnect(self, client: viser.ClientHandle) -> None:
         with self._scene.lock:
-            self._pages.pop(client.client_id, None)
             self._views.pop(client.client_id, None)
 
 

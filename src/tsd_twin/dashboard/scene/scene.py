@@ -50,13 +50,12 @@ class Scene:
         self._visuals: dict[str, RobotVisual] = {}
         self._meshes: dict[bytes, BatchedRobotMeshes] = {}
         self._world = server.scene.add_frame(ROOT, show_axes=False)
-        self.on_robots_moved: list[Callable[[], None]] = []
+        self.on_robots_moved: Callable[[], None] = lambda: None
         """Called under the lock after robots were moved."""
-        self.on_robots_changed: list[Callable[[], None]] = []
+        self.on_robots_changed: Callable[[], None] = lambda: None
         """Called under the lock after robots were added or removed."""
         self.on_click: OnClick | None = None
         """Called on viser's thread if the sphere of a robot is clicked."""
-        """Called on viser's thread."""
         server.scene.world_axes.visible = False  # They do not move with the world.
         for node in (TRUE_POSES, ALTERNATIVE_POSES, TRAILS, ROUTES):
             server.scene.add_frame(node, show_axes=False)
@@ -118,8 +117,7 @@ class Scene:
                 for meshes in self._meshes.values():
                     meshes.send()
             self.server.flush()
-            for call in self.on_robots_moved:
-                call()
+            self.on_robots_moved()
 
     def set_stale(self, robot_id: str, stale: bool) -> None:
         """Show a robot as stale."""
@@ -166,5 +164,4 @@ class Scene:
     def _update_views(self) -> None:
         for body in self._visuals.values():
             body.overlays.set_named(len(self._visuals) > 1)
-        for call in self.on_robots_changed:
-            call()
+        self.on_robots_changed()
