@@ -14,7 +14,7 @@ from tests.support.placed_modules import CIRCLE, ODD, placed, text
 from tsd_twin import robots
 from tsd_twin.calibration.collect import with_calibration
 from tsd_twin.calibration.report import edit_description
-from tsd_twin.dashboard.sessions.student import figures_of
+from tsd_twin.dashboard.sessions.student import solution_of
 from tsd_twin.errors import RobotFileError
 from tsd_twin.hardware.joints import check_radio_geometry
 from tsd_twin.hardware.serial_transport import HardwareError
@@ -70,7 +70,7 @@ def test_short_form_and_positions_on_its_circle_describe_one_robot() -> None:
     assert ours is not None
     assert theirs is not None
     np.testing.assert_allclose(ours.by_acceleration, theirs.by_acceleration, atol=1e-15)
-    shown, expected = (figures_of(each, np.array([0.3, 0.2, 1.0])) for each in (same, TSD))
+    shown, expected = (solution_of(each, np.array([0.3, 0.2, 1.0]))[1] for each in (same, TSD))
     assert [one.value for one in shown.figures] == pytest.approx(
         [one.value for one in expected.figures]
     )

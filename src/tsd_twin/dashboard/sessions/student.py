@@ -137,7 +137,7 @@ def solve(request: StudentRequest) -> tuple[StudentReply, StudentPose | None]:
         changed = dict(request.knobs)
         knobs = _knobs(request.base, changed)
         robot = variant(request.base, changed)
-        joints, figures = _solution(robot, np.array(request.twist), request.joints)
+        joints, figures = solution_of(robot, np.array(request.twist), request.joints)
         study = view_of(robot).study
         papers = study.papers(robot) if request.papers and study is not None else []
         check_room(robot)  # Figures do not require a valid body, but the file does.
@@ -159,8 +159,8 @@ def solve(request: StudentRequest) -> tuple[StudentReply, StudentPose | None]:
     return reply, pose
 
 
-def _solution(
-    robot: RobotDescription, twist: Array, numbers: Sequence[Sequence[float]] | None
+def solution_of(
+    robot: RobotDescription, twist: Array, numbers: Sequence[Sequence[float]] | None = None
 ) -> tuple[Array, StudentFigures]:
     """Return the joint vector (n,) and all figures, from a twist (3,) or from joint values.
 
