@@ -43,9 +43,9 @@ def test_a_page_learns_who_it_is_which_robots_there_are_and_how_its_robot_is(ser
 def test_no_state_arrives_twice_also_when_robots_change_and_the_loop_is_late(served: Site) -> None:
     with served.page() as page:
         for _ in range(20):
+            count = len(page.all("robot"))
             served.sessions.on_robots_changed()
             served.repeat_status()
-            count = len(page.all("robot"))
             page.until(lambda count=count: len(page.all("robot")) > count)
         numbers = [state["status_seq"] for state in page.all("state")]
         assert numbers == sorted(set(numbers))
