@@ -144,17 +144,13 @@ def plan(goal: NavigationGoal, start: SE2, limits: PlanLimits) -> Trajectory:
     )
 
 
-# Motions.
+# Motions; they raise a `ClientError` as `ControlProtocol.check_motion`, or for invalid arguments.
 
 
 def drive(
     protocol: ControlProtocol, now_s: float, twist: Sequence[float], duration_s: float, frame: str
 ) -> Procedure[None]:
-    """Command a twist for `duration_s`, then zero until the robot is at rest.
-
-    Raises:
-        ClientError: As for `ControlProtocol.check_motion`, or if an argument is invalid.
-    """
+    """Command a twist for `duration_s`, then zero until the robot is at rest."""
     check_duration(duration_s=duration_s)
     checked_twist(twist, frame)
 
@@ -167,11 +163,7 @@ def drive(
 def drive_by(
     protocol: ControlProtocol, now_s: float, twist_at: TwistSource, frame: str = BASE
 ) -> Procedure[None]:
-    """Command the twists from `twist_at`, then zero until the robot is at rest.
-
-    Raises:
-        ClientError: As for `ControlProtocol.check_motion`; `twist_at` may raise other errors.
-    """
+    """Command the twists from `twist_at`, then zero until the robot is at rest."""
     check_frame(frame)
     yield from _motion(
         protocol,
@@ -181,11 +173,7 @@ def drive_by(
 
 
 def rest(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Command zero until the robot is at rest; ends any other motion of this script.
-
-    Raises:
-        ClientError: If the lease is not held, or the robot is silent, disarmed or latched.
-    """
+    """Command zero until the robot is at rest; ends any other motion of this script."""
     end_s = now_s + _REST_S
     while protocol.mode is Mode.STOPPING and now_s < end_s:
         now_s = (yield NextStatus(end_s)).now_s
