@@ -71,8 +71,8 @@ def demonstrate(args: argparse.Namespace) -> None:
     folder = None if args.no_record else record_folder(args.record_dir)
     endpoint = f"{protocol}/127.0.0.1:{bus_port}"
     if args.bus_port is None and bus_port != BUS_PORT:
-        where = f"the bus of this demo is at {endpoint}: name that to other programs"
-        print(f"port {BUS_PORT} is in use, so {where}", flush=True)
+        where = f"port {BUS_PORT} is in use, so the bus of this demo is at {endpoint}"
+        print(f"{where}: name that to other programs", flush=True)
     if args.port is None and page_port != PAGE_PORT:
         print(f"port {PAGE_PORT} is in use, so the page is at port {page_port}", flush=True)
     listening = over_datagrams(endpoint) if link else endpoint
