@@ -103,23 +103,14 @@ def kinematics_in_force(
 
 
 def goal_at(x_m: float, y_m: float, heading_rad: float | None) -> NavigationGoal:
-    """Return a goal pose; without a heading, the robot keeps its heading.
-
-    Raises:
-        ClientError: If a number is not finite.
-    """
+    """Return a goal pose; without a heading, the robot keeps its heading."""
     check_numbers(x_m=x_m, y_m=y_m)
     check_optional(heading_rad=heading_rad)
     return NavigationGoal(np.array([[x_m, y_m]]), heading_rad)
 
 
 def goal_along(points: Sequence[Sequence[float]], heading_rad: float | None) -> NavigationGoal:
-    """Return a goal path through `points` of (x, y) in metres.
-
-    Raises:
-        ClientError: If the heading is not finite.
-        PathError: If `points` is empty or not a sequence of finite (x, y) pairs.
-    """
+    """Return a goal path through `points` of (x, y) in metres."""
     check_optional(heading_rad=heading_rad)
     return NavigationGoal(checked_points(points), heading_rad)
 
