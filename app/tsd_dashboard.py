@@ -76,11 +76,7 @@ def serve(args: argparse.Namespace) -> None:
 
 
 def rules_of(args: argparse.Namespace) -> AccessSettings:
-    """Return the access settings from the flags.
-
-    Raises:
-        TwinError: If a flag requires another, or a file cannot be used.
-    """
+    """Return the access settings from the flags."""
     context, names = program.tls(args)
     owner = program.certificate(args) or DEFAULT_IDENTITY
     if owner.role is Role.SENSOR:

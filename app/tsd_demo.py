@@ -71,8 +71,8 @@ def demonstrate(args: argparse.Namespace) -> None:
     folder = None if args.no_record else record_folder(args.record_dir)
     endpoint = f"{protocol}/127.0.0.1:{bus_port}"
     if args.bus_port is None and bus_port != BUS_PORT:
-        where = f"the bus of this demo is at {endpoint}: name that to other programs"
-        print(f"port {BUS_PORT} is in use, so {where}", flush=True)
+        where = f"port {BUS_PORT} is in use, so the bus of this demo is at {endpoint}"
+        print(f"{where}: name that to other programs", flush=True)
     if args.port is None and page_port != PAGE_PORT:
         print(f"port {PAGE_PORT} is in use, so the page is at port {page_port}", flush=True)
     listening = over_datagrams(endpoint) if link else endpoint
@@ -121,9 +121,6 @@ def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> 
     """Return the command line of each robot, with its bus id and start pose.
 
     With `camera`, planar robots have an overhead camera.
-
-    Raises:
-        TwinError: If a description cannot be read, or an id is given for several robots.
     """
     if robot_id and len(names) > 1:
         raise TwinError("--id is for one robot; several are called by their names")
@@ -155,11 +152,7 @@ def spot(number: int) -> str:
 
 
 def record_folder(chosen: Path | None) -> Path | None:
-    """Return the folder for recordings, or None if the default one is not writable.
-
-    Raises:
-        TwinError: If the chosen folder is not writable.
-    """
+    """Return the folder for recordings, or None if the default one is not writable."""
     folder = chosen or default_folder()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -203,11 +196,7 @@ def linked(link: LinkSpec | None, endpoint: str, stop: threading.Event) -> Gener
 
 
 def wait_for_robots(url: str, count: int, stop: threading.Event) -> None:
-    """Wait until the dashboard shows all robots.
-
-    Raises:
-        TwinError: If this takes too long.
-    """
+    """Wait until the dashboard shows all robots."""
     end_s = time.monotonic() + START_TIMEOUT_S
     while not stop.wait(0.05):
         with urllib.request.urlopen(f"{url}healthz") as answer:  # noqa: S310  Our own page.
@@ -231,11 +220,7 @@ class Subprocess:
         threading.Thread(target=self._read, args=(process.stdout,), daemon=True).start()
 
     def wait_for(self) -> str:
-        """Wait for the program's `ready:` line and return it.
-
-        Raises:
-            TwinError: If the program ended or took too long.
-        """
+        """Wait for the program's `ready:` line and return it."""
         if not self._ready.wait(START_TIMEOUT_S):
             raise TwinError(f"{self._name} was not ready within {START_TIMEOUT_S:g} s")
         if not self._line:
@@ -277,11 +262,7 @@ def start_program(arguments: list[str], stop: threading.Event) -> Generator[Subp
 
 
 def free_port(chosen: int | None, usual: int, kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """Return the chosen port if it is free; by default the usual port, or any free one.
-
-    Raises:
-        TwinError: If the chosen port is in use or invalid.
-    """
+    """Return the chosen port if it is free; by default the usual port, or any free one."""
     anywhere = random.sample(ANY_PORTS, 32)
     for port in anywhere if chosen == 0 else (chosen,) if chosen else (usual, *anywhere):
         with socket.socket(type=kind) as probe:

@@ -42,11 +42,7 @@ PARSER = program.parser(
 
 
 def serve(args: argparse.Namespace) -> None:
-    """Run until SIGINT or SIGTERM.
-
-    Raises:
-        TwinError: If a package, file or port cannot be used.
-    """
+    """Run until SIGINT or SIGTERM."""
     load_sdk()
     stop = program.stop_event(args)
     access = access_of(args)
@@ -66,22 +62,14 @@ def serve(args: argparse.Namespace) -> None:
 
 
 def access_of(args: argparse.Namespace) -> Access:
-    """Return the access settings from the flags.
-
-    Raises:
-        TwinError: If a flag requires another, or a file cannot be used.
-    """
+    """Return the access settings from the flags."""
     tls, names = program.tls(args)
     token = None if args.token_file is None else token_of(args.token_file)
     return Access(token, tls, names, (FOXGLOVE_ORIGIN, *args.allow_origin))
 
 
 def token_of(file: Path) -> str:
-    """Return the token in a file; create the file if it is missing.
-
-    Raises:
-        TwinError: If the file cannot be used, is readable by others, or its token is too short.
-    """
+    """Return the token in a file; create the file if it is missing."""
     try:
         if not file.exists():
             create_file(file, f"{secrets.token_urlsafe(32)}\n".encode())

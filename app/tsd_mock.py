@@ -107,11 +107,7 @@ def pose_at(robot: RobotDescription, args: argparse.Namespace) -> SE2 | None:
 
 
 def start_pose(text: str, robot: RobotDescription) -> SE2:
-    """Parse the start pose of `--at`.
-
-    Raises:
-        TwinError: If the text is not x, y and heading, or the robot has no planar pose.
-    """
+    """Parse the start pose of `--at`."""
     if robot.kinematics().pose_type is not SE2:
         raise TwinError(f"--at: {robot.name} stays where it is, only its sphere turns")
     try:
@@ -126,11 +122,7 @@ def start_pose(text: str, robot: RobotDescription) -> SE2:
 def companion(
     bus: Bus, robot_id: str, robot: RobotDescription, args: argparse.Namespace
 ) -> Companion:
-    """Return the simulated camera of `--camera`.
-
-    Raises:
-        TwinError: If the robot does not move.
-    """
+    """Return the simulated camera of `--camera`."""
     if not args.camera:
         return contextlib.nullcontext()
     if robot.kinematics().pose_type is not SE2:

@@ -62,11 +62,7 @@ PARSER = program.parser(
 
 
 def record(args: argparse.Namespace) -> None:
-    """Record until a signal arrives.
-
-    Raises:
-        TwinError: If the folder cannot be used.
-    """
+    """Record until a signal arrives."""
     stop = program.stop_event(args)
     folder = RecordingFolder(args.dir, round(args.keep_gb * GB))
     for path in folder.complete_cut_files():
@@ -90,11 +86,7 @@ def record(args: argparse.Namespace) -> None:
 
 
 def sessions(args: argparse.Namespace) -> list[Config]:
-    """Return a session configuration for each robot.
-
-    Raises:
-        TwinError: If a configuration cannot be used.
-    """
+    """Return a session configuration for each robot."""
     if args.zenoh_config:
         return clients_of(from_file(args.zenoh_config), START_TIMEOUT_S)
     return clients_of(client_config(args.connect or [DEFAULT_ENDPOINT]), START_TIMEOUT_S)
@@ -136,11 +128,7 @@ def notify(text: str) -> None:
 
 
 def export_file(args: argparse.Namespace) -> None:
-    """Export parts of a recording.
-
-    Raises:
-        TwinError: If no output is requested.
-    """
+    """Export parts of a recording."""
     if not (args.out or args.csv or args.html or args.picture):
         raise TwinError(
             "export: --out FILE.mcap, --csv FOLDER, --html FILE or --picture FILE is needed"
@@ -163,11 +151,7 @@ def export_file(args: argparse.Namespace) -> None:
 
 
 def list_recordings(args: argparse.Namespace) -> None:
-    """Print start, duration, robots and marks of all recordings in the folder, latest last.
-
-    Raises:
-        TwinError: If the folder does not exist.
-    """
+    """Print start, duration, robots and marks of all recordings in the folder, latest last."""
     if not args.dir.is_dir():
         raise TwinError(f"{args.dir} is no folder")
     catalogue = Catalogue(args.dir, FolderReader())
@@ -184,11 +168,7 @@ def list_recordings(args: argparse.Namespace) -> None:
 
 
 def mark(args: argparse.Namespace) -> None:
-    """Attach a note to a time of a recording.
-
-    Raises:
-        TwinError: If the time is out of range, or the mark cannot be written.
-    """
+    """Attach a note to a time of a recording."""
     index = RecordingIndex(Path(args.file))
     duration_s = 1e-9 * (index.end_ns - index.start_ns)
     index.close()

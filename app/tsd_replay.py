@@ -31,11 +31,7 @@ PARSER = program.parser(
 
 
 def replay(args: argparse.Namespace) -> None:
-    """Send the recording until its end or a signal.
-
-    Raises:
-        TwinError: If the file cannot be used, or the id is taken.
-    """
+    """Send the recording until its end or a signal."""
     stop = program.stop_event(args)
     recording = open_recording(args.file)
     robot = chosen_robot(recording, args.robot)
@@ -57,11 +53,7 @@ def session(args: argparse.Namespace) -> Bus:
 
 
 def chosen_robot(recording: Recording, chosen: str | None) -> str:
-    """Return the robot to replay.
-
-    Raises:
-        TwinError: If the choice is missing or ambiguous.
-    """
+    """Return the robot to replay."""
     if chosen is not None:
         return chosen
     if len(recording.robots) != 1:

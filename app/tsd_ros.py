@@ -59,11 +59,7 @@ PARSER = program.parser(
 
 
 def serve(args: argparse.Namespace) -> None:
-    """Run until SIGINT or SIGTERM.
-
-    Raises:
-        TwinError: If a file, an endpoint or a port cannot be used.
-    """
+    """Run until SIGINT or SIGTERM."""
     stop = program.stop_event(args)
     if args.imported is not None:
         serve_imported(args, stop)
@@ -88,11 +84,7 @@ def serve(args: argparse.Namespace) -> None:
 
 
 def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
-    """Run the node of a robot that has only ROS topics until `stop` is set.
-
-    Raises:
-        TwinError: If a file, an endpoint or a port cannot be used, or a limit is implausible.
-    """
+    """Run the node of a robot that has only ROS topics until `stop` is set."""
     name = topics.checked(args.imported)
     if args.view_only:
         raise TwinError("--view-only does not go with --import: who does not arm it only looks on")
@@ -125,11 +117,7 @@ def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
 
 
 def domain_of(args: argparse.Namespace) -> int:
-    """Return the ROS domain.
-
-    Raises:
-        TwinError: If ROS_DOMAIN_ID is invalid.
-    """
+    """Return the ROS domain."""
     if args.domain is not None:
         return args.domain
     text = os.environ.get("ROS_DOMAIN_ID") or "0"
@@ -139,11 +127,7 @@ def domain_of(args: argparse.Namespace) -> int:
 
 
 def ports(args: argparse.Namespace, domain: int, ends: Endpoints = ADAPTER) -> tuple[OpenPort, str]:
-    """Return a function that opens ports, and their endpoint.
-
-    Raises:
-        TwinError: If no router answers, or rclpy is missing.
-    """
+    """Return a function that opens ports, and their endpoint."""
     if args.rmw == "dds":
         check_ros(ends)
         return partial(DdsPort, domain, endpoints=ends), "DDS"

@@ -52,11 +52,7 @@ def change(args: argparse.Namespace) -> None:
 
 
 def password_for(name: str) -> str:
-    """Ask for a new password twice, without echo, or read a line from standard input.
-
-    Raises:
-        TwinError: If the passwords differ or the input has ended.
-    """
+    """Ask for a new password twice, without echo, or read a line from standard input."""
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip("\r\n")
     try:

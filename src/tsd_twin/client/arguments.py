@@ -1,4 +1,7 @@
-"""Argument validation for public methods, run before any state changes (pure)."""
+"""Argument validation for public methods, run before any state changes (pure).
+
+Each function raises a `ClientError` that names the argument; those for paths a `PathError`.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,7 @@ from tsd_twin.messages.cdr import BASE, ODOM
 
 
 def check_numbers(**values: object) -> None:
-    """Check that all arguments are finite numbers.
-
-    Raises:
-        ClientError: If one is not; the message names it.
-    """
+    """Check that all arguments are finite numbers."""
     for name, value in values.items():
         if not math.isfinite(_number(name, value)):
             raise ClientError(f"{name} must be finite, not {value}", "not_finite")
@@ -31,11 +30,7 @@ def check_optional(**values: object) -> None:
 
 
 def check_duration(**values: object) -> None:
-    """Check that all arguments are finite, non-negative durations in seconds.
-
-    Raises:
-        ClientError: If one is not.
-    """
+    """Check that all arguments are finite, non-negative durations in seconds."""
     check_numbers(**values)
     for name, value in values.items():
         if _number(name, value) < 0.0:
@@ -43,32 +38,20 @@ def check_duration(**values: object) -> None:
 
 
 def check_frame(frame: object) -> None:
-    """Check a frame name.
-
-    Raises:
-        ClientError: If velocities cannot be given in this frame.
-    """
+    """Check a frame name."""
     if frame not in (BASE, ODOM):
         raise ClientError(f"frame must be '{BASE}' or '{ODOM}', not {frame!r}", "bad_frame")
 
 
 def check_text(**values: object) -> None:
-    """Check that all arguments are strings or None.
-
-    Raises:
-        ClientError: If one is not.
-    """
+    """Check that all arguments are strings or None."""
     for name, value in values.items():
         if value is not None and not isinstance(value, str):
             raise ClientError(f"{name} must be a string, not {value!r}", "no_string")
 
 
 def checked_points(points: Sequence[Sequence[float]]) -> Array:
-    """Return path points as an (n, 2) array in metres.
-
-    Raises:
-        PathError: If `points` is empty or not a sequence of finite (x, y) pairs.
-    """
+    """Return path points as an (n, 2) array in metres."""
     wrong = PathError("a path is a list of (x, y) in metres")
     if isinstance(points, str):
         raise wrong
@@ -84,11 +67,7 @@ def checked_points(points: Sequence[Sequence[float]]) -> Array:
 
 
 def checked_twist(twist: Sequence[float] | Array, frame: str) -> Array:
-    """Return a twist as (3,), m/s and rad/s in `frame`.
-
-    Raises:
-        ClientError: If it is not three finite numbers, or the frame is unknown.
-    """
+    """Return a twist as (3,), m/s and rad/s in `frame`."""
     check_frame(frame)
     try:
         numbers = np.array([_number("a twist", number) for number in twist])

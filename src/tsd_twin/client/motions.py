@@ -103,23 +103,14 @@ def kinematics_in_force(
 
 
 def goal_at(x_m: float, y_m: float, heading_rad: float | None) -> NavigationGoal:
-    """Return a goal pose; without a heading, the robot keeps its heading.
-
-    Raises:
-        ClientError: If a number is not finite.
-    """
+    """Return a goal pose; without a heading, the robot keeps its heading."""
     check_numbers(x_m=x_m, y_m=y_m)
     check_optional(heading_rad=heading_rad)
     return NavigationGoal(np.array([[x_m, y_m]]), heading_rad)
 
 
 def goal_along(points: Sequence[Sequence[float]], heading_rad: float | None) -> NavigationGoal:
-    """Return a goal path through `points` of (x, y) in metres.
-
-    Raises:
-        ClientError: If the heading is not finite.
-        PathError: If `points` is empty or not a sequence of finite (x, y) pairs.
-    """
+    """Return a goal path through `points` of (x, y) in metres."""
     check_optional(heading_rad=heading_rad)
     return NavigationGoal(checked_points(points), heading_rad)
 
@@ -144,17 +135,13 @@ def plan(goal: NavigationGoal, start: SE2, limits: PlanLimits) -> Trajectory:
     )
 
 
-# Motions.
+# Motions; they raise a `ClientError` as `ControlProtocol.check_motion`, or for invalid arguments.
 
 
 def drive(
     protocol: ControlProtocol, now_s: float, twist: Sequence[float], duration_s: float, frame: str
 ) -> Procedure[None]:
-    """Command a twist for `duration_s`, then zero until the robot is at rest.
-
-    Raises:
-        ClientError: As for `ControlProtocol.check_motion`, or if an argument is invalid.
-    """
+    """Command a twist for `duration_s`, then zero until the robot is at rest."""
     check_duration(duration_s=duration_s)
     checked_twist(twist, frame)
 
@@ -167,11 +154,7 @@ def drive(
 def drive_by(
     protocol: ControlProtocol, now_s: float, twist_at: TwistSource, frame: str = BASE
 ) -> Procedure[None]:
-    """Command the twists from `twist_at`, then zero until the robot is at rest.
-
-    Raises:
-        ClientError: As for `ControlProtocol.check_motion`; `twist_at` may raise other errors.
-    """
+    """Command the twists from `twist_at`, then zero until the robot is at rest."""
     check_frame(frame)
     yield from _motion(
         protocol,
@@ -181,11 +164,7 @@ def drive_by(
 
 
 def rest(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Command zero until the robot is at rest; ends any other motion of this script.
-
-    Raises:
-        ClientError: If the lease is not held, or the robot is silent, disarmed or latched.
-    """
+    """Command zero until the robot is at rest; ends any other motion of this script."""
     end_s = now_s + _REST_S
     while protocol.mode is Mode.STOPPING and now_s < end_s:
         now_s = (yield NextStatus(end_s)).now_s

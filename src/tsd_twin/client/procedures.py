@@ -1,6 +1,8 @@
 """Operator procedures as sans-I/O generators: lease, arming, stop, settings.
 
-See `steps` for the steps they yield and for running them.
+See `port` for the steps they yield and for running them. All raise `RequestRefused`, or
+`ControlDenied` for the lease, with the reason if the robot or its operator refuses, `RobotSilent`
+if no response or status arrives, and `ControlLost` if they need the lease and it is not held.
 """
 
 from __future__ import annotations
@@ -48,12 +50,7 @@ STOP_TRIES, STOP_ANSWER_S = 20, 0.1
 def request(
     protocol: ControlProtocol, service: Service, message: msgspec.Struct, what: str
 ) -> Procedure[float]:
-    """Send a request, named `what` in errors; return the time of the response.
-
-    Raises:
-        RequestRefused: If refused, with the robot's reason.
-        RobotSilent: If no response arrives.
-    """
+    """Send a request, named `what` in errors; return the time of the response."""
     outcome = yield Call(service, msgspec.json.encode(message))
     reply = _reply(protocol, outcome.answer, Reply)
     if not reply.ok:
@@ -73,10 +70,6 @@ def reset(protocol: ControlProtocol, now_s: float, *, renews: bool = False) -> P
 
     Robots refuse this for 0.5 s after the last nonzero command. Set `renews` to renew the lease
     while waiting, unless a background thread does so.
-
-    Raises:
-        RequestRefused: If the robot still refuses, with its reason.
-        RobotSilent: If no response arrives.
     """
     end_s = now_s + _SETTLE_S
     while now_s < end_s and _refuses_reset(protocol.status):
@@ -88,12 +81,7 @@ def reset(protocol: ControlProtocol, now_s: float, *, renews: bool = False) -> P
 
 
 def reset_without_control(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Acquire the lease, reset and release; the robot is then disarmed.
-
-    Raises:
-        ControlDenied: If another operator has the lease.
-        RequestRefused, RobotSilent: As for `reset`.
-    """
+    """Acquire the lease, reset and release; the robot is then disarmed."""
     yield from acquire(protocol)
     try:
         yield from reset(protocol, now_s, renews=True)
@@ -141,11 +129,7 @@ def set_wheel_speed(protocol: ControlProtocol, rpm: float) -> Procedure[None]:
 
 
 def stop(robot_id: str, operator: str, reason: str, name: str = "") -> Procedure[None]:
-    """Stop and latch the robot, retrying until acknowledged.
-
-    Raises:
-        RobotSilent: If no acknowledgement arrives.
-    """
+    """Stop and latch the robot, retrying until acknowledged."""
     payload = stop_payload(operator, reason, name)
     for _ in range(STOP_TRIES):
         yield SendStop(payload)
@@ -193,12 +177,7 @@ def request_lease(
     max_age_s: float | None = None,
     reason: str = "",
 ) -> Procedure[float]:
-    """Request the lease; return the time of the grant.
-
-    Raises:
-        ControlDenied: If another operator holds the lease.
-        RobotSilent: If no response arrives.
-    """
+    """Request the lease; return the time of the grant."""
     wish = LeaseRequest(
         op="acquire",
         operator=protocol.operator,
@@ -216,12 +195,7 @@ def request_lease(
 
 
 def acquire(protocol: ControlProtocol, **wish: Any) -> Procedure[None]:
-    """Acquire the lease and wait until the status shows it.
-
-    Raises:
-        ControlDenied: If another operator holds the lease.
-        RobotSilent: If no response arrives.
-    """
+    """Acquire the lease and wait until the status shows it."""
     now_s = yield from request_lease(protocol, **wish)
     end_s = now_s + _SETTLE_S
     # A status in flight still shows the mode under the previous holder.
@@ -260,11 +234,7 @@ def peek(operator: str, timeout_s: float = 1.0) -> Call:
 
 
 def ask_holder(protocol: ControlProtocol) -> Procedure[LeaseReply]:
-    """Request the lease from its holder; the reply is `done` if the request is pending.
-
-    Raises:
-        RobotSilent: If no response arrives.
-    """
+    """Request the lease from its holder; the reply is `done` if the request is pending."""
     message = LeaseRequest(op="request", operator=protocol.operator, name=protocol.name)
     outcome = yield Call(Service.LEASE, msgspec.json.encode(message))
     return _reply(protocol, outcome.answer, LeaseReply)
@@ -301,12 +271,7 @@ def request_state(lease: LeaseStatus, operator: str, *, settled: bool) -> LeaseR
 def ask_for_control(
     protocol: ControlProtocol, now_s: float, timeout_s: float, **wish: Any
 ) -> Procedure[None]:
-    """Request the lease from its holder; acquire it once granted or free.
-
-    Raises:
-        ControlDenied: If the holder denies or does not respond in time.
-        RobotSilent: If the robot does not respond.
-    """
+    """Request the lease from its holder; acquire it once granted or free."""
     reply = yield from ask_holder(protocol)
     if not reply.done and reply.holder is not None:
         raise ControlDenied(protocol.robot_id, reply.reason, reply.holder, why_of(reply))
@@ -437,11 +402,7 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
 
 
 def stay_ready(protocol: ControlProtocol, now_s: float, duration_s: float) -> Procedure[None]:
-    """Check for `duration_s` that the robot stays ready, without commanding it.
-
-    Raises:
-        ControlLost, RobotStopped, RobotSilent: If it does not.
-    """
+    """Check for `duration_s` that the robot stays ready, without commanding it."""
     end_s = now_s + duration_s
     while now_s < end_s:
         protocol.check_ready(now_s)

@@ -189,11 +189,7 @@ class ControlProtocol(HeldLease):
         return self._begin()
 
     def begin_rest(self, now_s: float) -> int:
-        """End any motion of this script and begin stopping; return the new motion's number.
-
-        Raises:
-            ClientError: If the lease is not held, or the robot is silent, disarmed or latched.
-        """
+        """End any motion of this script and begin stopping; return the new motion's number."""
         self.check_lease()
         self._check_silence(now_s)
         if self.mode not in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
@@ -208,11 +204,7 @@ class ControlProtocol(HeldLease):
         return self._motion
 
     def check_ready(self, now_s: float) -> None:
-        """Check that the robot is ready and at rest under this lease.
-
-        Raises:
-            ClientError: If the lease is not held, or the robot is silent or not ready.
-        """
+        """Check that the robot is ready and at rest under this lease."""
         self.check_lease()
         mode = self.mode
         self._check_silence(now_s)

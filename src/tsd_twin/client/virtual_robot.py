@@ -75,11 +75,7 @@ class VirtualRobot:
         self._call_service(Service.SET_POSE, SetPoseRequest(self._lease, 0.0, 0.0, 0.0))
 
     def choose_drive_speed(self, spin_rpm: float) -> None:
-        """Set the speed of continuously spinning wheels.
-
-        Raises:
-            TwinError: If the robot has no such wheels or the speed is out of range.
-        """
+        """Set the speed of continuously spinning wheels."""
         self._call_service(Service.SPEED, SpeedRequest(self._lease, float(spin_rpm)))
 
     def drive(self, twist: Array) -> None:

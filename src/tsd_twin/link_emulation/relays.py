@@ -259,11 +259,7 @@ class TcpRelay:
     _sides: set[RelaySocket] = field(init=False, default_factory=set[RelaySocket])
 
     async def open(self) -> int:
-        """Listen, and return the port.
-
-        Raises:
-            LinkError: If it cannot listen.
-        """
+        """Listen, and return the port."""
         listening = bound(self.listen)
         loop = asyncio.get_running_loop()
         self._server = await loop.create_server(self._accept, sock=listening)
@@ -310,11 +306,7 @@ class UdpRelay:
     _used_s: dict[Address, float] = field(init=False, default_factory=dict[Address, float])
 
     async def open(self) -> int:
-        """Listen, and return the port.
-
-        Raises:
-            LinkError: If it cannot listen, or the target's host cannot be resolved.
-        """
+        """Listen, and return the port."""
         self._family, self._address = resolved(self.target)
         self._socket = bound(self.listen)
         self._loop.add_reader(self._socket, self._from_clients)

@@ -1,4 +1,7 @@
-"""Specification of an emulated link: delay, jitter, loss, reordering, rate and stalls."""
+"""Specification of an emulated link: delay, jitter, loss, reordering, rate and stalls.
+
+Malformed text and impossible numbers raise a `LinkError`.
+"""
 
 from __future__ import annotations
 
@@ -38,11 +41,7 @@ class Endpoint:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Parse an endpoint such as `tcp/127.0.0.1:7447`.
-
-        Raises:
-            LinkError: If the text is malformed or names another protocol.
-        """
+        """Parse an endpoint such as `tcp/127.0.0.1:7447`."""
         match = _ENDPOINT.fullmatch(text.strip())
         if match is None or int(match["port"]) > 65535:
             raise LinkError(
@@ -77,11 +76,7 @@ class Quantity:
     example: str
 
     def parse(self, text: str) -> float:
-        """Return the value in the base unit.
-
-        Raises:
-            LinkError: If the text is not a number, or the unit is missing or unknown.
-        """
+        """Return the value in the base unit."""
         match = _QUANTITY.fullmatch(text.strip())
         if match is None or match["unit"] not in self.powers:
             units = ", ".join(self.powers)
@@ -130,11 +125,7 @@ class Stall:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Parse a stall such as `2s@10s`.
-
-        Raises:
-            LinkError: If the text is malformed, or the stall is as long as its period.
-        """
+        """Parse a stall such as `2s@10s`."""
         length, at, period = text.partition("@")
         if not at:
             raise LinkError(f"'{text}' does not say how often: write it as 2s@10s")
@@ -184,11 +175,7 @@ class LinkSpec:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Parse a specification such as `delay=150ms,stall=2s@10s`.
-
-        Raises:
-            LinkError: If a setting is unknown, repeated or invalid.
-        """
+        """Parse a specification such as `delay=150ms,stall=2s@10s`."""
         fields: dict[str, Any] = {}
         for part in filter(None, (part.strip() for part in text.split(","))):
             name, _, value = (piece.strip() for piece in part.partition("="))

@@ -280,11 +280,7 @@ def robot_urdf(robot: RobotDescription) -> str:
 
     Drawing takes almost a second, mostly to import libraries. A robot is therefore drawn only if it
     differs from the shipped robot of its name in a field that models depend on, unlike its
-    calibration.
-
-    Raises:
-        RobotFileError: As in `load_parts`, or if the masses are inconsistent.
-        MeshError: As in `load_parts`.
+    calibration. It raises like `load_parts`, and a `RobotFileError` for inconsistent masses.
     """
     if robot.name in robot_names() and _same_drawing(robot, load_robot(robot.name)):
         return (shipped_model(robot.name) / f"{robot.name}.urdf").read_text("utf-8")
@@ -327,12 +323,7 @@ def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
 
 
 def write_model(robot: RobotDescription, folder: Path) -> None:
-    """Write parts, list and URDF into `folder`, byte-identical for equal descriptions.
-
-    Raises:
-        RobotFileError: If there is no room for the drive, or the masses are inconsistent.
-        MeshError: As in `load_parts`.
-    """
+    """Write parts, list and URDF into `folder`, byte-identical for equal descriptions."""
     parts = load_parts(robot)
     text = urdf(robot, parts)
     folder.mkdir(parents=True, exist_ok=True)

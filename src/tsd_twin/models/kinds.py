@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 class RobotModel(Protocol):
     """Model of a robot kind: a module or an object with these functions.
 
-    It may also have `check_room(robot)`, which raises a `RobotFileError` if there is no room for
-    the drive.
+    Drawing raises a `RobotFileError` if there is no room for the drive, as may an additional
+    `check_room(robot)`, and the masses raise one if nothing remains for the chassis.
     """
 
     def draw(self, robot: Any, /) -> Parts:

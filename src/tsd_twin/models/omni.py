@@ -201,11 +201,7 @@ def tree(robot: OmniDescription) -> KinematicTree:
 
 
 def masses_kg(robot: OmniDescription) -> dict[Link, float]:
-    """Return the mass of each kind of link; the chassis has the remainder.
-
-    Raises:
-        RobotFileError: If the wheels alone are heavier than the robot.
-    """
+    """Return the mass of each kind of link; the chassis has the remainder."""
     mass, wheels_kg = robot.mass, len(robot.drive.wheels) * robot.mass.wheel_kg
     chassis_kg = chassis_mass_kg(
         robot, mass.total_kg, wheels_kg, "wheels", "mass.wheel_kg for each wheel"

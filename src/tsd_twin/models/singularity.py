@@ -234,11 +234,7 @@ def check_room(robot: SingularityDescription) -> None:
 
 
 def draw(robot: SingularityDescription) -> Parts:
-    """Draw the parts; all modules share `outer`, `inner` and `wheel`.
-
-    Raises:
-        RobotFileError: If there is no room for the modules.
-    """
+    """Draw the parts; all modules share `outer`, `inner` and `wheel`."""
     body, layout = robot.body, Layout.of(robot)
     if robot.drive.positions:
         chassis = hanging_chassis_drawings(robot, layout)
@@ -300,11 +296,7 @@ def tree(robot: SingularityDescription) -> KinematicTree:
 
 
 def masses_kg(robot: SingularityDescription) -> dict[Link, float]:
-    """Return the mass of each kind of link; the chassis has the remainder.
-
-    Raises:
-        RobotFileError: If the modules alone are heavier than the robot.
-    """
+    """Return the mass of each kind of link; the chassis has the remainder."""
     mass = robot.mass
     modules = robot.drive.modules * (mass.wheel_kg + 2.0 * mass.gimbal_kg)
     needed = "mass.wheel_kg and twice mass.gimbal_kg for each wheel"

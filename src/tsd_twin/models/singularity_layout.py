@@ -188,11 +188,7 @@ def half_gap_deg(azimuths_deg: Sequence[float]) -> float:
 
 
 def _fit_between_modules(robot: SingularityDescription, size: Sequence[float]) -> float:
-    """Return the scale at which servos of `size` fit next to each other in the middle.
-
-    Raises:
-        RobotFileError: If there is no room for servos.
-    """
+    """Return the scale at which servos of `size` fit next to each other in the middle."""
     drive = robot.drive
     wheel, plate = 1e3 * drive.wheel_radius_m, 1e3 * robot.body.plate_thickness_m
     rib = RIB_IN * (wheel / NOMINAL_WHEEL)
@@ -210,11 +206,7 @@ def _fit_between_modules(robot: SingularityDescription, size: Sequence[float]) -
 
 
 def _clearance(robot: SingularityDescription, servo_width: float) -> float:
-    """Return the height of the lower deck above the floor.
-
-    Raises:
-        RobotFileError: If the plate does not fit the wheels.
-    """
+    """Return the height of the lower deck above the floor."""
     wheel, plate = 1e3 * robot.drive.wheel_radius_m, 1e3 * robot.body.plate_thickness_m
     clearance = min(1e3 * robot.body.ground_clearance_m, wheel - plate - 0.5 * servo_width - 0.5)
     if clearance < 0.05 * wheel:

@@ -265,11 +265,7 @@ def tree(robot: SphereDescription) -> KinematicTree:
 
 
 def masses_kg(robot: SphereDescription) -> dict[Link, float]:
-    """Return the mass of each kind of link; the stand has the remainder.
-
-    Raises:
-        RobotFileError: If sphere and wheels alone are heavier than the robot.
-    """
+    """Return the mass of each kind of link; the stand has the remainder."""
     mass = robot.mass
     others = mass.sphere_kg + len(robot.drive.wheels) * mass.wheel_kg
     needed = "mass.sphere_kg, and mass.wheel_kg for each wheel"

@@ -1,4 +1,7 @@
-"""Details of a recording: drivers, stops, faults and paths for lists; lanes for its timeline."""
+"""Details of a recording: drivers, stops, faults and paths for lists; lanes for its timeline.
+
+Reading raises a `RecordingError` if the file is damaged.
+"""
 
 from __future__ import annotations
 
@@ -41,11 +44,7 @@ class RecordingDetails(msgspec.Struct, frozen=True):
 
 
 def read_details(reader: RecordingReader, points: int) -> RecordingDetails:
-    """Read the details of an open recording, with `points` positions of each robot.
-
-    Raises:
-        RecordingError: If the file is damaged.
-    """
+    """Read the details of an open recording, with `points` positions of each robot."""
     index = reader.index
     stops = faults = 0
     texts: dict[str, None] = {}
@@ -108,9 +107,6 @@ def read_lanes(reader: RecordingReader, count: int) -> tuple[float, dict[str, Ro
     """Read the lanes of each robot that can be shown, with `count` samples up to the end.
 
     The end is in seconds since the start.
-
-    Raises:
-        RecordingError: If the file is damaged.
     """
     contents = reader.contents()
     span_ns = contents.end_ns - contents.start_ns

@@ -3,7 +3,7 @@
 Marks are stored in a file next to the recording, because a recording that is being written or
 belongs to another user cannot be changed, and changing it would require a new index. Each mark is a
 line of JSON. Its time is the recorder's wall clock, so that it stays valid when a truncated
-recording is repaired.
+recording is repaired. Reading raises a `RecordingError` if the file is damaged.
 """
 
 from __future__ import annotations
@@ -68,11 +68,7 @@ _REASON_BYTES = 400
 
 
 def read_events(index: RecordingIndex) -> list[RecordedEvent]:
-    """Return all events of a recording in order of time.
-
-    Raises:
-        RecordingError: If the file is damaged.
-    """
+    """Return all events of a recording in order of time."""
     found: list[RecordedEvent] = []
     latest: dict[tuple[str, str, str], tuple[int, float]] = {}
     for entry, event in decoded_events(index):
@@ -93,11 +89,7 @@ def read_events(index: RecordingIndex) -> list[RecordedEvent]:
 
 
 def decoded_events(index: RecordingIndex) -> Iterator[tuple[Entry, Event]]:
-    """Yield all valid events of a recording with their messages, in order of time.
-
-    Raises:
-        RecordingError: If the file is damaged.
-    """
+    """Yield all valid events of a recording with their messages, in order of time."""
     kinds = {topic for topic in index.topics if "/event/" in topic and not topic.endswith(RAW)}
     for entry in sorted(index.ordered(kinds), key=attrgetter("log_ns")):
         try:
@@ -107,11 +99,7 @@ def decoded_events(index: RecordingIndex) -> Iterator[tuple[Entry, Event]]:
 
 
 def modes_of(index: RecordingIndex, robot: str, event: Event, log_ns: int) -> tuple[str, str]:
-    """Return the modes before and after a mode change; the first may be empty.
-
-    Raises:
-        RecordingError: If the file is damaged.
-    """
+    """Return the modes before and after a mode change; the first may be empty."""
     if event.why is None:
         return "", _mode_after(index, robot, log_ns)
     return str(event.why.params.get("before", "")), str(event.why.params.get("after", ""))

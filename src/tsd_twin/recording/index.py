@@ -104,7 +104,10 @@ def _cost(entry: Entry) -> int:
 
 
 class RecordingIndex:
-    """Index of a file, which stays open; finds messages by topic and time."""
+    """Index of a file, which stays open; finds messages by topic and time.
+
+    Reading raises a `RecordingError` if the file is damaged there, or too many chunks overlap.
+    """
 
     def __init__(self, path: Path) -> None:
         """Read the index, or scan the file if it has none.
@@ -145,9 +148,6 @@ class RecordingIndex:
         """Yield the messages of a topic up to a time, latest first.
 
         Messages with equal times are yielded in reverse order of writing.
-
-        Raises:
-            RecordingError: If the file is damaged there.
         """
         chunks = self._topics.get(topic)
         if chunks is None:
@@ -164,11 +164,7 @@ class RecordingIndex:
                 yield entry
 
     def first_after(self, topic: str, at_ns: int) -> Entry | None:
-        """Return the first message of a topic after a time, or None.
-
-        Raises:
-            RecordingError: If the file is damaged there.
-        """
+        """Return the first message of a topic after a time, or None."""
         chunks = self._topics.get(topic)
         if chunks is None:
             return None
@@ -185,11 +181,7 @@ class RecordingIndex:
         return next(pending.pop_before(1 << 64), None)
 
     def _visited(self, count: int) -> int:
-        """Count a chunk read to find one message.
-
-        Raises:
-            RecordingError: If too many chunks were read.
-        """
+        """Count a chunk read to find one message."""
         if count >= _MOST_VISITED:
             raise RecordingError(f"{self.path} is damaged: too many of its chunks overlap")
         return count + 1
@@ -197,11 +189,7 @@ class RecordingIndex:
     def ordered(
         self, topics: Collection[str] | None, from_ns: int = 0, until_ns: int = 1 << 64
     ) -> Iterator[Entry]:
-        """Yield the messages of some topics, or of all, in [from_ns, until_ns), in order of time.
-
-        Raises:
-            RecordingError: If the file is damaged.
-        """
+        """Yield the messages of some topics, or all, in [from_ns, until_ns), in order of time."""
         wanted = self.topics if topics is None else topics
         chunks = [self._topics[topic] for topic in wanted if topic in self._topics]
         places = {place for each in chunks for place in each.sorted()[0] if place.end_ns >= from_ns}

@@ -84,9 +84,9 @@ class RecordedRobot:
 
 
 class Player:
-    """Shows all robots of a recording at an arbitrary time.
+    """Shows all robots of a recording at an arbitrary time; not thread-safe.
 
-    Not thread-safe.
+    Reading raises a `RecordingError` if the file is damaged there.
     """
 
     def __init__(
@@ -135,32 +135,20 @@ class Player:
         return 1e-9 * (self._end_ns - self.start_ns)
 
     def seek(self, t_s: float) -> None:
-        """Show a time, in seconds since the start; same states as after playing up to it.
-
-        Raises:
-            RecordingError: If the file is damaged there.
-        """
+        """Show a time, in seconds since the start; same states as after playing up to it."""
         self.t_s = min(max(t_s, 0.0), self.duration_s)
         found = self.reader.states(list(self.robots), self._now_ns())
         for robot_id, robot in self.robots.items():
             robot.show(found[robot_id], self.start_ns)
 
     def step(self, robot_id: str, *, back: bool = False) -> None:
-        """Show the time of a robot's next status, or of the previous one.
-
-        Raises:
-            RecordingError: If the file is damaged there.
-        """
+        """Show the time of a robot's next status, or of the previous one."""
         log_ns = self.reader.next_status_ns(robot_id, self._now_ns(), back=back)
         if log_ns is not None:
             self.seek(1e-9 * (log_ns - self.start_ns))
 
     def refresh(self) -> None:
-        """Update the duration of a file that is being written.
-
-        Raises:
-            RecordingError: If the file is damaged.
-        """
+        """Update the duration of a file that is being written."""
         self._end_ns = self.reader.contents().end_ns
 
     def _now_ns(self) -> int:

@@ -109,7 +109,7 @@ class RecordingSummary(msgspec.Struct, frozen=True):
 
 
 class RecordingReader:
-    """Reader of a recording."""
+    """Reader of a recording; reading raises a `RecordingError` if the file is damaged there."""
 
     def __init__(self, path: Path) -> None:
         """Open the recording.
@@ -151,20 +151,12 @@ class RecordingReader:
         return Contents(self.index.start_ns, self.index.end_ns, self._texts, self._unknown)
 
     def states(self, robot_ids: Sequence[str], at_ns: int) -> dict[str, RobotStates]:
-        """Return the states of robots at a time, recorder's wall clock.
-
-        Raises:
-            RecordingError: If the file is damaged there.
-        """
+        """Return the states of robots at a time, recorder's wall clock."""
         with readable(self.index.path):
             return {each: self._robots[each].at(at_ns) for each in robot_ids}
 
     def next_status_ns(self, robot_id: str, at_ns: int, back: bool) -> int | None:
-        """Return the time of a robot's first status after a time, or of the last before it.
-
-        Raises:
-            RecordingError: If the file is damaged there.
-        """
+        """Return the time of a robot's first status after a time, or of the last before it."""
         key = topics.STATUS.key(robot_id)
         with readable(self.index.path):
             if back:
@@ -174,29 +166,17 @@ class RecordingReader:
         return None if found is None else found.log_ns
 
     def events(self) -> list[RecordedEvent]:
-        """Return the events to display, truncated to the first 2000.
-
-        Raises:
-            RecordingError: If the file is damaged.
-        """
+        """Return the events to display, truncated to the first 2000."""
         with readable(self.index.path):
             found = [e for e in read_events(self.index) if e.kind is not EventKind.OTHER]
         return [replace(event, text=event.text[:_TEXT_LENGTH]) for event in found[:_MOST_EVENTS]]
 
     def marks(self) -> list[Annotation]:
-        """Return the marks.
-
-        Raises:
-            RecordingError: If the marks cannot be read.
-        """
+        """Return the marks."""
         return read_marks(self.index.path)
 
     def track(self, count: int) -> dict[str, list[tuple[float, float]]]:
-        """Return each robot's floor positions at `count` evenly spaced times, m.
-
-        Raises:
-            RecordingError: If the file is damaged.
-        """
+        """Return each robot's floor positions at `count` evenly spaced times, m."""
         start_ns, span_ns = self.index.start_ns, self.index.end_ns - self.index.start_ns
         tracks: dict[str, list[tuple[float, float]]] = {each: [] for each in self._robots}
         with readable(self.index.path):

@@ -41,11 +41,7 @@ async def serve_live(
     may_drive: bool = True,
     only: Collection[str] = (),
 ) -> None:
-    """Serve all robots on the bus until `stop` is set.
-
-    Raises:
-        TwinError: If the SDK is missing, or the address or the access settings cannot be used.
-    """
+    """Serve all robots on the bus until `stop` is set."""
     server = SdkServer("tsd-twin", may_drive=may_drive)
     operator = operator[:LONGEST_OPERATOR]
     make_source = partial(FoxgloveSource, server, may_drive, operator)
@@ -194,11 +190,7 @@ async def serve_recording(
     stop: threading.Event,
     ready: Callable[[int], None],
 ) -> None:
-    """Serve a recording until `stop` is set; nothing can be driven.
-
-    Raises:
-        TwinError: If the SDK is missing, or file, address or access settings cannot be used.
-    """
+    """Serve a recording until `stop` is set; nothing can be driven."""
     playback = RecordingPlayback(path, path.name)
     front = Front(access, None, playback.server.port, playback.server.trust)
     try:

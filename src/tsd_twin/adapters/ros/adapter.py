@@ -27,11 +27,7 @@ class MeshServer(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, host: str, port: int) -> None:
-        """Start listening; port 0 selects a free port.
-
-        Raises:
-            TwinError: If the address is not available.
-        """
+        """Start listening; port 0 selects a free port."""
         self._robots: dict[str, MeshFiles] = {}
         try:
             super().__init__((host, port), _MeshHandler)
@@ -93,9 +89,6 @@ async def serve_ros(
     """Show all robots on the bus to ROS until `stop` is set.
 
     `meshes` is a server, or the URI prefix of meshes served elsewhere.
-
-    Raises:
-        TwinError: If the bus cannot be opened.
     """
     name = operator[:LONGEST_OPERATOR]
     machines = dict[str, CmdVelOperator]() if may_drive else None

@@ -1,7 +1,7 @@
 """ROS nodes over the system's rclpy, with a separate node and DDS participant per robot.
 
-rclpy is imported only when a port is opened, because it is installed with ROS. Messages are passed
-as CDR, so all ports share the topic table and conversions.
+rclpy is imported only when a port is opened, because it is installed with ROS; a `TwinError` names
+what is missing. Messages are passed as CDR, so all ports share the topic table and conversions.
 """
 
 from __future__ import annotations
@@ -33,11 +33,7 @@ _DEPTH = {RosQoS.SENSOR: 5, RosQoS.STATE: 10, RosQoS.LATCHED: 1, RosQoS.COMMAND:
 
 
 def load_rclpy() -> Any:
-    """Import rclpy.
-
-    Raises:
-        TwinError: If it is not installed.
-    """
+    """Import rclpy."""
     try:
         return importlib.import_module("rclpy")
     except ImportError as error:
@@ -48,11 +44,7 @@ def load_rclpy() -> Any:
 
 
 def load_type(type_name: str) -> Any:
-    """Import a message or service class.
-
-    Raises:
-        TwinError: If its package is not installed.
-    """
+    """Import a message or service class."""
     package, kind, name = type_name.split("/")
     try:
         return getattr(importlib.import_module(f"{package}.{kind}"), name)
@@ -63,11 +55,7 @@ def load_type(type_name: str) -> Any:
 
 
 def check_ros(endpoints: Endpoints = ADAPTER) -> None:
-    """Check early that all required imports are available.
-
-    Raises:
-        TwinError: If rclpy or a type is not installed.
-    """
+    """Check early that all required imports are available."""
     load_rclpy()
     published = (row.type for row in endpoints.published)
     for type_name in itertools.chain(published, *map(types_of, endpoints.read), [TRIGGER]):
