@@ -26,11 +26,13 @@ from tsd_twin.dashboard.scene.viser_compat import (
     LOOK_HEADER,
     LOOKS,
     PAGE_HEADER,
+    ROBOTS_HEADER,
     access_key,
 )
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.security import Role
+from tsd_twin.security.router_rules import show_robots
 
 MAX_MESSAGE_BYTES = 16 * 2**10
 """A camera message has 300 bytes."""
@@ -209,6 +211,7 @@ class ViserProxy:
                     KEY_HEADER: access_key(),
                     PAGE_HEADER: page_id,
                     LOOK_HEADER: _look(request),
+                    ROBOTS_HEADER: ",".join(show_robots(principal.rights.visible)),
                 },
                 compress=0,
                 max_msg_size=_MAX_VISER_MESSAGE_BYTES,

@@ -13,11 +13,13 @@ import viser
 
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
+from tsd_twin.dashboard.scene.robot_filter import visible_robots
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.viser_compat import (
     is_disconnected,
     look_of,
     page_of,
+    robots_of,
     set_theme,
 )
 from tsd_twin.dashboard.wire.to_page import CameraState
@@ -136,6 +138,7 @@ class ClientViews:
                 dark=dark,
                 plain="plain" in look,
                 frame=asked.frame,
+                visible=visible_robots(robots_of(self._server, client_id)),
             )
             if asked.robot_id is not None:
                 view.select_robot(asked.robot_id)
