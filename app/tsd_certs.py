@@ -1,4 +1,4 @@
-"""`tsd-certs`: keys, certificates and access rules for a robot on a network."""
+"""`tsd-certs`: keys, certificates and access rules for a robot, or a router with many."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from tsd_twin import security
-from tsd_twin.bus import client_config, from_file, node_config
+from tsd_twin.bus import client_config, dialling_config, from_file, node_config, router_file
 from tsd_twin.cli import flags, program
-from tsd_twin.security import AUTHORITY, ROBOT, Role
+from tsd_twin.errors import TwinError
+from tsd_twin.security import AUTHORITY, ROBOT, ROUTER, BusIdentity, Role
+from tsd_twin.security.router_rules import RobotRights, rights_of_flags, show_robots
 
 with program.requires("tsd-certs", "tls"):
     from tsd_twin.security.certificates import KeyFolder, provision
+    from tsd_twin.security.router_keys import provision_router, read_rights, robot_identity
 
 
 SOON = timedelta(days=30)
@@ -32,13 +35,17 @@ PROGRAMS = {Role.SENSOR: "its program", Role.RECORDER: "tsd-record"}
 
 PARSER = program.parser(
     "tsd-certs",
-    "Keys, certificates and access rules for a robot on a network. Run it again to add names: "
-    "what is there stays good.",
+    "Keys, certificates and access rules for a robot on a network, or for a router that many "
+    "robots dial. Run it again to add names: what is there stays good.",
     [
         "tsd-certs keys --robot-host robot.local --robot-host 192.168.1.7 --operator alice",
         "tsd-certs keys --operator bob --viewer guest     two more, for the same robot",
         "tsd-certs keys                                   who there is, and until when",
         "rm keys/guest.*; tsd-certs keys                  a robot without guest",
+        "tsd-certs fleet --router-host lab.example --robot lab1 --robot lab2 "
+        "--operator alice --robots lab1",
+        "                                                 a router; Alice has the first robot only",
+        "tsd-certs fleet --operator alice --robots lab1 --watch lab2    and watches the second",
     ],
 )
 
@@ -48,6 +55,11 @@ def make(args: argparse.Namespace) -> None:
     now = datetime.now(UTC)
     folder = KeyFolder(args.folder)
     identities = [security.client(name, role) for role in ROLES for name in getattr(args, role)]
+    if args.router_host or args.robot or folder.is_of_router:
+        make_router(args, folder, now, identities)
+        return
+    if args.robots or args.watch:
+        raise TwinError("--robots and --watch are for a router, which --router-host makes")
     provision(
         folder,
         now,
@@ -62,6 +74,70 @@ def make(args: argparse.Namespace) -> None:
         from_file(str(folder.settings_file(identity.name)))
     from_file(str(folder.settings_file(ROBOT)))
     print("\n".join(report(folder, now)))
+
+
+def make_router(
+    args: argparse.Namespace, folder: KeyFolder, now: datetime, identities: list[BusIdentity]
+) -> None:
+    """Create missing files of a router, change its rules, and print what to copy.
+
+    Raises:
+        TwinError: If flags conflict or rights are missing.
+    """
+    if args.robot_host or folder.certificate_file(ROBOT).exists():
+        raise TwinError("this is a folder of one robot: --robot and --router-host need another")
+    if (args.robots or args.watch) and not identities:
+        raise TwinError("whose robots are these? Add --operator NAME, or another role")
+    provision_router(
+        folder,
+        now,
+        json.loads(node_config([]).json5),
+        lambda endpoint: json.loads(dialling_config([endpoint]).json5),
+        hosts=args.router_host,
+        robots=[robot_identity(name) for name in args.robot],
+        identities=identities,
+        rights=given_rights(args, identities),
+        days=args.days,
+        listen=args.listen,
+    )
+    for each in (*folder.robots(), *folder.identities()):
+        from_file(str(folder.settings_file(each.name)))
+    router_file(str(folder.settings_file(ROUTER)))
+    print("\n".join(router_report(folder, now)))
+
+
+def given_rights(
+    args: argparse.Namespace, identities: Sequence[BusIdentity]
+) -> dict[str, RobotRights]:
+    """Return the rights that the flags give to the people that they name."""
+    rights = rights_of_flags(args.robots, args.watch)
+    return {} if rights is None else {person.name: rights for person in identities}
+
+
+def router_report(folder: KeyFolder, now: datetime) -> list[str]:
+    """Return a report on a router: new files, robots, people and their robots."""
+    lines = [f"made {shown(folder.made)}" if folder.made else "everything is there already"]
+    lines += ["", f"router {', '.join(folder.hosts(ROUTER))}{term(folder, ROUTER, now)}"]
+    lines += [
+        f"  copy to its machine  {shown(folder.files_of(ROUTER))}",
+        f"  and run there        tsd-router {shown([folder.settings_file(ROUTER)])}",
+    ]
+    for robot in folder.robots():
+        lines += ["", f"robot {robot.name}{term(folder, robot.name, now, 'robot')}"]
+        lines += copying(folder, robot.name, "tsd-bridge")
+    rights = read_rights(folder)
+    for person in folder.identities():
+        own = rights[person.name]
+        text = f", robots {','.join(show_robots(own.use))}" if own.use else ""
+        text += f", watches {','.join(show_robots(own.watch))}" if own.watch else ""
+        lines += ["", f"{person.role} {person.name}{text}{term(folder, person.name, now)}"]
+        lines += copying(folder, person.name, PROGRAMS.get(person.role, "tsd-dashboard"))
+    return [
+        *lines,
+        "",
+        "A router obeys the rules it was started with: copy router.json5 and start it again.",
+        f"Keep {folder.key_file(AUTHORITY)} offline: its holder can issue operator certificates.",
+    ]
 
 
 def report(folder: KeyFolder, now: datetime) -> list[str]:
@@ -80,12 +156,13 @@ def report(folder: KeyFolder, now: datetime) -> list[str]:
     return lines
 
 
-def term(folder: KeyFolder, name: str, now: datetime) -> str:
+def term(folder: KeyFolder, name: str, now: datetime, flag: str = "name") -> str:
     """Return the expiry of a certificate, with a remedy if it is near."""
     end = folder.end_of(name)
     text = f", until {end:%F}"
     if end - now < SOON:
-        text += f": to renew it, remove {name}.pem and name {name} again"
+        again = f"say --robot {name}" if flag == "robot" else f"name {name}"
+        text += f": to renew it, remove {name}.pem and {again} again"
     return text
 
 
@@ -108,11 +185,19 @@ def main() -> None:
     PARSER.add_argument("folder", type=Path, help="where the files are, or shall be")
     text = "a name or address of the robot; clients connect to the first"
     flags.add(PARSER, "--robot-host", text, metavar="HOST", repeated=True)
+    text = "a name or address of a router; robots and clients dial the first"
+    flags.add(PARSER, "--router-host", text, metavar="HOST", repeated=True)
+    text = "a robot that dials the router, also one to come"
+    flags.add(PARSER, "--robot", text, metavar="ID", repeated=True)
+    text = "robots of the people and tools named here, as in lab1,lab2; with --router-host"
+    flags.add(PARSER, "--robots", text, metavar="IDS|all")
+    text = "robots that they may watch only; with --router-host"
+    flags.add(PARSER, "--watch", text, metavar="IDS|all")
     for role, text in ROLES.items():
         flags.add(PARSER, f"--{role}", text, metavar="NAME", repeated=True)
     text = "how long new certificates are good"
     flags.add(PARSER, "--days", text, flags.whole(1, 3_650), 365)
-    text = f"where the robot listens; default {security.LISTEN}"
+    text = f"where the robot or router listens; default {security.LISTEN}"
     flags.add(PARSER, "--listen", text, metavar="ENDPOINT")
     program.run(PARSER, make)
 

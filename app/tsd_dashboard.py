@@ -57,7 +57,9 @@ def serve(args: argparse.Namespace) -> None:
         scheme = "http" if rules.tls is None else "https"
         program.say_ready(f"{program.url(scheme, args.host, port)}/")
 
-    with program.client_bus(args) as bus:
+    if (opened := program.client_bus_when_reachable(args, stop)) is None:
+        return
+    with opened as bus:
         if args.zenoh_config and not bus.wait_for_peer(_PATIENCE_S):
             _LOG.warning("no robot lets us in yet: it is off, or refuses the certificate")
         asyncio.run(

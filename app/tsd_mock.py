@@ -24,6 +24,7 @@ from tsd_twin.sensors.pose import Camera, CameraNoise
 from tsd_twin.simulation import BoardModel, DegradedRobot, StuckJoint, Wear
 from tsd_twin.simulation.wear import USUAL_LEAN_DEG
 
+MOST_ROBOTS = 64
 _LOOK_S = 0.01
 """Polling period of the camera for poses of the simulated robot."""
 
@@ -40,6 +41,7 @@ PARSER = program.parser(
         "tsd-mock --noise 1 --errors 1              and all that is wrong with a built robot",
         "tsd-mock --noise 1 --camera                and a camera above the floor, which it fuses",
         "tsd-mock --plant mujoco                    rigid bodies on a floor, not equations",
+        "tsd-mock --id lab --count 20               twenty robots, lab1 to lab20",
     ],
 )
 
@@ -146,6 +148,11 @@ def main() -> None:
     flags.add(PARSER, "--wear", text, metavar="PART=-SIZE[@SECONDS]", repeated=True)
     text = "a camera above the floor tells the bus where it is: 24 frames/s, 80 ms late"
     PARSER.add_argument("--camera", action="store_true", help=text)
+    text = (
+        "robots in this process, with ids that end in 1 to N; --zenoh-config is then the folder "
+        "with their configurations"
+    )
+    flags.add(PARSER, "--count", text, flags.whole(1, MOST_ROBOTS), 1, metavar="N")
     program.add_plant_flag(PARSER)
     node_program.serve(PARSER, joints, pose_at, companion)
 

@@ -13,7 +13,6 @@ from typing import Any
 
 from tsd_twin.bus import (
     DEFAULT_ENDPOINT,
-    NO_ANSWER,
     Bus,
     Config,
     client_config,
@@ -106,14 +105,13 @@ class Tap:
         self._thread.start()
 
     def _open(self) -> None:
-        while self._bus is None and not self._stop.is_set():
-            try:
-                self._bus = Bus(self._config)
+        try:
+            self._bus = Bus.when_reachable(self._config, self._stop)
+            if self._bus is not None:
                 self._recorder.listen(self._bus, self._keys)
-            except TwinError as error:
-                if not str(error).endswith(NO_ANSWER):
-                    self.error = error
-                    self._stop.set()
+        except TwinError as error:
+            self.error = error
+            self._stop.set()
 
     def close(self) -> None:
         """Close the session, after waiting for an attempt to open it."""

@@ -104,7 +104,11 @@ def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
         stamped=args.stamped,
         description_s=args.import_wait,
     )
-    with contextlib.closing(external) as robot_io, program.node_bus(args) as bus:
+    with contextlib.ExitStack() as stack:
+        robot_io = stack.enter_context(contextlib.closing(external))
+        if (bus := program.node_bus(args, stop)) is None:
+            return
+        stack.enter_context(bus)
         text = describe(name, robot_io.urdf, limits)
         robot = description_of_kind(parse_description(text, name), ExternalDescription)
         robot_io.configure(robot)

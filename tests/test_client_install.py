@@ -45,7 +45,7 @@ EXTRAS = {
     "tsd-foxglove": "foxglove",
     "tsd-ros": "ros",
 }
-WITHOUT_EXTRA = ("tsd-mock", "tsd-link")
+WITHOUT_EXTRA = ("tsd-mock", "tsd-link", "tsd-router")
 
 
 @pytest.fixture(scope="module")

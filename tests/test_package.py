@@ -24,6 +24,7 @@ NEEDED = (
     "tsd_dashboard.py",
     "tsd_link.py",
     "tsd_certs.py",
+    "tsd_router.py",
     "tsd_lab.py",
     "tsd_record.py",
     "tsd_replay.py",

@@ -110,3 +110,35 @@ def test_a_key_that_is_missing_on_the_robot_is_named(start: Start, tmp_path: Pat
     assert mock.errors == [
         f"tsd-mock: {keys}/robot.json5 needs {keys}/robot.key, which is not there"
     ]
+
+
+def test_a_router_with_rights_per_robot_is_reached_as_it_prints(
+    start: Start, tmp_path: Path
+) -> None:
+    keys = tmp_path / "fleet"
+    router = ("--router-host", "127.0.0.1", "--listen", "tls/127.0.0.1:0")
+    robots = ("--robot", "lab1", "--robot", "lab2")
+    assert start("tsd_certs", str(keys), *router, *robots).wait() == 0
+    routing = start("tsd_router", str(keys / "router.json5"))
+    endpoint = routing.ready().split()[-1]
+    people = ("--operator", "alice", "--robots", "lab1", "--watch", "lab2", "--listen", endpoint)
+    for file in keys.glob("lab*.json5"):
+        file.unlink()  # The router took a free port; new configurations know it.
+    certs = start("tsd_certs", str(keys), *people)
+    assert certs.wait() == 0
+    assert any("operator alice, robots lab1, watches lab2, until" in x for x in certs.output)
+    mock = start("tsd_mock", "--id", "lab", "--count", "2", "--zenoh-config", str(keys))
+    routing.end()
+    start("tsd_router", str(keys / "router.json5")).ready()
+    assert "lab2" in mock.ready()
+    with Bus(from_file(str(keys / "alice.json5"))) as alice:
+        assert alice.query(Service.DESC.key("lab1"), b"", PATIENCE_S)
+        assert alice.query(Service.LEASE.key("lab1"), b"{}", PATIENCE_S)
+        assert alice.query(Service.DESC.key("lab2"), b"", PATIENCE_S)
+        assert alice.query_all(Service.LEASE.key("lab2"), b"{}", 1.0) == []
+    other = start("tsd_mock", "--zenoh-config", str(keys / "lab1.json5"), "--id", "lab2")
+    assert other.wait() == 1
+    assert "no other id is allowed" in other.sentence
+    assert mock.end() == 0
+    assert start("tsd_certs", str(keys), "--operator", "alice", "--robots", "all").wait() == 0
+    assert start("tsd_certs", str(keys), "--viewer", "guest").wait() == 1

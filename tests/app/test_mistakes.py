@@ -57,6 +57,9 @@ FLAGS: dict[str, str] = {
         --operator alice
         users.toml --operator alice --viewer bob
     """,
+    "tsd_router": """
+        --zenoh-config keys/router.json5
+    """,
     "tsd_link": """
         --target tcp/127.0.0.1:7447
     """,
@@ -209,6 +212,12 @@ OTHERS: dict[str, str] = {
         new --robot-host robot.local --operator robot
         new --robot-host a/b --operator alice
         new --robot-host robot.local --operator alice --listen nonsense
+        new --robot-host robot.local --operator alice --robots lab1
+        new --router-host lab.example --robot lab1 --operator alice
+        new --router-host lab.example --robot lab1 --operator alice --robots lab2
+        new --router-host lab.example --robot lab1 --operator alice --robots lab1,,
+        new --router-host lab.example --robot router
+        new --robot lab1
     """,
     "tsd_users": """
         folder

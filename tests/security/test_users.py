@@ -9,6 +9,7 @@ import pytest
 
 from tsd_twin.errors import TwinError
 from tsd_twin.security import Role
+from tsd_twin.security.router_rules import EVERY_ROBOT, rights_of_flags
 from tsd_twin.security.users import User, Users
 
 PHRASE = "correct horse battery"
@@ -122,3 +123,39 @@ def test_short_passwords_bad_names_and_strangers_are_refused(tmp_path: Path) -> 
         users.remove("bob")
     with pytest.raises(TwinError, match="cannot be read"):
         Users.load(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    ("robots", "watch", "use", "seen", "hidden"),
+    [
+        (None, None, ["lab1", "lab9"], ["lab1"], []),
+        ("lab1,lab2", None, ["lab1", "lab2"], [], ["lab3"]),
+        ("lab1", "lab2", ["lab1"], ["lab2"], ["lab3"]),
+        (None, "lab2", [], ["lab2"], ["lab1"]),
+        ("lab1", "all", ["lab1"], ["lab2", "lab3"], []),
+        ("all", "lab1", ["lab1", "lab2"], ["lab1"], []),
+    ],
+)
+def test_robots_of_a_user_are_kept_in_the_file(
+    tmp_path: Path,
+    robots: str | None,
+    watch: str | None,
+    use: list[str],
+    seen: list[str],
+    hidden: list[str],
+) -> None:
+    users = Users({})
+    rights = rights_of_flags(robots, watch) or EVERY_ROBOT
+    users.put("alice", Role.OPERATOR, PHRASE, may_stop=False, rights=rights)
+    users.save(tmp_path / "users.toml")
+    kept = Users.load(tmp_path / "users.toml").user("alice").rights
+    assert all(kept.may_use(robot) and kept.may_watch(robot) for robot in use)
+    assert all(kept.may_watch(robot) for robot in seen)
+    assert not [robot for robot in hidden if kept.may_watch(robot) or kept.may_use(robot)]
+    assert all(robot in use or not kept.may_use(robot) for robot in seen)
+
+
+@pytest.mark.parametrize("text", ["", ",", "lab1,", "Lab1", "lab 1", "*"])
+def test_a_list_of_robots_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(TwinError):
+        rights_of_flags(text, None)

@@ -30,6 +30,7 @@ from tsd_twin.node import RobotNode
 from tsd_twin.node.timing import RateKeeper
 from tsd_twin.safety import SafetySupervisor
 from tsd_twin.security import BusIdentity, Role
+from tsd_twin.security.router_rules import EVERY_ROBOT, RobotRights
 from tsd_twin.simulation import SimRobot
 
 _PERIOD_S = 0.01
@@ -172,11 +173,17 @@ class VirtualFleet:
 
     @contextlib.asynccontextmanager
     async def page(
-        self, page: str = "0" * 16, *, may_stop: bool = True, name: str = ""
+        self,
+        page: str = "0" * 16,
+        *,
+        may_stop: bool = True,
+        name: str = "",
+        rights: RobotRights = EVERY_ROBOT,
     ) -> AsyncGenerator[FleetPage]:
         """Open a page with the typed name of its operator."""
         opened = FleetPage()
-        principal = Principal(BusIdentity("web", Role.OPERATOR), may_stop=may_stop)
+        identity = BusIdentity("web", Role.OPERATOR)
+        principal = Principal(identity, may_stop=may_stop, rights=rights)
         session = asyncio.create_task(
             self.manager.run_session(
                 PageSocket(

@@ -9,6 +9,7 @@ import adapters
 import modes
 import omni_wheel
 import processes
+import router
 import side_view
 import sphere
 import top_view
@@ -19,6 +20,7 @@ DRAWINGS = {
     "modes": modes.draw,
     "omni_wheel": omni_wheel.draw,
     "processes": processes.draw,
+    "router": router.draw,
     "side_view": side_view.draw,
     "sphere": sphere.draw,
     "top_view": top_view.draw,

@@ -9,9 +9,11 @@ from tsd_twin.bus.config import (
     as_client,
     client_config,
     clients_of,
+    dialling_config,
     from_file,
     node_config,
     over_datagrams,
+    router_file,
 )
 from tsd_twin.bus.session import Bus, PendingQuery, Publisher, Queryable, Subscriber, Token
 
@@ -28,7 +30,9 @@ __all__ = [
     "as_client",
     "client_config",
     "clients_of",
+    "dialling_config",
     "from_file",
     "node_config",
     "over_datagrams",
+    "router_file",
 ]

@@ -40,6 +40,8 @@ MOST_MESSAGE_BYTES = 4 << 20
 A hundred times the longest message of this project, and the limit for recordings.
 """
 _MOST_RECEIVED = "transport/link/rx/max_message_size"
+_DIAL_MS = 500
+"""Longest pause between attempts to reach a router, so that all robots are back within a second."""
 _MIXED = "?rel=1;mixed_rel=1"
 _TLS = "transport/link/tls"
 _FILES = (
@@ -65,6 +67,19 @@ class Config:
     """Paths for settings that contain a file name; they override `json5`."""
     others: Mapping[str, str] = field(default_factory=dict[str, str])
     """Further overrides of `json5`, as JSON."""
+
+    @property
+    def is_client(self) -> bool:
+        """Whether a session needs its router to open."""
+        return json.loads(self.parsed().get_json("mode")) == "client"
+
+    @property
+    def robot(self) -> str | None:
+        """Id of the robot that dials a router with this configuration, or None."""
+        metadata = json.loads(zenoh.Config.from_json5(self.json5).get_json("metadata"))
+        if not isinstance(metadata, dict):
+            return None
+        return cast("dict[str, str]", metadata).get("robot")
 
     @property
     def certificate(self) -> Path | None:
@@ -118,6 +133,22 @@ def client_config(connect: Sequence[str]) -> Config:
     for endpoint in connect:
         _check_endpoint(endpoint)
     settings = _common("peer", connect)
+    settings["listen"] = {"endpoints": []}
+    return Config(json.dumps(settings), ", ".join(connect))
+
+
+def dialling_config(connect: Sequence[str]) -> Config:
+    """Return the configuration of a robot, dashboard or tool that dials a router.
+
+    It is a client, because peers of the same router do not reach each other. Its session opens when
+    the router is there, see `Bus.when_reachable`.
+
+    Raises:
+        BusError: If an endpoint is malformed.
+    """
+    for endpoint in connect:
+        _check_endpoint(endpoint)
+    settings = _common("client", connect, retry_ms=_DIAL_MS)
     settings["listen"] = {"endpoints": []}
     return Config(json.dumps(settings), ", ".join(connect))
 
@@ -189,6 +220,21 @@ def from_file(path: str) -> Config:
     return Config(text, path, files)
 
 
+def router_file(path: str) -> Config:
+    """Load the configuration of a router, with the checks of `from_file`.
+
+    Raises:
+        BusError: If it is not the configuration of a router that listens.
+    """
+    config = from_file(path)
+    parsed = config.parsed()
+    if json.loads(parsed.get_json("mode")) != "router" or not _endpoints(
+        parsed, "listen/endpoints"
+    ):
+        raise BusError(f"{path} is not the configuration of a router: tsd-certs --router-host")
+    return config
+
+
 def over_datagrams(endpoint: str) -> str:
     """Return a `udp/` endpoint with settings for a lossy link: mixed datagrams and streams.
 
@@ -242,7 +288,9 @@ def _files(settings: zenoh.Config, folder: Path) -> dict[str, Path]:
     return {key: folder / name for key, name in named.items() if name is not None}
 
 
-def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> dict[str, Any]:
+def _common(
+    mode: str, connect: Sequence[str], listen: Sequence[str] = (), retry_ms: int = 1000
+) -> dict[str, Any]:
     far = any(endpoint.endswith(_MIXED) for endpoint in (*connect, *listen))
     return {
         "mode": mode,
@@ -250,7 +298,11 @@ def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> di
             "endpoints": list(connect),
             "timeout_ms": -1,  # Retry forever in the background; 0 would mean a single attempt.
             "exit_on_failure": False,
-            "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
+            "retry": {
+                "period_init_ms": 100,
+                "period_max_ms": retry_ms,
+                "period_increase_factor": 2,
+            },
         },
         "scouting": {
             "delay": 0,

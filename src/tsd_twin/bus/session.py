@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,11 +15,13 @@ from typing import Any, Self, cast
 import zenoh
 import zenoh.ext
 
-from tsd_twin.bus.config import Config, reason
+from tsd_twin.bus.config import NO_ANSWER, Config, as_client, reason
 from tsd_twin.bus.half_open import HalfOpenConnectionWatchdog
 from tsd_twin.errors import BusError, NoAnswerError, SeveralAnswersError
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.topics import QoS
+
+_LOG = logging.getLogger(__name__)
 
 
 class Publisher:
@@ -163,6 +166,8 @@ def sample_of(sample: zenoh.Sample) -> Sample:
 
 EVENTS_KEPT = 100
 """Events of each kind kept for late joiners."""
+_ATTEMPT_S, _RETRY_S = 2.0, 0.1
+"""Longest attempt to reach a router, in which it is dialled every 0.1 to 1 s; pause after it."""
 _SETTLE_S = 0.05
 """Wait for further liveliness tokens after the first, since they arrive individually."""
 _SLACK_S = 0.2
@@ -201,8 +206,10 @@ class Bus:
         try:
             settings = config.parsed()
             self._joins = bool(json.loads(settings.get_json("connect/endpoints")))
-            is_client = json.loads(settings.get_json("mode")) == "client"
-            listens = not is_client and bool(json.loads(settings.get_json("listen/endpoints")))
+            self._is_client = json.loads(settings.get_json("mode")) == "client"
+            listens = not self._is_client and bool(
+                json.loads(settings.get_json("listen/endpoints"))
+            )
             open_timeout_s = json.loads(settings.get_json("transport/unicast/open_timeout")) / 1000
             began_s = time.monotonic()
             self._session = zenoh.open(settings)
@@ -210,6 +217,30 @@ class Bus:
             raise BusError(f"cannot open the bus at {config.where}: {reason(error)}") from error
         if self._joins and not listens:
             self._kept.append(HalfOpenConnectionWatchdog(self._session, began_s, open_timeout_s))
+
+    @classmethod
+    def when_reachable(cls, config: Config, stop: threading.Event) -> Self | None:
+        """Open a session; of a client as soon as its router answers, or None once `stop` is set.
+
+        Other sessions open at once and connect in the background.
+
+        Raises:
+            BusError: If the configuration cannot be used.
+        """
+        if not config.is_client:
+            return cls(config)
+        impatient, warned = as_client(config, _ATTEMPT_S), False
+        while not stop.is_set():
+            try:
+                return cls(impatient)
+            except BusError as error:
+                if not str(error).endswith(NO_ANSWER):
+                    raise
+                if not warned:
+                    _LOG.warning("%s; trying until it does", error)
+                warned = True
+                stop.wait(_RETRY_S)
+        return None
 
     def __enter__(self) -> Self:
         return self
@@ -225,7 +256,9 @@ class Bus:
             return
 
     def endpoints(self) -> list[str]:
-        """Listening endpoints, with the ports chosen for `:0`."""
+        """Listening endpoints, with the ports chosen for `:0`; a client has none."""
+        if self._is_client:
+            return []
         replies = self._session.get(f"@/{self._session.zid()}/router", timeout=2.0)
         for reply in replies:
             if reply.ok is not None:

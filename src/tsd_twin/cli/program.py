@@ -137,15 +137,31 @@ def add_listen_flag(made: argparse.ArgumentParser) -> None:
     flags.add(made, "--listen", text, default=DEFAULT_ENDPOINT, metavar="ENDPOINT")
 
 
-def node_bus(args: argparse.Namespace) -> Bus:
-    """Open the bus that the flags of `add_node_flags` ask for."""
+def node_bus(args: argparse.Namespace, stop: threading.Event) -> Bus | None:
+    """Open the bus that the flags of `add_node_flags` ask for.
+
+    A robot that dials a router waits for it, before its control loop starts. None if `stop` was set
+    first.
+    """
     if args.zenoh_config:
-        return Bus(from_file(args.zenoh_config))
+        return Bus.when_reachable(from_file(args.zenoh_config), stop)
     bus = Bus(node_config([args.listen], args.connect or []))
     # A duplicate robot id can be detected only once the other nodes are connected.
     if args.connect and not bus.wait_for_peer(_PATIENCE_S):
         _LOG.warning("no answer from %s yet", ", ".join(args.connect))
     return bus
+
+
+def node_id(args: argparse.Namespace, default: str) -> str:
+    """Return the robot id: from `--id`, the name behind a router, or `default`.
+
+    Raises:
+        TwinError: If the router's rules do not allow the id.
+    """
+    own = from_file(args.zenoh_config).robot if args.zenoh_config else None
+    if own is not None and args.id not in (None, own):
+        raise TwinError(f"--id: {args.zenoh_config} is for '{own}', and no other id is allowed")
+    return args.id or own or default
 
 
 def add_client_flags(made: argparse.ArgumentParser) -> None:
@@ -230,6 +246,13 @@ def client_bus(args: argparse.Namespace) -> Bus:
     if args.zenoh_config:
         return Bus(from_file(args.zenoh_config))
     return Bus(client_config(args.connect or [DEFAULT_ENDPOINT]))
+
+
+def client_bus_when_reachable(args: argparse.Namespace, stop: threading.Event) -> Bus | None:
+    """Open the same bus; behind a router, once it is there, or None if `stop` was set first."""
+    if args.zenoh_config:
+        return Bus.when_reachable(from_file(args.zenoh_config), stop)
+    return client_bus(args)
 
 
 def certificate(args: argparse.Namespace) -> BusIdentity | None:

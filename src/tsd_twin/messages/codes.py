@@ -177,6 +177,7 @@ class Code(StrEnum):
     UNKNOWN_ROBOT = "unknown_robot"
     NOT_ASKING = "not_asking"
     VIEWER = "viewer"
+    WATCH_ONLY = "watch_only"
     RECORDING_SHOWN = "recording_shown"
     MARK_UNDER_WAY = "mark_under_way"
     PATH_REPLANNED = "path_replanned"
@@ -402,6 +403,7 @@ PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.UNKNOWN_ROBOT: {"robot": Type.NAME},
     Code.NOT_ASKING: {},
     Code.VIEWER: {},
+    Code.WATCH_ONLY: {},
     Code.RECORDING_SHOWN: {},
     Code.MARK_UNDER_WAY: {},
     Code.PATH_REPLANNED: {},

@@ -170,6 +170,7 @@ TEMPLATES: Mapping[Code, str] = {
     Code.UNKNOWN_ROBOT: "there is no robot {robot}",
     Code.NOT_ASKING: "you do not ask for control",
     Code.VIEWER: "a viewer only watches",
+    Code.WATCH_ONLY: "you may only watch this robot",
     Code.RECORDING_SHOWN: "this is a recording: press L for the live robots",
     Code.MARK_UNDER_WAY: "a mark is being written",
     Code.PATH_REPLANNED: "another path is planned",

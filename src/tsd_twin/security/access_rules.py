@@ -18,6 +18,7 @@ LONGEST = 23
 digits.
 """
 ROBOT = "robot"
+ROUTER = "router"
 AUTHORITY = "ca"
 
 
@@ -25,6 +26,7 @@ class Role(StrEnum):
     """Role of a bus identity, from its certificate."""
 
     ROBOT = "robot"
+    ROUTER = "router"
     OPERATOR = "operator"
     """May observe, drive and stop."""
     VIEWER = "viewer"
@@ -58,7 +60,7 @@ def client(name: str, role: Role) -> BusIdentity:
         raise TwinError(str(error)) from error
     if len(name) > LONGEST:
         raise TwinError(f"'{name}' is too long: pages add to it, so {LONGEST} characters are left")
-    if name in (ROBOT, AUTHORITY):
+    if name in (ROBOT, ROUTER, AUTHORITY):
         raise TwinError(f"'{name}' is not for people here: choose another")
     return BusIdentity(name, role)
 
@@ -121,19 +123,22 @@ class Rule:
     messages: tuple[str, ...]
     """Message types as named by Zenoh. A declared key must lie entirely within one of `keys`."""
     keys: tuple[str, ...]
+    asks: bool = False
+    """Whether a router passes it for all robots, because it limits the answers instead."""
 
 
 EVERYBODY = (
-    Rule("see-ask", "ingress", ("declare_subscriber",), SHOWN),
+    Rule("see-ask", "ingress", ("declare_subscriber",), SHOWN, asks=True),
     Rule("see", "egress", ("put",), SHOWN),
     Rule(
         "alive-ask",
         "ingress",
         ("declare_liveliness_subscriber", "liveliness_query"),
         ALIVE + HISTORY,
+        asks=True,
     ),
     Rule("alive", "egress", ("liveliness_token",), ALIVE + HISTORY),
-    Rule("history-ask", "ingress", ("query",), HISTORY),
+    Rule("history-ask", "ingress", ("query",), HISTORY, asks=True),
     Rule("history", "egress", ("declare_queryable",), HISTORY),
     # The reply to a history query carries the key of the event itself.
     Rule("history-say", "egress", ("reply",), (topics.EVENT.key("*"),)),
@@ -149,7 +154,7 @@ OPERATORS = (
     Rule("holder", "egress", ("declare_queryable", "reply"), HOLDER),
     # Without this rule, an operator's session learns of no subscriber and sends nothing.
     Rule("drive", "egress", ("declare_subscriber",), TWIST),
-    Rule("outside-ask", "ingress", ("declare_subscriber",), SENSOR_POSE),
+    Rule("outside-ask", "ingress", ("declare_subscriber",), SENSOR_POSE, asks=True),
     Rule("outside-see", "egress", ("put",), SENSOR_POSE),
 )
 """Additional rules for operators: request control, see subscribers of commands, and read pose
@@ -163,7 +168,7 @@ SENSORS = (
 """Additional rules for sensors: publish poses. No other role may, because poses shift `odom`."""
 
 RECORDERS = (
-    Rule("record-ask", "ingress", ("declare_subscriber",), ON_RECORD),
+    Rule("record-ask", "ingress", ("declare_subscriber",), ON_RECORD, asks=True),
     Rule("record", "egress", ("put",), ON_RECORD),
 )
 """Additional rules for recorders: read client messages and the controller inputs."""
@@ -201,7 +206,7 @@ def access_control(identities: Sequence[BusIdentity]) -> dict[str, Any]:
         "enabled": True,
         "default_permission": "deny",
         "rules": [
-            _in_zenoh_terms(rule) for rule in (*EVERYBODY, *OPERATORS, *SENSORS, *RECORDERS, *own)
+            in_zenoh_terms(rule) for rule in (*EVERYBODY, *OPERATORS, *SENSORS, *RECORDERS, *own)
         ],
         "subjects": [{"id": p.name, "cert_common_names": [p.name]} for p in identities],
         # Zenoh rejects a policy without subjects; an empty list denies everything.
@@ -209,7 +214,8 @@ def access_control(identities: Sequence[BusIdentity]) -> dict[str, Any]:
     }
 
 
-def _in_zenoh_terms(rule: Rule) -> dict[str, Any]:
+def in_zenoh_terms(rule: Rule) -> dict[str, Any]:
+    """Return a rule with Zenoh's keys."""
     return {
         "id": rule.id,
         "permission": "allow",
@@ -233,7 +239,7 @@ def robot_settings(
     `base` contains the settings of a node that does not listen. File names are relative to the
     configuration file.
     """
-    settings = _with_tls(
+    settings = with_tls(
         base,
         {
             "listen_private_key": f"{ROBOT}.key",
@@ -251,7 +257,7 @@ def robot_settings(
 
 def client_settings(base: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Return the settings of a dashboard or tool; `base` contains those without TLS."""
-    return _with_tls(
+    return with_tls(
         base,
         {
             "connect_private_key": f"{name}.key",
@@ -261,22 +267,25 @@ def client_settings(base: Mapping[str, Any], name: str) -> dict[str, Any]:
     )
 
 
-def endpoint(host: str, robot: Mapping[str, Any]) -> str:
-    """Return the endpoint for clients of a robot with these settings at `host`.
+def endpoint(host: str, server: Mapping[str, Any], name: str = ROBOT) -> str:
+    """Return the endpoint for clients of a robot or router with these settings at `host`.
+
+    `name` is that of its configuration file.
 
     Raises:
         TwinError: If the first listening endpoint is missing or has no port.
     """
     try:
-        port = _PORT.search(robot["listen"]["endpoints"][0])
+        port = _PORT.search(server["listen"]["endpoints"][0])
     except (LookupError, TypeError):
         port = None
     if port is None:
-        raise TwinError(f"{ROBOT}.json5 must listen at an endpoint with a port, such as {LISTEN}")
+        raise TwinError(f"{name}.json5 must listen at an endpoint with a port, such as {LISTEN}")
     return f"tls/[{host}]:{port[1]}" if ":" in host else f"tls/{host}:{port[1]}"
 
 
-def _with_tls(base: Mapping[str, Any], files: Mapping[str, Any]) -> dict[str, Any]:
+def with_tls(base: Mapping[str, Any], files: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings that accept mutual TLS only; `files` are relative to the configuration."""
     settings = copy.deepcopy(dict(base))
     settings["transport"]["link"] |= {
         "protocols": ["tls"],

@@ -19,6 +19,7 @@ from tsd_twin.security.access_rules import (
     AUTHORITY,
     LISTEN,
     ROBOT,
+    ROUTER,
     BusIdentity,
     Role,
     access_control,
@@ -170,13 +171,19 @@ class CertificateAuthority:
     def issue_robot(
         self, key: Key, hosts: Sequence[str], now: datetime, days: int
     ) -> x509.Certificate:
-        """Issue a server certificate for host names and addresses.
+        """Issue the certificate of a robot that listens; errors as for `issue_server`."""
+        return self.issue_server(key, BusIdentity(ROBOT, Role.ROBOT), hosts, now, days)
+
+    def issue_server(
+        self, key: Key, server: BusIdentity, hosts: Sequence[str], now: datetime, days: int
+    ) -> x509.Certificate:
+        """Issue a certificate of a listening robot or router for host names and addresses.
 
         Raises:
             TwinError: If a host is malformed, or the certificate would outlive the authority.
         """
         alternatives = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
-        builder = self._leaf(key, BusIdentity(ROBOT, Role.ROBOT), now, days)
+        builder = self._leaf(key, server, now, days)
         builder = builder.add_extension(alternatives, critical=False)
         return self._sign(builder, ExtendedKeyUsageOID.SERVER_AUTH)
 
@@ -305,17 +312,29 @@ class KeyFolder:
     # Reading.
 
     def identities(self) -> list[BusIdentity]:
-        """Return the identities with a certificate in the folder, by name.
+        """Return the people and tools with a certificate in the folder, by name.
 
         Raises:
             TwinError: If a certificate was not made by `tsd-certs`.
         """
-        files = sorted(f for f in self.path.glob("*.pem") if f.stem != AUTHORITY)
-        return [p for p in map(certificate_identity, files) if p.role is not Role.ROBOT]
+        return [p for p in self._owners() if p.role not in (Role.ROBOT, Role.ROUTER)]
 
-    def hosts(self) -> list[str]:
-        """Return the names and addresses in the robot's certificate, if it exists."""
-        file = self.certificate_file(ROBOT)
+    def robots(self) -> list[BusIdentity]:
+        """Return the robots of a router's folder, by name."""
+        return [p for p in self._owners() if p.role is Role.ROBOT and p.name != ROBOT]
+
+    def _owners(self) -> list[BusIdentity]:
+        files = sorted(f for f in self.path.glob("*.pem") if f.stem != AUTHORITY)
+        return [certificate_identity(file) for file in files]
+
+    @property
+    def is_of_router(self) -> bool:
+        """Whether the folder belongs to a router rather than to one listening robot."""
+        return self.certificate_file(ROUTER).exists()
+
+    def hosts(self, server: str = ROBOT) -> list[str]:
+        """Return the names and addresses in the certificate of a server, if it exists."""
+        file = self.certificate_file(server)
         return hosts_of(read_certificate(file)) if file.exists() else []
 
     def end_of(self, name: str) -> datetime:
@@ -445,11 +464,11 @@ def provision(
         TwinError: If names conflict, a host is missing or malformed, `days` is out of range, the
             authority's key is required but missing, or a file is invalid.
     """
-    if not 1 <= days <= AUTHORITY_DAYS:
-        raise TwinError(f"certificates are good for 1 to {AUTHORITY_DAYS} days")
+    check_days(days)
+    if folder.is_of_router:
+        raise TwinError(f"{folder.path} belongs to a router: say --router-host, or use another")
     identities = merged(folder.identities(), identities)
-    before = folder.hosts()
-    hosts = list(dict.fromkeys([*before, *map(checked_host, hosts)]))
+    hosts = list(dict.fromkeys([*folder.hosts(), *map(checked_host, hosts)]))
     if not hosts:
         raise TwinError(
             "by which names or addresses is the robot reached? Say --robot-host robot.local, as "
@@ -457,19 +476,42 @@ def provision(
         )
     settings = _robot_settings(folder, listen, identities, robot_base)
     where = endpoint(hosts[0], settings)
-    folder.make()
-    if hosts != before:
-        authority, key = folder.authority(now), folder.key(ROBOT)
-        folder.write_certificate(ROBOT, authority.issue_robot(key, hosts, now, days))
-    for person in identities:
-        if not folder.certificate_file(person.name).exists():
-            authority, key = folder.authority(now), folder.key(person.name)
-            folder.write_certificate(person.name, authority.issue_client(key, person, now, days))
+    issue(folder, now, days, BusIdentity(ROBOT, Role.ROBOT), hosts, identities)
     folder.write_settings(ROBOT, _ROBOT_HEAD, settings)
     for person in identities:
         if not folder.settings_file(person.name).exists():
             mine = client_settings(client_base(where), person.name)
             folder.write_settings(person.name, _CLIENT_HEAD.format(name=person.name), mine)
+
+
+def check_days(days: int) -> None:
+    """Raise TwinError if no certificate can be good for so long."""
+    if not 1 <= days <= AUTHORITY_DAYS:
+        raise TwinError(f"certificates are good for 1 to {AUTHORITY_DAYS} days")
+
+
+def issue(
+    folder: KeyFolder,
+    now: datetime,
+    days: int,
+    server: BusIdentity,
+    hosts: Sequence[str],
+    clients: Sequence[BusIdentity],
+) -> None:
+    """Issue the missing certificates, and the server's if it gets another host.
+
+    Raises:
+        TwinError: If the authority ends earlier, or its key is required but missing.
+    """
+    folder.make()
+    if hosts != folder.hosts(server.name):
+        authority, key = folder.authority(now), folder.key(server.name)
+        certificate = authority.issue_server(key, server, hosts, now, days)
+        folder.write_certificate(server.name, certificate)
+    for person in clients:
+        if not folder.certificate_file(person.name).exists():
+            authority, key = folder.authority(now), folder.key(person.name)
+            folder.write_certificate(person.name, authority.issue_client(key, person, now, days))
 
 
 def _robot_settings(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import secrets
 import stat
@@ -16,6 +17,7 @@ import msgspec
 from tsd_twin.errors import TwinError
 from tsd_twin.security.access_rules import Role, client
 from tsd_twin.security.certificates import replace_file
+from tsd_twin.security.router_rules import EVERY_ROBOT, RobotRights, parse_robots, show_robots
 
 _OTHERS = stat.S_IWGRP | stat.S_IRWXO
 """Permission bits that a file must not have; its group, for example of a service, may read it."""
@@ -43,7 +45,8 @@ _HASHER = argon2.PasswordHasher()
 """Second recommended parameter set of RFC 9106: 64 MiB, three passes."""
 _HEAD = (
     "# Who may log in to the dashboard, and as what. Made by tsd-users; the dashboard reads it\n"
-    "# when it starts. A viewer may stop the robot only with `may_stop = true`.\n"
+    "# when it starts. A viewer may stop the robot only with `may_stop = true`. Without `robots`\n"
+    "# and `watch`, all robots are meant.\n"
 )
 
 
@@ -54,12 +57,23 @@ class User:
     name: str
     role: Role
     may_stop: bool
+    rights: RobotRights = EVERY_ROBOT
+    """Robots that the user may use and watch."""
 
 
 class _UserRecord(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     role: str
     argon2: str
     may_stop: bool | None = None
+    robots: list[str] | None = None
+    watch: list[str] | None = None
+
+    @property
+    def rights(self) -> RobotRights:
+        """Rights of the user: all robots unless some are listed."""
+        if self.robots is None and self.watch is None:
+            return EVERY_ROBOT
+        return RobotRights(parse_robots(self.robots or ()), parse_robots(self.watch or ()))
 
 
 class _File(msgspec.Struct, forbid_unknown_fields=True):
@@ -102,7 +116,8 @@ class Users:
         """Return a user by name; raises KeyError if unknown."""
         entry = self._entries[name]
         role = Role(entry.role)
-        return User(name, role, role is Role.OPERATOR or bool(entry.may_stop))
+        may_stop = role is Role.OPERATOR or bool(entry.may_stop)
+        return User(name, role, may_stop, entry.rights)
 
     def check(self, name: str, password: str) -> User | None:
         """Return the user if the password is correct, else None.
@@ -120,8 +135,16 @@ class Users:
 
     # Editing.
 
-    def put(self, name: str, role: Role, password: str, *, may_stop: bool) -> None:
-        """Add a user, or set a new role and password.
+    def put(
+        self,
+        name: str,
+        role: Role,
+        password: str,
+        *,
+        may_stop: bool,
+        rights: RobotRights = EVERY_ROBOT,
+    ) -> None:
+        """Add a user, or set a new role, password and rights.
 
         Raises:
             TwinError: If the name is invalid or the password is too short or too long.
@@ -134,6 +157,19 @@ class Users:
             )
         entry = _UserRecord(role, _HASHER.hash(password), may_stop=may_stop or None)
         self._entries[name] = entry
+        self.limit(name, rights)
+
+    def limit(self, name: str, rights: RobotRights) -> None:
+        """Set the robots of a user.
+
+        Raises:
+            TwinError: If the user does not exist.
+        """
+        if (entry := self._entries.get(name)) is None:
+            raise TwinError(f"there is no '{name}'")
+        every = rights == EVERY_ROBOT
+        entry.robots = None if every else show_robots(rights.use)
+        entry.watch = None if every or not rights.watch else show_robots(rights.watch)
 
     def remove(self, name: str) -> None:
         """Remove a user.
@@ -155,6 +191,8 @@ class Users:
             entry = self._entries[name]
             text += f'\n[users.{name}]\nrole = "{entry.role}"\nargon2 = "{entry.argon2}"\n'
             text += "may_stop = true\n" if entry.may_stop else ""
+            for key, robots in (("robots", entry.robots), ("watch", entry.watch)):
+                text += "" if robots is None else f"{key} = {json.dumps(robots)}\n"
         replace_file(file, text.encode(), mode=0o600)
 
 
@@ -163,6 +201,7 @@ def _check(file: Path, name: str, entry: _UserRecord) -> None:
         raise TwinError(f"{file}: the role of '{name}' is '{entry.role}', not operator or viewer")
     try:
         client(name, Role(entry.role))
+        _ = entry.rights
     except TwinError as error:
         raise TwinError(f"{file}: {error}") from error
     try:

@@ -161,6 +161,7 @@ export const PARAMETERS = {
   unknown_robot: { robot: "name" },
   not_asking: {},
   viewer: {},
+  watch_only: {},
   recording_shown: {},
   mark_under_way: {},
   path_replanned: {},
@@ -324,6 +325,7 @@ export interface CodeParameters {
   unknown_robot: { robot: string };
   not_asking: Record<string, never>;
   viewer: Record<string, never>;
+  watch_only: Record<string, never>;
   recording_shown: Record<string, never>;
   mark_under_way: Record<string, never>;
   path_replanned: Record<string, never>;

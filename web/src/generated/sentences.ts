@@ -131,6 +131,7 @@ const templates = {
   unknown_robot: "there is no robot {robot}",
   not_asking: "you do not ask for control",
   viewer: "a viewer only watches",
+  watch_only: "you may only watch this robot",
   recording_shown: "this is a recording: press L for the live robots",
   mark_under_way: "a mark is being written",
   path_replanned: "another path is planned",

@@ -768,7 +768,7 @@ export interface SessionInfo {
 }
 
 /** Role of a bus identity, from its certificate. */
-export const ROLES = ["robot", "operator", "viewer", "sensor", "recorder"] as const;
+export const ROLES = ["robot", "router", "operator", "viewer", "sensor", "recorder"] as const;
 export type Role = (typeof ROLES)[number];
 
 /** Entry of the robot menu. */

@@ -19,6 +19,7 @@ from tsd_twin.dashboard.gateway.listener import LISTENER, Listener, check_viewpo
 from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY, Principal, bus_identity_of
 from tsd_twin.errors import TwinError
 from tsd_twin.security import BusIdentity
+from tsd_twin.security.router_rules import ALL
 from tsd_twin.security.users import Logins, Users
 from tsd_twin.security.web_access import is_loopback
 
@@ -156,6 +157,14 @@ class AccessSettings:
     viewport_origin: str | None = None
     """Origin of the viewport's port as browsers see it; None if it has the page's name."""
 
+    @property
+    def limits_robots(self) -> bool:
+        """Whether a user may not watch all robots."""
+        users = self.users
+        return users is not None and any(
+            ALL not in users.user(name).rights.visible for name in users.names
+        )
+
     def check(self, host: str) -> None:
         """Check the settings for unauthenticated network access and unencrypted passwords.
 
@@ -237,7 +246,8 @@ class AuthMiddleware:
         login = self.logins.find(request.cookies.get(self.cookie), time.monotonic())
         if login is None:
             return None
-        return Principal(bus_identity_of(login.user, owner), login.user.may_stop, login)
+        user = login.user
+        return Principal(bus_identity_of(user, owner), user.may_stop, login, user.rights)
 
     @contextmanager
     def close_on_logout(

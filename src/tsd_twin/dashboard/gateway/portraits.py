@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from aiohttp import web
 
 from tsd_twin.client.monitor import RobotMonitor
+from tsd_twin.dashboard.gateway.auth import PRINCIPAL
 from tsd_twin.dashboard.gateway.pages import Content
 from tsd_twin.dashboard.scene.robot_geometry import robot_shape
 from tsd_twin.errors import TwinError
@@ -32,7 +33,7 @@ class PortraitRoutes:
         robot_id = request.match_info["robot"]
         async with self._rendering:
             link = self._links.get(robot_id)
-            if link is None:
+            if link is None or not request[PRINCIPAL].rights.may_watch(robot_id):
                 raise web.HTTPNotFound(text="No such robot.")
             known, portrait = self._portraits.get(robot_id, (None, None))
             if portrait is None or known is not link:  # Also after a restart of the robot.

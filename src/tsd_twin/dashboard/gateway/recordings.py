@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 
 import msgspec
 from aiohttp import web
@@ -18,10 +19,12 @@ from tsd_twin.dashboard.gateway.file_download import send_file
 from tsd_twin.dashboard.gateway.socket_limits import Bucket, Quota
 from tsd_twin.dashboard.recorded.exports import KINDS, Exports, ExportsBusyError
 from tsd_twin.dashboard.recorded.library import RecordingLibrary
+from tsd_twin.dashboard.wire.recordings import TrashRow
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.export import RecordingSlice
 from tsd_twin.recording.titles import FolderError, read_title
 from tsd_twin.security import Role
+from tsd_twin.security.router_rules import EVERY_ROBOT
 
 CHANGES = Quota(1.0, 30.0)
 """Limit of titles, deletions and restorations for each login."""
@@ -77,16 +80,37 @@ class RecordingRoutes:
         if len(query) > QUERY_LENGTH:
             text = f"a search has at most {QUERY_LENGTH} characters"
             raise _refusal(web.HTTPBadRequest, "invalid_query", text)
-        rows = await self._library.rows(query)
+        rows = await self._library.rows(query, request[PRINCIPAL].rights)
         response = json_response(rows)
         response.enable_compression()
         return response
 
-    async def _list_trash(self, _request: web.Request) -> web.StreamResponse:
-        return json_response(await self._library.trash())
+    async def _list_trash(self, request: web.Request) -> web.StreamResponse:
+        return json_response(await self._trash_of(request))
+
+    async def _trash_of(self, request: web.Request) -> list[TrashRow]:
+        """Return all deletions, or a user's own if not all robots may be watched."""
+        rows, principal = await self._library.trash(), request[PRINCIPAL]
+        own = principal.identity.name
+        return [row for row in rows if principal.rights == EVERY_ROBOT or row.by == own]
+
+    async def _permitted_file(self, request: web.Request) -> Path:
+        name, rights = request.match_info["name"], request[PRINCIPAL].rights
+        return await self._library.permitted_file(name, rights)
+
+    async def _require_use(self, request: web.Request) -> None:
+        """Refuse viewers, also of one of the robots in a recording.
+
+        Raises:
+            web.HTTPException: If the request is refused.
+        """
+        _require_operator(request)
+        name, rights = request.match_info["name"], request[PRINCIPAL].rights
+        if not await self._library.may_change(name, rights):
+            raise _refusal(web.HTTPForbidden, "viewer", "viewers cannot do this")
 
     async def _path(self, request: web.Request) -> web.StreamResponse:
-        path = self._library.file(request.match_info["name"])
+        path = await self._permitted_file(request)
         try:
             found = await self._library.paths(path)
         except RecordingError as error:
@@ -94,7 +118,7 @@ class RecordingRoutes:
         return json_response(found)
 
     async def _lanes(self, request: web.Request) -> web.StreamResponse:
-        path = self._library.file(request.match_info["name"])
+        path = await self._permitted_file(request)
         response = json_response(await self._library.lanes(path))
         response.enable_compression()
         return response
@@ -103,6 +127,7 @@ class RecordingRoutes:
 
     async def _set_title(self, request: web.Request) -> web.StreamResponse:
         self._admit_change(request)
+        await self._require_use(request)
         try:
             body = msgspec.json.decode(await request.read(), type=_Title)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -114,13 +139,17 @@ class RecordingRoutes:
 
     async def _delete(self, request: web.Request) -> web.StreamResponse:
         self._admit_change(request)
+        await self._require_use(request)
         operator = request[PRINCIPAL].identity.name
         row = await self._library.delete(request.match_info["name"], operator)
         return json_response(row)
 
     async def _restore(self, request: web.Request) -> web.StreamResponse:
         self._admit_change(request)
-        name = await self._library.restore(request.match_info["id"])
+        deletion = request.match_info["id"]
+        if deletion not in {row.id for row in await self._trash_of(request)}:
+            raise FolderError("not_in_trash", "this recording is no longer in the trash")
+        name = await self._library.restore(deletion)
         return json_response({"name": name})
 
     def _admit_change(self, request: web.Request) -> None:
@@ -142,13 +171,13 @@ class RecordingRoutes:
 
     async def _download(self, request: web.Request) -> web.StreamResponse:
         # It contains lease ids, with which a program on the bus could drive.
-        _require_operator(request)
-        path = self._library.file(request.match_info["name"])
+        await self._require_use(request)
+        path = await self._permitted_file(request)
         name = (read_title(path) or path.stem) + ".mcap"
         return await self._send(request, lambda: send_file(request, path, name))
 
     async def _export(self, request: web.Request) -> web.StreamResponse:
-        path = self._library.file(request.match_info["name"])
+        path = await self._permitted_file(request)
         query = _export_query(request)
         kind = query.kind
         part = RecordingSlice(path, query.start_s, query.end_s, query.robot)

@@ -205,8 +205,8 @@ class HttpServer:
         self._login_routes.close()
 
     async def _serve_health(self, request: web.Request) -> web.StreamResponse:
-        del request
-        directory = self.sessions.directory
+        directory, rights = self.sessions.directory, request[PRINCIPAL].rights
+        robots = {each: row for each, row in directory.health().items() if rights.may_watch(each)}
         refused = {
             "messages": self.sessions.rejected,
             "viser": self._proxy.dropped,
@@ -214,7 +214,7 @@ class HttpServer:
             "cut_off": self._reader.cut_off.count,
         }
         return json_response(
-            {"ready": directory.has_live_robot(), "robots": directory.health(), "refused": refused}
+            {"ready": directory.has_live_robot(rights), "robots": robots, "refused": refused}
         )
 
     def _announce_recordings(self) -> None:

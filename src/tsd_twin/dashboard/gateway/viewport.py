@@ -26,11 +26,13 @@ from tsd_twin.dashboard.scene.viser_compat import (
     LOOK_HEADER,
     LOOKS,
     PAGE_HEADER,
+    ROBOTS_HEADER,
     access_key,
 )
 from tsd_twin.dashboard.sessions.principal import Principal
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.security import Role
+from tsd_twin.security.router_rules import show_robots
 
 MAX_MESSAGE_BYTES = 16 * 2**10
 """A camera message has 300 bytes."""
@@ -197,7 +199,7 @@ class ViserProxy:
 
         `port` selects the viser server of a recording.
         """
-        viser = await self._connect_viser(request, page_id, port)
+        viser = await self._connect_viser(request, page_id, principal, port)
         async with viser:
             chosen = (viser.protocol,) if viser.protocol else ()
             page = web.WebSocketResponse(
@@ -221,7 +223,7 @@ class ViserProxy:
         return page
 
     async def _connect_viser(
-        self, request: web.Request, page_id: str, port: int | None
+        self, request: web.Request, page_id: str, principal: Principal, port: int | None
     ) -> ClientWebSocketResponse:
         if self._client is None:
             self._client = ClientSession()
@@ -234,6 +236,7 @@ class ViserProxy:
                     KEY_HEADER: access_key(),
                     PAGE_HEADER: page_id,
                     LOOK_HEADER: _look(request),
+                    ROBOTS_HEADER: ",".join(show_robots(principal.rights.visible)),
                 },
                 compress=0,
                 max_msg_size=_MAX_VISER_MESSAGE_BYTES,

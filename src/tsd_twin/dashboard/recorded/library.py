@@ -27,6 +27,7 @@ from tsd_twin.recording.titles import (
     write_title,
 )
 from tsd_twin.recording.trash import KEEP_S, UNDO_S, Deletion, Trash
+from tsd_twin.security.router_rules import EVERY_ROBOT, RobotRights
 
 PATH_POINTS = 65
 """Positions of each robot in a path preview."""
@@ -92,10 +93,39 @@ class RecordingLibrary:
             raise FolderError("no_recording", "there is no such recording")
         return self._folder / name
 
+    async def permitted_file(self, name: str, rights: RobotRights) -> Path:
+        """Return the file of a recording, for somebody who may watch all robots in it.
+
+        Raises:
+            FolderError: If there is none that may be watched.
+        """
+        path = self.file(name)
+        if rights != EVERY_ROBOT:
+            async with self._listing:
+                found = await asyncio.to_thread(self._catalogue.recordings)
+            if path not in found or not _may_watch(found[path], rights):
+                raise FolderError("no_recording", "there is no such recording")
+        return path
+
+    async def may_change(self, name: str, rights: RobotRights) -> bool:
+        """Return whether all robots in a recording are somebody's to use, not only to watch.
+
+        Raises:
+            FolderError: If there is no recording that may be watched.
+        """
+        path = await self.permitted_file(name, rights)
+        if rights == EVERY_ROBOT:
+            return True
+        async with self._listing:
+            found = await asyncio.to_thread(self._catalogue.recordings)
+        return path in found and all(map(rights.may_use, found[path].robots))
+
     # Lists.
 
-    async def rows(self, query: str = "") -> list[RecordingRow]:
+    async def rows(self, query: str = "", rights: RobotRights = EVERY_ROBOT) -> list[RecordingRow]:
         """Return the recordings that contain all words of a query, latest first.
+
+        Recordings with a robot that may not be watched are left out.
 
         Titles, names, drivers, robots, marks and faults are searched. Details are read in the
         background, so that later calls may return more.
@@ -111,7 +141,11 @@ class RecordingLibrary:
         pending = [path for path in shown if self._is_pending(path, states[path], now_s)]
         if pending and (self._background is None or self._background.done()):
             self._background = asyncio.create_task(self._read_all(pending))
-        rows = [self._row(path, each, states[path]) for path, each in shown.items()]
+        rows = [
+            self._row(path, each, states[path])
+            for path, each in shown.items()
+            if _may_watch(each, rights)
+        ]
         words = _folded(query).split()
         return [row for row in rows if _contains(row, words)]
 
@@ -264,6 +298,13 @@ class RecordingLibrary:
             details=None if details is None else _row_details(details),
             details_pending=known is None,
         )
+
+
+def _may_watch(summary: RecordingSummary, rights: RobotRights) -> bool:
+    """Return whether somebody may watch a recording; other robots may join an unfinished one."""
+    if rights == EVERY_ROBOT:
+        return True
+    return summary.is_whole and all(map(rights.may_watch, summary.robots))
 
 
 def _file_states(found: Mapping[Path, RecordingSummary]) -> dict[Path, _FileState]:

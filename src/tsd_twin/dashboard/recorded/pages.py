@@ -74,14 +74,19 @@ class RecordedPages:
         Raises:
             HTTPException: If the recording is missing or cannot be shown, or too many are open.
         """
+        path: Path | None = None
+        if page not in self._views:
+            try:
+                path = await self.library.permitted_file(name, principal.rights)
+            except FolderError as error:
+                raise web.HTTPNotFound(text="There is no such recording.") from error
+        # The other socket of the page may have opened it meanwhile.
         opened = self._views.get(page)
         if opened is not None and opened.owner.key != principal.key:
             raise web.HTTPForbidden(text="This page belongs to another login.")
         if opened is None:
-            try:
-                path = self.library.file(name)
-            except FolderError as error:
-                raise web.HTTPNotFound(text="There is no such recording.") from error
+            if path is None:
+                raise web.HTTPNotFound(text="There is no such recording.")
             if len(self._views) >= MAX_VIEWS:  # Close idle views first.
                 idle = [each for each, view in self._views.items() if not view.uses]
                 await asyncio.gather(*(self._close(each) for each in idle))

@@ -121,6 +121,14 @@ def robot_node(robot_id: str) -> str:
     return f"{ROOT}/r/{robot_id}"
 
 
+def robot_of_node(name: str) -> str | None:
+    """Return the id of the robot that a node belongs to, or None for a node of the stage."""
+    for parent in (f"{ROOT}/r", TRUE_POSES, ALTERNATIVE_POSES, TRAILS, ROUTES):
+        if name.startswith(f"{parent}/"):
+            return name.removeprefix(f"{parent}/").partition("/")[0]
+    return None
+
+
 def overlay_node(layer: Layer, robot_id: str) -> str:
     """Return the node that shows a robot's layer and moves with the robot."""
     return f"{robot_node(robot_id)}/{_ROBOT_NODES[layer]}"

@@ -50,23 +50,27 @@ class ClientView:
         dark: bool,
         plain: bool,
         frame: Rectangle,
+        visible: frozenset[str] | None,
     ) -> None:
         """`page` has the id of the client's page, if known, and `frame` is free of its parts.
 
-        `plain` is for browsers without a graphics card.
+        `plain` is for browsers without a graphics card; `visible` are the robots that the client
+        may show, None for all.
         """
+        self._visible = visible
         self._no_gpu = plain
         self._prefers_dark = dark
         self._scene = scene
         self.client = client
         """Its viser client."""
         self.page = page
-        self._robot_id = scene.default_robot_id
+        self._robot_id: str | None = None
         self._requested_id: str | None = None
         self._settings = ViewSettings()
         self._fixed_world_xy: tuple[float, float] | None = None
         self._world: viser.FrameHandle | None = None
-        self._has_own_world = False
+        # The shared world shows where the first robot is, so it is not sent to limited clients.
+        self._has_own_world = visible is not None
         self._preview_joints: Array | None = None
         self._preview = PosePreview(client, self._palette)
         self._tilt = ExaggeratedTilt(client)
@@ -333,17 +337,23 @@ class ClientView:
 
     def _select_available(self) -> None:
         """Select the chosen robot, or the first available one while it is missing."""
-        bodies = self._scene.visuals
+        bodies = self._permitted_ids
         shown = next(
             (each for each in (self._requested_id, self._robot_id) if each in bodies), None
         )
-        shown = shown or self._scene.default_robot_id
+        shown = shown or next(iter(bodies), None)
         if shown != self._robot_id:
             self._robot_id, self._preview_joints = shown, None
             self._past = None, 0.0
             self._camera.placed_for = None
             if self._fixed_world_xy is not None:
                 self._fixed_world_xy = self._followed_world_xy
+
+    @property
+    def _permitted_ids(self) -> list[str]:
+        """Robots that this client may show, in the order of their addition."""
+        ids = list(self._scene.visuals)
+        return ids if self._visible is None else [each for each in ids if each in self._visible]
 
     def _show_theme(self, own: viser.SceneApi) -> None:
         """Show the overlays of this client's theme; the shared ones are dark."""
@@ -387,6 +397,8 @@ class ClientView:
     def _followed_world_xy(self) -> tuple[float, float]:
         """Origin of `odom` in the scene that keeps the selected robot in place."""
         body = self.visual
-        if body is None or body.id == self._scene.default_robot_id:
+        if body is None:
+            return 0.0, 0.0
+        if body.id == self._scene.default_robot_id:
             return self._scene.world_xy
         return -float(body.pose[0]), -float(body.pose[1])

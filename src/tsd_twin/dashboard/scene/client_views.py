@@ -13,11 +13,13 @@ import viser
 
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
+from tsd_twin.dashboard.scene.robot_filter import visible_robots
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.viser_compat import (
     is_disconnected,
     look_of,
     page_of,
+    robots_of,
     set_theme,
 )
 from tsd_twin.dashboard.wire.to_page import CameraState
@@ -121,8 +123,15 @@ class ClientViews:
             asked = PageView() if page is None else self._view_of(page)
             dark = "dark" in look
             set_theme(client.gui, dark=dark)
-            plain = "plain" in look
-            view = ClientView(self._scene, client, page, dark=dark, plain=plain, frame=asked.frame)
+            view = ClientView(
+                self._scene,
+                client,
+                page,
+                dark=dark,
+                plain="plain" in look,
+                frame=asked.frame,
+                visible=visible_robots(robots_of(self._server, client_id)),
+            )
             if asked.robot_id is not None:
                 view.select_robot(asked.robot_id)
             if asked.settings is not None:

@@ -40,8 +40,14 @@ class Scene:
         server: viser.ViserServer,
         roster: RobotRoster | None = None,
         tilt: TiltFactor = TiltFactor.FIVE,
+        *,
+        separate: bool = False,
     ) -> None:
-        """`tilt` is the exaggeration for clients that do not choose another."""
+        """`tilt` is the exaggeration for clients that do not choose another.
+
+        With `separate`, no message is about several robots, so that clients can be limited to some.
+        """
+        self._separate = separate
         self.server = server
         self._tilt = tilt
         self._roster = roster or RobotRoster()
@@ -78,7 +84,7 @@ class Scene:
 
     def add(self, link: VisualSource) -> None:
         """Add a robot, or replace the one with the same id; new meshes take a second."""
-        key = msgspec.json.encode(link.robot)
+        key = msgspec.json.encode(link.robot) + (link.id.encode() if self._separate else b"")
         shape = robot_shape(link.robot)  # Slow for a new robot, so outside the lock.
         with self.lock:
             meshes = self._meshes.setdefault(key, BatchedRobotMeshes(self.server.scene, shape))
@@ -163,5 +169,5 @@ class Scene:
 
     def _update_views(self) -> None:
         for body in self._visuals.values():
-            body.overlays.set_named(len(self._visuals) > 1)
+            body.overlays.set_named(self._separate or len(self._visuals) > 1)
         self.on_robots_changed()

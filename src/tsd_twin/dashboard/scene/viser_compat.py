@@ -27,7 +27,7 @@ from collections.abc import AsyncGenerator, Callable, Generator, Sequence
 from contextlib import contextmanager
 from itertools import islice, takewhile
 from operator import attrgetter
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import rich
@@ -64,19 +64,40 @@ class LoopEvent(asyncio.Event):
             super().set()
 
 
+MessageFilter: TypeAlias = Callable[[Message], bool]
+"""Returns whether a client may receive a message."""
+
+
 class MessageQueue(AsyncMessageBuffer):
     """viser's message queue, filled from any thread, whose replay skips superseded messages."""
 
     def __init__(self, event_loop: asyncio.AbstractEventLoop, persistent_messages: bool) -> None:
         super().__init__(event_loop, persistent_messages)
         self.message_event = LoopEvent(event_loop)
+        self.filters: dict[int, MessageFilter] = {}
+        """Filters of clients that may not see everything, by client id."""
 
     def _window_loop(
         self, client_id: int, backlog_last_id: int, backlog_done_message: Message | None
     ) -> AsyncGenerator[Sequence[Message]]:
-        if not self.persistent_messages:  # A client's own queue starts at zero.
-            return super()._window_loop(client_id, backlog_last_id, backlog_done_message)
-        return message_windows(self, client_id, backlog_last_id, backlog_done_message)
+        if self.persistent_messages:
+            windows = message_windows(self, client_id, backlog_last_id, backlog_done_message)
+        else:  # A client's own queue starts at zero.
+            windows = super()._window_loop(client_id, backlog_last_id, backlog_done_message)
+        may_send = self.filters.get(client_id)
+        return windows if may_send is None else filtered_windows(windows, may_send)
+
+
+async def filtered_windows(
+    windows: AsyncGenerator[Sequence[Message]], may_send: MessageFilter
+) -> AsyncGenerator[Sequence[Message]]:
+    """Yield windows without the messages that a client may not receive."""
+    try:
+        async for window in windows:
+            if permitted := [message for message in window if may_send(message)]:
+                yield permitted
+    finally:
+        await windows.aclose()
 
 
 def install_message_queues() -> None:
@@ -162,6 +183,8 @@ LOOK_HEADER = "X-Tsd-Look"
 """Header added by the gateway: the `LOOKS` that the browser of the page asks for."""
 LOOKS = ("dark", "plain")
 """Dark colours, and the scene for a browser without a graphics card."""
+ROBOTS_HEADER = "X-Tsd-Robots"
+"""Header added by the gateway: the robots that a page may show, as `lab1,lab2`, or `all`."""
 _SOCKET_SERVER = attrgetter("_websock_server")
 _LIVE_CONNECTIONS = attrgetter("_websock_server._live_connections")
 _SOCKET = attrgetter("_websock_connection")
@@ -182,6 +205,37 @@ def _header_of(server: viser.ViserServer, client_id: int, name: str) -> str | No
     if connection is None or connection.request is None:
         return None
     return connection.request.headers.get(name)
+
+
+def robots_of(server: viser.ViserServer, client_id: int) -> str:
+    """Return the robots that a client may show, as in the header, which the gateway always adds."""
+    robots = _header_of(server, client_id, ROBOTS_HEADER)
+    return "all" if robots is None else robots
+
+
+def limit_clients(
+    server: viser.ViserServer,
+    filters_of: Callable[[str], tuple[MessageFilter, MessageFilter] | None],
+) -> None:
+    """Filter the messages to clients that may not show all robots.
+
+    `filters_of` returns two filters for the robots in a client's header, for the messages of the
+    shared scene and for its own, or None if it may show all.
+    """
+
+    # viser calls this before it sends anything, unlike its public callback.
+    def on_connect(connection: viser.infra.WebsockClientConnection) -> None:
+        client_id = connection.client_id
+        if (filters := filters_of(robots_of(server, client_id))) is not None:
+            queues = _SOCKET_SERVER(server).get_message_buffer(), connection.get_message_buffer()
+            for queue, may_send in zip(queues, filters, strict=True):
+                cast("MessageQueue", queue).filters[client_id] = may_send
+
+    def on_disconnect(connection: viser.infra.WebsockClientConnection) -> None:
+        _SOCKET_SERVER(server).get_message_buffer().filters.pop(connection.client_id, None)
+
+    _SOCKET_SERVER(server).on_client_connect(on_connect)
+    _SOCKET_SERVER(server).on_client_disconnect(on_disconnect)
 
 
 def is_disconnected(client: viser.ClientHandle) -> bool:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 
 import msgspec
 
@@ -20,8 +21,11 @@ from tsd_twin.messages.codes import Reason
 from tsd_twin.messages.commands import why_of
 from tsd_twin.messages.modes import LATCHED
 from tsd_twin.messages.status import LeaseStatus, RobotStatus
+from tsd_twin.security.router_rules import EVERY_ROBOT, RobotRights
 
 FLEET_PERIOD_S = 0.25
+IDLE_PERIODS = 4
+"""Periods between poses of a robot that is neither shown nor driven: 1 s."""
 _VOLTS_STEP = 0.15
 """A smaller change of the voltage is not sent."""
 
@@ -29,61 +33,78 @@ _VOLTS_STEP = 0.15
 class FleetFeed:
     """Feed of the fleet view; event loop only, and idle without subscribers.
 
-    Subscribers share each encoded message. A slow one is sent the whole fleet instead of the
-    changes that it has missed.
+    Subscribers with the same rights share each encoded message. A slow one is sent the whole fleet
+    instead of the changes that it has missed.
     """
 
-    def __init__(self, directory: RobotDirectory, reach_m: Callable[[str], float]) -> None:
-        """`reach_m` returns the radius of a robot around its base."""
+    def __init__(
+        self,
+        directory: RobotDirectory,
+        reach_m: Callable[[str], float],
+        is_shown: Callable[[str], bool] = lambda _robot: True,
+    ) -> None:
+        """`reach_m` returns the radius of a robot; `is_shown`, whether a page has it selected."""
         self._directory, self._reach_m = directory, reach_m
-        self._queues: dict[SendQueue, None] = {}
+        self._is_shown = is_shown
+        self._pages: dict[SendQueue, RobotRights] = {}
         self._infos: dict[str, tuple[KnownRobot, RobotInfo]] = {}
         self._robots: dict[str, FleetRobot] = {}
         self._poses: dict[str, Triple] = {}
+        self._ticks = 0
         self._timer: asyncio.TimerHandle | None = None
 
     @property
     def has_subscribers(self) -> bool:
         """Whether a page shows the fleet; thread-safe."""
-        return bool(self._queues)
+        return bool(self._pages)
 
-    def subscribe(self, queue: SendQueue) -> None:
-        """Send a page the whole fleet, then its changes."""
+    def subscribe(self, queue: SendQueue, rights: RobotRights = EVERY_ROBOT) -> None:
+        """Send a page its whole fleet, then the changes."""
         self.update()  # So that the changes that the others get next apply to this page, too.
-        self._queues[queue] = None
-        queue.put_fleet(self._whole(), self._whole)
+        self._pages[queue] = rights
+        queue.put_fleet(self._whole(rights), partial(self._whole, rights))
         if self._timer is None:
             self._schedule()
 
     def unsubscribe(self, queue: SendQueue) -> None:
         """Send a page no further changes."""
-        self._queues.pop(queue, None)
+        self._pages.pop(queue, None)
 
-    def update(self) -> None:
-        """Send all subscribers the changes since the last call."""
+    def update(self, *, all_poses: bool = True) -> None:
+        """Send all subscribers the changes since the last call.
+
+        Without `all_poses`, robots that are neither shown on a page nor driven keep their poses.
+        """
         robots = self._rows()
-        poses = self._poses_of(robots)
+        poses = self._poses_of(
+            each for each, row in robots.items() if all_poses or self._is_followed(row)
+        )
         changed = [row for row in robots.values() if not _is_same(row, self._robots.get(row.id))]
         moved = {each: pose for each, pose in poses.items() if pose != self._poses.get(each)}
         self._robots, self._poses = robots, self._poses | poses
         if changed or moved:
-            text = encode_message(Fleet(whole=False, robots=changed, poses=moved))
-            for queue in self._queues:
-                queue.put_fleet(text, self._whole)
+            texts: dict[RobotRights, str] = {}
+            for queue, rights in self._pages.items():
+                if rights not in texts:
+                    texts[rights] = _encoded(changed, moved, rights, whole=False)
+                if texts[rights]:
+                    queue.put_fleet(texts[rights], partial(self._whole, rights))
 
-    def _whole(self) -> str:
-        return encode_message(
-            Fleet(whole=True, robots=list(self._robots.values()), poses=self._poses)
-        )
+    def _is_followed(self, row: FleetRobot) -> bool:
+        return row.driver is not None or self._is_shown(row.id)
+
+    def _whole(self, rights: RobotRights) -> str:
+        return _encoded(self._robots.values(), self._poses, rights, whole=True)
 
     def _schedule(self) -> None:
         self._timer = asyncio.get_running_loop().call_later(FLEET_PERIOD_S, self._tick)
 
     def _tick(self) -> None:
         self._timer = None
-        if self._queues:
+        if self._pages:
             self._schedule()  # First, so that a robot that cannot be shown ends nothing.
-            self.update()
+            self._ticks += 1
+            self.update(all_poses=self._ticks % IDLE_PERIODS == 0)
 
     def _rows(self) -> dict[str, FleetRobot]:
         rows: dict[str, FleetRobot] = {}
@@ -155,6 +176,17 @@ class FleetFeed:
             if math.isfinite(x + y + heading):
                 poses[robot_id] = round(x, 2), round(y, 2), round(heading, 2)
         return poses
+
+
+def _encoded(
+    robots: Iterable[FleetRobot], poses: Mapping[str, Triple], rights: RobotRights, *, whole: bool
+) -> str:
+    """Return a message with the robots that may be watched, or "" if it would be empty."""
+    rows = [row for row in robots if rights.may_watch(row.id)]
+    places = {each: pose for each, pose in poses.items() if rights.may_watch(each)}
+    if not (whole or rows or places):
+        return ""
+    return encode_message(Fleet(whole=whole, robots=rows, poses=places))
 
 
 def _is_same(row: FleetRobot, sent: FleetRobot | None) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AbstractContextManager
@@ -15,6 +16,7 @@ from aiohttp import WSMessage, WSMsgType, web
 from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.dashboard.scene.client_views import PageView, SceneExecutor
 from tsd_twin.dashboard.scene.framing import Rectangle
+from tsd_twin.dashboard.sessions.permitted_robots import PermittedRobots
 from tsd_twin.dashboard.sessions.principal import Principal, operator_name, shown_name
 from tsd_twin.dashboard.sessions.send_queue import SendQueue
 from tsd_twin.dashboard.sessions.stops import LiveRobots, PageStops
@@ -36,10 +38,12 @@ from tsd_twin.dashboard.wire.to_page import (
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.security import Role
+from tsd_twin.security.router_rules import EVERY_ROBOT
 
 VIEWER_REFUSAL = because(Code.VIEWER)
 CommonMessage: TypeAlias = PageHeartbeat | SelectPlotFields | SetFrame | SetView | ShowFleet
 """Messages that all sessions handle alike."""
+WATCH_REFUSAL = because(Code.WATCH_ONLY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +75,9 @@ class PageSession(ABC):
         self.rejected = 0
         """Number of invalid messages."""
         self._operator = f"{operator_name(self.principal, socket.name)}-{self.page[:8]}"
+        if self.principal.rights != EVERY_ROBOT:
+            permitted = PermittedRobots(live.directory, self.principal.rights)
+            live = dataclasses.replace(live, directory=permitted)
         self._live, self._scene = live, scene
         self._queue = SendQueue()
         self._stops = PageStops(live, self._operator, self.send)
@@ -136,7 +143,7 @@ class PageSession(ABC):
                 self.view = self.view._replace(frame=frame)
                 self._scene.draw(self.page, "frame", lambda view: view.set_frame(frame))
             case ShowFleet(on=True):
-                self._live.feed.subscribe(self._queue)
+                self._live.feed.subscribe(self._queue, self.principal.rights)
             case ShowFleet():
                 self._live.feed.unsubscribe(self._queue)
 

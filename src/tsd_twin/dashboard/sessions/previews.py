@@ -9,6 +9,7 @@ from tsd_twin.client.motions import PlanLimits
 from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.sessions.actuator_telemetry import binding_limit, rounded
 from tsd_twin.dashboard.sessions.kinds import view_of
+from tsd_twin.dashboard.sessions.permitted_robots import PermittedRobots
 from tsd_twin.dashboard.sessions.robot_directory import RobotDirectory
 from tsd_twin.dashboard.sessions.send_queue import SendQueue
 from tsd_twin.dashboard.wire.to_page import JointPreview, PastState, encode_message
@@ -20,7 +21,11 @@ class PreviewSession:
     """Per-page preview: the reply to the page, and the pose in its scene; event loop only."""
 
     def __init__(
-        self, page: str, directory: RobotDirectory, scene: SceneExecutor, queue: SendQueue
+        self,
+        page: str,
+        directory: RobotDirectory | PermittedRobots,
+        scene: SceneExecutor,
+        queue: SendQueue,
     ) -> None:
         self._page, self._directory = page, directory
         self._scene, self._queue = scene, queue
@@ -77,7 +82,9 @@ def preview_of(link: RobotMonitor, twist: Array) -> tuple[JointPreview, Array]:
 class LookBackSession:
     """Per-page look at a past state of the selected robot; event loop only."""
 
-    def __init__(self, page: str, directory: RobotDirectory, scene: SceneExecutor) -> None:
+    def __init__(
+        self, page: str, directory: RobotDirectory | PermittedRobots, scene: SceneExecutor
+    ) -> None:
         self._page, self._directory, self._scene = page, directory, scene
         self._ago_s: float | None = None
         self._past: Snapshot | None = None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.names import display_name, id_of_name
 from tsd_twin.security import LONGEST, BusIdentity, Role
+from tsd_twin.security.router_rules import EVERY_ROBOT, RobotRights
 from tsd_twin.security.users import Login, User
 
 DEFAULT_IDENTITY = BusIdentity("web", Role.OPERATOR)
@@ -22,6 +23,8 @@ class Principal:
     may_stop: bool
     login: Login | None = None
     """None if no login is required."""
+    rights: RobotRights = EVERY_ROBOT
+    """Robots that the pages may use and show."""
 
     @property
     def key(self) -> str | None:

@@ -19,8 +19,9 @@ from tsd_twin.dashboard.sessions.lease import RpcExecutor
 from tsd_twin.dashboard.sessions.shadow_monitor import ShadowMonitor
 from tsd_twin.dashboard.sessions.telemetry import RobotTelemetry
 from tsd_twin.dashboard.wire.from_page import LOOK_BACK_S
-from tsd_twin.dashboard.wire.to_page import RobotName, RobotState
+from tsd_twin.dashboard.wire.to_page import MapLines, MapState, RobotName, RobotState
 from tsd_twin.messages.events import Event
+from tsd_twin.security.router_rules import EVERY_ROBOT, RobotRights
 
 SPACING_S = 0.1
 _SLACK_S = 1.0
@@ -162,9 +163,12 @@ class RobotDirectory:
             }
         return health
 
-    def has_live_robot(self) -> bool:
-        """Return whether a robot has sent a state recently."""
-        return any(_state_age_s(link) < LIVE_TIMEOUT_S for link in list(self._links.values()))
+    def has_live_robot(self, rights: RobotRights = EVERY_ROBOT) -> bool:
+        """Return whether a robot that may be watched has sent a state recently."""
+        return any(
+            _state_age_s(link) < LIVE_TIMEOUT_S and rights.may_watch(robot_id)
+            for robot_id, link in list(self._links.items())
+        )
 
     def note_status(self, robot_id: str) -> None:
         """Record the latest state in the robot's history, and the time of its last mode change."""
@@ -173,6 +177,14 @@ class RobotDirectory:
             return
         self._mode_since_s(robot_id, status.mode)
         known.history.add(known.link.snapshot)
+
+    def on_map(self, state: MapState) -> MapState:
+        """Return the moving elements of a map that pages may see, here all."""
+        return state
+
+    def lines_on_map(self, lines: MapLines) -> MapLines:
+        """Return the planned paths and trails that pages may see, here all."""
+        return lines
 
     def links_to_stop(self, robot_id: str | None) -> list[RobotMonitor]:
         """Return the robots to stop, for a page that has a robot selected.

@@ -16,7 +16,12 @@ from tsd_twin.dashboard.scene.client_views import SceneExecutor
 from tsd_twin.dashboard.sessions.lease import LeaseClient
 from tsd_twin.dashboard.sessions.map_data import MapData
 from tsd_twin.dashboard.sessions.navigation import NavigationSession
-from tsd_twin.dashboard.sessions.page_session import VIEWER_REFUSAL, PageSession, PageSocket
+from tsd_twin.dashboard.sessions.page_session import (
+    VIEWER_REFUSAL,
+    WATCH_REFUSAL,
+    PageSession,
+    PageSocket,
+)
 from tsd_twin.dashboard.sessions.previews import LookBackSession, PreviewSession
 from tsd_twin.dashboard.sessions.principal import shown_name
 from tsd_twin.dashboard.sessions.stops import LiveRobots
@@ -48,6 +53,7 @@ from tsd_twin.dashboard.wire.from_page import (
 )
 from tsd_twin.dashboard.wire.to_page import (
     ActionReply,
+    MapState,
     RobotEvent,
     RobotState,
     encode_message,
@@ -78,7 +84,7 @@ class Session(PageSession):
         super().__init__(socket, live, scene)
         self._sent_link: RobotMonitor | None = None
         self._role, page = self.principal.identity.role, self.page
-        self._directory, executor = live.directory, live.executor
+        self._directory, executor = self._live.directory, live.executor
         self._lease_client = LeaseClient(
             self._operator, executor, self.send, lambda why: self._teleop.release(why)
         )
@@ -89,8 +95,8 @@ class Session(PageSession):
             self.send,
         )
         self._student = StudentSession(executor, self.send, self._show_student)
-        self._look_back = LookBackSession(page, live.directory, scene)
-        self._preview = PreviewSession(page, live.directory, scene, self._queue)
+        self._look_back = LookBackSession(page, self._directory, scene)
+        self._preview = PreviewSession(page, self._directory, scene, self._queue)
         self._motion: DriveCommand | FollowPlan | None = None
         self._map_data = map_data
         self._shows_shadow = False
@@ -176,14 +182,21 @@ class Session(PageSession):
                 self._rename(message)
             case PageHeartbeat():
                 self._on_heartbeat(message)
-            case LeaseAction() if self._role is Role.VIEWER:
-                self.send(ActionReply(to="lease", ok=False, why=VIEWER_REFUSAL))
+            case LeaseAction() if (why := self._control_refusal()) is not None:
+                self.send(ActionReply(to="lease", ok=False, why=why))
             case LeaseAction():
                 self._on_lease_action(message)
             case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
                 self._request_as_holder(message)
             case _:
                 self._show(message)
+
+    def _control_refusal(self) -> Reason | None:
+        """Return why the page may not control its robot, if so."""
+        if self._role is Role.VIEWER:
+            return VIEWER_REFUSAL
+        watched = self.robot_id is not None and not self.principal.rights.may_use(self.robot_id)
+        return WATCH_REFUSAL if watched else None
 
     def _show(self, message: DisplayMessage | LookBack | PreviewRequest) -> None:
         match message:
@@ -296,12 +309,15 @@ class Session(PageSession):
             route=self._teleop.navigation.route_state,
             plot=self._plot_values(),
             camera=self._scene.camera_state(self.page),
-            map=self._map_data.state(self.robot_id or "") if self._shows_map else None,
+            map=self._map_state() if self._shows_map else None,
             past=self._look_back.show(self.robot_id),
             shadow=robot.shadow.report() if self._shows_shadow and robot else None,
         )
         self._queue.put_state(state.status_seq, encode_message(state))
         self._preview.refresh()
+
+    def _map_state(self) -> MapState:
+        return self._directory.on_map(self._map_data.state(self.robot_id or ""))
 
     def _plot_values(self) -> dict[str, float | None]:
         robot = self._directory.robot(self.robot_id) if self._plot_fields else None
@@ -312,7 +328,7 @@ class Session(PageSession):
     def send_map_lines(self, *, trails: bool) -> None:
         """Send paths and, if requested, trails, if the page shows its map."""
         if self._shows_map:
-            self.send(self._map_data.lines(trails=trails))
+            self.send(self._directory.lines_on_map(self._map_data.lines(trails=trails)))
 
     def send_event(self, event: Event, *, past: bool = False, age_s: float = 0.0) -> None:
         """Send an event of the selected robot."""

@@ -46,7 +46,9 @@ class SessionManager:
         self.directory = RobotDirectory(links, self._executor, roster)
         """All robots visible to pages."""
         self.live = LiveRobots(
-            self.directory, self._executor, FleetFeed(self.directory, scene.reach_m)
+            self.directory,
+            self._executor,
+            FleetFeed(self.directory, scene.reach_m, self.is_shown),
         )
         """What pages stop and list, also those with a recording."""
         self._on_opened = on_opened
@@ -127,6 +129,10 @@ class SessionManager:
                 session.on_robots_changed()
 
         self._call_soon(call)
+
+    def is_shown(self, robot_id: str) -> bool:
+        """Return whether a page has a robot selected; thread-safe."""
+        return any(each.robot_id == robot_id for each in list(self._sessions.values()))
 
     def _sessions_showing(self, robot_id: str) -> list[Session]:
         return [each for each in self._sessions.values() if each.robot_id == robot_id]

@@ -13,6 +13,7 @@ from tsd_twin.client import procedures
 from tsd_twin.client.monitor import RobotMonitor, Snapshot
 from tsd_twin.dashboard.sessions.fleet_feed import FleetFeed
 from tsd_twin.dashboard.sessions.lease import RpcExecutor
+from tsd_twin.dashboard.sessions.permitted_robots import PermittedRobots
 from tsd_twin.dashboard.sessions.robot_directory import LIVE_TIMEOUT_S, RobotDirectory
 from tsd_twin.dashboard.wire.fleet import StopResult
 from tsd_twin.dashboard.wire.from_page import StopCommand
@@ -63,7 +64,7 @@ def _is_latched(snapshot: Snapshot) -> bool:
 class LiveRobots:
     """The robots of the bus, for all pages; pages with a recording stop and list them, too."""
 
-    directory: RobotDirectory
+    directory: RobotDirectory | PermittedRobots
     executor: RpcExecutor
     feed: FleetFeed
 

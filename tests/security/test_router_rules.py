@@ -1,0 +1,79 @@
+"""Rules of a router against those of a robot that listens, for any rights."""
+
+from __future__ import annotations
+
+import itertools
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.security.test_access_rules import KEYS, MESSAGES, may
+from tsd_twin.security import Role, access_control, client
+from tsd_twin.security.router_rules import ALL, RobotRights, router_access_control
+
+ROBOTS = ("tsd", "lab2", "lab3")
+ROLES = (Role.OPERATOR, Role.VIEWER, Role.SENSOR, Role.RECORDER)
+QUESTIONS = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
+NAME = "alice"
+OTHERS = ("bob", "alice2")
+SOME = st.frozensets(st.sampled_from([*ROBOTS, ALL]))
+
+
+def alone(role: Role) -> set[tuple[str, str, str]]:
+    """Return what a certificate may do with a robot that listens itself."""
+    return passing(access_control([client(NAME, role)]), NAME)
+
+
+def passing(rules: dict[str, object], name: str, robot: str = "tsd") -> set[tuple[str, str, str]]:
+    """Return flow, message and key, below `tsd`, of all that passes for a robot."""
+    return {
+        (flow, message, key)
+        for flow, message, key in itertools.product(("ingress", "egress"), MESSAGES, KEYS)
+        if may(name, flow, message, key.replace("twin/tsd/", f"twin/{robot}/"), rules)
+    }
+
+
+AS = {role: alone(role) for role in ROLES}
+
+
+def is_question(case: tuple[str, str, str]) -> bool:
+    flow, message, key = case
+    return flow == "ingress" and (message in QUESTIONS or (message == "query" and "@adv" in key))
+
+
+@given(st.sampled_from(ROLES), SOME, SOME)
+def test_rights_on_a_robot_are_those_of_the_role_of_a_viewer_or_only_questions(
+    role: Role, use: frozenset[str], watch: frozenset[str]
+) -> None:
+    rights = RobotRights(use, watch)
+    people = [client(NAME, role), *(client(name, Role.OPERATOR) for name in OTHERS)]
+    rules = router_access_control(ROBOTS, people, {NAME: rights})
+    for robot in ROBOTS:
+        found = passing(rules, NAME, robot)
+        if ALL in use or robot in use:
+            assert found == AS[role]
+        elif ALL in watch or robot in watch:
+            assert {case for case in found if not is_question(case)} == {
+                case for case in AS[Role.VIEWER] if not is_question(case)
+            }
+        else:
+            assert all(map(is_question, found))
+        assert passing(rules, "bob", robot) == set()
+
+
+@given(st.sampled_from(ROBOTS))
+def test_a_robot_may_do_what_its_clients_expect_below_its_own_id_only(robot: str) -> None:
+    rules = router_access_control(ROBOTS, [], {})
+    every = set().union(*AS.values())
+    flipped = {("ingress" if f == "egress" else "egress", m, k) for f, m, k in every}
+    found = passing(rules, robot, robot)
+    assert flipped <= found
+    own = {key for key in KEYS if key.endswith("/alive")}
+    extra = {case for case in found - flipped if case[2] not in own}
+    # It passes commands of every operator, whom the router has checked.
+    assert {case[1] for case in extra} <= {"put"}
+    assert all("/cmd/" in case[2] and case[0] == "egress" for case in extra)
+    for other in set(ROBOTS) - {robot}:
+        seen = passing(rules, robot, other)
+        assert not [case for case in seen if case[0] == "ingress"]
+        assert {case[1] for case in seen} <= {*QUESTIONS, "query"}

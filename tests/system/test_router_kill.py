@@ -1,0 +1,205 @@
+"""A router dies while a robot is driven through it: robot, router and dashboard are processes."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Generator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.app.conftest import Program, starting
+from tests.support.fault_stage import SPEED_MPS, Observer, send_signal
+from tests.support.page_client import Page
+from tests.support.result_table import Table, stands_still
+from tests.support.robot_node import PATIENCE_S, QUICK
+from tsd_twin.bus import Bus, from_file
+from tsd_twin.messages import topics
+from tsd_twin.messages.status import RobotStatus
+
+pytestmark = pytest.mark.system
+
+ID = "lab1"
+AWAY_S = (0.0, 0.4, 1.5, 3.0)
+"""For how long the router is away; 1 s is the lease of its links, 2 s that of control."""
+HELD_S = 1.5
+"""For how long nothing may move although the stick is held, once the robot is back."""
+SLACK_S = 2.0
+"""On top of the second in which robots are back: programs on a busy machine."""
+_PUSHES, _FAST_S = 5, 3.0
+
+
+class FileObserver(Observer):
+    """Observer of the file that a traced mock writes; it needs no bus."""
+
+    def __init__(self, file: Path) -> None:
+        self._news = threading.Condition()
+        self.truth = []
+        self.status = RobotStatus("disarmed")
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._read, args=(file,))
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def _read(self, file: Path) -> None:
+        with file.open(encoding="ascii") as lines:
+            text = ""
+            while not self._ended.is_set():
+                text += lines.readline()
+                if not text.endswith("\n"):
+                    time.sleep(0.005)
+                    continue
+                robot_s, x, y, speed = map(float, text.split())
+                text = ""
+                with self._news:
+                    self.truth.append((robot_s, np.array([x, y]), speed))
+                    self._news.notify_all()
+
+
+class Lab:
+    """A router that can be killed, one robot, the dashboard of an operator, and its page."""
+
+    def __init__(self, start: Callable[..., Program], folder: Path) -> None:
+        self._start, self._keys = start, folder / "keys"
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            where = f"tls/127.0.0.1:{probe.getsockname()[1]}"
+        flags = ("--router-host", "127.0.0.1", "--listen", where, "--robot", ID)
+        people = ("--operator", "alice", "--robots", ID)
+        assert start("tsd_certs", str(self._keys), *flags, *people).wait() == 0
+        (folder / "quick.toml").write_text(QUICK, encoding="utf-8")
+        trace = folder / "trace"
+        robot = ("--zenoh-config", str(self._keys / f"{ID}.json5"))
+        # Before the router, which it waits for, as a robot does that is switched on first.
+        mock = start(
+            "tests.support.traced_mock", str(trace), "--robot", str(folder / "quick.toml"), *robot
+        )
+        self.router = start("tsd_router", str(self._keys / "router.json5"))
+        self.router.ready()
+        mock.ready()
+        self.observer = FileObserver(trace)
+        dashboard = start(
+            "tsd_dashboard", "--port", "0", "--zenoh-config", str(self._keys / "alice.json5")
+        )
+        (port,) = re.findall(r"http://127\.0\.0\.1:(\d+)", dashboard.ready())
+        self.page = Page(int(port), "a" * 16, user="alice")
+
+    def close(self) -> None:
+        self.page.close()
+        self.observer.close()
+
+    def kill_router(self) -> float:
+        """Kill the router, and return the time just before."""
+        at_s = send_signal(self.router.process.pid, signal.SIGKILL)
+        self.router.wait()
+        return at_s
+
+    def start_router(self) -> float:
+        """Start the router, and return when it listened."""
+        self.router = self._start("tsd_router", str(self._keys / "router.json5"))
+        self.router.ready()
+        return time.monotonic()
+
+    def ready(self) -> None:
+        """Have the page in control of the armed robot, its stick released."""
+        self.page.let_go()
+        # What it showed before the router went is no state of now.
+        before = len(self.page.messages)
+        self.page.until(lambda: any(m["t"] == "state" for m in self.page.messages[before:]))
+        self.page.make_ready()
+
+    def drive_fast(self) -> None:
+        """Hold the stick until the robot is fast; push again where a busy machine stops it."""
+        for _ in range(_PUSHES):
+            self.page.drive(SPEED_MPS)
+            if self.observer.gets_fast(_FAST_S):
+                return
+            self.page.let_go()
+            self.ready()
+        raise AssertionError(f"never {SPEED_MPS} m/s")
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Generator[Lab]:
+    with starting() as start:
+        it = Lab(start, tmp_path_factory.mktemp("router"))
+        try:
+            yield it
+        finally:
+            it.close()
+
+
+@pytest.mark.parametrize("away_s", AWAY_S)
+def test_a_robot_stops_when_its_router_dies_and_moves_only_after_a_new_push(
+    lab: Lab, table: Table, away_s: float
+) -> None:
+    lab.ready()
+    lab.drive_fast()
+    killed_s = lab.kill_router()
+    lab.observer.until_rest()
+    lab.observer.until_time(killed_s + away_s)
+    stands_still(lab.observer.run_since(killed_s))
+
+    before = len(lab.page.messages)
+    listening_s = lab.start_router()
+    lab.page.until(lambda: any(m["t"] == "state" for m in lab.page.messages[before:]))
+    assert time.monotonic() - listening_s <= 1.0 + SLACK_S
+    assert lab.page.holds is not None
+    lab.observer.until_time(time.monotonic() + HELD_S)
+    run = lab.observer.run_since(killed_s)
+    stands_still(run)
+    table.add(f"SIGKILL of the router, {away_s:g} s away", run, "stick held all the time")
+
+    lab.ready()
+    lab.drive_fast()
+    lab.page.let_go()
+    lab.observer.until_rest()
+
+
+def test_a_router_that_is_killed_again_and_again_moves_nothing(lab: Lab) -> None:
+    """Ten times, at moments in which robot and dashboard are about to be back, stick held."""
+    lab.ready()
+    lab.drive_fast()
+    killed_s = lab.kill_router()
+    for number in range(10):
+        lab.start_router()
+        lab.observer.until_time(time.monotonic() + 0.07 * number)
+        lab.kill_router()
+    lab.start_router()
+    lab.observer.until_time(time.monotonic() + HELD_S)
+    stands_still(lab.observer.run_since(killed_s))
+    lab.ready()
+    lab.drive_fast()
+    lab.page.let_go()
+    lab.observer.until_rest()
+
+
+def test_a_session_is_back_within_a_second_after_the_router_listens(lab: Lab) -> None:
+    """The longest pause between attempts is half a second; a busy machine adds to it."""
+    came_s: list[float] = []
+    arrived = threading.Event()
+
+    def on_status(_sample: object) -> None:
+        came_s.append(time.monotonic())
+        arrived.set()
+
+    with Bus(from_file(str(lab._keys / "alice.json5"))) as bus:
+        bus.subscribe(topics.STATUS.key(ID), on_status)
+        for away_s, _ in itertools.product((0.3, 2.5), range(2)):
+            assert arrived.wait(PATIENCE_S)
+            lab.kill_router()
+            time.sleep(away_s)
+            came_s.clear()
+            arrived.clear()
+            listening_s = lab.start_router()
+            assert arrived.wait(PATIENCE_S)
+            assert came_s[0] - listening_s <= 1.0 + SLACK_S
