@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-bundle check-firmware web bench attack soak format lock docs pictures meshes clean firmware mutants planted-faults robot-in-a-box avr
+.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-bundle check-firmware web bench attack soak format lock docs pictures meshes clean firmware mutants laws planted-faults robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -70,6 +70,9 @@ format: .venv/.dev .venv/.web ## Format and mend what can be mended
 
 firmware: avr ## Build the firmware of the controller board
 	@$(MAKE) --no-print-directory -C firmware
+
+laws: .venv/.dev ## Print the names of all tests by topic, as a specification; ARGS=safety is one topic
+	@$(BIN)/python -m tests.support.laws $(ARGS)
 
 planted-faults: .venv/.dev ## Count how often tests catch planted faults, quiet and under load; ARGS="--runs 3"
 	$(BIN)/python -m tests.planted_faults $(ARGS)
