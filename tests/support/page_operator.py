@@ -16,7 +16,7 @@ from tests.support.withheld import budget
 
 WATCHED_S = 0.6
 """For how long nothing may move after the last thing that happened."""
-_PRESSES = 6
+_PRESSES = 10
 _PRESS_S = 5.0
 
 
