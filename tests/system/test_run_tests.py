@@ -1,4 +1,4 @@
-"""`scripts/run_tests` reruns no failure, and fails if the machine withheld too much time."""
+"""`scripts/run_tests` names what it ran again, and fails if too much time was withheld."""
 
 from __future__ import annotations
 
@@ -51,7 +51,10 @@ def run_in(folder: Path, files: dict[str, str], **variables: str) -> tuple[int, 
     (folder / ".venv/bin").mkdir(parents=True)
     pytest_script = folder / ".venv/bin/pytest"
     pytest_script.write_text(f'#!/bin/sh\nexec {sys.executable} -m pytest "$@"\n', "ascii")
-    pytest_script.chmod(0o755)
+    python = folder / ".venv/bin/python"
+    python.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n', "ascii")
+    for script in (pytest_script, python):
+        script.chmod(0o755)
     shutil.copy(ROOT / "scripts/run_tests", folder)
     done = subprocess.run(
         [folder / "run_tests"],
@@ -86,13 +89,20 @@ def test_runs_in_turn_do_not_overlap_except_those_that_only_compute(tmp_path: Pa
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("mark", ["timed", "programs", "busy"])
-def test_a_test_that_would_pass_when_run_again_fails_the_run(tmp_path: Path, mark: str) -> None:
-    files = {"test_once.py": FAILS_ONCE.format(mark=mark), "test_sound.py": SOUND}
-    status, output = run_in(tmp_path, files)
+def test_tests_that_pass_only_alone_are_counted_and_named(tmp_path: Path) -> None:
+    tests = {f"test_{mark}.py": FAILS_ONCE.format(mark=mark) for mark in ("programs", "busy")}
+    status, output = run_in(tmp_path, {**tests, "test_sound.py": SOUND})
+    names = [f"test_{mark}.py::test_fails_once" for mark in ("programs", "busy")]
+    assert status == 0
+    assert f"run again: 2 ({', '.join(names)})\n" in output
+
+
+@pytest.mark.system
+def test_a_test_that_fails_again_fails_the_run_and_is_named(tmp_path: Path) -> None:
+    fails = "import pytest\n\n@pytest.mark.timed\ndef test_wrong(): assert False\n"
+    status, output = run_in(tmp_path, {"test_wrong.py": fails, "test_sound.py": SOUND})
     assert status == 1
-    assert output.endswith(f"failed: {mark} (1)\n")
-    assert (tmp_path / mark).exists()
+    assert "run again: 1 (test_wrong.py::test_wrong)\n" in output
 
 
 @pytest.mark.system
