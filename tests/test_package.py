@@ -94,7 +94,7 @@ def test_what_the_wheel_holds_finds_its_own_files(
 
 @pytest.fixture(scope="module")
 def installed(wheel_through_sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The `bin` of a new environment with the wheel; its dependencies are those of this one.
+    """The `bin` of a new environment with the wheel, which shares the dependencies of this one.
 
     They are put on the path as a folder, whose `.pth` files do not count: the editable install of
     the checkout, which is one of these, is not seen. That the dependencies named in the wheel
@@ -115,7 +115,7 @@ def installed(wheel_through_sdist: Path, tmp_path_factory: pytest.TempPathFactor
 
 
 def _run(command: list[str], folder: Path) -> str:
-    """Return what a program prints that is started away from the checkout."""
+    """Return the output of a program that is started outside the checkout."""
     done = run_outside(command, folder)
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -72,7 +72,7 @@ def test_a_process_that_sleeps_next_to_one_that_spins_misses_next_to_nothing(cpu
 
 
 def test_a_stopped_process_is_not_ready_to_run(cpu: int) -> None:
-    """To stop it is a fault that a test causes, and no excuse for what comes of it."""
+    """A test that stops a process causes a fault, whose consequences are not excused."""
     with process(SPIN, cpu) as pid:
         os.kill(pid, signal.SIGSTOP)
         os.waitpid(pid, os.WUNTRACED)  # It has to run once more to stop.
@@ -96,7 +96,7 @@ def before_all_others() -> Generator[None]:
 
 
 def test_a_thread_that_waits_for_the_interpreter_is_no_excuse() -> None:
-    """Two threads of one program that compute hold up each other: that is its own doing."""
+    """Computing threads of a program delay each other without any other load."""
     ended = threading.Event()
 
     def compute() -> None:

@@ -37,7 +37,7 @@ MAX_AGE_S = 1.0
 """Of a patient lease: the oldest that a command may be."""
 PAUSE_S = 0.02
 SLOW_MPS = 0.3
-"""What a patient lease allows is a little more."""
+"""Slightly below the speed limit of a lease with `MAX_AGE_S`."""
 
 
 @pytest.fixture(scope="module")
@@ -56,14 +56,14 @@ def scene(lasting: FaultStage) -> Generator[FaultStage]:
 
 
 def watch(scene: FaultStage, fault_s: float, over_s: float, under_way_s: float = 0.0) -> Run:
-    """Look on until some time after all is over, and return what the robot did since the fault."""
+    """Observe until `WATCHED_S` after the last event, and return the run since the fault."""
     scene.observer.until_rest()
     scene.observer.until_time(over_s + WATCHED_S)
     return scene.observer.run_since(fault_s, under_way_s)
 
 
 def drives_again_once_let_go(scene: FaultStage, page: PretendPage) -> None:
-    """A hand that lets go and pushes again moves the robot, so it was not deaf before."""
+    """After a release, a new push moves the robot, so the page was connected before."""
     page.do("release")
     page.get_ready()
     page.do("push", 0.3)
@@ -153,7 +153,7 @@ def test_a_link_that_stalls_and_recovers(scene: FaultStage, table: Table, length
 
 @pytest.mark.parametrize("insists_s", [0.1, 5.0])
 def test_a_link_that_loses_and_delays(scene: FaultStage, table: Table, insists_s: float) -> None:
-    """A person who accepts to be slower drives on as far as the link lets her, then lets go."""
+    """With a patient lease the robot drives on slowly, and stops when the stick is released."""
     page, observer = scene.page(), scene.observer
     page.get_ready(MAX_AGE_S)
     page.do("insist", SPEED_MPS)
@@ -164,7 +164,7 @@ def test_a_link_that_loses_and_delays(scene: FaultStage, table: Table, insists_s
     way_m = observer.way_since(fault_s)
     assert way_m > 0.0
     released_s = page.do("release")
-    # What was pushed before may be under way for as long as the lease says, and then no more.
+    # Commands sent before the release may still arrive until the lease rejects them as too old.
     run = watch(scene, released_s, released_s + 2.0, MAX_AGE_S)
     note = f"at {SLOW_MPS} m/s, let go after {way_m:.2f} m in {insists_s:g} s"
     stands_still(table.add("link loses 10 %, jitter 100 ms", run, note))
@@ -173,7 +173,7 @@ def test_a_link_that_loses_and_delays(scene: FaultStage, table: Table, insists_s
 def test_a_robot_node_that_hangs_or_is_killed(
     tmp_path_factory: pytest.TempPathFactory, table: Table
 ) -> None:
-    """What follows SIGCONT is what the board below the node has done meanwhile, in virtual time."""
+    """After SIGCONT the simulated board catches up in virtual time."""
     with fault_stage(tmp_path_factory.mktemp("node")) as scene:
         page = scene.driving_page()
         observer, pid = scene.observer, scene.mock.process.pid

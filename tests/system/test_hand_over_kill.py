@@ -1,4 +1,4 @@
-"""A dashboard is killed at each step of a hand-over: the robot stands, and control is soon free."""
+"""A dashboard is killed at each step of a hand-over: the robot stops, and control is soon free."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ pytestmark = pytest.mark.system
 
 SPEED_MPS = 0.5
 SLACK_S = 0.5
-"""On top of what is documented: 20 states a second, and requests as rare as a page may send."""
+"""Added to the documented times: the period of states, and the longest one of requests."""
 ALICE, BOB = "a" * 16, "b" * 16
 
 
 class Desk:
-    """A page, and the dashboard that serves it in a process of its own."""
+    """A page and the process of its dashboard."""
 
     def __init__(self, program: Program, name: str) -> None:
         self.program = program
@@ -46,7 +46,7 @@ class Desk:
 
 
 class Dashboards:
-    """Dashboards of one robot: those that no test has killed serve the next, too."""
+    """Dashboards of a robot; those that a test has not killed serve the next test, too."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
@@ -123,7 +123,7 @@ class Two:
     def drives_on(self, fault_s: float) -> None:
         """Fail when the robot has begun to stop since."""
         stops = self.robot.observer.status.stops
-        self.robot.observer.until_time(fault_s + 0.6)  # Longer than a command stands.
+        self.robot.observer.until_time(fault_s + 0.6)  # Longer than a command is valid.
         assert self.robot.observer.gets_fast(0.5, SPEED_MPS)
         assert self.robot.observer.status.stops == stops
 
@@ -207,7 +207,7 @@ def test_the_asker_s_dies_and_the_holder_drives_on_and_what_was_granted_to_it_is
 
 
 def test_the_former_holder_s_dies_while_control_is_kept_and_the_asker_takes_it(two: Two) -> None:
-    """The asker's hangs meanwhile, so that the robot keeps control for it."""
+    """The requester's dashboard hangs, so the robot reserves control for it."""
     two.there.signal(signal.SIGSTOP)
     granted_s = two.grant()
     two.kept_for_bob()

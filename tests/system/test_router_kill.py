@@ -112,7 +112,7 @@ class Lab:
     def ready(self) -> None:
         """Have the page in control of the armed robot, its stick released."""
         self.page.let_go()
-        # What it showed before the router went is no state of now.
+        # Its last state is from before the router was killed.
         before = len(self.page.messages)
         self.page.until(lambda: any(m["t"] == "state" for m in self.page.messages[before:]))
         self.page.make_ready()
@@ -184,7 +184,7 @@ def test_a_router_that_is_killed_again_and_again_moves_nothing(lab: Lab) -> None
 
 
 def test_a_session_is_back_within_a_second_after_the_router_listens(lab: Lab) -> None:
-    """The longest pause between attempts is half a second; a busy machine adds to it."""
+    """The longest pause between attempts is half a second, to which a busy machine adds."""
     came_s: list[float] = []
     arrived = threading.Event()
 

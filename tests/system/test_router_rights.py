@@ -103,7 +103,7 @@ def test_no_subscription_shows_another_robot(stage: RouterStage, name: str) -> N
         everything.until(lambda sample: sample.key == topics.ODOM.key(HIS))
         publish_everything(bob, stage.robots[HIS].bus)
         everything.until(lambda sample: sample.payload == SECRET)
-        for _ in range(3):  # Of 20 a second, on the same way.
+        for _ in range(3):  # They arrive 20 times a second in the same session.
             hers.until(lambda _: True)
     assert {sample.key.split("/")[1] for sample in seen.heard} == {HERS}
 
@@ -248,7 +248,7 @@ def test_a_robot_may_be_watched_and_stopped_but_not_driven(stage: RouterStage, n
 
 
 def test_a_robot_cannot_act_as_another(telling: RouterStage) -> None:
-    """Nor read what is sent to it, with a certificate that is a robot's."""
+    """With its certificate, it cannot read messages to another robot either."""
     forged = [topics.STATUS.key(HIS), topics.ODOM.key(HIS), topics.event_key(HIS, "mode")]
     asked: list[object] = []
     hers = telling.robots[HERS].bus

@@ -44,7 +44,7 @@ budget.tallies["robot"].add({withheld_s}, 30.0)
 
 
 def run_in(folder: Path, files: dict[str, str], **variables: str) -> tuple[int, str]:
-    """Return exit status and output of a run over a project of its own."""
+    """Return exit status and output of a run over a separate project."""
     (folder / "pytest.ini").write_text(SETTINGS, "ascii")
     for name, text in files.items():
         (folder / name).write_text(text, "ascii")

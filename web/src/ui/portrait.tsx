@@ -1,4 +1,4 @@
-// Rendered picture of a robot; a drawing stands in its place until it is loaded, or if there is none.
+// Rendered picture of a robot, with a drawing as its placeholder.
 
 import type { ComponentChild } from "preact";
 import { useState } from "preact/hooks";
