@@ -33,9 +33,9 @@ http {{
 
 
 def executable() -> str:
-    """Return the nginx that `scripts/ensure_nginx` looks for."""
+    """Return the nginx that `scripts/ensure_servers` looks for."""
     found = shutil.which("nginx") or shutil.which("nginx", path="/usr/sbin")
-    assert found, "there is no nginx: run scripts/ensure_nginx"
+    assert found, "there is no nginx: run scripts/ensure_servers"
     return found
 
 
