@@ -6,6 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Generator
+from itertools import pairwise
 
 import pytest
 from websockets.exceptions import InvalidStatus
@@ -20,7 +21,9 @@ from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.socket_limits import GRACE, POLICY_VIOLATION, TELEOP, TOO_MUCH
 from tsd_twin.dashboard.scene.client_views import BackgroundWorker
 from tsd_twin.dashboard.sessions.teleop import ZERO_REPEATS
+from tsd_twin.messages.commands import Command
 
+RELEASES = 5
 TOO_MANY = round((1.0 + GRACE) * TELEOP.messages.burst) + 100
 FLOOD = '{"t":"clear_plan"}'
 STOP_S = 0.5
@@ -197,14 +200,21 @@ def test_the_next_motion_ends_the_zeros_of_the_last(served: Site) -> None:
         page.make_ready()
         page.drive()
         commands = CommandRecorder(served, page)
-        for _ in range(5):
+        for _ in range(RELEASES):
             page.send(t="release")
             time.sleep(0.015)
-        page.until(lambda: page.mode == "driving")
+        sent: list[Command] = []
+
+        def drives_on() -> bool:
+            sent.extend(commands.take())
+            return bool(sent) and all(command.twist.any() for command in sent[-10:])
+
         settle(page)
-        assert all(command.twist.any() for command in commands.take()[-3:])
-        numbers = [command.seq for command in commands.take()]
+        page.until(drives_on)
+        numbers = [command.seq for command in sent]
         assert numbers == sorted(numbers)
+        moving = [bool(command.twist.any()) for command in sent]
+        assert sum(before and not after for before, after in pairwise(moving)) <= RELEASES
 
 
 # Work that a page causes on another thread.
