@@ -8,7 +8,7 @@ with program.requires("tsd-lab", "lab"):
     from tsd_twin.calibration import calibrate, zeroing
     from tsd_twin.cli.experiment import Experiment, Output
     from tsd_twin.cli.experiments import run_experiments
-    from tsd_twin.lab import health, motors, papers, rerun, square, tracking
+    from tsd_twin.lab import health, motors, papers, remote, rerun, square, tracking
 
 
 EXPERIMENTS: tuple[Experiment, ...] = (
@@ -22,6 +22,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     tracking.OMNI_PATHS,
     papers.ATLAS,
     rerun.EXPERIMENT,
+    remote.EXPERIMENT,
 )
 """Experiments of `tsd-lab`, one module each."""
 

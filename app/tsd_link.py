@@ -6,13 +6,15 @@ import argparse
 
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.cli import flags, program
-from tsd_twin.link_emulation import LinkEmulator, LinkSpec
+from tsd_twin.link_emulation import PROFILES, LinkEmulator, LinkSpec
 
 PARSER = program.parser(
     "tsd-link",
     "A bad link between a dashboard and a robot.",
     [
         "tsd-link --link delay=150ms,jitter=30ms,loss=2%    a far robot",
+        "tsd-link --link transatlantic                      from another continent",
+        "tsd-link --link satellite,loss=5%                  through a satellite, in rain",
         "tsd-link --link stall=2s@10s                       a link that hangs every 10 s",
         "tsd-link --link bandwidth=1Mbit                    a thin one",
         "tsd-link --link loss=5%,reorder=5% --target udp/127.0.0.1:7447",
@@ -33,8 +35,8 @@ def simulate(args: argparse.Namespace) -> None:
 def main() -> None:
     """Parse the flags and run."""
     text = (
-        "what is bad about it: delay, jitter, loss, reorder, stall, bandwidth, seed; "
-        "see the examples"
+        f"a profile ({', '.join(PROFILES)}), and what is bad about it: delay, jitter, wander, "
+        "loss, reorder, stall, bandwidth, seed; see the examples"
     )
     flags.add(PARSER, "--link", text, metavar="SPEC", required=True)
     text = "where the robot listens, tcp or udp"

@@ -53,6 +53,7 @@ LAB = {
     "lab_calibrate": "calibrate --seed 1",
     "lab_omni_step": "omni-step",
     "lab_omni_paths": "omni-paths",
+    "lab_remote": "remote",
     "lab_atlas": "atlas",
 }
 """Experiment for each picture, as listed in docs/lab.md."""

@@ -22,7 +22,7 @@ from tests.support.link_runs import (
     stalls,
     travel,
 )
-from tsd_twin.link_emulation import LinkSpec, Stall
+from tsd_twin.link_emulation import LinkSpec, Stall, Wander
 from tsd_twin.link_emulation.link import DETOUR_S
 
 unhurried = settings(deadline=None)
@@ -170,6 +170,22 @@ def test_packets_in_a_row_arrive_as_far_apart_as_the_bandwidth_makes_them(
 @given(specs(), journeys())
 def test_the_same_seed_gives_the_same_journey(spec: LinkSpec, packets: list[Sent]) -> None:
     assert travel(link(spec), packets) == travel(link(spec), packets)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_delay_wanders_between_periods_and_is_constant_within_one(seed: int) -> None:
+    """Both directions of a path wander alike, whatever their jitter would be."""
+    spec = LinkSpec(delay_s=0.02, wander=Wander(0.01, 1.0), seed=seed)
+    extra_ms: dict[int, set[float]] = {}
+    for packet, at_s in travel(link(spec), paced(20_000, 0.1)):
+        extra_ms.setdefault(int(packet.at_s + ROUNDING_S), set()).add(
+            round(1e3 * (at_s - packet.at_s - 0.02), 6)
+        )
+    assert all(len(each) == 1 for each in extra_ms.values())
+    found = [each.pop() for each in extra_ms.values()]
+    assert 0.0 <= min(found) < 0.1
+    assert 9.9 < max(found) <= 10.0
+    assert math.fsum(found) / len(found) == pytest.approx(5.0, abs=5.0 * 2.9 / len(found) ** 0.5)
 
 
 def test_another_seed_gives_another_journey() -> None:

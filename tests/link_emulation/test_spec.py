@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsd_twin.errors import TwinError
-from tsd_twin.link_emulation import LinkError, LinkSpec, Stall
+from tsd_twin.link_emulation import PROFILES, LinkError, LinkSpec, Stall, Wander
 
 unhurried = settings(deadline=None)
 
@@ -24,8 +26,17 @@ def stalls(draw: st.DrawFn) -> Stall:
     return Stall(length_s, draw(st.floats(length_s + 0.0011, 1e4)))
 
 
+wanders = st.builds(Wander, times_s, st.floats(0.001, 1e4))
 specs = st.builds(
-    LinkSpec, times_s, times_s, shares, shares, st.none() | stalls(), rates, st.integers(0, 2**63)
+    LinkSpec,
+    times_s,
+    times_s,
+    shares,
+    shares,
+    st.none() | stalls(),
+    rates,
+    st.integers(0, 2**63),
+    st.none() | wanders,
 )
 
 
@@ -43,6 +54,7 @@ def test_what_is_written_reads_the_same_to_the_last_bit(spec: LinkSpec) -> None:
         ("delay=0.5s", LinkSpec(delay_s=0.5)),
         ("delay=1500us", LinkSpec(delay_s=0.0015)),
         ("jitter=30ms", LinkSpec(jitter_s=0.03)),
+        ("wander=10ms@15s", LinkSpec(wander=Wander(0.01, 15.0))),
         ("loss=2%", LinkSpec(loss=0.02)),
         ("reorder=0.1%", LinkSpec(reorder=0.001)),
         ("stall=2s@10s", LinkSpec(stall=Stall(2.0, 10.0))),
@@ -58,6 +70,24 @@ def test_each_word_is_read_with_its_unit(text: str, spec: LinkSpec) -> None:
     assert LinkSpec.parse(text) == spec
 
 
+@pytest.mark.parametrize("name", PROFILES)
+def test_a_profile_is_a_link_whose_properties_may_be_replaced(name: str) -> None:
+    link = PROFILES[name].link
+    assert LinkSpec.parse(name) == LinkSpec.parse(str(link)) == link
+    assert LinkSpec.parse(f"{name},loss=7%") == replace(link, loss=0.07)
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_the_docs_have_each_profile_with_its_figures(name: str) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "link.md").read_text("utf-8")
+    assert f"| `{name}` | `{PROFILES[name].link}` | " in page
+
+
+def test_a_profile_comes_first() -> None:
+    with pytest.raises(LinkError, match="profile: wifi, 4g, satellite, transatlantic"):
+        LinkSpec.parse("loss=7%,wifi")
+
+
 def test_the_largest_fitting_unit_is_written_and_the_default_is_left_away() -> None:
     text = "delay=150ms,jitter=30ms,loss=2%,reorder=0.5%,stall=2s@10s,bandwidth=1.5Mbit,seed=7"
     assert str(LinkSpec.parse(text)) == text
@@ -68,7 +98,8 @@ def test_the_largest_fitting_unit_is_written_and_the_default_is_left_away() -> N
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("dealy=150ms", ["'dealy'", "did you mean 'delay'", "valid are delay, jitter, loss"]),
+        ("dealy=150ms", ["'dealy'", "did you mean 'delay'", "valid are delay, jitter, wander"]),
+        ("wander=10ms", ["wander: '10ms' does not say how often", "10ms@15s"]),
         ("colour=red", ["'colour'", "valid are", "bandwidth"]),
         ("delay", ["'delay' has no value", "delay=150ms"]),
         ("loss=", ["'loss=' has no value", "loss=2%"]),

@@ -7,6 +7,7 @@ if no response or status arrives, and `ControlLost` if they need the lease and i
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from typing import Any, TypeVar
 
@@ -36,6 +37,8 @@ from tsd_twin.messages.topics import Service
 ReplyT = TypeVar("ReplyT", Reply, LeaseReply)
 
 _ARMING_S = 60.0
+_IN_FLIGHT_S = 0.1
+"""A status that arrives this soon after a response may predate it; on slow links, later ones."""
 _REST_S = 10.0
 _SETTLE_S = 3.0
 """The latest status shows a new holder or a centred stick well before this timeout."""
@@ -379,8 +382,8 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
         RobotStopped: If it is stopped or faulty and needs a reset first.
         RobotSilent: If it sends no status.
     """
-    end_s = now_s + _ARMING_S
-    asked = False
+    end_s, settles_s = now_s + _ARMING_S, math.inf
+    asked = begun = False
     while (mode := protocol.mode) is not Mode.READY:
         protocol.check_lease()
         if latched := protocol.latch_reason():
@@ -390,11 +393,10 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
             lease = HolderRequest(protocol.lease_hex)
             now_s = yield from request(protocol, Service.ARM, lease, "arm")
             # A status sent before the response still shows a disarmed robot.
-            asked = True
-            now_s = yield from _next_status(protocol, now_s)
-            now_s = yield from _next_status(protocol, now_s)
+            asked, settles_s = True, now_s + max(_IN_FLIGHT_S, protocol.max_age_s)
             continue
-        if mode is Mode.DISARMED or now_s >= end_s:
+        begun = begun or mode is not Mode.DISARMED
+        if (mode is Mode.DISARMED and (begun or now_s >= settles_s)) or now_s >= end_s:
             status = protocol.latest_status
             reason = status.stop_reason or "it does not get ready"
             raise RequestRefused(protocol.robot_id, "arm", reason, status.stop)

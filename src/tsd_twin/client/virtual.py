@@ -9,30 +9,34 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import msgspec
 import numpy as np
 
 from tsd_twin import robots
-from tsd_twin.client import procedures
 from tsd_twin.client.errors import ClientError
 from tsd_twin.client.link import Link
 from tsd_twin.client.protocol import ControlProtocol, TwistCommand
 from tsd_twin.client.state import RobotState
 from tsd_twin.client.sync import RobotClient
 from tsd_twin.control import RobotController
-from tsd_twin.lie import SE2
+from tsd_twin.lie import SE2, Array
+from tsd_twin.link_emulation.link import LinkModel
+from tsd_twin.link_emulation.spec import LinkSpec
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import Odometry, wrapped_heading
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.status import LoopStatus
+from tsd_twin.messages.status import LoopStatus, RobotStatus
 from tsd_twin.messages.topics import Service
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
 
 PERIOD_S = 0.01
 _STATE_EVERY = 2
+_MESSAGE_BYTES = 700
+"""Approximate size of a status or an odometry message."""
 _STATUS_EVERY = 5
 """Status every 5 periods (20 Hz)."""
 _EXACT = np.zeros((3, 3))
@@ -41,9 +45,19 @@ _NOWHERE = np.zeros(3)
 
 
 class SimulationLink(Link):
-    """Link to a robot in virtual time, with its controller and simulated joints at 100 Hz."""
+    """Link to a robot in virtual time, with its controller and simulated joints at 100 Hz.
 
-    def __init__(self, robot: RobotDescription, simulated: SimRobot, pose: SE2 | None) -> None:
+    `network` delays and drops commands, statuses and the odometry of protocols, like datagrams.
+    Responses of services take its mean delay, and are never lost; renewals take none.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        simulated: SimRobot,
+        pose: SE2 | None,
+        network: LinkSpec = LinkSpec(),  # noqa: B008  Immutable.
+    ) -> None:
         super().__init__()
         self.id = robot.name
         self.virtual = True
@@ -55,7 +69,11 @@ class SimulationLink(Link):
             robot, lambda: next(numbers).to_bytes(16, "big"), pose=pose
         )
         self._tick = 0
-        self._inbox: list[Sample] = []
+        up, down = (np.random.default_rng((network.seed, way)) for way in range(2))
+        self._up = LinkModel[Sample](network, up, 0.0)
+        self._down = LinkModel[Callable[[float], None]](network, down, 0.0)
+        self._one_way_s = network.delay_s + network.jitter_s
+        self._received_seq = 0
         self._poses: list[Sample] = []
         self._mode = self._controller.supervisor.mode
         self._status = self._controller.status(0.0, LoopStatus(), simulated.hardware())
@@ -71,15 +89,22 @@ class SimulationLink(Link):
         return self._tick * round(PERIOD_S * 1e9)
 
     def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:  # noqa: ARG002  Interface.
-        """Call a service of the controller and return its response."""
+        """Call a service of the controller and return its response, after a round trip."""
+        self.sleep_until(self.now_s() + self._one_way_s)
+        answer = self._serve(service, payload)
+        self.sleep_until(self.now_s() + self._one_way_s)
+        return answer
+
+    def _serve(self, service: Service, payload: bytes) -> bytes:
         if service is Service.STOP:
             return msgspec.json.encode(self._controller.stop(payload, self.now_s()))
         return msgspec.json.encode(self._controller.serve(service, payload, self.now_s()))
 
     def send(self, command: TwistCommand) -> None:
-        """Queue a command for the next step."""
+        """Send a command, which arrives at the next step or later."""
         key = topics.twist_key(self.id, command.operator)
-        self._inbox.append(Sample(key, command.payload, command.attachment))
+        sample = Sample(key, command.payload, command.attachment)
+        self._up.send(sample, len(command.payload) + len(command.attachment), self.now_s())
 
     def send_stop(self, payload: bytes) -> None:
         """Stop and latch the robot."""
@@ -96,8 +121,8 @@ class SimulationLink(Link):
 
     def wait_for_status(self, until_s: float) -> None:
         """Advance virtual time to the next status, at most to `until_s`."""
-        seen = self._status_seq
-        while self._status_seq == seen and self.now_s() < until_s - 1e-9:
+        seen = self._received_seq
+        while self._received_seq == seen and self.now_s() < until_s - 1e-9:
             self._step()
 
     def state(self) -> RobotState:
@@ -123,6 +148,7 @@ class SimulationLink(Link):
         protocol.receive_status(self._status, self._status_seq, self.now_s())
         self._protocols.append(protocol)
         self._hand_odometry()
+        self._deliver()
 
     def _step(self) -> None:
         """Run one control period, like the node."""
@@ -133,7 +159,7 @@ class SimulationLink(Link):
         if self._poses:
             self._controller.add_pose_measurements(self._poses, now_s, self.wall_ns())
             self._poses = []
-        inbox, self._inbox = self._inbox, []
+        inbox = self._up.receive(now_s)
         self.simulated.write(self._controller.step(now_s, measured, inbox), now_s)
         for event in self._controller.take_events():
             self._put_event(event)
@@ -143,30 +169,45 @@ class SimulationLink(Link):
             self._hand_odometry()
             if self._states:
                 self._put_state(self.state())
+        self._deliver()
+
+    def _deliver(self) -> None:
+        now_s = self.now_s()
+        for arrive in self._down.receive(now_s):
+            arrive(now_s)
 
     def _send_status(self, now_s: float) -> None:
         self._mode = self._controller.supervisor.mode
         self._status = self._controller.status(now_s, LoopStatus(), self.simulated.hardware())
         self._status_seq += 1
         self._controller.record_status_sent(self._status_seq, now_s)
+        arrive = partial(self._receive_status, self._status, self._status_seq)
+        self._down.send(arrive, _MESSAGE_BYTES, now_s)
+
+    def _receive_status(self, status: RobotStatus, seq: int, now_s: float) -> None:
+        self._received_seq = seq
         for protocol in self._protocols:
-            protocol.receive_status(self._status, self._status_seq, now_s)
+            protocol.receive_status(status, seq, now_s)
 
     def _hand_odometry(self) -> None:
         if self._protocols:
             # Omit covariances, which dominate the cost of odometry.
             pose, twist = self._controller.pose, self._controller.end_twist
             xy_heading = wrapped_heading(pose.xy_heading) if isinstance(pose, SE2) else _NOWHERE
-            for protocol in self._protocols:
-                protocol.receive_odometry(xy_heading, twist, self.now_s())
+            arrive = partial(self._receive_odometry, xy_heading, twist)
+            self._down.send(arrive, _MESSAGE_BYTES, self.now_s())
+
+    def _receive_odometry(self, xy_heading: Array, twist: Array, now_s: float) -> None:
+        for protocol in self._protocols:
+            protocol.receive_odometry(xy_heading, twist, now_s)
 
     def _send_due(self) -> None:
         now_s = self.now_s()
         for protocol in self._protocols:
             if (command := protocol.poll_command(now_s)) is not None:
                 self.send(command)
-            if protocol.renewal_is_due(now_s):
-                self.run(procedures.renew(protocol, now_s))
+            if (renewal := protocol.renewal(now_s)) is not None:
+                protocol.receive_renewal(renewal, self._serve(Service.LEASE, renewal), 0.0)
 
 
 class SimulatedRobot(RobotClient):

@@ -118,13 +118,13 @@ def tracking_errors(xy: Array, reference_xy: Array, path_xy: Array) -> TrackingE
     return TrackingErrors(
         rms_m=float(np.sqrt(np.mean(np.square(error_m)))),
         worst_m=float(error_m.max()),
-        cross_track_m=float(_distances(xy, path_xy).max()),
+        cross_track_m=float(distances_to_path(xy, path_xy).max()),
         closure_m=float(error_m[-1]),
         size_m=float(np.ptp(path_xy, axis=0).max()),
     )
 
 
-def _distances(xy: Array, path_xy: Array) -> Array:
+def distances_to_path(xy: Array, path_xy: Array) -> Array:
     """Return the distance of each of `xy` (n, 2) to the nearest leg between points (m, 2)."""
     start, legs = path_xy[:-1], np.diff(path_xy, axis=0)
     squared = np.maximum(np.square(legs).sum(axis=1), 1e-300)

@@ -101,9 +101,9 @@ Packet = TypeVar("Packet")
 class LinkModel(Generic[Packet]):
     """Emulated link in one direction: delays, reorders and drops packets.
 
-    A packet is delayed by `delay_s` plus jitter, queues, and leaves at the rate of the link.
-    Packets keep their order, so a late one holds up its successors, except for reordered packets,
-    which take a detour. Times are seconds of any non-decreasing clock.
+    A packet is delayed by `delay_s` plus wander and jitter, queues, and leaves at the rate of the
+    link. Packets keep their order, so a late one holds up its successors, except for reordered
+    packets, which take a detour. Times are seconds of any non-decreasing clock.
 
     Args:
         spec: Link properties.
@@ -121,6 +121,7 @@ class LinkModel(Generic[Packet]):
     ) -> None:
         self._spec = spec
         self._random = random
+        self._start_s = start_s
         self._stopwatch = StallClock(start_s, spec.stall)
         self._capacity_bytes = capacity_bytes
         # Times are in running time; the packet count breaks ties.
@@ -153,7 +154,9 @@ class LinkModel(Generic[Packet]):
             self._lost += 1
             return False
         jitter_s = -self._spec.jitter_s * math.log1p(-lateness)
-        there_s = self._stopwatch.read(now_s) + self._spec.delay_s + jitter_s
+        there_s = (
+            self._stopwatch.read(now_s) + self._spec.delay_s + self._wander_s(now_s) + jitter_s
+        )
         if way < self._spec.reorder:
             there_s += DETOUR_S
         else:
@@ -202,6 +205,14 @@ class LinkModel(Generic[Packet]):
         """Replace the specification; the new seed is ignored."""
         self._stopwatch.change(spec.stall, now_s)
         self._spec = spec
+
+    def _wander_s(self, now_s: float) -> float:
+        """Return the additional delay of this period, the same in both directions."""
+        wander = self._spec.wander
+        if wander is None:
+            return 0.0
+        period = max(0, math.floor((now_s - self._start_s) / wander.period_s))
+        return wander.most_s * np.random.default_rng((self._spec.seed, period)).random()
 
     def _through_s(self) -> float:
         there_s, _, size_bytes, _ = self._on_the_way[0]

@@ -1,4 +1,4 @@
-"""Specification of an emulated link: delay, jitter, loss, reordering, rate and stalls.
+"""Specification of an emulated link: delay, jitter, wander, loss, reordering, rate and stalls.
 
 Malformed text and impossible numbers raise a `LinkError`.
 """
@@ -9,8 +9,8 @@ import difflib
 import ipaddress
 import math
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Any, Self
 
@@ -133,6 +133,33 @@ class Stall:
 
 
 @dataclass(frozen=True, slots=True)
+class Wander:
+    """Slow change of the delay, which is constant within a period."""
+
+    most_s: float
+    """Maximum additional delay; each period has a random part of it."""
+    period_s: float
+
+    def __post_init__(self) -> None:
+        if not (0.0 <= self.most_s < math.inf and SHORTEST_S <= self.period_s < math.inf):
+            raise LinkError(
+                f"a delay cannot wander by {self.most_s:g} s every {self.period_s:g} s: "
+                f"a period lasts {TIME.write(SHORTEST_S)} or more"
+            )
+
+    def __str__(self) -> str:
+        return f"{TIME.write(self.most_s)}@{TIME.write(self.period_s)}"
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Parse a wander such as `10ms@15s`."""
+        most, at, period = text.partition("@")
+        if not at:
+            raise LinkError(f"'{text}' does not say how often: write it as 10ms@15s")
+        return cls(TIME.parse(most), TIME.parse(period))
+
+
+@dataclass(frozen=True, slots=True)
 class LinkSpec:
     """Link properties, equal in both directions; the default link is ideal.
 
@@ -151,6 +178,7 @@ class LinkSpec:
     bandwidth_bit_per_s: float = math.inf
     seed: int = 0
     """Random seed of the link."""
+    wander: Wander | None = None
 
     def __post_init__(self) -> None:
         for name, value in (("delay", self.delay_s), ("jitter", self.jitter_s)):
@@ -174,10 +202,20 @@ class LinkSpec:
         return ",".join(words or ["delay=0s"])
 
     @classmethod
-    def parse(cls, text: str) -> Self:
-        """Parse a specification such as `delay=150ms,stall=2s@10s`."""
+    def parse(cls, text: str) -> LinkSpec:
+        """Parse a specification such as `delay=150ms,stall=2s@10s`.
+
+        It may begin with the name of a profile, whose properties those after it replace.
+        """
+        parts = list(filter(None, (part.strip() for part in text.split(","))))
+        if parts and parts[0] in PROFILES:
+            return replace(PROFILES[parts[0]].link, **cls._fields(parts[1:]))
+        return cls(**cls._fields(parts))
+
+    @staticmethod
+    def _fields(parts: Sequence[str]) -> dict[str, Any]:
         fields: dict[str, Any] = {}
-        for part in filter(None, (part.strip() for part in text.split(","))):
+        for part in parts:
             name, _, value = (piece.strip() for piece in part.partition("="))
             word = _word(name)
             if not value:
@@ -188,7 +226,7 @@ class LinkSpec:
                 fields[word.field] = word.parse(value)
             except LinkError as error:
                 raise LinkError(f"{name}: {error}") from error
-        return cls(**fields)
+        return fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,6 +246,7 @@ def _whole(text: str) -> int:
 _WORDS = {
     "delay": _Word("delay_s", TIME.parse, TIME.write, TIME.example),
     "jitter": _Word("jitter_s", TIME.parse, TIME.write, "30ms"),
+    "wander": _Word("wander", Wander.parse, str, "10ms@15s"),
     "loss": _Word("loss", SHARE.parse, SHARE.write, SHARE.example),
     "reorder": _Word("reorder", SHARE.parse, SHARE.write, SHARE.example),
     "stall": _Word("stall", Stall.parse, str, "2s@10s"),
@@ -219,6 +258,55 @@ _WORDS = {
 def _word(name: str) -> _Word:
     if name in _WORDS:
         return _WORDS[name]
-    close = difflib.get_close_matches(name, _WORDS, n=1)
+    close = difflib.get_close_matches(name, [*_WORDS, *PROFILES], n=1)
     hint = f", did you mean '{close[0]}'?" if close else ";"
-    raise LinkError(f"a link has no '{name}'{hint} valid are {', '.join(_WORDS)}")
+    raise LinkError(
+        f"a link has no '{name}'{hint} valid are {', '.join(_WORDS)}, "
+        f"or first a profile: {', '.join(PROFILES)}"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """Link by name."""
+
+    link: LinkSpec
+    source: str
+    """Origin of its figures, and what is assumed."""
+
+
+PROFILES = {
+    "wifi": Profile(
+        LinkSpec(delay_s=0.002, jitter_s=0.009, loss=0.005, stall=Stall(0.1, 1.0)),
+        "busy access points of a campus: half of the round trips of the radio hop above 20 ms, a "
+        "tenth above 100 ms (Pei et al., INFOCOM 2016); loss assumed",
+    ),
+    "4g": Profile(
+        LinkSpec(
+            delay_s=0.016,
+            jitter_s=0.004,
+            wander=Wander(0.007, 5.0),
+            loss=0.001,
+            stall=Stall(0.05, 20.0),
+        ),
+        "47 ms of round trip from a car (Testouri et al., 2025, arXiv:2503.14186), 50 ms of "
+        "interruption by a handover (3GPP TR 36.881); their rate, wander and loss assumed",
+    ),
+    "satellite": Profile(
+        LinkSpec(
+            delay_s=0.011,
+            jitter_s=0.002,
+            wander=Wander(0.008, 15.0),
+            loss=0.01,
+            stall=Stall(0.14, 15.0),
+        ),
+        "Starlink: 33 ms of median round trip (its report of March 2024), new paths every 15 s "
+        "with 140 ms of disturbance (arXiv:2601.08439); wander and loss assumed",
+    ),
+    "transatlantic": Profile(
+        LinkSpec(delay_s=0.09, jitter_s=0.02, loss=0.01),
+        "90 ms of round trip between New York and London are contracts of carriers (Verizon); "
+        "the rest, jitter and loss are poor access on both sides, assumed",
+    ),
+}
+"""Links to try driving over, by name."""
