@@ -230,6 +230,7 @@ NO_SOURCES: Mapping[str, str] = {
     "tsd_twin.hardware.arduino_mega": "the bridge, behind the rules of the node",
     "tsd_twin.adapters.cmd_vel_bridge": "behind Foxglove and ROS",
     "tsd_twin.lab.health": "a script with the client library",
+    "tsd_twin.lab.remote": "drives only its own simulation, through the protocol of the client",
     "tsd_twin.node.robot_node": "the robot: it publishes states",
     "tsd_twin.node.input_log": "publishes the inputs of the controller",
     "tsd_twin.recording.recorder": "publishes notes of a person",
