@@ -27,7 +27,7 @@ from tsd_twin.messages.topics import SENSOR_POSE
 from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
 from tsd_twin.sensors.gyro import Gyro
 from tsd_twin.sensors.pose import Camera, CameraNoise
-from tsd_twin.simulation import SimRobot, simulate
+from tsd_twin.simulation import Simulation, SimRobot, simulate
 
 TIMES_S = (2.0, 5.0, 20.0)
 MOUNTED, CONSTANT = "mounted", "2 cm off"
@@ -65,12 +65,47 @@ def _to_and_fro(t_s: float) -> tuple[float, float, float]:
     return (0.5 if t_s % 4.0 < 2.0 else -0.5, 0.0, 0.0)
 
 
+def _turn_and_translate(t_s: float) -> tuple[float, float, float]:
+    """Drive in a constant direction over the floor while turning."""
+    heading = 1.5 * t_s
+    return (0.5 * math.cos(heading), -0.5 * math.sin(heading), 1.5)
+
+
+def _figure_eight(t_s: float) -> tuple[float, float, float]:
+    return (0.5, 0.0, 0.8 if (0.8 * t_s) % (4.0 * math.pi) < 2.0 * math.pi else -0.8)
+
+
+def _stops(t_s: float) -> tuple[float, float, float]:
+    drives = float(t_s % 4.0 < 3.0)
+    return (0.8 * drives, 0.0, drives * math.sin(t_s))
+
+
+def _reversals(t_s: float) -> tuple[float, float, float]:
+    sign = 1.0 if t_s % 1.0 < 0.5 else -1.0
+    return (0.35 * sign, 0.35 * sign, 0.5 * sign)
+
+
+_FAST_MPS = 10.0
+
+
+def _at_the_cap(t_s: float) -> tuple[float, float, float]:
+    """Drive at full speed, in another direction every two seconds."""
+    angle = 2.4 * math.floor(t_s / 2.0)
+    return (_FAST_MPS * math.cos(angle), _FAST_MPS * math.sin(angle), 0.0)
+
+
 MANOEUVRES: tuple[Manoeuvre, ...] = (
     Manoeuvre("straight 0.5 m/s", lambda _t_s: (0.5, 0.0, 0.0)),
     Manoeuvre("straight 1 m/s", lambda _t_s: (1.0, 0.0, 0.0)),
     Manoeuvre("circle", lambda _t_s: (0.5, 0.0, 0.5)),
     Manoeuvre("wander", _wander),
     Manoeuvre("to and fro", _to_and_fro),
+    Manoeuvre("turn and translate", _turn_and_translate),
+    Manoeuvre("figure eight", _figure_eight),
+    Manoeuvre("stops", _stops),
+    Manoeuvre("reversals", _reversals),
+    Manoeuvre("creep 0.02 m/s", lambda _t_s: (0.02, 0.0, 0.0)),
+    Manoeuvre("at the cap", _at_the_cap),
     Manoeuvre("drive speeds", lambda _t_s: (0.5, 0.0, 0.0), (1.0, 2.0, 1.5, 3.0)),
     Manoeuvre("standing", lambda _t_s: (0.0, 0.0, 0.0)),
 )
@@ -239,13 +274,22 @@ def collected(
     ]
 
 
-def drive(driven: Drive) -> list[tuple[Array, ...]]:
-    """Drive, and return the arrays (times, robots) of `_compared` for each case."""
+def _simulated(driven: Drive, robot: RobotDescription) -> Simulation:
+    """Return the simulated robots of a drive."""
+    plant = driven.cases[0].plant
+    return simulate(robot, driven.batch, seed=driven.first, noise=1.0, errors=1.0, plant=plant)
+
+
+def drive(
+    driven: Drive, make: Callable[[Drive, RobotDescription], Simulation] = _simulated
+) -> list[tuple[Array, ...]]:
+    """Drive, and return the arrays (times, robots) of `_compared` for each case.
+
+    `make` returns the robots; their poses are `SE2`.
+    """
     case = next((case for case in driven.cases if case.odometry == GYRO), driven.cases[0])
     robot = case.described
-    simulation = simulate(
-        robot, driven.batch, seed=driven.first, noise=1.0, errors=1.0, plant=case.plant
-    )
+    simulation = make(driven, robot)
     setpoints, start = driven_setpoints(case.robot, case.manoeuvre, case.times_s[-1])
     count = len(np.atleast_2d(simulation.joints))
     fleets = [_Fleet(case, count, driven.first) for case in driven.cases]
