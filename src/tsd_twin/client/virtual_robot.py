@@ -53,7 +53,7 @@ class VirtualRobot:
         ids = itertools.count(1)
         # The lease need not cap the speed, because virtual links cannot fail.
         limits = msgspec.structs.replace(robot.limits, stop_allowance_m=_ANY_M)
-        robot = msgspec.structs.replace(robot, limits=limits)
+        robot = msgspec.structs.replace(robot, limits=limits).with_delay(simulated.delay_s)
         self.controller = RobotController(robot, lambda: next(ids).to_bytes(16, "big"))
         self.simulated = simulated
         self.now_s = start_s

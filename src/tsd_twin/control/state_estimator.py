@@ -11,6 +11,7 @@ import numpy as np
 
 from tsd_twin.control.sensor_inputs import PoseMeasurements
 from tsd_twin.estimation import (
+    AGE_SHARE,
     OUTAGE_S,
     CoastStep,
     ConsistencyMonitor,
@@ -44,6 +45,8 @@ class StateEstimator:
 
     def __init__(self, robot: RobotDescription) -> None:
         self.kinematics = robot.kinematics()
+        self._delay_s = robot.delay_s
+        """Age of joint measurements; the estimate is of that time, extrapolated to now."""
         self.is_angle = np.array([j.kind is JointKind.POSITION for j in self.kinematics.joints])
         """(n,): True for position joints, False for velocity joints."""
         self._angles = np.flatnonzero(self.is_angle)
@@ -122,17 +125,17 @@ class StateEstimator:
         if self._aux_odom is not None:
             self._aux_odom.follow(joints, self.sensors, motion, dt_s)
         if self._fused is not None:
-            self._fuse(self._fused, now_s)
+            self._fuse(self._fused, now_s - self._delay_s)
         self._consistency.advance(joints, dt_s, modelled=modelled)
 
-    def _fuse(self, fused: FusedEstimate, now_s: float) -> None:
+    def _fuse(self, fused: FusedEstimate, at_s: float) -> None:
         """Fuse the sensor readings, and learn biases from the gyro."""
-        fused.follow(now_s)
-        fused.fuse_readings(self.sensors, now_s)
+        fused.follow(at_s)
+        fused.fuse_readings(self.sensors, at_s)
         if isinstance(self._aux_odom, GyroOdometry) and self._aux_odom.comparison is not None:
             comparison = self._aux_odom.comparison
             by = fused.sensors.padded(comparison.bias_jacobian)
-            fused.learning.compare(now_s, comparison._replace(bias_jacobian=by))
+            fused.learning.compare(at_s, comparison._replace(bias_jacobian=by))
 
     def _coast(self, now_s: float, dt_s: float) -> None:
         """Propagate an outage by `dt_s` to `now_s`, without measurements."""
@@ -141,7 +144,7 @@ class StateEstimator:
         if self._aux_odom is not None:
             self._aux_odom.coast(step, dt_s)
         if self._fused is not None:
-            self._fused.follow(now_s)
+            self._fused.follow(now_s - self._delay_s)
 
     def _step_of_outage(self, dt_s: float) -> CoastStep:
         if self._outage.elapsed_s == 0.0:
@@ -174,7 +177,13 @@ class StateEstimator:
     @property
     def pose(self) -> Any:
         """Estimated pose in `odom`: `SE2` or `SO3`, depending on the kinematics."""
-        return self._output.pose
+        return self._now(self._output)
+
+    def _now(self, estimate: FusedEstimate | WheelOdometry[Any]) -> Any:
+        """Return the pose of an estimate, extrapolated by the age of the joint measurements."""
+        if self._delay_s == 0.0 or not estimate.end_twist.any():
+            return estimate.pose
+        return self.kinematics.integrate(estimate.pose, estimate.end_twist, self._delay_s)
 
     @property
     def mean_twist(self) -> Array:
@@ -195,7 +204,7 @@ class StateEstimator:
 
     def odometry(self, stamp_ns: int) -> Odometry:
         """Return pose in `odom` and twist in `base_link`, with covariances."""
-        return _message(self._output, stamp_ns)
+        return self._message(self._output, stamp_ns)
 
     def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
         """Return the second estimate, or None if there is only one.
@@ -205,10 +214,10 @@ class StateEstimator:
         second = self._aux_odom
         corrected = self._fused is not None and self._fused.is_corrected
         if second is not None and not isinstance(second, ReportedOdometry):
-            return _message(
+            return self._message(
                 self._wheel_odom if self._dead_reckoning is second else second, stamp_ns
             )
-        return _message(self._dead_reckoning, stamp_ns) if corrected else None
+        return self._message(self._dead_reckoning, stamp_ns) if corrected else None
 
     def learned(self) -> Mapping[str, BiasStatus] | None:
         """Return estimated biases by name, or None before a pose sensor or gyro observed any."""
@@ -230,12 +239,9 @@ class StateEstimator:
             contributions=dict(zip(names, (level * verdict.shares).round(4).tolist(), strict=True)),
         )
 
-
-def _message(estimate: FusedEstimate | WheelOdometry[Any], stamp_ns: int) -> Odometry:
-    return Odometry.of(
-        estimate.pose,
-        estimate.end_twist,
-        estimate.pose_covariance,
-        estimate.twist_covariance,
-        stamp_ns,
-    )
+    def _message(self, estimate: FusedEstimate | WheelOdometry[Any], stamp_ns: int) -> Odometry:
+        pose, twist, covariance = self._now(estimate), estimate.end_twist, estimate.pose_covariance
+        if self._delay_s > 0.0 and twist.any():
+            moved = AGE_SHARE * self._delay_s * np.array([*pose.rotate(twist[:2]), twist[2]])
+            covariance = covariance + np.outer(moved, moved)
+        return Odometry.of(pose, twist, covariance, estimate.twist_covariance, stamp_ns)

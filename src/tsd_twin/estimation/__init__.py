@@ -10,6 +10,7 @@ from __future__ import annotations
 from tsd_twin.estimation.bias_filter import BiasFilter
 from tsd_twin.estimation.consistency import ConsistencyMonitor, ConsistencyResult
 from tsd_twin.estimation.odometry_kinds import (
+    AGE_SHARE,
     GyroOdometry,
     ReportedOdometry,
     sensor_odometry_of,
@@ -30,6 +31,7 @@ from tsd_twin.estimation.sensor_correction import SensorCorrection
 from tsd_twin.estimation.wheel_odometry import PlanarOdometry, WheelOdometry, WheelSpeedModel
 
 __all__ = [
+    "AGE_SHARE",
     "OUTAGE_S",
     "REGION_SHARE",
     "BiasFilter",

@@ -47,12 +47,16 @@ def acceleration(before: Array, twist: Array, elapsed_s: float) -> Array:
 
 
 class FloorEffects:
-    """Systematic floor effects on a robot with continuously spinning wheels (1σ, one common cause).
+    """Systematic floor effects on a robot with continuously spinning wheels (1σ).
 
-    The floor slows the wheels and turns the robot against their spin. When the floor accelerates
-    the robot, wheels slip, and driving wheels lose speed for a while. When wheel speeds change, the
-    floor also counteracts the motors' reaction torque.
+    Drag: the floor slows the wheels and turns the robot against their spin. Lag: when the floor
+    accelerates the robot, wheels slip; when wheel speeds change, the floor also counteracts the
+    motors' reaction torque. Lost energy: driving wheels lose speed for a while. Lag grows as
+    friction falls and drag shrinks, so their causes are independent.
     """
+
+    count = 3
+    """Number of causes: drag, lag, lost energy."""
 
     def __init__(self, is_speed: npt.NDArray[np.bool_], errors: FloorErrors) -> None:
         self._is_speed = is_speed
@@ -88,17 +92,21 @@ class FloorEffects:
             self._droop = 0.0
 
     def of_joints(self, joints: Array) -> Array:
-        """Return the errors (n,) of `joints` (n,): friction slows spinning wheels."""
+        """Return the errors (c, n) of `joints` (n,): friction slows spinning wheels."""
         loss_rad_per_s = self.errors.speed_scale_sigma * self.errors.at_rad_per_s
-        return np.where(self._is_speed & (joints > 0.0), -loss_rad_per_s, 0.0)
+        rows = np.zeros((self.count, len(joints)))
+        rows[0] = np.where(self._is_speed & (joints > 0.0), -loss_rad_per_s, 0.0)
+        return rows
 
     def of_twist(self, joints: Array) -> Array:
-        """Return the errors (3,) of the twist at `joints` (n,), in addition to joint errors."""
+        """Return the errors (3, c) of the twist at `joints` (n,), in addition to joint errors."""
         errors = self.errors
         speed = float(joints[self._is_speed].mean()) / errors.at_rad_per_s
-        effect = -self._slip - self._droop / max(speed, _MIN_SPEED) ** 2 * self._twist
-        effect[2] += self.turn_rad_per_s(joints)
-        return effect
+        effects = np.zeros((3, self.count))
+        effects[2, 0] = self.turn_rad_per_s(joints)
+        effects[:, 1] = -self._slip
+        effects[:, 2] = -self._droop / max(speed, _MIN_SPEED) ** 2 * self._twist
+        return effects
 
     def turn_rad_per_s(self, joints: Array) -> float:
         """Return the turn-rate error at `joints` (n,) in steady motion."""
@@ -114,6 +122,9 @@ _NO_DROOP = 1e-6
 
 class RollerCreep:
     """Modelled creep of a robot on rollers, proportional to the contact force."""
+
+    count = 1
+    """Number of causes."""
 
     def __init__(self, lag_s: Array) -> None:
         self._lag_s = lag_s
@@ -132,12 +143,12 @@ class RollerCreep:
         self._twist, self._creep = twist, self._lag_s @ push
 
     def of_joints(self, joints: Array) -> Array:
-        """Return zero joint errors (n,), because encoders measure the wheels."""
-        return np.zeros_like(joints)
+        """Return zero joint errors (1, n), because encoders measure the wheels."""
+        return np.zeros((1, len(joints)))
 
     def of_twist(self, joints: Array) -> Array:  # noqa: ARG002  As in `FloorEffects`.
-        """Return the errors (3,) of the twist."""
-        return -self._creep
+        """Return the errors (3, 1) of the twist."""
+        return -self._creep[:, None]
 
 
 class JointBiases:
@@ -154,7 +165,7 @@ class JointBiases:
         self._speed_scales = scales[scales.any(axis=1)]
         self._is_speed = ~is_angle
         self.floor: FloorEffects | RollerCreep | None = None
-        """Floor whose effect is the last bias, or None without effects."""
+        """Floor whose effects are the last biases, or None without effects."""
         if noise.creep_lag_s is not None:
             self.floor = RollerCreep(np.array(noise.creep_lag_s))
         elif noise.floor.slip_lag_s > 0.0:
@@ -163,20 +174,24 @@ class JointBiases:
     @property
     def count(self) -> int:
         """Number of biases, m."""
-        return len(self._zeros) + len(self._speed_scales) + (self.floor is not None)
+        return self._floor_from + (0 if self.floor is None else self.floor.count)
+
+    @property
+    def _floor_from(self) -> int:
+        return len(self._zeros) + len(self._speed_scales)
 
     def of_twist(self, joints: Array, slopes: Array) -> Array:
         """Return the errors (3, m) of the twist at `joints` (n,), with Jacobian `slopes` (3, n)."""
         errors = slopes @ self.of_joints(joints)
         if self.floor is not None:
-            errors[:, -1] += self.floor.of_twist(joints)
+            errors[:, self._floor_from :] += self.floor.of_twist(joints)
         return errors
 
     def of_joints(self, joints: Array) -> Array:
         """Return the errors (n, m) of `joints` (n,)."""
         rows = [self._zeros, self._speed_scales * joints]
         if self.floor is not None:
-            rows.append(self.floor.of_joints(joints)[None])
+            rows.append(self.floor.of_joints(joints))
         return np.concatenate(rows).T
 
     def rows(self) -> dict[str, Array]:
@@ -186,16 +201,16 @@ class JointBiases:
         of a robot whose commanded gimbals are upright.
         """
         rows: dict[str, Array] = {}
-        zeros, scales = len(self._zeros), len(self._zeros) + len(self._speed_scales)
+        zeros, scales = len(self._zeros), self._floor_from
         by_joint = np.zeros((len(self._is_speed), self.count))
         by_joint[:, :zeros], by_joint[:, zeros:scales] = self._zeros.T, self._speed_scales.T
         at_rest = self._kinematics.inverse(np.zeros(3))
         creep = np.zeros((3, self.count))
         creep[:, :zeros] = jacobians(self._kinematics, at_rest)[0] @ by_joint[:, :zeros]
         if isinstance(self.floor, FloorEffects):
-            by_joint[self._is_speed, -1] = -self.floor.errors.speed_scale_sigma
-            creep[2, -1] = self.floor.turn_rad_per_s(at_rest)
-            rows["slip_lag_s"] = self.floor.errors.slip_lag_s * np.eye(self.count)[-1]
+            by_joint[self._is_speed, scales] = -self.floor.errors.speed_scale_sigma
+            creep[2, scales] = self.floor.turn_rad_per_s(at_rest)
+            rows["slip_lag_s"] = self.floor.errors.slip_lag_s * np.eye(self.count)[scales + 1]
         names = [joint.name for joint in self._kinematics.joints]
         for name, is_speed, row in zip(names, self._is_speed, by_joint, strict=True):
             if row.any():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from statistics import fmean, variance
 from typing import Any, TypeAlias
@@ -23,6 +24,7 @@ from tsd_twin.robots import (
     SingularityDescription,
     SphereDescription,
 )
+from tsd_twin.sensors.base import Bias
 from tsd_twin.sensors.dead_wheels import DEAD_WHEELS, DeadWheels
 from tsd_twin.sensors.gyro import GYRO, Gyro
 
@@ -51,15 +53,55 @@ _RANGE_RAD_PER_S = math.radians(2000.0)
 """Range limit of a small gyro; larger readings are discarded."""
 
 
+AGE_SHARE = 0.5
+"""Standard deviation of the age of joint measurements, relative to the described delay."""
+
+
+class DelayedReadings:
+    """Delay line that interpolates a sensor's readings at the time of older joint measurements."""
+
+    def __init__(self, delay_s: float) -> None:
+        self._delay_s = delay_s
+        self._past: deque[tuple[float, float]] = deque()
+        self._now_s = 0.0
+
+    def add(self, reading: float, dt_s: float) -> float:
+        """Add a reading taken `dt_s` after the last, and return the one a delay ago, or NaN."""
+        if self._delay_s == 0.0:
+            return reading
+        self._now_s += dt_s
+        at_s = self._now_s - self._delay_s
+        self._past.append((self._now_s, reading))
+        while len(self._past) > 1 and self._past[1][0] <= at_s:
+            self._past.popleft()
+        first_s, first = self._past[0]
+        if len(self._past) == 1 or at_s <= first_s:
+            return first if at_s >= first_s else math.nan
+        after_s, after = self._past[1]
+        return first + (at_s - first_s) / (after_s - first_s) * (after - first)
+
+    def clear(self) -> None:
+        """Discard all readings, after an interruption."""
+        self._past.clear()
+
+
 class GyroOdometry(PlanarOdometry):
     """Odometry from wheels and yaw gyro, weighted by their covariances in each step.
 
     A step without a gyro reading uses the wheels only. While the wheels are off the robot is at
-    rest, so the gyro bias does not turn the pose.
+    rest, so the gyro bias does not turn the pose. If joints arrive late, the gyro is delayed by
+    their described age.
     """
 
     def __init__(self, robot: RobotDescription, gyro: Gyro) -> None:
-        super().__init__(robot.kinematics(), robot.joint_errors(), GYRO.biases(gyro))
+        biases = GYRO.biases(gyro)
+        self._age_s = AGE_SHARE * robot.delay_s
+        ages = (Bias("joint_age_s", self._age_s),) if robot.delay_s > 0.0 else ()
+        super().__init__(robot.kinematics(), robot.joint_errors(), (*biases, *ages))
+        self._common_share = robot.joint_errors().common_spin_share
+        self._delayed = DelayedReadings(robot.delay_s)
+        self._at_refresh: tuple[Array, Array] = (np.zeros(3), np.zeros(3))
+        """Twist at the last refresh, and its rate of change in body axes."""
         self._bias, self._noise_rad_per_s = gyro.bias_rad_per_s, gyro.noise_rad_per_s
         self._sigma = math.hypot(self._noise_rad_per_s, self._bias)
         self._rate = math.nan
@@ -73,11 +115,11 @@ class GyroOdometry(PlanarOdometry):
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
         """Update with joints (n,) and turn rate (1,), measured `dt_s` after the last ones."""
-        rate = self._mean_rate(sensors)
+        rate = self._mean_rate(sensors, dt_s)
         reads = math.isfinite(rate)
         self._compare(rate, float(motion.twist[2]))
         if reads:
-            covariance = self._wheels.covariance
+            covariance = self._wheels_covariance(motion.twist)
             twist, _ = with_gyro(motion.twist, covariance, np.array(rate), self._sigma)
             motion = TwistSolution(twist, motion.residual)
         if reads is not self._reads:
@@ -88,6 +130,7 @@ class GyroOdometry(PlanarOdometry):
         """Advance by a step in which neither joints nor gyro were measured."""
         super().coast(step, dt_s)
         self._rate, self.comparison = math.nan, None
+        self._delayed.clear()
         self._compared.clear()
 
     def _compare(self, rate: float, by_wheels: float) -> None:
@@ -115,15 +158,30 @@ class GyroOdometry(PlanarOdometry):
         noise_cov = np.array([[total]])
         self.comparison = LinearReading(difference, np.zeros((1, 3)), by_biases, noise_cov)
 
-    def _mean_rate(self, sensors: Array) -> float:
+    def _wheels_covariance(self, twist: Array) -> Array:
+        """Return the covariance of the wheel twist at `twist`.
+
+        The errors are updated at 10 Hz, in which time a turning robot may change its direction. The
+        common error of all wheels, proportional to the twist, must not lag behind: it would always
+        err to the same side.
+        """
+        stale, share = self._at_refresh[0], self._common_share
+        change = np.outer(twist, twist) - np.outer(stale, stale)
+        return self._wheels.covariance + share * share * change
+
+    def _mean_rate(self, sensors: Array, dt_s: float) -> float:
         """Return the mean turn rate of the step, or NaN without a reading at its end."""
-        before, now = self._rate, float(sensors[0]) if len(sensors) else math.nan
-        self._rate = now if abs(now) <= _RANGE_RAD_PER_S else math.nan
+        now = float(sensors[0]) if len(sensors) else math.nan
+        now = now if abs(now) <= _RANGE_RAD_PER_S else math.nan
+        before, self._rate = self._rate, self._delayed.add(now, dt_s)
         return 0.5 * (before + self._rate) if math.isfinite(before) else self._rate
 
     def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
         wheels = super()._twist_errors(joints, dt_s)
         self._wheels = wheels
+        before, twist = self._at_refresh[0], self.motion.twist
+        changed_s = self._refreshed_after_s or dt_s
+        self._at_refresh = twist, (twist - before) / changed_s
         if not self._reads:
             return wheels
         gain = wheels.covariance[:, 2] / (wheels.covariance[2, 2] + self._sigma**2)
@@ -131,6 +189,10 @@ class GyroOdometry(PlanarOdometry):
         keep[:, 2] -= gain
         bias_jacobian = keep @ wheels.bias_jacobian
         bias_jacobian[:, self._joint_biases.count] = -gain * self._bias
+        if self._age_s > 0.0:
+            # Joints that are older than assumed give the velocity of an earlier heading.
+            late = np.array([*self._at_refresh[1][:2], 0.0])
+            bias_jacobian[:, self._joint_biases.count + 1] = self._age_s * late
         noise = dt_s * self._noise_rad_per_s**2 * np.outer(gain, gain)
         white_per_s = keep @ wheels.white_per_s @ keep.T + noise
         _, covariance = with_gyro(np.zeros(3), wheels.covariance, np.array(0.0), self._sigma)

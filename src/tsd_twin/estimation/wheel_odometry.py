@@ -112,6 +112,8 @@ class WheelOdometry(Generic[PoseT]):
         during steady motion, while the floor restores wheel speeds."""
         self._until_refresh = 0
         self._since_refresh_s = 0.0
+        self._refreshed_after_s = 0.0
+        """Time between the last two refreshes."""
         self._means: tuple[Array | None, Array] = (None, np.zeros(3))
         """Mean twists of the last two steps."""
         self._moved = False
@@ -235,7 +237,7 @@ class WheelOdometry(Generic[PoseT]):
             was_steady = floor.is_steady
             floor.follow(self.motion.twist, joints, self._since_refresh_s)
             is_steady = was_steady and floor.is_steady
-        self._since_refresh_s = 0.0
+        self._refreshed_after_s, self._since_refresh_s = self._since_refresh_s, 0.0
         if now != self._refreshed_for or not is_steady:
             self._refreshed_for = now
             self.errors = self._twist_errors(joints, dt_s)

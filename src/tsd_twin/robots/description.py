@@ -138,23 +138,23 @@ class Body(Table, frozen=True):
 class FloorErrors:
     """Standard deviations of floor effects on robots with continuously spinning wheels.
 
-    They share a single cause, so all scale with one random number. The first four hold at one wheel
-    speed.
+    They have three independent causes: drag grows with friction and contact patch, lag falls with
+    friction, and lost energy depends on neither. The first four hold at one wheel speed.
     """
 
     at_rad_per_s: float = 1.0
     """Wheel speed at which the other values hold."""
     speed_scale_sigma: float = 0.0
-    """Relative speed loss of a wheel due to floor friction; the absolute loss is the same at any
-    speed."""
+    """Drag: relative speed loss of a wheel due to floor friction; the absolute loss is the same at
+    any speed."""
     turn_rad_per_s: float = 0.0
-    """Turn rate against the wheels' spin that joints cannot measure; proportional to the wheel
-    speed."""
+    """Drag: turn rate against the wheels' spin that joints cannot measure; proportional to the
+    wheel speed."""
     slip_lag_s: float = 0.0
-    """Lag of the motion behind the joints; proportional to the wheel speed."""
+    """Lag: time by which the motion lags the joints; proportional to the wheel speed."""
     droop_s2_per_m2: float = 0.0
-    """Relative loss of wheel speed per change of the squared robot speed, when the robot
-    accelerates; falls with the square of the wheel speed."""
+    """Lost energy: relative loss of wheel speed per change of the squared robot speed, when the
+    robot accelerates; falls with the square of the wheel speed."""
     restore_up_s: float = 1.0
     """Time constant with which motors restore lost wheel speed."""
     restore_down_s: float = 1.0
@@ -318,6 +318,10 @@ class RobotDescription(Table, frozen=True, kw_only=True):
 
     def with_errors(self, scale: float) -> Self:  # noqa: ARG002  Common signature.
         """Return the robot with its `[errors]`, if any, multiplied by `scale`."""
+        return self
+
+    def with_delay(self, delay_s: float) -> Self:  # noqa: ARG002  Common signature.
+        """Return the robot with this delay on its actuator bus, if it describes one."""
         return self
 
     def joint_errors(self) -> JointErrors:

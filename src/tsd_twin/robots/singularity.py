@@ -34,9 +34,11 @@ from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
 _MEAN_LEVER = 3.0 * math.pi / 16.0
 """Friction lever of a purely spinning patch, in radii."""
-_FRICTION_SIGMA = 1.0 / math.sqrt(3.0)
-"""RMS of a friction that is uniform between zero and the described value, relative to that
-value."""
+_LAG_FACTOR = 2.5
+"""Factor by which the lag on a floor typically differs from the described one: friction is 0.2 on
+polished wood and 2 on rubber."""
+_LAG_SIGMA = math.exp(math.log(_LAG_FACTOR) ** 2)
+"""RMS of a log-normal lag with that factor, relative to its median."""
 _SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)
 """Weight of the rim speed of a contact patch relative to its slip (Zhuravlev 1998)."""
 
@@ -277,6 +279,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         }
         return msgspec.structs.replace(self, errors=ModelErrors(**values))
 
+    def with_delay(self, delay_s: float) -> Self:
+        """Return the robot with `delay_s` in its `[errors]`."""
+        errors = msgspec.structs.replace(self.errors, delay_s=delay_s)
+        return msgspec.structs.replace(self, errors=errors)
+
     def joint_errors(self) -> JointErrors:
         """Return the errors of gimbal angles and wheel speeds, from `[noise]` and `[errors]`.
 
@@ -303,10 +310,10 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         drive = self.drive
         return FloorErrors(
             at_rad_per_s=drive.cruise_speed_rpm * RPM,
-            speed_scale_sigma=self.spin_friction_share * _FRICTION_SIGMA,
-            turn_rad_per_s=self.floor_turn_rad_per_s * _FRICTION_SIGMA,
-            slip_lag_s=self.slip_lag_s * _FRICTION_SIGMA,
-            droop_s2_per_m2=self.spin_droop_s2_per_m2 * _FRICTION_SIGMA,
+            speed_scale_sigma=self.spin_friction_share,
+            turn_rad_per_s=self.floor_turn_rad_per_s,
+            slip_lag_s=self.slip_lag_s * _LAG_SIGMA,
+            droop_s2_per_m2=self.spin_droop_s2_per_m2,
             restore_up_s=self.motor.time_constant_up_s,
             restore_down_s=self.motor.time_constant_down_s,
             turn_per_spin=self._spin_inertia_kg_m2 / (self.mass.total_kg * drive.rms_radius_m**2),
