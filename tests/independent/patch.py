@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-RINGS, SPOKES = 3, 8
+RINGS, SPOKES = 4, 6
 STICK_MPS = 5e-4
 """Speed below which a point sticks, modelled as viscous."""
 
@@ -16,13 +16,15 @@ STICK_MPS = 5e-4
 def _points() -> tuple[np.ndarray, np.ndarray]:
     """Points (m, 2) in radii, and their shares (m,) of the load.
 
-    The pressure is 3/2 sqrt(1 - r^2) of the mean. With s = sqrt(1 - r^2) the load is 3 s^2 ds, so
-    Gauss-Legendre nodes in s are exact for polynomials in s.
+    The pressure is 3/2 sqrt(1 - r^2) of the mean. With r = sin(b) the load is 3 sin b cos^2 b db, by
+    which also the friction per slip of a spinning patch, proportional to 1 / r, has a smooth
+    integrand for Gauss-Legendre nodes.
     """
     nodes, weights = np.polynomial.legendre.leggauss(RINGS)
-    height = 0.5 * (nodes + 1.0)
-    share = 0.5 * weights * 3.0 * height**2
-    radius = np.sqrt(1.0 - height**2)
+    angle = 0.25 * np.pi * (nodes + 1.0)
+    radius = np.sin(angle)
+    share = weights * radius * np.cos(angle) ** 2
+    share /= share.sum()
     angles = (np.arange(SPOKES) + 0.5) * 2.0 * np.pi / SPOKES
     points = radius[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     return points.reshape(-1, 2), np.repeat(share / SPOKES, SPOKES)
