@@ -49,6 +49,13 @@ _COMPARED_S = 0.1
 """Approximate duration of these steps."""
 _MAX_LAG_S = 0.01
 """Maximum lag of the joints behind the gyro."""
+_VARYING_SHARE = 0.1
+"""Fraction of the wheel errors that is not constant."""
+_VARYING_S = 1.0
+"""Time for which that fraction persists."""
+_REFRESH_RAD = 0.03
+"""Angle after which the errors are updated early: the gyro corrects the velocity in body axes, and a
+correction of an earlier direction errs to the same side throughout a turn."""
 _RANGE_RAD_PER_S = math.radians(2000.0)
 """Range limit of a small gyro; larger readings are discarded."""
 
@@ -102,8 +109,10 @@ class GyroOdometry(PlanarOdometry):
         self._delayed = DelayedReadings(robot.delay_s)
         self._at_refresh: tuple[Array, Array] = (np.zeros(3), np.zeros(3))
         """Twist at the last refresh, and its rate of change in body axes."""
+        self._turned_rad = 0.0
+        """Angle turned since the last refresh."""
         self._bias, self._noise_rad_per_s = gyro.bias_rad_per_s, gyro.noise_rad_per_s
-        self._sigma = math.hypot(self._noise_rad_per_s, self._bias)
+        self._scale_share = gyro.scale_share
         self._rate = math.nan
         self._reads = False
         self._wheels = TwistErrors.none(self.uncertainty.bias_count)
@@ -120,9 +129,10 @@ class GyroOdometry(PlanarOdometry):
         self._compare(rate, float(motion.twist[2]))
         if reads:
             covariance = self._wheels_covariance(motion.twist)
-            twist, _ = with_gyro(motion.twist, covariance, np.array(rate), self._sigma)
+            twist, _ = with_gyro(motion.twist, covariance, np.array(rate), self._sigma(rate))
             motion = TwistSolution(twist, motion.residual)
-        if reads is not self._reads:
+        self._turned_rad += abs(float(motion.twist[2])) * dt_s
+        if reads is not self._reads or self._turned_rad > _REFRESH_RAD:
             self._reads, self._until_refresh = reads, 0
         self._move(motion, joints, dt_s)
 
@@ -146,6 +156,7 @@ class GyroOdometry(PlanarOdometry):
         difference, wheels = np.array([fmean(self._compared)]), self._wheels
         by_biases = wheels.bias_jacobian[2:].copy()
         by_biases[0, self._joint_biases.count] = self._bias
+        by_biases[0, self._joint_biases.count + 1] = self._scale_share * by_wheels
         # Rounded angles stay constant for many steps, so their error does not average out.
         by_wheels_alone = wheels.covariance[2, 2] - np.square(wheels.bias_jacobian[2]).sum()
         # Also account for gimbal noise, seen as a turn rate, and for accelerating wheels.
@@ -157,6 +168,10 @@ class GyroOdometry(PlanarOdometry):
         self._compared.clear()
         noise_cov = np.array([[total]])
         self.comparison = LinearReading(difference, np.zeros((1, 3)), by_biases, noise_cov)
+
+    def _sigma(self, rate: float) -> float:
+        """Return the standard deviation of a reading at a turn rate."""
+        return math.hypot(self._noise_rad_per_s, self._bias, self._scale_share * rate)
 
     def _wheels_covariance(self, twist: Array) -> Array:
         """Return the covariance of the wheel twist at `twist`.
@@ -179,23 +194,30 @@ class GyroOdometry(PlanarOdometry):
     def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
         wheels = super()._twist_errors(joints, dt_s)
         self._wheels = wheels
+        self._turned_rad = 0.0
         before, twist = self._at_refresh[0], self.motion.twist
         changed_s = self._refreshed_after_s or dt_s
         self._at_refresh = twist, (twist - before) / changed_s
         if not self._reads:
             return wheels
-        gain = wheels.covariance[:, 2] / (wheels.covariance[2, 2] + self._sigma**2)
+        sigma, first = self._sigma(float(twist[2])), self._joint_biases.count
+        gain = wheels.covariance[:, 2] / (wheels.covariance[2, 2] + sigma**2)
         keep = np.eye(3)
         keep[:, 2] -= gain
         bias_jacobian = keep @ wheels.bias_jacobian
-        bias_jacobian[:, self._joint_biases.count] = -gain * self._bias
+        bias_jacobian[:, first] = -gain * self._bias
+        bias_jacobian[:, first + 1] = -gain * self._scale_share * twist[2]
         if self._age_s > 0.0:
             # Joints that are older than assumed give the velocity of an earlier heading.
             late = np.array([*self._at_refresh[1][:2], 0.0])
-            bias_jacobian[:, self._joint_biases.count + 1] = self._age_s * late
+            bias_jacobian[:, first + 2] = self._age_s * late
         noise = dt_s * self._noise_rad_per_s**2 * np.outer(gain, gain)
         white_per_s = keep @ wheels.white_per_s @ keep.T + noise
-        _, covariance = with_gyro(np.zeros(3), wheels.covariance, np.array(0.0), self._sigma)
+        # Second-order terms keep combinations of biases from being known as well as the gyro and
+        # first-order terms suggest, most of all after whole turns.
+        varying = _VARYING_SHARE * wheels.bias_jacobian
+        white_per_s = white_per_s + _VARYING_S * varying @ varying.T
+        _, covariance = with_gyro(np.zeros(3), wheels.covariance, np.array(0.0), sigma)
         return TwistErrors(bias_jacobian, white_per_s, covariance)
 
 

@@ -20,10 +20,12 @@ class Gyro(Table, frozen=True):
     """Standard deviation of a reading at 100 Hz."""
     bias_rad_per_s: NotNegative = 0.0005
     """Standard deviation of the bias per run, after one second of zeroing at rest."""
+    scale_share: NotNegative = 0.004
+    """Standard deviation of the relative error of the turn rate, per sensor."""
 
 
 class YawGyro:
-    """Simulated yaw gyro: white noise and a bias that is constant per run.
+    """Simulated yaw gyro: white noise, and a bias and a scale that are constant per run.
 
     `scale` multiplies the described errors; each robot of a batch has a separate gyro.
     """
@@ -39,6 +41,9 @@ class YawGyro:
         self.noise = noise
         self._random = random
         self._batch = batch
+        # A separate generator keeps bias and noise the same with any scale.
+        own = random.spawn(1)[0].standard_normal(batch)
+        self._scale = 1.0 + scale * noise.scale_share * own
         self._bias = scale * noise.bias_rad_per_s * random.standard_normal(batch)
         self._sigma = scale * noise.noise_rad_per_s
         self._rate: Array = np.zeros(batch)
@@ -53,7 +58,7 @@ class YawGyro:
 
     def measure(self, rate: Array) -> Array:
         """Return readings (...), rad/s, for true turn rates `rate` (...)."""
-        return rate + self._bias + self._sigma * self._random.standard_normal(self._batch)
+        return self._scale * rate + self._bias + self._sigma * self._random.standard_normal(self._batch)
 
 
 class _GyroSensor:
@@ -64,8 +69,11 @@ class _GyroSensor:
         return (Joint("gyro", JointKind.VELOCITY),)
 
     def biases(self, table: Gyro) -> tuple[Bias, ...]:
-        """Return the bias of the turn rate."""
-        return (Bias("gyro_bias_rad_per_s", table.bias_rad_per_s),)
+        """Return the bias and the scale of the turn rate."""
+        return (
+            Bias("gyro_bias_rad_per_s", table.bias_rad_per_s),
+            Bias("gyro_scale_share", table.scale_share),
+        )
 
     def simulate(
         self, table: Gyro, batch: tuple[int, ...], random: np.random.Generator, scale: float
