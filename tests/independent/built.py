@@ -59,6 +59,15 @@ def gyro_of(table: Any, robots: int, seed: int, undeclared: Undeclared) -> Gyro 
     )
 
 
+def built(table: Any, errors: float, undeclared: Undeclared) -> tuple[float, float, float]:
+    """Standard deviations of places (m) and mounting angles (rad), and the slope (degrees)."""
+    return (
+        float(np.hypot(errors * table.place_m, undeclared.place_m)),
+        float(np.radians(np.hypot(errors * table.mount_deg, undeclared.mount_deg))),
+        errors * table.slope_deg + undeclared.slope_deg,
+    )
+
+
 def slope_of(robots: int, seed: int, slope_deg: float) -> np.ndarray:
     """Acceleration (n, 2) of gravity along floors that slope in random directions."""
     angles = np.random.default_rng([seed, 12]).uniform(0.0, 2.0 * np.pi, robots)

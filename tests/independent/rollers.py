@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.independent.built import Undeclared, gyro_of, loads, slope_of
+from tests.independent.built import Undeclared, built, gyro_of, loads, slope_of
 
 STEP_S = 0.0025
 GRAVITY = 9.81
@@ -71,7 +71,7 @@ class RollerPlant:
         robots: int,
         seed: int,
         *,
-        errors: float = 1.0,  # noqa: ARG002  Common signature.
+        errors: float = 1.0,
         noise: float = 1.0,
         undeclared: Undeclared | None = None,
     ) -> None:
@@ -80,19 +80,19 @@ class RollerPlant:
         random = np.random.default_rng([seed, 10])
         self.robots, self.count = robots, len(drive.wheels)
         shape = (robots, self.count)
+        place_m, mount, slope_deg = built(robot.errors, errors, undeclared)
         self.places_m = np.array([[w.x_m, w.y_m] for w in drive.wheels]) + (
-            undeclared.place_m * random.standard_normal((*shape, 2))
+            place_m * random.standard_normal((*shape, 2))
         )
-        mount = np.radians(undeclared.mount_deg)
         heading = np.radians([w.direction_deg for w in drive.wheels])
         self.heading = heading + mount * random.standard_normal(shape)
         self.roller = np.radians([w.roller_deg for w in drive.wheels])
-        self.roller = self.roller + mount * random.standard_normal(shape)
+        self.roller = self.roller + mount * random.standard_normal(shape) * (self.roller != 0.0)
         self.radius_m = drive.wheel_radius_m * (
             1.0 + undeclared.radius_share * random.standard_normal(shape)
         )
         self.friction = drive.friction if undeclared.friction is None else undeclared.friction
-        self.slope = slope_of(robots, seed, undeclared.slope_deg)
+        self.slope = slope_of(robots, seed, slope_deg)
         self.mass_kg, self.inertia = mass.total_kg, mass.yaw_inertia_kg_m2
         rotor = robot.motor.rotor_inertia_kg_m2 * robot.motor.gear_ratio**2
         wheel = 0.5 * mass.wheel_kg * drive.wheel_radius_m**2 + rotor

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.independent.built import Undeclared, gyro_of, loads, slope_of
+from tests.independent.built import Undeclared, built, gyro_of, loads, slope_of
 from tests.independent.patch import weights
 
 STEP_S = 0.0025
@@ -43,10 +43,9 @@ class SingularityPlant:
         self.robots, self.modules = robots, drive.modules
         shape = (robots, self.modules)
         azimuth = np.radians(drive.directions_deg)
-        self.places_m = np.asarray(drive.pivots_m) + undeclared.place_m * random.standard_normal(
-            (*shape, 2)
-        )
-        mount = np.radians(undeclared.mount_deg) * random.standard_normal(shape)
+        place_m, mount_rad, slope_deg = built(made, errors, undeclared)
+        self.places_m = np.asarray(drive.pivots_m) + place_m * random.standard_normal((*shape, 2))
+        mount = mount_rad * random.standard_normal(shape)
         turned = azimuth - 0.5 * np.pi + mount
         self.tangent = np.stack([np.cos(turned), np.sin(turned)], axis=-1)
         self.outward = np.stack([-np.sin(turned), np.cos(turned)], axis=-1)
@@ -59,7 +58,7 @@ class SingularityPlant:
         # Floor.
         self.friction = robot.floor.friction if undeclared.friction is None else undeclared.friction
         self.patch_m = undeclared.patch_m or robot.floor.patch_radius_m
-        self.slope = slope_of(robots, seed, undeclared.slope_deg)
+        self.slope = slope_of(robots, seed, slope_deg)
         # Bodies.
         mass = robot.mass
         self.mass_kg = mass.total_kg

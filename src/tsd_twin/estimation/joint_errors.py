@@ -108,6 +108,11 @@ class FloorEffects:
         effects[:, 2] = -self._droop / max(speed, _MIN_SPEED) ** 2 * self._twist
         return effects
 
+    def creep(self, joints: Array, heading_rad: float) -> Array:
+        """Return the twists (3, 2) per acceleration along X and Y of a sloping floor."""
+        speed = float(joints[self._is_speed].mean()) / self.errors.at_rad_per_s
+        return speed * self.errors.slip_lag_s * _axes(heading_rad)
+
     def turn_rad_per_s(self, joints: Array) -> float:
         """Return the turn-rate error at `joints` (n,) in steady motion."""
         speed = float(joints[self._is_speed].mean()) / self.errors.at_rad_per_s
@@ -151,6 +156,17 @@ class RollerCreep:
         return -self._creep[:, None]
 
 
+    def creep(self, joints: Array, heading_rad: float) -> Array:  # noqa: ARG002  As in `FloorEffects`.
+        """Return the twists (3, 2) per acceleration along X and Y of a sloping floor."""
+        return self._lag_s @ _axes(heading_rad)
+
+
+def _axes(heading_rad: float) -> Array:
+    """Return the axes X and Y of `odom` (3, 2) in the frame of a robot with this heading."""
+    c, s = math.cos(heading_rad), math.sin(heading_rad)
+    return np.array([[c, s], [-s, c], [0.0, 0.0]])
+
+
 class JointBiases:
     """Joint biases in terms of independent, standard normal numbers."""
 
@@ -164,6 +180,13 @@ class JointBiases:
         scales = np.vstack([scales, noise.common_spin_share * ~is_angle])
         self._speed_scales = scales[scales.any(axis=1)]
         self._is_speed = ~is_angle
+        self._layout = getattr(kinematics, "contact_layout", None)
+        self._built: Array = np.zeros(0)
+        """(4 k,): standard deviations of the errors of the layout; empty if it is exact."""
+        if self._layout is not None and (noise.mount_rad > 0.0 or noise.place_m > 0.0):
+            one = [noise.mount_rad, noise.mount_rad, noise.place_m, noise.place_m]
+            self._built = np.tile(one, len(self._layout.places_m))
+        self._slope_mps2 = noise.slope_mps2
         self.floor: FloorEffects | RollerCreep | None = None
         """Floor whose effects are the last biases, or None without effects."""
         if noise.creep_lag_s is not None:
@@ -174,17 +197,35 @@ class JointBiases:
     @property
     def count(self) -> int:
         """Number of biases, m."""
-        return self._floor_from + (0 if self.floor is None else self.floor.count)
+        slopes = 2 if self.follows_heading else 0
+        return self._built_from + len(self._built) + slopes
+
+    @property
+    def follows_heading(self) -> bool:
+        """Whether the errors of the twist change as the robot turns, even with constant joints."""
+        return self._slope_mps2 > 0.0 and self.floor is not None
 
     @property
     def _floor_from(self) -> int:
         return len(self._zeros) + len(self._speed_scales)
 
-    def of_twist(self, joints: Array, slopes: Array) -> Array:
-        """Return the errors (3, m) of the twist at `joints` (n,), with Jacobian `slopes` (3, n)."""
+    @property
+    def _built_from(self) -> int:
+        return self._floor_from + (0 if self.floor is None else self.floor.count)
+
+    def of_twist(self, joints: Array, slopes: Array, twist: Array, heading_rad: float) -> Array:
+        """Return the errors (3, m) of the `twist` (3,) at `joints` (n,), heading in `odom`.
+
+        `slopes` (3, n) is its Jacobian with respect to the joints.
+        """
         errors = slopes @ self.of_joints(joints)
+        first, end = self._built_from, self._built_from + len(self._built)
         if self.floor is not None:
-            errors[:, self._floor_from :] += self.floor.of_twist(joints)
+            errors[:, self._floor_from : first] += self.floor.of_twist(joints)
+            if end < self.count:
+                errors[:, end:] = self._slope_mps2 * self.floor.creep(joints, heading_rad)
+        if self._layout is not None and end > first:
+            errors[:, first:end] = self._layout.slopes(twist) * self._built
         return errors
 
     def of_joints(self, joints: Array) -> Array:
@@ -192,6 +233,7 @@ class JointBiases:
         rows = [self._zeros, self._speed_scales * joints]
         if self.floor is not None:
             rows.append(self.floor.of_joints(joints))
+        rows.append(np.zeros((self.count - self._built_from, len(joints))))
         return np.concatenate(rows).T
 
     def rows(self) -> dict[str, Array]:
@@ -218,7 +260,17 @@ class JointBiases:
         for name, row in zip(("x_mps", "y_mps", "turn_rad_per_s"), creep, strict=True):
             if row.any():
                 rows[f"creep_{name}"] = row
-        return rows
+        return rows | self._mounting_rows()
+
+    def _mounting_rows(self) -> dict[str, Array]:
+        """Return the Jacobian row (m,) of the mounting angle of each wheel or module."""
+        if not self._built.any():
+            return {}
+        unit = np.eye(self.count)[self._built_from :]
+        names = self._kinematics.actuators
+        return {
+            f"{name}_mounting_rad": self._built[4 * i] * unit[4 * i] for i, name in enumerate(names)
+        }
 
 
 def jacobians(

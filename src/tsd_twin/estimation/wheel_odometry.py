@@ -232,11 +232,11 @@ class WheelOdometry(Generic[PoseT]):
     def _refreshed(self, joints: Array, dt_s: float) -> TwistErrors:
         """Return the errors of the twist; the same object in steady motion."""
         now, floor = (self.motion, joints.tobytes()), self._joint_biases.floor
-        is_steady = True
+        is_steady = not self._joint_biases.follows_heading
         if floor is not None:
             was_steady = floor.is_steady
             floor.follow(self.motion.twist, joints, self._since_refresh_s)
-            is_steady = was_steady and floor.is_steady
+            is_steady = is_steady and was_steady and floor.is_steady
         self._refreshed_after_s, self._since_refresh_s = self._since_refresh_s, 0.0
         if now != self._refreshed_for or not is_steady:
             self._refreshed_for = now
@@ -252,7 +252,8 @@ class WheelOdometry(Generic[PoseT]):
         explained = np.square(left @ by_bias).sum() + np.square(left * white).sum()
         ratio = self._birge_ratio(float(explained))
         bias_jacobian = np.zeros_like(self.errors.bias_jacobian)
-        own = self._joint_biases.of_twist(joints, slopes)
+        heading = float(self.pose.xy_heading[2]) if isinstance(self.pose, SE2) else 0.0
+        own = self._joint_biases.of_twist(joints, slopes, self.motion.twist, heading)
         bias_jacobian[:, : self._joint_biases.count] = math.sqrt(ratio) * own
         noise, walk = math.sqrt(ratio) * slopes * white, slopes * self._noise.walk(joints)
         white_per_s = dt_s * noise @ noise.T + walk @ walk.T

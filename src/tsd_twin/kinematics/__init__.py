@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tsd_twin.kinematics.base import (
+    ContactLayout,
     Joint,
     JointKind,
     Kinematics,
@@ -13,6 +14,7 @@ from tsd_twin.kinematics.omni import OmniKinematics, SphereKinematics
 from tsd_twin.kinematics.singularity import SingularityKinematics
 
 __all__ = [
+    "ContactLayout",
     "Joint",
     "JointKind",
     "Kinematics",

@@ -125,6 +125,47 @@ def set_matrices(kinematics: object, matrices: Mapping[str, npt.NDArray[Any]]) -
         object.__setattr__(kinematics, name, value)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactLayout:
+    """Places of wheels on the floor and directions in which they grip, in the robot frame."""
+
+    places_m: Array
+    """(k, 2)."""
+    directions: Array
+    """(k, m, 2): unit vectors; the wheels impose the ground velocity along these."""
+    twist_from_grips: Array
+    """(3, k, m): least-squares twist from those velocities."""
+    rollers_rad: Array
+    """(k,): angle between a direction and the direction of its wheel; 0 without rollers."""
+
+    def slopes(self, twist: Array) -> Array:
+        """Return the twist error (3, 4 k) per error of the layout at `twist` (3,).
+
+        For each wheel: an angle by which it is mounted wrongly, rad; an angle of its rollers, rad;
+        displacements along X and Y, m. Turned rollers also change the speed that the wheel imposes
+        along their axles.
+        """
+        velocities = self._velocities(twist)[:, None]
+        turned = -(self._turned * velocities).sum(axis=-1)
+        along = (self.directions * velocities).sum(axis=-1)
+        rollers = turned - along * np.tan(self.rollers_rad)[:, None]
+        rollers = rollers * (self.rollers_rad != 0.0)[:, None]
+        x, y = self.directions[..., 0], self.directions[..., 1]
+        omega = float(twist[2])
+        grips = np.stack([turned, rollers, -omega * y, omega * x], axis=1)  # (k, 4, m)
+        errors = (self.twist_from_grips[:, :, None] * grips).sum(axis=-1)
+        return np.asarray(errors.reshape(3, -1), dtype=float)
+
+    @property
+    def _turned(self) -> Array:
+        return np.stack([-self.directions[..., 1], self.directions[..., 0]], axis=-1)
+
+    def _velocities(self, twist: Array) -> Array:
+        x, y = self.places_m.T
+        vx, vy, omega = twist.tolist()
+        return np.stack([vx - omega * y, vy + omega * x], axis=-1)
+
+
 class PlanarMotion:
     """Planar part of `Kinematics`, shared by all robots on a floor."""
 
@@ -148,6 +189,11 @@ class PlanarMotion:
     def integrate(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
         """Return `pose` after `dt_s` of constant body `twist` (..., 3)."""
         return pose.plus(twist * dt_s)
+
+    @property
+    def contact_layout(self) -> ContactLayout | None:
+        """Places and directions in which wheels grip, or None if the kinematics have none."""
+        return None
 
 
 @cache

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsd_twin.kinematics.base import PlanarMotion, WheelKinematics
+from tsd_twin.kinematics.base import ContactLayout, PlanarMotion, WheelKinematics
 from tsd_twin.lie import SO3, Array
 
 _SINGULAR = 1e-3
@@ -57,6 +57,14 @@ class OmniKinematics(PlanarMotion, WheelKinematics):
         # Eq. 4 divided by r cos psi.
         rows = grip / (self.wheel_radius_m * np.cos(self.rollers_rad))[:, None]
         self._set_wheel_matrices(rows, grip_from_twist=grip)
+
+    @property
+    def contact_layout(self) -> ContactLayout:
+        """Wheels grip along the axles of their rollers."""
+        grip = self.grip_from_twist
+        return ContactLayout(
+            self.positions_m, grip[:, None, :2], np.linalg.pinv(grip)[..., None], self.rollers_rad
+        )
 
 
 def layout_problem(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> str:

@@ -15,6 +15,7 @@ from functools import cache
 import numpy as np
 
 from tsd_twin.kinematics.base import (
+    ContactLayout,
     Joint,
     JointKind,
     PlanarMotion,
@@ -126,6 +127,13 @@ class SingularityKinematics(PlanarMotion):
         return np.asarray(self.pivot_radius_m)[..., None] * np.stack(
             [np.cos(self.azimuths_rad), np.sin(self.azimuths_rad)], axis=-1
         )
+
+    @property
+    def contact_layout(self) -> ContactLayout:
+        """Wheels grip in both directions."""
+        by_grips = self.twist_from_contacts.reshape(3, self.modules, 2)
+        rollers = np.zeros(self.modules)
+        return ContactLayout(self.pivots_m, self.contact_from_twist[..., :2], by_grips, rollers)
 
     def with_spin(self, spin_rad_per_s: float) -> SingularityKinematics:
         """Return these kinematics for another wheel speed; fast enough for every control period.

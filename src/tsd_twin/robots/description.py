@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import Joint, Kinematics, SingularityKinematics
 from tsd_twin.kinematics.base import set_matrices
 from tsd_twin.lie import Array
@@ -183,6 +184,12 @@ class JointErrors:
     creep_lag_s: tuple[tuple[float, ...], ...] | None = None
     """(3, 3): twist by which a body lags its rollers per acceleration in m/s² and rad/s², scaled by
     one standard normal number; None without creep."""
+    mount_rad: float = 0.0
+    """Angle at which a wheel or module is mounted wrongly; a bias."""
+    place_m: float = 0.0
+    """Displacement of a wheel or pivot along X and along Y; a bias."""
+    slope_mps2: float = 0.0
+    """Acceleration along a sloping floor, for each of two directions; a bias."""
     random_walk_rad: float = 0.0
     """Random walk of each velocity joint's angle after one second in which any of them turns; grows
     with the square root of time."""
@@ -411,7 +418,35 @@ class Floor(Table, frozen=True):
     """Hertzian contact radius: 10 N on a 40 mm sphere of hard plastic (2 GPa)."""
 
 
-class ModelErrors(Table, frozen=True):
+class BuildErrors(Table, frozen=True, kw_only=True):
+    """`[errors]`: deviations of a built robot and its floor from the description; 0 disables one."""
+
+    mount_deg: NotNegative = 0.0
+    """Standard deviation of the angle at which each wheel or module is mounted, and of that of the
+    rollers of a Mecanum wheel."""
+    place_m: NotNegative = 0.0
+    """Standard deviation of each coordinate of a wheel or pivot."""
+    slope_deg: NotNegative = 0.0
+    """Slope of the floor, in any direction."""
+
+    def scaled(self, scale: float) -> Self:
+        """Return the errors multiplied by `scale`.
+
+        Raises:
+            TwinError: If the scale is negative or not finite.
+        """
+        if not 0.0 <= scale < math.inf:
+            raise TwinError(f"errors are scaled by 0, which is none, or more, not by {scale:g}")
+        values = {name: scale * value for name, value in msgspec.structs.asdict(self).items()}
+        return msgspec.structs.replace(self, **values)
+
+    @property
+    def slope_mps2(self) -> float:
+        """Acceleration along a floor with that slope."""
+        return GRAVITY_MPS2 * math.sin(math.radians(self.slope_deg))
+
+
+class ModelErrors(BuildErrors, frozen=True, kw_only=True):
     """`[errors]`: deviations of a built robot from its description; 0 disables one."""
 
     zero_deg: NotNegative = 0.0

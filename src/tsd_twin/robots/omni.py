@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from msgspec import Meta
+from msgspec.structs import replace as replace_fields
 
 from tsd_twin.kinematics import OmniKinematics, SphereKinematics
 from tsd_twin.kinematics.omni import contacts_and_directions, layout_problem, sphere_layout_problem
@@ -16,6 +17,7 @@ from tsd_twin.lie import Array
 from tsd_twin.robots.description import (
     GRAVITY_MPS2,
     RPM,
+    BuildErrors,
     JointErrors,
     RobotDescription,
     WheelSpeedResponse,
@@ -141,6 +143,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
     drive: OmniGeometry
     mass: OmniMass
+    errors: BuildErrors = BuildErrors()
     gyro: Gyro | None = None
     dead_wheels: DeadWheels | None = None
 
@@ -150,6 +153,14 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
         if self.dead_wheels is not None:
             return ((DEAD_WHEELS, self.dead_wheels),)
         return () if self.gyro is None else ((GYRO, self.gyro),)
+
+    def with_errors(self, scale: float) -> Self:
+        """Return the robot with its `[errors]` multiplied by `scale`; 0 removes them.
+
+        Raises:
+            TwinError: If the scale is negative or not finite.
+        """
+        return replace_fields(self, errors=self.errors.scaled(scale))
 
     def kinematics(self) -> OmniKinematics:
         """Return the kinematics."""
@@ -199,7 +210,14 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
         force_per_twist = self.contact_friction_n / ROLLER_CREEP_MPS * grip.T @ grip
         lag_s = np.linalg.inv(force_per_twist) * self.inertia
         rows = tuple(tuple(float(value) for value in row) for row in lag_s)
-        return replace(super().joint_errors(), creep_lag_s=rows)
+        errors = self.errors
+        return replace(
+            super().joint_errors(),
+            creep_lag_s=rows,
+            mount_rad=math.radians(errors.mount_deg),
+            place_m=errors.place_m,
+            slope_mps2=errors.slope_mps2 / math.sqrt(2.0),
+        )
 
     def problems(self) -> Iterator[Problem]:
         """Yield the problems of the layouts of driven and tracking wheels."""

@@ -272,12 +272,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         Raises:
             TwinError: If the scale is negative or not finite.
         """
-        if not 0.0 <= scale < math.inf:
-            raise TwinError(f"errors are scaled by 0, which is none, or more, not by {scale:g}")
-        values = {
-            name: scale * value for name, value in msgspec.structs.asdict(self.errors).items()
-        }
-        return msgspec.structs.replace(self, errors=ModelErrors(**values))
+        return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
 
     def with_delay(self, delay_s: float) -> Self:
         """Return the robot with `delay_s` in its `[errors]`."""
@@ -302,6 +297,9 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             common_spin_share=errors.battery_share,
             zero_rad=math.radians(errors.zero_deg),
             floor=self._floor_errors(),
+            mount_rad=math.radians(errors.mount_deg),
+            place_m=errors.place_m,
+            slope_mps2=errors.slope_mps2 / math.sqrt(2.0),
         )
 
     def _floor_errors(self) -> FloorErrors:

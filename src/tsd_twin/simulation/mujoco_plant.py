@@ -14,9 +14,9 @@ import numpy.typing as npt
 from tsd_twin.errors import needs_extra
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import RPM, SingularityDescription
-from tsd_twin.robots.description import Floor
+from tsd_twin.robots.description import GRAVITY_MPS2, BuildErrors, Floor
 from tsd_twin.simulation.actuators import SimulationOptions
-from tsd_twin.simulation.singularity import Actuation
+from tsd_twin.simulation.singularity import Actuation, BuiltLayout
 
 
 def load_mujoco() -> Any:
@@ -85,8 +85,10 @@ def wheel_name(i: int) -> str:
     return f"wheel{i + 1}"
 
 
-def build_mujoco_model(robot: SingularityDescription) -> Any:
-    """Build solid bodies of `robot` on a level floor.
+def build_mujoco_model(
+    robot: SingularityDescription, layout: BuiltLayout | None = None
+) -> Any:
+    """Build solid bodies of `robot`, with the modules at a `layout`, by default as described.
 
     The chassis is a disc that extends to the farthest pivot, each gimbal frame a rod between its
     bearings, each wheel half a hollow sphere. Joint names match the kinematics. Servos have the
@@ -95,7 +97,13 @@ def build_mujoco_model(robot: SingularityDescription) -> Any:
     `patch_friction`.
     """
     mujoco = load_mujoco()
+    if layout is None:
+        layout = BuiltLayout.of(robot.kinematics(), BuildErrors(), (), 0)
     spec = mujoco.MjSpec()
+    slope_rad = np.radians(robot.errors.slope_deg)
+    downhill = float(layout.downhill_rad)
+    along, down = GRAVITY_MPS2 * np.sin(slope_rad), GRAVITY_MPS2 * np.cos(slope_rad)
+    spec.option.gravity = [along * np.cos(downhill), along * np.sin(downhill), -down]
     spec.option.timestep = TIMESTEP_S
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     geometry, mass = robot.drive, robot.mass
@@ -109,20 +117,20 @@ def build_mujoco_model(robot: SingularityDescription) -> Any:
     plate.type = mujoco.mjtGeom.mjGEOM_CYLINDER
     plate.mass = mass.total_kg - geometry.modules * (mass.wheel_kg + 2.0 * mass.gimbal_kg)
     for i in range(geometry.modules):
-        _add_module(base, i, robot)
+        _add_module(base, i, robot, layout)
         pair = spec.add_pair(geomname1=FLOOR, geomname2=wheel_name(i), condim=1)
         pair.solref = [_CONTACT_S, 1.0]
     return spec.compile()
 
 
-def _add_module(base: Any, i: int, robot: SingularityDescription) -> None:
+def _add_module(base: Any, i: int, robot: SingularityDescription, layout: BuiltLayout) -> None:
     """Add a wheel on two gimbal frames; Y of a module is radially outward."""
     geometry, mass = robot.drive, robot.mass
     radius = geometry.wheel_radius_m
-    azimuth = float(np.radians(geometry.directions_deg[i]))
+    azimuth = float(np.radians(geometry.directions_deg[i]) + layout.turned_rad[i])
     half_turn = (azimuth - np.pi / 2.0) / 2.0
     outer = base.add_body(
-        pos=[*geometry.pivots_m[i], 0.0],
+        pos=[*(geometry.pivots_m[i] + layout.displaced_m[i]), 0.0],
         quat=[np.cos(half_turn), 0.0, 0.0, np.sin(half_turn)],
     )
     _add_servo(outer, f"module{i + 1}_beta", [0.0, 1.0, 0.0], robot)
@@ -195,7 +203,7 @@ class MujocoSimulation:
         self._robot = robot
         self._set_supply()
         self._mujoco = load_mujoco()
-        self._model: Any = build_mujoco_model(robot)
+        self._model: Any = build_mujoco_model(robot, self.actuation.layout)
         self._data: Any = self._mujoco.MjData(self._model)
         self._angles_q, self._angles_v = self._addresses(self.actuation.angles)
         _, self._wheels_v = self._addresses(self.actuation.wheels)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Unpack
 
@@ -13,6 +13,7 @@ import numpy as np
 from tsd_twin.kinematics import JointKind, SingularityKinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import SingularityDescription
+from tsd_twin.robots.description import BuildErrors
 from tsd_twin.simulation.actuators import (
     EscModel,
     Motors,
@@ -81,6 +82,7 @@ class Actuation:
         self.surface = WheelSurface.of(self.kinematics, robot.errors.layer_m, built, shape)
         self._sound_servos = Servos.of(robot, nominal_v)
         self.servos = Servos.of(robot, self.battery_v)
+        self.layout = BuiltLayout.of(self.kinematics, robot.errors, batch, seed)
         self.servo_shares: Array = np.ones((*batch, len(self.angles)))
         """(..., 2k): speed of each servo relative to a healthy one."""
         self.motors = Motors.of(robot)
@@ -293,8 +295,68 @@ class Actuation:
         }
 
 
-def rolling_tangent(kinematics: SingularityKinematics, joints: Array, dt_s: float) -> Array:
+@dataclass(frozen=True, slots=True, eq=False)
+class BuiltLayout:
+    """Places and mounting angles of the modules of built robots."""
+
+    turned_rad: Array
+    """(..., k): angle by which each module is turned about the vertical."""
+    displaced_m: Array
+    """(..., k, 2): displacement of each pivot."""
+    downhill_rad: Array
+    """(...): direction of the slope of the floor in the world."""
+    twist_from_contacts: Array | None
+    """(..., 3, 2k): as in the kinematics; None for modules as described."""
+
+    @staticmethod
+    def of(
+        kinematics: SingularityKinematics,
+        errors: BuildErrors,
+        batch: tuple[int, ...],
+        seed: int | None,
+    ) -> BuiltLayout:
+        """Return the layout of robots with these errors."""
+        # A separate generator keeps other errors of a robot the same with any layout.
+        random = np.random.default_rng(None if seed is None else [seed, 5])
+        shape = (*batch, kinematics.modules)
+        turned = math.radians(errors.mount_deg) * random.standard_normal(shape)
+        displaced = errors.place_m * random.standard_normal((*shape, 2))
+        downhill = random.uniform(0.0, 2.0 * np.pi, batch)
+        if not (turned.any() or displaced.any()):
+            return BuiltLayout(turned, displaced, downhill, None)
+        angles = kinematics.azimuths_rad - 0.5 * np.pi + turned
+        x, y = np.moveaxis(kinematics.pivots_m + displaced, -1, 0)
+        c, s = np.cos(angles), np.sin(angles)
+        rows = np.stack(
+            [
+                np.stack([c, s, s * x - c * y], axis=-1),
+                np.stack([-s, c, c * x + s * y], axis=-1),
+            ],
+            axis=-2,
+        )
+        inverse = np.linalg.pinv(rows.reshape(*batch, 2 * kinematics.modules, 3))
+        return BuiltLayout(turned, displaced, downhill, inverse)
+
+    def twist(
+        self, kinematics: SingularityKinematics, joints: Array, rates: Array | None = None
+    ) -> Array:
+        """Return the twist (..., 3) of rolling; arguments as in the kinematics."""
+        if self.twist_from_contacts is None:
+            return kinematics.twist(joints, rates)
+        contacts = kinematics.contacts(joints, rates)
+        flat = contacts.reshape(*contacts.shape[:-2], -1)
+        return np.asarray((self.twist_from_contacts @ flat[..., None])[..., 0], dtype=float)
+
+
+def rolling_tangent(
+    kinematics: SingularityKinematics,
+    joints: Array,
+    dt_s: float,
+    layout: BuiltLayout | None = None,
+) -> Array:
     """Return the tangent (..., 3) of rolling without slip over a step of `dt_s` seconds.
+
+    `layout` is that of the built robot, by default the described one.
 
     `joints` (3, ..., n) are the true joint vectors at its start, middle and end. Gimbal rates come
     from the parabola through them, so that Simpson's rule sums exactly to the rotation angle over
@@ -308,7 +370,10 @@ def rolling_tangent(kinematics: SingularityKinematics, joints: Array, dt_s: floa
     by_node = joints.reshape(3, -1)
     slopes, weights = _step_rules(dt_s)
     rates = (slopes @ by_node).reshape(joints.shape)
-    twists = kinematics.twist(joints, rates)
+    if layout is None:
+        twists = kinematics.twist(joints, rates)
+    else:
+        twists = layout.twist(kinematics, joints, rates)
     tangent = (weights @ twists.reshape(3, -1)).reshape(twists.shape[1:])
     # For a single robot, list elements are faster than array elements.
     vx, vy, omega = twists.T.tolist() if twists.ndim == 2 else np.moveaxis(twists, -1, 0)
@@ -401,7 +466,8 @@ class SingularitySimulation:
     def twist(self) -> Array:
         """Return the true twist (..., 3) in the body frame."""
         rates = self.actuation.rates(self.joints)
-        return self.kinematics.twist(self.actuation.surface.roll(self.joints), rates)
+        rolling = self.actuation.surface.roll(self.joints)
+        return self.actuation.layout.twist(self.kinematics, rolling, rates)
 
     def hardware_status(self) -> dict[str, object]:
         """Return the actuator status."""
@@ -420,7 +486,9 @@ class SingularitySimulation:
         nodes[0] = self.joints
         nodes[1:] = self.actuation.after(self.joints, dt_s * self._halves)
         rolling = self.actuation.surface.roll(nodes)
-        moved = SE2.exp(rolling_tangent(self.kinematics, rolling, dt_s))
+        moved = SE2.exp(
+            rolling_tangent(self.kinematics, rolling, dt_s, self.actuation.layout)
+        )
         self.joints = nodes[2]
         self.actuation.come_to_rest(self.joints)
         if self.joints.tobytes() + self.actuation.backlash_rad.tobytes() != before:

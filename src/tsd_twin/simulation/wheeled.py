@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import Unpack
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import OmniDescription, SphereDescription
+from tsd_twin.robots.description import BuildErrors
 from tsd_twin.robots.omni import ROLLER_CREEP_MPS, GearedMotorDescription
 from tsd_twin.sensors.base import BodyMotion
 from tsd_twin.sensors.dead_wheels import DeadWheelSensors
@@ -137,9 +139,8 @@ class OmniSimulation(GearedSimulation):
         self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
         """True pose in the world."""
         self._twist = np.zeros((*batch, 3))
-        self._grip = kinematics.grip_from_twist
-        # Component of a wheel's speed along the roller's axle.
-        self._arm_m = kinematics.wheel_radius_m * np.cos(kinematics.rollers_rad)
+        self._slope_mps2 = robot.errors.slope_mps2
+        self._build(robot.errors, batch, options.get("seed", 0))
         self._pull_m = (1.0 - robot.drive.slip) * self._arm_m
         self._body = robot.inertia
         self._body_matrix = np.diag(self._body)
@@ -149,6 +150,35 @@ class OmniSimulation(GearedSimulation):
         if robot.dead_wheels is not None:
             noise = options.get("noise", 0.0)
             self._sensors = DeadWheelSensors(robot.dead_wheels, batch, self._random, noise)
+
+    def _build(self, errors: BuildErrors, batch: tuple[int, ...], seed: int | None) -> None:
+        """Mount the wheels with their errors, on floors that slope in random directions."""
+        kinematics = self.kinematics
+        self._grip: Array = kinematics.grip_from_twist
+        """(..., k, 3): ground velocity along the axles of the rollers per twist."""
+        rollers = kinematics.rollers_rad
+        # A separate generator keeps other errors of a robot the same with any layout.
+        random = np.random.default_rng(None if seed is None else [seed, 5])
+        shape = (*batch, kinematics.wheels)
+        mount_rad = math.radians(errors.mount_deg)
+        turned = mount_rad * random.standard_normal(shape)
+        rolled = mount_rad * random.standard_normal(shape) * (rollers != 0.0)
+        displaced = errors.place_m * random.standard_normal((*shape, 2))
+        self._downhill_rad: Array = random.uniform(0.0, 2.0 * np.pi, batch)
+        if turned.any() or displaced.any():
+            rollers = rollers + rolled
+            angles = kinematics.directions_rad + turned + rollers
+            x, y = np.moveaxis(kinematics.positions_m + displaced, -1, 0)
+            c, s = np.cos(angles), np.sin(angles)
+            self._grip = np.stack([c, s, s * x - c * y], axis=-1)
+        # Component of a wheel's speed along the roller's axle.
+        self._arm_m: Array = kinematics.wheel_radius_m * np.cos(rollers)
+
+    def _along(self, twist: Array) -> Array:
+        """Return the ground velocities (..., k) along the axles of the rollers."""
+        if self._grip.ndim == 2:
+            return twist @ self._grip.T
+        return np.asarray((self._grip @ twist[..., None])[..., 0], dtype=float)
 
     def measure(self) -> Array:
         """Return wheel speeds, then tracking wheels and gyro, (..., k + s)."""
@@ -164,7 +194,7 @@ class OmniSimulation(GearedSimulation):
 
     def slipping(self) -> Array:
         """Return the speed (..., k) of each rim relative to the floor, m/s."""
-        return self._arm_m * self.joints - self._twist @ self._grip.T
+        return self._arm_m * self.joints - self._along(self._twist)
 
     def hardware_status(self) -> dict[str, object]:
         """Return battery voltage and wheel slip."""
@@ -174,7 +204,7 @@ class OmniSimulation(GearedSimulation):
         }
 
     def _rests(self) -> bool:
-        return super()._rests() and not self._twist.any()
+        return super()._rests() and not (self._twist.any() or self._slope_mps2)
 
     def _step(self, dt_s: float) -> None:
         joints, twist = self._after(dt_s)
@@ -187,7 +217,7 @@ class OmniSimulation(GearedSimulation):
         cos, sin = np.cos(angle), np.sin(angle)
         vx, vy = twist[..., 0].copy(), twist[..., 1].copy()
         twist[..., 0], twist[..., 1] = cos * vx - sin * vy, sin * vx + cos * vy
-        if not self._goals.any() and np.abs(twist).max() < _SETTLED:
+        if not (self._goals.any() or self._slope_mps2) and np.abs(twist).max() < _SETTLED:
             twist[...], joints[...] = 0.0, 0.0
         self.joints, self._twist = joints, twist
 
@@ -231,13 +261,22 @@ class OmniSimulation(GearedSimulation):
         alone = (heavy * self.joints + torque) / total
         along = pulled / total
         weight = c * (1.0 - self._pull_m * along)
-        matrix = self._body_matrix / dt_s + (grip.T * weight[..., None, :]) @ grip
-        push = self._twist * (self._body / dt_s) + (c * self._pull_m * alone) @ grip
+        matrix = self._body_matrix / dt_s + (
+            np.swapaxes(grip, -1, -2) * weight[..., None, :]
+        ) @ grip
+        pulls = c * self._pull_m * alone
+        pulled = pulls @ grip if grip.ndim == 2 else (pulls[..., None, :] @ grip)[..., 0, :]
+        push = self._twist * (self._body / dt_s) + pulled
+        if self._slope_mps2:
+            angle = self._downhill_rad - self.pose.xy_heading[..., 2]
+            weight_n = self._body[0] * self._slope_mps2
+            push[..., 0] += weight_n * np.cos(angle)
+            push[..., 1] += weight_n * np.sin(angle)
         twist = np.asarray(np.linalg.solve(matrix, push[..., None])[..., 0], dtype=float)
-        return alone + along * (twist @ grip.T), twist
+        return alone + along * self._along(twist), twist
 
     def _creep(self, joints: Array, twist: Array) -> Array:
-        return self._pull_m * joints - twist @ self._grip.T
+        return self._pull_m * joints - self._along(twist)
 
 
 class SphereSimulation(GearedSimulation):
