@@ -16,7 +16,7 @@ from tsd_twin.robots import OmniDescription, SingularityDescription
 from tsd_twin.sensors.gyro import Gyro
 
 TSD = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription)
-GYRO = Gyro()
+GYRO = Gyro(scale_share=0.0)
 ROBOT = msgspec.structs.replace(TSD, gyro=GYRO)
 
 

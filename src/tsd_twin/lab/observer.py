@@ -298,7 +298,8 @@ def make_observer(
     robot.speed_scale_sigma = voltage_share(robot) * (1.0 if slip is None else slip.rest_share)
     if loop is Loop.WHEELS:
         return PoseObserver(robot, slip=slip)
-    gyro, spin_sigma = YawGyro(Gyro(), random), None
+    # Its scale is assumed to be calibrated, because it would be taken for the wheels' speed.
+    gyro, spin_sigma = YawGyro(Gyro(scale_share=0.0), random), None
     if turns:
         speed_fraction, later_s = measure_spin(robot, gyro, slip)
         robot.speed_scale_sigma *= speed_fraction
