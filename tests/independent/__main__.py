@@ -45,7 +45,10 @@ def label(odometry: str, camera: str) -> str:
 
 
 def _row(args: argparse.Namespace, robot: str, name: str, odometry: str, camera: str) -> Row:
-    row = Row(robot, name, odometry, camera, args.errors, robots=args.count, first=args.seed)
+    # Rows of one robot do not share their machines, so that means of rows are independent.
+    place = ([*MANOEUVRES, *BY_NAME, *SPHERE_TWISTS]).index(name)
+    first = args.seed + 1000 * place
+    row = Row(robot, name, odometry, camera, args.errors, robots=args.count, first=first)
     return replace(row, times_s=tuple(args.times))
 
 
@@ -63,7 +66,7 @@ def main() -> None:
     parser.add_argument("--sensors", nargs="+", default=[JOINTS, GYRO])
     parser.add_argument("--errors", type=float, default=1.0)
     parser.add_argument("--count", type=int, default=40, help="robots a row")
-    parser.add_argument("--seed", type=int, default=9000)
+    parser.add_argument("--seed", type=int, default=9000, help="default 9000; 5000 is for tuning")
     parser.add_argument("--times", nargs="+", type=float, default=[2.0, 5.0, 20.0])
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()

@@ -49,7 +49,7 @@ _COMPARED_S = 0.1
 """Approximate duration of these steps."""
 _MAX_LAG_S = 0.01
 """Maximum lag of the joints behind the gyro."""
-_VARYING_SHARE = 0.1
+_VARYING_SHARE = 0.07
 """Fraction of the wheel errors that is not constant."""
 _VARYING_S = 1.0
 """Time for which that fraction persists."""
@@ -60,7 +60,7 @@ _RANGE_RAD_PER_S = math.radians(2000.0)
 """Range limit of a small gyro; larger readings are discarded."""
 
 
-AGE_SHARE = 0.5
+AGE_SHARE = 0.3
 """Standard deviation of the age of joint measurements, relative to the described delay."""
 
 

@@ -34,7 +34,7 @@ from tsd_twin.tables import NotNegative, Positive, Problem, Table
 
 _MEAN_LEVER = 3.0 * math.pi / 16.0
 """Friction lever of a purely spinning patch, in radii."""
-_LAG_FACTOR = 3.0
+_LAG_FACTOR = 2.5
 """Factor by which the lag on a floor typically differs from the described one: friction is 0.2 on
 polished wood and 2 on rubber."""
 _LAG_SIGMA = math.exp(math.log(_LAG_FACTOR) ** 2)
