@@ -27,7 +27,7 @@ from tsd_twin.messages.topics import SENSOR_POSE
 from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
 from tsd_twin.sensors.gyro import Gyro
 from tsd_twin.sensors.pose import Camera, CameraNoise
-from tsd_twin.simulation import Simulation, SimRobot, simulate
+from tsd_twin.simulation import SimRobot, Simulation, simulate
 
 TIMES_S = (2.0, 5.0, 20.0)
 MOUNTED, CONSTANT = "mounted", "2 cm off"

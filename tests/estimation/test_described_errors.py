@@ -1,4 +1,4 @@
-"""Each key of a description that says what is wrong with a robot is in the covariance, or said not to be."""
+"""Keys that say what is wrong with a robot are in the covariance, or explained not to be."""
 
 from __future__ import annotations
 

@@ -30,7 +30,8 @@ class Ride:
     ) -> None:
         self.robot = robot
         self.simulation: Simulation = simulate(robot, seed=seed, noise=noise, plant=plant)
-        self.estimator = StateEstimator(robot)
+        # The bus of a robot simulated without errors has no delay.
+        self.estimator = StateEstimator(robot.with_delay(0.0))
         self.now_s = 0.0
         self.path_m = 0.0
         self.deaf = False

@@ -59,9 +59,7 @@ def text(cells: list[Cell]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--robots", nargs="+", default=["tsd", "kiwi", "omni4", "mecanum", "atlas"]
-    )
+    parser.add_argument("--robots", nargs="+", default=["tsd", "kiwi", "omni4", "mecanum", "atlas"])
     parser.add_argument("--manoeuvres", nargs="+")
     parser.add_argument("--sensors", nargs="+", default=[JOINTS, GYRO])
     parser.add_argument("--errors", type=float, default=1.0)

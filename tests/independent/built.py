@@ -54,9 +54,7 @@ def gyro_of(table: Any, robots: int, seed: int, undeclared: Undeclared) -> Gyro 
     bias = table.bias_rad_per_s * random.standard_normal(robots)
     scale = getattr(table, "scale_share", 0.0) * random.standard_normal(robots)
     signs = random.choice([-1.0, 1.0], robots)
-    return Gyro(
-        1.0 + scale + signs * undeclared.gyro_scale, bias, table.noise_rad_per_s, random
-    )
+    return Gyro(1.0 + scale + signs * undeclared.gyro_scale, bias, table.noise_rad_per_s, random)
 
 
 def built(table: Any, errors: float, undeclared: Undeclared) -> tuple[float, float, float]:

@@ -52,6 +52,9 @@ def plant_of(robot: Any, count: int, seed: int, undeclared: Undeclared | None = 
     return PLANTS[type(robot)](robot, count, seed, undeclared=undeclared)
 
 
+AS_DECLARED = Undeclared()
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
     """One row of the table."""
@@ -61,7 +64,7 @@ class Row:
     odometry: str = JOINTS
     camera: str = ""
     errors: float = 1.0
-    undeclared: Undeclared = Undeclared()
+    undeclared: Undeclared = AS_DECLARED
     declared: dict[str, Any] = field(default_factory=dict, hash=False)
     """Tables of the description to replace, by name."""
     robots: int = 40

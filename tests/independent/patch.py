@@ -16,8 +16,8 @@ STICK_MPS = 5e-4
 def _points() -> tuple[np.ndarray, np.ndarray]:
     """Points (m, 2) in radii, and their shares (m,) of the load.
 
-    The pressure is 3/2 sqrt(1 - r^2) of the mean. With r = sin(b) the load is 3 sin b cos^2 b db, by
-    which also the friction per slip of a spinning patch, proportional to 1 / r, has a smooth
+    The pressure is 3/2 sqrt(1 - r^2) of the mean. With r = sin(b) the load is 3 sin b cos^2 b db,
+    by which also the friction per slip of a spinning patch, proportional to 1 / r, has a smooth
     integrand for Gauss-Legendre nodes.
     """
     nodes, weights = np.polynomial.legendre.leggauss(RINGS)

@@ -158,7 +158,7 @@ class SingularityPlant:
         return np.stack([np.cos(a) * np.sin(b), np.sin(a), np.cos(a) * np.cos(b)], axis=-1)
 
     def _turn_gimbals(self) -> None:
-        a, b = self.angles[..., 0], self.angles[..., 1]
+        b = self.angles[..., 1]
         axle, radius = self.axles(), self.radius_m
         # Torques of the floor, and of turning the spinning wheel, about the axes of the gimbals.
         load = np.empty_like(self.angles)

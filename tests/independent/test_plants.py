@@ -1,7 +1,8 @@
-"""The independent plants against cases that have an answer on paper, not against the project's code."""
+"""The independent plants against cases that have an answer on paper, not against our code."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -41,7 +42,9 @@ def joints(tilt_rad: float, towards: float = 0.0, spin: float = SPIN) -> np.ndar
 # The patch.
 
 
-def test_a_patch_that_only_slides_is_coulomb_and_one_that_only_spins_has_the_lever_of_hertz() -> None:
+def test_a_patch_that_only_slides_is_coulomb_and_one_that_only_spins_has_the_lever_of_hertz() -> (
+    None
+):
     slip, spin = np.array([[0.3, 0.4]]), np.array([0.0])
     c, offset, twisting = weights(np.array([8.0]), 0.0005, slip, spin)
     force = -c[:, None] * slip - offset
@@ -129,8 +132,10 @@ def test_a_gimbal_yields_by_the_torque_over_its_stiffness() -> None:
     for _ in range(400):
         plant.force[0, 0] = [3.0, 0.0]
         plant._turn_gimbals()
-    stiffness = TSD.servo.stall_torque_nm * TSD.servo.approach_rate_per_s / (
-        TSD.servo.no_load_speed_rpm * 2.0 * np.pi / 60.0
+    stiffness = (
+        TSD.servo.stall_torque_nm
+        * TSD.servo.approach_rate_per_s
+        / (TSD.servo.no_load_speed_rpm * 2.0 * np.pi / 60.0)
     )
     np.testing.assert_allclose(plant.angles[0, 0, 1], -0.04 * 3.0 / stiffness, rtol=1e-3)
 
@@ -168,8 +173,12 @@ def test_wheels_of_equal_speed_turn_or_drive_a_platform(name: str) -> None:
         np.testing.assert_allclose(plant.velocity[0], [rim, 0.0], atol=0.002 * rim)
     else:
         lever = np.hypot(drive.wheels[0].x_m, drive.wheels[0].y_m)
-        sign = np.sign(np.sin(np.radians(drive.wheels[0].direction_deg) - np.arctan2(
-            drive.wheels[0].y_m, drive.wheels[0].x_m)))
+        sign = np.sign(
+            np.sin(
+                np.radians(drive.wheels[0].direction_deg)
+                - np.arctan2(drive.wheels[0].y_m, drive.wheels[0].x_m)
+            )
+        )
         np.testing.assert_allclose(plant.rate, sign * rim / lever, rtol=0.002)
     np.testing.assert_allclose(plant.wheels.speed, 4.0, rtol=0.002)
 
@@ -234,12 +243,7 @@ def test_rotation_vectors_are_inverse_to_rotation_matrices() -> None:
     np.testing.assert_allclose(turned(turned_by(1e-9 * vectors)), 1e-9 * vectors, atol=1e-15)
 
 
-def test_the_plants_use_nothing_of_the_simulation() -> None:
-    import tests.independent as package
-
-    folder = package.__path__[0]
+def test_the_plants_use_nothing_of_the_project() -> None:
     for name in ("patch", "built", "singularity", "rollers"):
-        with open(f"{folder}/{name}.py", encoding="utf-8") as file:
-            assert "from tsd_twin" not in file.read(), name
-
-
+        text = (Path(__file__).parent / f"{name}.py").read_text(encoding="utf-8")
+        assert "from tsd_twin" not in text, name

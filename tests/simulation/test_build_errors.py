@@ -1,4 +1,4 @@
-"""Robots that are not built as described: mounting angles, places of wheels, slopes, gyro scales."""
+"""Robots not built as described: mounting angles, places of wheels, slopes, scales of gyros."""
 
 from __future__ import annotations
 
@@ -27,9 +27,13 @@ def built(name: str, **errors: float) -> Any:
 
 
 def solved(places: Array, angles: Array, rolls: Array, rims: Array) -> Array:
-    """Twist of wheels that impose `rims` cos(roll) along axles at angles: least squares, for one robot."""
+    """Twist of wheels that impose `rims` cos(roll) along axles at angles, by least squares."""
     rows = np.stack(
-        [np.cos(angles), np.sin(angles), places[:, 0] * np.sin(angles) - places[:, 1] * np.cos(angles)],
+        [
+            np.cos(angles),
+            np.sin(angles),
+            places[:, 0] * np.sin(angles) - places[:, 1] * np.cos(angles),
+        ],
         axis=-1,
     )
     return np.linalg.lstsq(rows, rims * np.cos(rolls), rcond=None)[0]

@@ -155,7 +155,6 @@ class RollerCreep:
         """Return the errors (3, 1) of the twist."""
         return -self._creep[:, None]
 
-
     def creep(self, joints: Array, heading_rad: float) -> Array:  # noqa: ARG002  As in `FloorEffects`.
         """Return the twists (3, 2) per acceleration along X and Y of a sloping floor."""
         return self._lag_s @ _axes(heading_rad)

@@ -50,12 +50,12 @@ _COMPARED_S = 0.1
 _MAX_LAG_S = 0.01
 """Maximum lag of the joints behind the gyro."""
 _VARYING_SHARE = 0.07
-"""Fraction of the wheel errors that is not constant."""
+"""Fraction of the errors of the velocity from the wheels that is not constant."""
 _VARYING_S = 1.0
 """Time for which that fraction persists."""
 _REFRESH_RAD = 0.03
-"""Angle after which the errors are updated early: the gyro corrects the velocity in body axes, and a
-correction of an earlier direction errs to the same side throughout a turn."""
+"""Angle after which the errors are updated early: the gyro corrects the velocity in body axes, and
+a correction of an earlier direction errs to the same side throughout a turn."""
 _RANGE_RAD_PER_S = math.radians(2000.0)
 """Range limit of a small gyro; larger readings are discarded."""
 
@@ -213,10 +213,10 @@ class GyroOdometry(PlanarOdometry):
             bias_jacobian[:, first + 2] = self._age_s * late
         noise = dt_s * self._noise_rad_per_s**2 * np.outer(gain, gain)
         white_per_s = keep @ wheels.white_per_s @ keep.T + noise
-        # Second-order terms keep combinations of biases from being known as well as the gyro and
-        # first-order terms suggest, most of all after whole turns.
-        varying = _VARYING_SHARE * wheels.bias_jacobian
-        white_per_s = white_per_s + _VARYING_S * varying @ varying.T
+        # Second-order terms keep combinations of velocity errors from being known as well as the
+        # gyro and first-order terms suggest, most of all after whole turns.
+        varying = _VARYING_SHARE * wheels.bias_jacobian[:2]
+        white_per_s[:2, :2] += _VARYING_S * varying @ varying.T
         _, covariance = with_gyro(np.zeros(3), wheels.covariance, np.array(0.0), sigma)
         return TwistErrors(bias_jacobian, white_per_s, covariance)
 

@@ -419,7 +419,7 @@ class Floor(Table, frozen=True):
 
 
 class BuildErrors(Table, frozen=True, kw_only=True):
-    """`[errors]`: deviations of a built robot and its floor from the description; 0 disables one."""
+    """`[errors]`: deviations of a built robot and floor from the description; 0 disables one."""
 
     mount_deg: NotNegative = 0.0
     """Standard deviation of the angle at which each wheel or module is mounted, and of that of the

@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 from tsd_twin.robots.description import (

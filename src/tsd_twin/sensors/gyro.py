@@ -58,7 +58,11 @@ class YawGyro:
 
     def measure(self, rate: Array) -> Array:
         """Return readings (...), rad/s, for true turn rates `rate` (...)."""
-        return self._scale * rate + self._bias + self._sigma * self._random.standard_normal(self._batch)
+        return (
+            self._scale * rate
+            + self._bias
+            + self._sigma * self._random.standard_normal(self._batch)
+        )
 
 
 class _GyroSensor:

@@ -85,9 +85,7 @@ def wheel_name(i: int) -> str:
     return f"wheel{i + 1}"
 
 
-def build_mujoco_model(
-    robot: SingularityDescription, layout: BuiltLayout | None = None
-) -> Any:
+def build_mujoco_model(robot: SingularityDescription, layout: BuiltLayout | None = None) -> Any:
     """Build solid bodies of `robot`, with the modules at a `layout`, by default as described.
 
     The chassis is a disc that extends to the farthest pivot, each gimbal frame a rod between its

@@ -486,9 +486,7 @@ class SingularitySimulation:
         nodes[0] = self.joints
         nodes[1:] = self.actuation.after(self.joints, dt_s * self._halves)
         rolling = self.actuation.surface.roll(nodes)
-        moved = SE2.exp(
-            rolling_tangent(self.kinematics, rolling, dt_s, self.actuation.layout)
-        )
+        moved = SE2.exp(rolling_tangent(self.kinematics, rolling, dt_s, self.actuation.layout))
         self.joints = nodes[2]
         self.actuation.come_to_rest(self.joints)
         if self.joints.tobytes() + self.actuation.backlash_rad.tobytes() != before:

@@ -261,9 +261,9 @@ class OmniSimulation(GearedSimulation):
         alone = (heavy * self.joints + torque) / total
         along = pulled / total
         weight = c * (1.0 - self._pull_m * along)
-        matrix = self._body_matrix / dt_s + (
-            np.swapaxes(grip, -1, -2) * weight[..., None, :]
-        ) @ grip
+        matrix = (
+            self._body_matrix / dt_s + (np.swapaxes(grip, -1, -2) * weight[..., None, :]) @ grip
+        )
         pulls = c * self._pull_m * alone
         pulled = pulls @ grip if grip.ndim == 2 else (pulls[..., None, :] @ grip)[..., 0, :]
         push = self._twist * (self._body / dt_s) + pulled
