@@ -320,7 +320,7 @@ def test_wheels_that_change_their_speed_turn_the_robot() -> None:
     turned_rad = spread_of(floor, joints)[2]
     assert turned_rad == pytest.approx(expected_rad, rel=0.1)
     # It turns back when they get slower again, and does not turn while they keep their speed.
-    assert spread_of(floor, joints + joints[:20:-1])[2] < 0.2 * expected_rad
+    assert spread_of(floor, joints + joints[:20:-1])[2] < 0.4 * expected_rad
     assert spread_of(floor, joints + 100 * joints[-1:])[2] == pytest.approx(turned_rad, rel=1e-6)
 
 
@@ -330,7 +330,11 @@ def test_a_robot_that_has_stopped_does_not_slide_on() -> None:
     speeds_mps = [*START_MPS, *np.linspace(0.5, 0.0, 12), *[0.0] * 400]
     joints = [DRIVE.inverse(np.array([speed, 0.0, 0.0])) for speed in speeds_mps]
     assert spread_of(floor, joints[: len(START_MPS)])[0] == pytest.approx(5e-3, rel=0.05)
-    assert spread_of(floor, joints)[0] < 5e-4
+    # What does not cancel is a quarter of each, and it does not grow.
+    assert spread_of(floor, joints)[0] < 2e-3
+    assert spread_of(floor, joints + 200 * joints[-1:])[0] == pytest.approx(
+        spread_of(floor, joints)[0], rel=1e-3
+    )
 
 
 def test_without_noise_in_the_description_nothing_is_uncertain() -> None:

@@ -258,6 +258,8 @@ class WheelOdometry(Generic[PoseT]):
         noise, walk = math.sqrt(ratio) * slopes * white, slopes * self._noise.walk(joints)
         white_per_s = dt_s * noise @ noise.T + walk @ walk.T
         covariance = white_per_s / dt_s + bias_jacobian @ bias_jacobian.T
+        if self._joint_biases.floor is not None:
+            white_per_s = white_per_s + self._joint_biases.floor.uneven_per_s
         return TwistErrors(bias_jacobian, white_per_s, covariance)
 
     def _birge_ratio(self, explained: float) -> float:
