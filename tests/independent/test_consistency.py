@@ -1,0 +1,52 @@
+"""Stated covariances on plants that share nothing with the simulator, in manoeuvres of many kinds.
+
+`python -m tests.independent` prints the whole table; these are the rows that once were wrong. Limits
+are those that one in thousands of right estimates exceeds; seeds are not those of tuning.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from tests.independent.built import Undeclared
+from tests.independent.drive import GYRO, JOINTS, Row, run_row
+from tsd_twin import robots
+
+
+def few(robot: str, manoeuvre: str, odometry: str, **more: Any) -> Row:
+    return Row(robot, manoeuvre, odometry, robots=10, first=9700, times_s=(2.0, 5.0), **more)
+
+
+def declared(robot: str, **errors: float) -> dict[str, Any]:
+    described: Any = robots.load_robot(robot)
+    return {"errors": msgspec.structs.replace(described.errors, **errors)}
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        few("tsd", "turn and translate", GYRO),
+        few("tsd", "stops", JOINTS, undeclared=Undeclared(friction=0.35)),
+        few("tsd", "creep 0.02 m/s", JOINTS),
+        few("kiwi", "turn and translate", GYRO),
+        few("kiwi", "figure eight", JOINTS, declared=declared("kiwi", mount_deg=0.5)),
+        few("mecanum", "figure eight", JOINTS, declared=declared("mecanum", mount_deg=0.5)),
+        few("omni4", "at the cap", GYRO),
+        few("atlas", "spin", JOINTS),
+    ],
+    ids=lambda row: f"{row.robot} {row.manoeuvre} {row.odometry}",
+)
+def test_errors_are_as_large_as_the_covariance_says_on_another_plant(row: Row) -> None:
+    """Mean squared error in units of the covariance: three, of three numbers."""
+    for cell in run_row(row):
+        assert 0.5 < cell.nees < 6.5
+        assert cell.share >= 0.6
+
+
+def test_a_mounting_angle_that_is_not_declared_shows() -> None:
+    """The table would be of no use if it could not fail."""
+    row = few("kiwi", "figure eight", JOINTS, undeclared=Undeclared(mount_deg=0.5))
+    assert max(cell.nees for cell in run_row(row)) > 8.0
