@@ -1,6 +1,6 @@
 """Stated covariances on plants that share nothing with the simulator, in manoeuvres of many kinds.
 
-`python -m tests.independent` prints the whole table; these are the rows that once were wrong. Limits
+`python -m tests.independent` prints the whole table; these are rows that once were wrong. Limits
 are those that one in thousands of right estimates exceeds; seeds are not those of tuning.
 """
 

@@ -62,8 +62,9 @@ class OmniKinematics(PlanarMotion, WheelKinematics):
     def contact_layout(self) -> ContactLayout:
         """Wheels grip along the axles of their rollers."""
         grip = self.grip_from_twist
+        inverse = np.asarray(np.linalg.pinv(grip), dtype=float)
         return ContactLayout(
-            self.positions_m, grip[:, None, :2], np.linalg.pinv(grip)[..., None], self.rollers_rad
+            self.positions_m, grip[:, None, :2], inverse[..., None], self.rollers_rad
         )
 
 
