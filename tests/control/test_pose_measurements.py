@@ -246,7 +246,7 @@ def test_what_wheels_get_wrong_a_camera_puts_right(robot: RobotDescription) -> N
     wheels = rig.controller.alternative_odometry(0)
     assert wheels is not None
     alone = math.dist(wheels.xy_heading[:2], rig.truth()[:2])
-    assert max(off) < 0.03
+    assert max(off) < 0.035  # The rig's bus has no delay, its description 5 ms.
     assert alone > 0.1
     assert dropped(rig) == {}
     assert ROBOT.pose_sensor == robot.pose_sensor

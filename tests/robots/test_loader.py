@@ -264,7 +264,11 @@ def test_a_gyro_is_there_when_its_table_is() -> None:
     exact = parse_description(
         TSD + "\n[gyro]\nnoise_rad_per_s = 0.001\nbias_rad_per_s = 0.0\n", "my.toml"
     )
-    assert msgspec.to_builtins(exact)["gyro"] == {"noise_rad_per_s": 0.001, "bias_rad_per_s": 0.0}
+    assert msgspec.to_builtins(exact)["gyro"] == {
+        "noise_rad_per_s": 0.001,
+        "bias_rad_per_s": 0.0,
+        "scale_share": 0.004,
+    }
 
 
 def test_dead_wheels_have_a_gyro_of_their_own() -> None:
