@@ -180,6 +180,8 @@ class GyroOdometry(PlanarOdometry):
         common error of all wheels, proportional to the twist, must not lag behind: it would always
         err to the same side.
         """
+        if not self._wheels.covariance.any():
+            return self._wheels.covariance  # Wheels that are off have no errors.
         stale, share = self._at_refresh[0], self._common_share
         change = np.outer(twist, twist) - np.outer(stale, stale)
         return self._wheels.covariance + share * share * change
