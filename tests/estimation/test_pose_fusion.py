@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from random import Random
 
@@ -39,7 +40,8 @@ class Ride:
     def step(self) -> None:
         self.now_s += DT_S
         waves = np.array([1.0, np.sin(2.0 * self.now_s), np.cos(3.0 * self.now_s)])
-        twist = waves @ self.sizes
+        # No robot starts at once: it would slip as far as the floor lets it.
+        twist = min(1.0, 2.0 * self.now_s) * waves @ self.sizes
         self.odometry.advance(DRIVE.inverse(twist), DT_S)
         self.truth = DRIVE.integrate(self.truth, self.odometry.motion.twist, DT_S)
         self.past.append((self.now_s, self.truth))
@@ -204,6 +206,7 @@ def test_what_it_claims_is_right_while_all_is_wrong_as_described(mounting: float
     Errors of the twist are constant; the camera is off by a constant, and by noise.
     """
     distances: list[float] = []
+    results: Counter[FusionResult] = Counter()
     sensor = ROBOT.pose_sensor
     sensor = msgspec.structs.replace(
         sensor,
@@ -227,11 +230,12 @@ def test_what_it_claims_is_right_while_all_is_wrong_as_described(mounting: float
             ride.past[-1] = (ride.now_s, ride.truth)
             if i % 4 == 0 and i > 8:
                 seen = SE2(ride.seen(ride.past[-9]).xy_heading + off)
-                result = ride.estimate.fuse(seen, ride.past[-9][0], at_rest=False)
-                assert result is FusionResult.USED
+                results[ride.estimate.fuse(seen, ride.past[-9][0], at_rest=False)] += 1
         errors = exponential_error(ride.estimate.pose, ride.truth)
         distances.append(float(errors @ np.linalg.solve(ride.estimate.pose_covariance, errors)))
     assert 2.2 < np.mean(distances) < 4.0
+    # One in 10,000 correct poses is rejected, so more than two of these are once in a thousand.
+    assert results[FusionResult.USED] >= results.total() - 2 > 2000
 
 
 def test_a_camera_that_is_off_all_the_time_is_not_believed_to_a_millimetre() -> None:

@@ -117,6 +117,16 @@ def test_a_wheel_that_stands_is_on_the_row_it_stands_on() -> None:
     np.testing.assert_array_equal(ATLAS.mean_side(angles, angles), ATLAS.side(angles))
 
 
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.3, 1.0, 20.0])
+def test_rows_are_mistaken_as_often_as_wrong_angles_are_on_the_other_one(share: float) -> None:
+    random = np.random.default_rng(0)
+    angles = random.uniform(-2.0, 2.0, 3)
+    wrong = share * ATLAS.row_rad * random.standard_normal((20000, 3))
+    found = (ATLAS.side(angles + wrong) != ATLAS.side(angles)).mean(axis=0)
+    said = ATLAS.wrong_side(angles, np.full(3, share * ATLAS.row_rad))
+    np.testing.assert_allclose(said, found, atol=0.03)
+
+
 def test_the_orthogonal_mounting_turns_about_three_axes_at_right_angles() -> None:
     """Eq. 19, 20: on the sphere's own axes each wheel turns it about an axis of its own."""
     contacts = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])

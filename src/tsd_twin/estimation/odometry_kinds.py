@@ -56,6 +56,8 @@ _VARYING_S = 1.0
 _REFRESH_RAD = 0.03
 """Angle after which the errors are updated early: the gyro corrects the velocity in body axes, and
 a correction of an earlier direction errs to the same side throughout a turn."""
+_STEADY_S = 0.5
+"""Typical time in which the motion of a sphere changes."""
 _RANGE_RAD_PER_S = math.radians(2000.0)
 """Range limit of a small gyro; larger readings are discarded."""
 
@@ -177,8 +179,8 @@ class GyroOdometry(PlanarOdometry):
         """Return the covariance of the wheel twist at `twist`.
 
         The errors are updated at 10 Hz, in which time a turning robot may change its direction. The
-        common error of all wheels, proportional to the twist, must not lag behind: it would always
-        err to the same side.
+        common error of all wheels, proportional to the twist, must not lag behind, because it would
+        always err to the same side.
         """
         if not self._wheels.covariance.any():
             return self._wheels.covariance  # Wheels that are off have no errors.
@@ -340,19 +342,45 @@ class DualRowOdometry(WheelOdometry[SO3]):
     """Dual-row odometry of a sphere: the wheel angle determines the supporting row.
 
     Source: Weiss et al. 2008, Eq. 8 to 12 and 25. The angle is the integrated wheel speed, starting
-    at zero.
+    at zero. As its error grows, so does the probability that the other row supports the sphere.
     """
 
     def __init__(self, robot: SphereDescription) -> None:
         self._sphere: SphereKinematics = robot.kinematics()
-        super().__init__(self._sphere, robot.joint_errors())
+        errors = robot.joint_errors()
+        super().__init__(self._sphere, errors)
+        self._speed_scale_sigma = errors.speed_scale_sigma
         self.angles_rad: Array = np.zeros(self._sphere.wheels)
         """(k,): angle of each wheel."""
+        self._coasted_rad: Array = np.zeros(self._sphere.wheels)
+        """(k,): standard deviation of the angles turned in outages."""
 
     def coast(self, step: CoastStep, dt_s: float) -> None:
         """Advance by a step without measurements, in which wheels roll with the sphere."""
+        rows = self._sphere.speeds_from_twist
+        sigmas = np.sqrt(((rows @ step.twist_covariance) * rows).sum(axis=-1))
+        self._coasted_rad = self._coasted_rad + dt_s * sigmas
         self.angles_rad = self.angles_rad + dt_s * self._sphere.inverse(step.twist)
         super().coast(step, dt_s)
+
+    def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
+        errors = super()._twist_errors(joints, dt_s)
+        sphere, twist = self._sphere, self.motion.twist
+        sigmas = np.hypot(self._speed_scale_sigma * self.angles_rad, self._coasted_rad)
+        wrong = sphere.wrong_side(self.angles_rad, sigmas)
+        # A wheel on the other row errs by these speeds, alternately to both sides. This cancels in
+        # steady motion; the remainder is white noise.
+        side = np.ones(sphere.wheels)
+        changes = sphere.true_inverse(twist, side) - sphere.true_inverse(twist, -side)
+        row_s = sphere.row_rad / np.maximum(np.abs(joints), sphere.row_rad / _STEADY_S)
+        lasting_s = np.minimum(sigmas / sphere.row_rad, 1.0) * row_s**2 / _STEADY_S
+        by_wheels = sphere.twist_from_speeds * (changes * np.sqrt(wrong))
+        white = (by_wheels * lasting_s) @ by_wheels.T
+        return TwistErrors(
+            errors.bias_jacobian,
+            errors.white_per_s + white,
+            errors.covariance + by_wheels @ by_wheels.T,
+        )
 
     def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  Common signature.
         turned = self.angles_rad + dt_s * joints

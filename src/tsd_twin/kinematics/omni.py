@@ -178,6 +178,17 @@ class SphereKinematics(WheelKinematics):
         """Integrate `side` over N phi / pi: a triangle wave from 0 to -1 and back."""
         return np.abs(np.mod(angles_rad / self.row_rad, 2.0) - 1.0) - 1.0
 
+    def wrong_side(self, angles_rad: Array, sigmas_rad: Array) -> Array:
+        """Return the probability (k,) that `side` is wrong, from the two nearest changes of rows.
+
+        Angles (k,) have normally distributed errors with standard deviations (k,).
+        """
+        before = np.mod(angles_rad, self.row_rad)
+        spreads = math.sqrt(2.0) * np.maximum(sigmas_rad, 1e-9)
+        edges = np.stack([before, self.row_rad - before]) / spreads
+        beyond = [[0.5 * math.erfc(ratio) for ratio in edge] for edge in edges.tolist()]
+        return np.minimum(np.sum(beyond, axis=0), 0.5)
+
     def true_rows(self, side: Array) -> Array:
         """Return the matrix (..., k, 3) from twist to wheel speeds; contacts on `side` (..., k).
 

@@ -356,7 +356,7 @@ def rolling_tangent(
 ) -> Array:
     """Return the tangent (..., 3) of rolling without slip over a step of `dt_s` seconds.
 
-    `layout` is that of the built robot, by default the described one.
+    The built robot has the described `layout` by default.
 
     `joints` (3, ..., n) are the true joint vectors at its start, middle and end. Gimbal rates come
     from the parabola through them, so that Simpson's rule sums exactly to the rotation angle over
