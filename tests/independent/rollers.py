@@ -109,6 +109,9 @@ class RollerPlant:
         self.pose = np.zeros((robots, 3))
         self.velocity = np.zeros((robots, 2))
         self.rate = np.zeros(robots)
+        self.crept_rad = np.zeros(robots)
+        """Angle (n,) by which the random walk of contacts turned the robots in the last period."""
+        self.period_s = STEP_S
         self.acceleration = np.zeros((robots, 2))
         self.friction_power = np.zeros(robots)
 
@@ -116,16 +119,19 @@ class RollerPlant:
         self.wheels.goal = np.array(setpoint)
 
     def advance(self, dt_s: float) -> None:
+        self.crept_rad[:], self.period_s = 0.0, dt_s
         for _ in range(round(dt_s / STEP_S)):
             self._move()
 
     def measure(self) -> np.ndarray:
         joints = self.wheels.speed * self.seen_share
+        # A gyro also measures what turns the robot at random, as its mean over the period.
+        rate = self.rate + self.crept_rad / self.period_s
         if self.tracking is not None:
-            return np.column_stack([joints, self.tracking.read(self.rate)])
+            return np.column_stack([joints, self.tracking.read(rate)])
         if self.gyro is None:
             return joints
-        return np.column_stack([joints, self.gyro.read(self.rate)])
+        return np.column_stack([joints, self.gyro.read(rate)])
 
     def _move(self) -> None:
         n, k = self.robots, self.count
@@ -190,7 +196,9 @@ class RollerPlant:
         if self.creeps_m > 0.0:
             # Each contact walks at random; the robot follows them all as well as it can.
             grips = rows[..., 0, :3]
-            moved += np.einsum("nij,nj->ni", np.linalg.pinv(grips), own)
+            crept = np.einsum("nij,nj->ni", np.linalg.pinv(grips), own)
+            self.crept_rad += STEP_S * crept[:, 2]
+            moved += crept
         self.pose += STEP_S * moved
         if self.tracking is not None:
             body = moved.copy()

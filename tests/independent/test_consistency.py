@@ -17,7 +17,8 @@ from tsd_twin import robots
 
 
 def few(robot: str, manoeuvre: str, odometry: str, **more: Any) -> Row:
-    return Row(robot, manoeuvre, odometry, robots=10, first=9700, times_s=(2.0, 5.0), **more)
+    times_s = more.pop("times_s", (2.0, 5.0))
+    return Row(robot, manoeuvre, odometry, robots=10, first=9700, times_s=times_s, **more)
 
 
 def declared(robot: str, **errors: float) -> dict[str, Any]:
@@ -35,7 +36,9 @@ def declared(robot: str, **errors: float) -> dict[str, Any]:
         few("kiwi", "figure eight", JOINTS, declared=declared("kiwi", mount_deg=0.5)),
         few("mecanum", "figure eight", JOINTS, declared=declared("mecanum", mount_deg=0.5)),
         few("omni4", "at the cap", GYRO),
+        few("omni4", "reversals", JOINTS, times_s=(5.0, 20.0)),
         few("atlas", "spin", JOINTS),
+        few("atlas", "wander", JOINTS, times_s=(5.0, 20.0)),
     ],
     ids=lambda row: f"{row.robot} {row.manoeuvre} {row.odometry}",
 )

@@ -56,7 +56,7 @@ _VARYING_S = 1.0
 _REFRESH_RAD = 0.03
 """Angle after which the errors are updated early: the gyro corrects the velocity in body axes, and
 a correction of an earlier direction errs to the same side throughout a turn."""
-_STEADY_S = 0.5
+_STEADY_S = 2.0
 """Typical time in which the motion of a sphere changes."""
 _RANGE_RAD_PER_S = math.radians(2000.0)
 """Range limit of a small gyro; larger readings are discarded."""
