@@ -56,6 +56,19 @@ class CdrWriter:
         if len(values):
             self.doubles(values)
 
+    def unsigned(self, *values: int) -> None:
+        """Append uint32 fields."""
+        self._pack(f"{len(values)}I", *values)
+
+    def boolean(self, value: bool) -> None:
+        """Append a boolean."""
+        self._body.append(value)
+
+    def raw(self, data: bytes) -> None:
+        """Append a sequence of bytes."""
+        self._pack("I", len(data))
+        self._body += data
+
     def payload(self) -> bytes:
         """Return the encoded message."""
         return _HEAD + self._body
@@ -76,9 +89,9 @@ class CdrReader:
             raises it if the payload is too short or a string is invalid.
     """
 
-    def __init__(self, payload: bytes, type_name: str) -> None:
+    def __init__(self, payload: bytes, type_name: str, largest: int = LARGEST) -> None:
         self._type = type_name
-        if len(payload) > LARGEST:
+        if len(payload) > largest:
             raise MessageError("shape", f"{len(payload)} bytes are too many for a {type_name}")
         if len(payload) < len(_HEAD) or payload[0] != 0 or payload[1] not in (0, 1):
             raise self._error("no CDR header")
@@ -114,6 +127,18 @@ class CdrReader:
         """Read a sequence of float64 to a new array."""
         count = self._count()
         return self.doubles(count) if count else np.empty(0)
+
+    def unsigned(self, count: int) -> tuple[int, ...]:
+        """Read `count` uint32 fields."""
+        return struct.unpack(f"{self._order}{count}I", self._take(4 * count, 4))
+
+    def boolean(self) -> bool:
+        """Read a boolean."""
+        return self._take(1, 1) != b"\0"
+
+    def raw(self) -> bytes:
+        """Read a sequence of bytes."""
+        return self._take(self._count(), 1)
 
     def end(self) -> None:
         """Check that the message ends here.

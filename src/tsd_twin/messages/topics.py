@@ -24,7 +24,7 @@ class QoS(StrEnum):
     EVENT = "event"
     """Kept in a history for late joiners."""
     LOG = "log"
-    """Lowest priority, for recorders only, so that it does not delay other topics."""
+    """Lowest priority, for recorders and pictures, so that it does not delay other topics."""
 
 
 @dataclass(frozen=True, slots=True)

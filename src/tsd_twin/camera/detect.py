@@ -1,0 +1,132 @@
+"""Tags in a picture: corners of the tags that were asked for, in the whole picture or in windows."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsd_twin.camera.tags import dictionary
+from tsd_twin.lie import Array
+
+Gray: TypeAlias = NDArray[np.uint8]
+"""(rows, columns): brightness of each pixel."""
+
+THRESHOLD_WINDOW = 23
+"""Side of the only threshold window, in pixels; three sizes, OpenCV's default, take twice as long."""
+_CORRECTED_SHARE = 0.3
+"""Wrong cells that are corrected, relative to the most that the dictionary permits."""
+_WINDOW_CELLS = 0.9, 0.6
+"""Half sides of the windows in which a corner is refined, in cells."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """Tag found in a picture."""
+
+    family: str
+    number: int
+    corners: Array
+    """(4, 2): pixels, from the top left of the tag, clockwise."""
+
+    @property
+    def side_px(self) -> float:
+        """Root of the area that the tag covers."""
+        return side_px(self.corners)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Part of a picture, in whole pixels."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @staticmethod
+    def around(points: Array, margin_px: float, shape: tuple[int, ...]) -> Window:
+        """Return the window around points (n, 2), cut off at the edge of a picture."""
+        low = np.floor(points.min(axis=0) - margin_px)
+        high = np.ceil(points.max(axis=0) + margin_px) + 1
+        left, top = np.clip(low, 0, [shape[1], shape[0]]).astype(int)
+        right, bottom = np.clip(high, 0, [shape[1], shape[0]]).astype(int)
+        return Window(int(left), int(top), int(right), int(bottom))
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it lies outside the picture."""
+        return self.right <= self.left or self.bottom <= self.top
+
+    def of(self, picture: Gray) -> Gray:
+        """Return this part of a picture, not a copy."""
+        return picture[self.top : self.bottom, self.left : self.right]
+
+
+def find_tags(picture: Gray, families: Iterable[str]) -> list[Sighting]:
+    """Find all tags of these families in a picture."""
+    return [
+        Sighting(family, int(number), corners.reshape(4, 2).astype(float))
+        for family in families
+        for number, corners in _detect(picture, family)
+    ]
+
+
+def find_in_window(picture: Gray, window: Window, families: Iterable[str]) -> list[Sighting]:
+    """Find the tags in a part of a picture; corners are in pixels of the whole one."""
+    if window.is_empty:
+        return []
+    offset = np.array([window.left, window.top], float)
+    part = np.ascontiguousarray(window.of(picture))
+    return [
+        Sighting(seen.family, seen.number, seen.corners + offset)
+        for seen in find_tags(part, families)
+    ]
+
+
+def side_px(corners: Array) -> float:
+    """Return the root of the area of a quadrilateral (4, 2) in pixels."""
+    x, y = (corners - corners[0]).T
+    return float(np.sqrt(0.5 * abs(x @ np.roll(y, 1) - y @ np.roll(x, 1))))
+
+
+def _detect(picture: Gray, family: str) -> list[tuple[int, Array]]:
+    corners, numbers, _ = _detector(family).detectMarkers(picture)
+    if numbers is None:
+        return []
+    cells = dictionary(family).markerSize + 2
+    return [
+        (int(number), _refined(picture, found.reshape(4, 2), cells))
+        for number, found in zip(numbers.ravel(), corners, strict=True)
+    ]
+
+
+def _refined(picture: Gray, corners: Array, cells: int) -> Array:
+    """Return corners (4, 2) moved to where edges meet, as CORNER_REFINE_SUBPIX does.
+
+    Its window is 0.3 of a cell, too small for corners that are 2 px off in tags of 40 px. Windows
+    here stay inside the white border of a cell. CORNER_REFINE_APRILTAG is half a pixel off, and
+    contours are twice as noisy.
+    """
+    points = np.ascontiguousarray(corners, np.float32).reshape(-1, 1, 2)
+    cell = side_px(corners.reshape(4, 2)) / cells
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.005)
+    for share in _WINDOW_CELLS:
+        half = max(2, round(share * cell))
+        cv2.cornerSubPix(picture, points, (half, half), (-1, -1), criteria)
+    return points.reshape(4, 2).astype(float)
+
+
+@functools.cache
+def _detector(family: str) -> cv2.aruco.ArucoDetector:
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.adaptiveThreshWinSizeMin = THRESHOLD_WINDOW
+    parameters.adaptiveThreshWinSizeMax = THRESHOLD_WINDOW
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE  # `_refined` does it.
+    parameters.errorCorrectionRate = _CORRECTED_SHARE
+    return cv2.aruco.ArucoDetector(dictionary(family), parameters)

@@ -1,0 +1,157 @@
+"""Lens and place of a camera: from the floor to pixels and back, with derivatives."""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from tsd_twin.lie import Array
+
+LENS_PARAMETERS = 8
+"""fx, fy, cx, cy, k1, k2, p1, p2."""
+PARAMETERS = LENS_PARAMETERS + 6
+"""Those of the lens, then rotation vector and position of the camera in the floor frame."""
+_REFINEMENTS = 4
+_NO = np.zeros(3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lens:
+    """Pinhole with radial and tangential distortion, as in OpenCV's plumb-bob model."""
+
+    width: int
+    height: int
+    parameters: Array
+    """(8,): fx, fy, cx, cy in pixels, then k1, k2, p1, p2."""
+
+    @staticmethod
+    def ideal(width: int, height: int, across_deg: float) -> Lens:
+        """Return a lens without distortion that sees `across_deg` in a row of pixels."""
+        f = 0.5 * width / math.tan(0.5 * math.radians(across_deg))
+        middle = [0.5 * (width - 1), 0.5 * (height - 1)]
+        return Lens(width, height, np.array([f, f, *middle, 0, 0, 0, 0]))
+
+    @property
+    def matrix(self) -> Array:
+        """(3, 3): camera matrix."""
+        fx, fy, cx, cy = self.parameters[:4]
+        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+
+    @property
+    def distortion(self) -> Array:
+        """(5,): k1, k2, p1, p2 and k3, which is zero."""
+        return np.append(self.parameters[4:8], 0.0)
+
+    def rays(self, pixels: Array) -> Array:
+        """Return the directions (n, 3) with z = 1 in the camera frame of pixels (n, 2)."""
+        points = np.ascontiguousarray(pixels, float).reshape(-1, 1, 2)
+        flat = cv2.undistortPoints(points, self.matrix, self.distortion).reshape(-1, 2)
+        focal = self.parameters[:2]
+        rays = np.column_stack([flat, np.ones(len(points))])
+        for _ in range(_REFINEMENTS):  # OpenCV stops after five steps, 0.01 px off in a corner.
+            shown, _ = cv2.projectPoints(rays, _NO, _NO, self.matrix, self.distortion)
+            rays[:, :2] += (points - shown).reshape(-1, 2) / focal
+        return rays
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPlace:
+    """Pose of a camera in the floor frame."""
+
+    rotation: Array
+    """(3,): rotation vector from the floor to the camera frame."""
+    position_m: Array
+    """(3,): the camera in the floor frame."""
+
+    @staticmethod
+    def looking_down(height_m: float, x_m: float = 0.0, y_m: float = 0.0) -> CameraPlace:
+        """Return a camera above (x, y) that looks straight down, with floor X to the right."""
+        down = np.diag([1.0, -1.0, -1.0])
+        return CameraPlace(cv2.Rodrigues(down)[0].ravel(), np.array([x_m, y_m, height_m]))
+
+    @staticmethod
+    def looking_at(position_m: Array, target_m: Array) -> CameraPlace:
+        """Return a camera at `position_m` (3,) that looks at `target_m` (3,), upright."""
+        ahead = target_m - position_m
+        ahead = ahead / np.linalg.norm(ahead)
+        up = np.array([0.0, 1.0, 0.0]) if abs(ahead[2]) > 0.999 else np.array([0.0, 0.0, 1.0])
+        right = np.cross(ahead, up)
+        right /= np.linalg.norm(right)
+        matrix = np.stack([right, np.cross(ahead, right), ahead])
+        return CameraPlace(cv2.Rodrigues(matrix)[0].ravel(), np.asarray(position_m, float))
+
+    @property
+    def matrix(self) -> Array:
+        """(3, 3): from floor axes to camera axes."""
+        return cv2.Rodrigues(np.asarray(self.rotation, float))[0]
+
+    @property
+    def offset_m(self) -> Array:
+        """(3,): the origin of the floor in the camera frame."""
+        return -self.matrix @ self.position_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """Lens and place together."""
+
+    lens: Lens
+    place: CameraPlace
+
+    @property
+    def parameters(self) -> Array:
+        """(14,): parameters of the lens, rotation vector, position."""
+        return np.concatenate([self.lens.parameters, self.place.rotation, self.place.position_m])
+
+    def with_parameters(self, parameters: Array) -> View:
+        """Return the view with other parameters (14,)."""
+        lens = replace(self.lens, parameters=parameters[:LENS_PARAMETERS])
+        rotation, position = np.split(parameters[LENS_PARAMETERS:], 2)
+        return View(lens, CameraPlace(rotation, position))
+
+    def project(self, points_m: Array) -> Array:
+        """Return the pixels (n, 2) of points (n, 3) of the floor frame."""
+        return self.derivatives(points_m)[0]
+
+    def derivatives(self, points_m: Array) -> tuple[Array, Array, Array]:
+        """Return pixels (n, 2), their derivatives by the points (n, 2, 3) and by the view (n, 2, 14).
+
+        The lens is differentiated by OpenCV, whose translation is converted to a position here.
+        """
+        points = np.ascontiguousarray(points_m, float).reshape(-1, 1, 3)
+        place = self.place
+        pixels, jacobian = cv2.projectPoints(
+            points, place.rotation, place.offset_m, self.lens.matrix, self.lens.distortion
+        )
+        by_rotation, by_offset, by_lens = jacobian[:, :3], jacobian[:, 3:6], jacobian[:, 6:14]
+        count = len(points)
+        rotated = by_offset @ place.matrix  # The points move as the camera does the other way.
+        # The offset -R p depends on the rotation vector as well.
+        turned = cv2.Rodrigues(np.asarray(place.rotation, float))[1].reshape(3, 3, 3)
+        by_rotation = by_rotation - by_offset @ np.einsum("kij,j->ik", turned, place.position_m)
+        by_view = np.concatenate([by_lens, by_rotation, -rotated], axis=1)
+        return (
+            pixels.reshape(count, 2),
+            rotated.reshape(count, 2, 3),
+            by_view.reshape(count, 2, PARAMETERS),
+        )
+
+    def on_plane(self, pixels: Array, height_m: float = 0.0) -> Array:
+        """Return where pixels (n, 2) meet the plane z = `height_m`: (n, 2), NaN at or above the horizon."""
+        rays = self.lens.rays(pixels) @ self.place.matrix
+        position = self.place.position_m
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = (height_m - position[2]) / rays[:, 2]
+        reach[~(reach > 0.0)] = np.nan
+        return (position + reach[:, None] * rays)[:, :2]
+
+
+@functools.cache
+def pixel_grid(width: int, height: int) -> Array:
+    """Return the centres (width * height, 2) of all pixels, row by row."""
+    columns, rows = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+    return np.column_stack([columns.ravel(), rows.ravel()])

@@ -1,0 +1,259 @@
+"""Simulated camera: floor, robots and tags as a lens and a sensor with noise show them.
+
+The floor is drawn once. Each frame copies it and draws windows around robots only: bodies as the
+outlines of their convex parts, tags with 4 x 4 samples a pixel and one picture for each step of the
+exposure. Not modelled: rolling shutter, reflections, vignetting, compression in the camera.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tsd_twin.camera.detect import Gray, Window
+from tsd_twin.camera.lens import View, pixel_grid
+from tsd_twin.camera.tags import QUIET_CELLS, Tag, with_quiet_zone
+from tsd_twin.lie import SE2, Array
+
+SAMPLES = 4
+"""Samples per pixel in each direction."""
+_TEXEL_CELLS = 16
+"""Texels of a texture per cell of a tag."""
+_MOTION_PX = 0.6
+"""Most motion between two steps of an exposure."""
+_MOST_STEPS = 24
+_SHIFT = 4
+"""Fractional bits of the vertices of outlines."""
+_MARGIN_PX = 6.0
+_BANK_MARGIN = 256
+"""The bank of noise is larger than a picture by so many pixels, for random offsets."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """Optics and electronics of a webcam.
+
+    Blur and noise are those of the measurements in docs/camera.md.
+    """
+
+    blur_px: float = 0.8
+    """Standard deviation of the point spread."""
+    noise: float = 4.0
+    """Standard deviation of a pixel, of 255."""
+    exposure_s: float = 0.008
+    delay_s: float = 0.05
+    """From the middle of the exposure to the picture in the program."""
+    rate_hz: float = 30.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid:
+    """Convex part of a body: vertices (n, 3) in the frame of the robot on the floor, brightness."""
+
+    vertices_m: Array
+    brightness: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """Robot as a camera sees it: parts from bottom to top, and its tags."""
+
+    solids: Sequence[Solid]
+    tags: Sequence[Tag]
+
+
+def cylinder(radius_m: float, height_m: float, brightness: int = 70) -> Solid:
+    """Return an upright cylinder on the floor."""
+    turn = np.linspace(0.0, 2.0 * math.pi, 24, endpoint=False)
+    ring = radius_m * np.column_stack([np.cos(turn), np.sin(turn)])
+    levels = [np.column_stack([ring, np.full(len(ring), z)]) for z in (0.0, height_m)]
+    return Solid(np.concatenate(levels), brightness)
+
+
+class SimulatedCamera:
+    """Draws frames of robots on a floor; not thread-safe."""
+
+    def __init__(
+        self,
+        view: View,
+        floor_tags: Sequence[Tag] = (),
+        sensor: Sensor | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Draw the floor with its tags."""
+        self.view = view
+        self.sensor = sensor or Sensor()
+        self._random = np.random.default_rng(seed)
+        lens = view.lens
+        self._shape = lens.height, lens.width
+        rays = lens.rays(pixel_grid(lens.width, lens.height))[:, :2]
+        self._rays = rays.reshape(*self._shape, 2).astype(np.float32)
+        self._textures: dict[tuple[str, int], Gray] = {}
+        size = (lens.height + _BANK_MARGIN, lens.width + _BANK_MARGIN)
+        bank = self.sensor.noise * self._random.standard_normal(size, dtype=np.float32)
+        self._bank = np.rint(bank).astype(np.int16)
+        self._floor = self._draw_floor(floor_tags)
+
+    def draw(self, robots: Sequence[tuple[Body, Sequence[Array]]]) -> Gray:
+        """Return a picture (height, width) of robots.
+
+        Each has the poses (n, 3) of its centre on the floor at equal steps of the exposure; one
+        pose is a robot that stands. A row of five adds roll and pitch in radians.
+        """
+        picture = self._floor.copy()
+        for body, poses in robots:
+            self._draw_body(picture, body, poses)
+        return self.add_noise(picture)
+
+    def add_noise(self, picture: Gray) -> Gray:
+        """Return the picture with the noise of the sensor."""
+        if self.sensor.noise <= 0.0:
+            return picture
+        top, left = self._random.integers(0, _BANK_MARGIN, 2)
+        rows, columns = self._shape
+        part = self._bank[top : top + rows, left : left + columns]
+        return np.asarray(cv2.add(picture, part, dtype=cv2.CV_8U), np.uint8)
+
+    def _draw_floor(self, tags: Sequence[Tag]) -> Gray:
+        """Return the floor: coarse texture, lines each half metre, and tags."""
+        rows, columns = self._shape
+        where = self._on_plane(Window(0, 0, columns, rows), 0.0)
+        cloud = self._random.standard_normal((rows // 16 + 1, columns // 16 + 1), np.float32)
+        brightness = 128.0 + 10.0 * cv2.resize(cloud, (columns, rows), interpolation=cv2.INTER_CUBIC)
+        with np.errstate(invalid="ignore"):
+            off_line = np.abs(np.mod(where + 0.25, 0.5) - 0.25).min(axis=2)
+        brightness -= 30.0 * np.clip(1.0 - off_line / 0.008, 0.0, 1.0)
+        brightness[~np.isfinite(where).all(axis=2)] = 200.0  # Above the horizon.
+        picture = np.clip(brightness, 0.0, 255.0).astype(np.uint8)
+        for tag in tags:
+            self._draw_tag(picture, tag, [np.zeros(3)])
+        return self._blurred(picture)
+
+    def _draw_body(self, picture: Gray, body: Body, poses: Sequence[Array]) -> None:
+        outlines = [self._outlines(body, pose) for pose in poses]
+        points = [hull for each in outlines for hull, _ in each]
+        points += [self._plate(tag, pose) for tag in body.tags for pose in (poses[0], poses[-1])]
+        window = Window.around(np.concatenate(points), _MARGIN_PX, picture.shape)
+        if window.is_empty:
+            return
+        part = window.of(picture)
+        offset = np.array([window.left, window.top])
+        # The middle of the exposure is enough for bodies; their tags are what is measured.
+        for hull, brightness in outlines[len(outlines) // 2]:
+            fixed = np.rint((hull - offset) * 2**_SHIFT).astype(np.int32)
+            cv2.fillConvexPoly(part, fixed, brightness, cv2.LINE_AA, _SHIFT)
+        for tag in body.tags:
+            self._draw_tag(picture, tag, poses)
+        part[:] = self._blurred(part)
+
+    def _outlines(self, body: Body, pose: Array) -> list[tuple[Array, int]]:
+        """Return the convex outlines in pixels of the parts in front of the camera."""
+        vertices = np.concatenate([solid.vertices_m for solid in body.solids] or [np.zeros((0, 3))])
+        if not len(vertices):
+            return []
+        pixels = self.view.project(placed(vertices, pose)).astype(np.float32)
+        ends = np.cumsum([len(solid.vertices_m) for solid in body.solids])[:-1]
+        return [
+            (cv2.convexHull(part).reshape(-1, 2), solid.brightness)
+            for part, solid in zip(np.split(pixels, ends), body.solids, strict=True)
+        ]
+
+    def _plate(self, tag: Tag, pose: Array) -> Array:
+        """Return the pixels (4, 2) of a tag's white border."""
+        cells = len(with_quiet_zone(tag.family, tag.number))
+        corners = tag.corners_m * cells / (cells - 2 * QUIET_CELLS)
+        return self.view.project(placed(on_robot(tag, corners), pose))
+
+    def _draw_tag(self, picture: Gray, tag: Tag, poses: Sequence[Array]) -> None:
+        """Draw a tag with 4 x 4 samples a pixel, averaged over the exposure."""
+        ends = np.concatenate([self._plate(tag, pose) for pose in (poses[0], poses[-1])])
+        window = Window.around(ends, 2.0, picture.shape)
+        if window.is_empty:
+            return
+        part = window.of(picture)
+        size = (SAMPLES * part.shape[1], SAMPLES * part.shape[0])
+        background = cv2.resize(part, size, interpolation=cv2.INTER_NEAREST)
+        total = np.zeros(part.shape, np.float32)
+        for pose in poses:
+            maps = self._texture_maps(window, tag, pose)
+            fine = [cv2.resize(each, size, interpolation=cv2.INTER_LINEAR) for each in maps]
+            drawn = cv2.remap(
+                self._texture(tag),
+                fine[0],
+                fine[1],
+                cv2.INTER_NEAREST,
+                dst=background.copy(),
+                borderMode=cv2.BORDER_TRANSPARENT,
+            )
+            total += cv2.resize(drawn, part.shape[::-1], interpolation=cv2.INTER_AREA)
+        part[:] = np.rint(total / len(poses)).astype(np.uint8)
+
+    def _texture_maps(self, window: Window, tag: Tag, pose: Array) -> tuple[Array, Array]:
+        """Return the column and row of the texture that each pixel of a window sees."""
+        corner = placed(on_robot(tag, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])), pose)
+        axes = np.column_stack([corner[1] - corner[0], corner[2] - corner[0], corner[0]])
+        # Pixel ray = R (tag axes, centre - position): the inverse maps rays to tag coordinates.
+        axes[:, 2] -= self.view.place.position_m
+        to_tag = np.linalg.inv(self.view.place.matrix @ axes).astype(np.float32)
+        rays = self._rays[window.top : window.bottom, window.left : window.right]
+        u, v, w = (rays[..., 0] * row[0] + rays[..., 1] * row[1] + row[2] for row in to_tag)
+        cells = len(with_quiet_zone(tag.family, tag.number))
+        scale = _TEXEL_CELLS * (cells - 2 * QUIET_CELLS) / tag.size_m
+        middle = 0.5 * (_TEXEL_CELLS * cells - 1)
+        return middle + scale * u / w, middle - scale * v / w
+
+    def _texture(self, tag: Tag) -> Gray:
+        key = tag.family, tag.number
+        if key not in self._textures:
+            cells = 25 + 205 * with_quiet_zone(*key).astype(np.uint8)
+            self._textures[key] = np.kron(cells, np.ones((_TEXEL_CELLS,) * 2, np.uint8))
+        return self._textures[key]
+
+    def _on_plane(self, window: Window, height_m: float) -> Array:
+        """Return where each pixel of a window meets a plane: (rows, columns, 2)."""
+        rays = self._rays[window.top : window.bottom, window.left : window.right]
+        turned = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=2)
+        turned = turned @ self.view.place.matrix.astype(np.float32)
+        position = self.view.place.position_m
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = (height_m - position[2]) / turned[..., 2]
+        reach[~(reach > 0.0)] = np.nan
+        return position[:2] + reach[..., None] * turned[..., :2]
+
+    def _blurred(self, part: Gray) -> Gray:
+        if self.sensor.blur_px <= 0.0:
+            return part
+        return np.asarray(cv2.GaussianBlur(part, (0, 0), self.sensor.blur_px), np.uint8)
+
+    def exposure_poses(self, before: SE2, after: SE2) -> list[Array]:
+        """Return the poses during an exposure from `before` to `after`, at most 0.6 px apart."""
+        ends = np.stack([np.append(each.xy_heading[:2], 0.2) for each in (before, after)])
+        shown = self.view.project(ends)
+        moved_px = float(np.linalg.norm(shown[1] - shown[0]))
+        turned_px = abs(float((before.inverse() @ after).xy_heading[2])) * 60.0
+        steps = 1 + min(_MOST_STEPS - 1, math.ceil((moved_px + turned_px) / _MOTION_PX))
+        way = (before.inverse() @ after).log()
+        shares = (np.arange(steps) + 0.5) / steps
+        return [np.asarray((before @ SE2.exp(share * way)).xy_heading) for share in shares]
+
+
+def on_robot(tag: Tag, points_m: Array) -> Array:
+    """Return points (n, 2) of a tag in the frame of its robot: (n, 3)."""
+    level = tag.place.transform(points_m)
+    return np.column_stack([level, np.full(len(level), tag.height_m)])
+
+
+def placed(points_m: Array, pose: Array) -> Array:
+    """Return points (n, 3) of a robot in the floor frame.
+
+    `pose` is (3,): x, y, heading; or (5,), with roll and pitch in radians about the robot's axes.
+    """
+    if len(pose) > 3:
+        turn = cv2.Rodrigues(np.array([pose[3], pose[4], 0.0]))[0]
+        points_m = points_m @ turn.T
+    level = SE2(np.asarray(pose[:3], float)).transform(points_m[:, :2])
+    return np.column_stack([level, points_m[:, 2]])

@@ -1,0 +1,156 @@
+"""Pictures of cameras: CompressedImage and CameraInfo of ROS 2, and their keys.
+
+A camera publishes JPEG on `twin/<robot>/camera/<name>` or `floor/<name>`, its `CameraInfo` on
+`<key>/info`, and holds a liveliness token on `<key>/alive`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsd_twin.errors import BusError
+from tsd_twin.lie import Array
+from tsd_twin.messages.cdr_codec import CdrReader, CdrWriter
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.topics import checked
+
+IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
+INFO_TYPE = "sensor_msgs/msg/CameraInfo"
+LARGEST_PICTURE = 60_000
+"""Most bytes of a JPEG: a robot with access rules reassembles messages up to 65,536."""
+_ENVELOPE = 512
+"""Room for header and format in addition to the JPEG."""
+_COEFFICIENTS = 14
+"""Most distortion coefficients of any model of ROS 2 and OpenCV."""
+
+
+@dataclass(frozen=True, slots=True)
+class CompressedImage:
+    """Compressed picture; `stamp_ns` is the middle of its exposure on the wall clock."""
+
+    frame: str
+    data: bytes
+    stamp_ns: int
+    format: str = "jpeg"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraInfo:
+    """Size in pixels, camera matrix (3, 3) and distortion (k1, k2, p1, p2, k3) of a camera."""
+
+    frame: str
+    width: int
+    height: int
+    matrix: Array
+    distortion: Array
+    stamp_ns: int = 0
+
+
+def encode_picture(message: CompressedImage) -> bytes:
+    """Encode a `sensor_msgs/msg/CompressedImage` as CDR."""
+    cdr = CdrWriter()
+    cdr.header(message.stamp_ns, message.frame)
+    cdr.text(message.format)
+    cdr.raw(message.data)
+    return cdr.payload()
+
+
+def decode_picture(payload: bytes) -> CompressedImage:
+    """Decode a picture from CDR, without decoding the JPEG.
+
+    Raises:
+        MessageError: If it is not a `sensor_msgs/msg/CompressedImage` with JPEG, or too large
+            (`shape`).
+    """
+    cdr = CdrReader(payload, IMAGE_TYPE, LARGEST_PICTURE + _ENVELOPE)
+    stamp_ns, frame = cdr.header()
+    kind, data = cdr.text(), cdr.raw()
+    cdr.end()
+    if "jpeg" not in kind or not data.startswith(b"\xff\xd8"):
+        raise MessageError("shape", f"pictures are JPEG, not '{kind[:32]}'")
+    return CompressedImage(frame, data, stamp_ns)
+
+
+def encode_camera_info(message: CameraInfo) -> bytes:
+    """Encode a `sensor_msgs/msg/CameraInfo` as CDR."""
+    matrix = np.asarray(message.matrix, float)
+    cdr = CdrWriter()
+    cdr.header(message.stamp_ns, message.frame)
+    cdr.unsigned(message.height, message.width)
+    cdr.text("plumb_bob")
+    cdr.double_sequence(np.asarray(message.distortion, float))
+    cdr.doubles(matrix.ravel())
+    cdr.doubles(np.eye(3).ravel())  # Rectification: none.
+    cdr.doubles(np.column_stack([matrix, np.zeros(3)]).ravel())
+    cdr.unsigned(0, 0, 0, 0, 0, 0)  # Binning and region of interest: the whole picture.
+    cdr.boolean(False)
+    return cdr.payload()
+
+
+def decode_camera_info(payload: bytes) -> CameraInfo:
+    """Decode a camera info from CDR.
+
+    Raises:
+        MessageError: If it is not a `sensor_msgs/msg/CameraInfo` (`shape`).
+    """
+    cdr = CdrReader(payload, INFO_TYPE)
+    stamp_ns, frame = cdr.header()
+    height, width = cdr.unsigned(2)
+    cdr.text()
+    distortion, matrix = cdr.double_sequence(), cdr.doubles(9).reshape(3, 3)
+    cdr.doubles(21)
+    cdr.unsigned(6)
+    cdr.boolean()
+    cdr.end()
+    if len(distortion) > _COEFFICIENTS or not (
+        np.isfinite(matrix).all() and np.isfinite(distortion).all()
+    ):
+        raise MessageError("shape", "a camera matrix and its distortion must be finite numbers")
+    return CameraInfo(frame, width, height, matrix, distortion, stamp_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraName:
+    """Identity of a camera: its name, and the robot that carries it, or None above the floor."""
+
+    name: str
+    robot: str | None = None
+
+    @property
+    def key(self) -> str:
+        """Key of its pictures."""
+        own = checked(self.name)
+        return f"twin/{checked(self.robot)}/camera/{own}" if self.robot else f"floor/{own}"
+
+    @property
+    def info_key(self) -> str:
+        """Key of its `CameraInfo`."""
+        return f"{self.key}/info"
+
+    @property
+    def alive_key(self) -> str:
+        """Key of its liveliness token."""
+        return f"{self.key}/alive"
+
+    @staticmethod
+    def of(key: str) -> CameraName | None:
+        """Return the camera with a key or one of the keys below it; None for any other key."""
+        match key.split("/"):
+            case ["floor", name, *_]:
+                found = CameraName(name)
+            case ["twin", robot, "camera", name, *_]:
+                found = CameraName(name, robot)
+            case _:
+                return None
+        try:
+            checked(found.name)
+            checked(found.robot or "floor")
+        except BusError:
+            return None
+        return found
+
+
+ALIVE_KEYS = "twin/*/camera/*/alive", "floor/*/alive"
+"""Keys of the liveliness tokens of all cameras."""
