@@ -21,8 +21,9 @@ THRESHOLD_WINDOW = 23
 """Side of the only threshold window, in pixels; three sizes, OpenCV's default, take twice as long."""
 _CORRECTED_SHARE = 0.3
 """Wrong cells that are corrected, relative to the most that the dictionary permits."""
-_WINDOW_CELLS = 0.9, 0.6
-"""Half sides of the windows in which a corner is refined, in cells."""
+_WINDOW_CELLS = 0.7, 0.5
+"""Half sides of the windows in which a corner is refined, in cells: a turned window of 0.7 reaches to
+the end of the white border."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -123,7 +123,7 @@ def measure(
 
 LEAST_BELIEVED_PX = 24.0
 """Three pixels for each cell of a tag with eight."""
-_RESIDUAL_PX, _RESIDUAL_SHARE = 0.45, 0.006
+_RESIDUAL_PX, _RESIDUAL_SHARE = 0.9, 0.006
 """Largest residual, and its growth with the side of the tag: lens, height, and 3 degrees of tilt."""
 _SLANTED_RAD = math.radians(12.0)
 _SIZE_RATIO = 0.04
@@ -206,9 +206,9 @@ def _mounting(
     return covariance + errors.heading_rad**2 * np.outer(swing, swing)
 
 
-CORNER_NOISE = 3.0
+CORNER_NOISE = 4.0
 """Standard deviation of a corner, in pixels, for noise as large as the contrast (docs/camera.md)."""
-CORNER_FLOOR_PX = 0.03
+CORNER_FLOOR_PX = 0.04
 """Standard deviation of a corner without noise: where its pixels lie (docs/camera.md)."""
 BLUR_SHARE = 0.04
 """Standard deviation of a corner per pixel of motion during the exposure (docs/camera.md)."""

@@ -174,15 +174,38 @@ class SimulatedCamera:
         window = Window.around(ends, 2.0, picture.shape)
         if window.is_empty:
             return
-        part = window.of(picture)
+        cells = len(with_quiet_zone(tag.family, tag.number))
+        scale = _TEXEL_CELLS * (cells - 2 * QUIET_CELLS) / tag.size_m
+        axes = [self._tag_axes(tag, pose) for pose in poses]
+        self._draw_plane(window.of(picture), window, self._texture(tag), scale, axes)
+
+    def draw_sheet(self, texture: Gray, texels_per_m: float, axes: Array) -> Gray:
+        """Return a picture of a sheet of paper in front of a gray wall.
+
+        `axes` (3, 3) has its X and Y axes and its centre as columns, in the camera frame.
+        """
+        picture = np.full(self._shape, 150, np.uint8)
+        window = Window(0, 0, self._shape[1], self._shape[0])
+        self._draw_plane(picture, window, texture, texels_per_m, [axes])
+        return self.add_noise(self._blurred(picture))
+
+    def _draw_plane(
+        self, part: Gray, window: Window, texture: Gray, scale: float, axes: Sequence[Array]
+    ) -> None:
+        """Draw a texture into a part of the picture, averaged over the steps of an exposure."""
         size = (SAMPLES * part.shape[1], SAMPLES * part.shape[0])
         background = cv2.resize(part, size, interpolation=cv2.INTER_NEAREST)
+        rays = self._rays[window.top : window.bottom, window.left : window.right]
+        middle = 0.5 * (np.array(texture.shape[::-1]) - 1.0)
         total = np.zeros(part.shape, np.float32)
-        for pose in poses:
-            maps = self._texture_maps(window, tag, pose)
-            fine = [cv2.resize(each, size, interpolation=cv2.INTER_LINEAR) for each in maps]
+        for each in axes:
+            # The inverse maps rays to coordinates on the plane.
+            on_plane = np.linalg.inv(each).astype(np.float32)
+            u, v, w = (rays[..., 0] * row[0] + rays[..., 1] * row[1] + row[2] for row in on_plane)
+            maps = [middle[0] + scale * u / w, middle[1] - scale * v / w]
+            fine = [cv2.resize(one.astype(np.float32), size) for one in maps]
             drawn = cv2.remap(
-                self._texture(tag),
+                texture,
                 fine[0],
                 fine[1],
                 cv2.INTER_NEAREST,
@@ -190,21 +213,14 @@ class SimulatedCamera:
                 borderMode=cv2.BORDER_TRANSPARENT,
             )
             total += cv2.resize(drawn, part.shape[::-1], interpolation=cv2.INTER_AREA)
-        part[:] = np.rint(total / len(poses)).astype(np.uint8)
+        part[:] = np.rint(total / len(axes)).astype(np.uint8)
 
-    def _texture_maps(self, window: Window, tag: Tag, pose: Array) -> tuple[Array, Array]:
-        """Return the column and row of the texture that each pixel of a window sees."""
+    def _tag_axes(self, tag: Tag, pose: Array) -> Array:
+        """Return the axes and the centre of a tag as columns (3, 3), in the camera frame."""
         corner = placed(on_robot(tag, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])), pose)
         axes = np.column_stack([corner[1] - corner[0], corner[2] - corner[0], corner[0]])
-        # Pixel ray = R (tag axes, centre - position): the inverse maps rays to tag coordinates.
         axes[:, 2] -= self.view.place.position_m
-        to_tag = np.linalg.inv(self.view.place.matrix @ axes).astype(np.float32)
-        rays = self._rays[window.top : window.bottom, window.left : window.right]
-        u, v, w = (rays[..., 0] * row[0] + rays[..., 1] * row[1] + row[2] for row in to_tag)
-        cells = len(with_quiet_zone(tag.family, tag.number))
-        scale = _TEXEL_CELLS * (cells - 2 * QUIET_CELLS) / tag.size_m
-        middle = 0.5 * (_TEXEL_CELLS * cells - 1)
-        return middle + scale * u / w, middle - scale * v / w
+        return self.view.place.matrix @ axes
 
     def _texture(self, tag: Tag) -> Gray:
         key = tag.family, tag.number

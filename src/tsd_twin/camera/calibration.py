@@ -1,0 +1,292 @@
+"""Calibration of a camera: its lens from views of a board, its place from tags on the floor.
+
+Both fits return the covariance of what they found, because errors of lens and place are the
+largest of a pose: millimetres, where noise is a tenth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.optimize import least_squares
+
+from tsd_twin.camera.detect import side_px
+from tsd_twin.camera.lens import LENS_PARAMETERS, PARAMETERS, CameraPlace, Lens, View
+from tsd_twin.camera.tags import Tag
+from tsd_twin.errors import TwinError
+from tsd_twin.lie import SE2, Array
+
+LEAST_VIEWS = 8
+_FLAGS = cv2.CALIB_FIX_K3
+"""A third radial term is not observable on lenses of webcams, and bends the edge of the picture."""
+_LEAST_SIGMA_PX = 0.02
+COMMON_ERROR = 2.0
+"""Corners of one view share errors of printing and paper, so residuals understate their effect
+(docs/camera.md)."""
+CORNER_SIGMA_PX = 0.08
+"""Assumed error of a corner of a tag on the floor, constant over all pictures."""
+OUTWARD_SIGMA_PX = 0.15
+"""Displacement of all corners outward or inward by blur and exposure."""
+DISTANCE_SIGMA_M = 0.001
+"""Error of a distance measured with a tape."""
+_LEAST_TAGS = 3
+_LEAST_CORNERS = 8
+_OUTLIER_MEDIANS, _LEAST_OUTLIER_PX = 5.0, 0.3
+_NO_LENS = "the views do not determine a lens: hold the board at a slant, near and far"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LensFit:
+    """Lens with the covariance (8, 8) of its parameters."""
+
+    lens: Lens
+    covariance: Array
+    rms_px: float
+    residuals: Array
+    """(n, 4): column and row of each corner, then its error."""
+
+
+def fit_lens(views: Sequence[tuple[Array, Array]], size: tuple[int, int]) -> LensFit:
+    """Fit a lens to views of a board: corners on it (n, 3), and in the picture (n, 2).
+
+    Raises:
+        TwinError: If there are fewer than eight views, or they do not determine a lens.
+    """
+    if len(views) < LEAST_VIEWS:
+        raise TwinError(f"{len(views)} views of the board are too few: {LEAST_VIEWS} or more")
+    _, errors = _fit_views(views, size)
+    kept = [_without_outliers(*view, off) for view, off in zip(views, errors, strict=True)]
+    fit, _ = _fit_views([view for view in kept if len(view[0]) >= _LEAST_CORNERS], size)
+    return fit
+
+
+def _without_outliers(board: Array, seen: Array, errors: Array) -> tuple[Array, Array]:
+    """Return the corners that fit: markers cut off by the edge of the picture give wrong ones."""
+    size = np.hypot(*errors.T)
+    kept = size <= max(_OUTLIER_MEDIANS * float(np.median(size)), _LEAST_OUTLIER_PX)
+    return board[kept], seen[kept]
+
+
+def _fit_views(
+    views: Sequence[tuple[Array, Array]], size: tuple[int, int]
+) -> tuple[LensFit, list[Array]]:
+    """Return the fit and the errors (n, 2) of the corners of each view."""
+    points = [np.asarray(board, np.float32) for board, _ in views]
+    pixels = [np.asarray(seen, np.float32) for _, seen in views]
+    try:
+        _, matrix, distortion, turns, offsets = cv2.calibrateCamera(
+            points, pixels, size, np.eye(3), np.zeros(5), flags=_FLAGS
+        )
+    except cv2.error as error:
+        raise TwinError(_NO_LENS) from error
+    found = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]])
+    lens = Lens(*size, np.concatenate([found, distortion.ravel()[:4]]))
+    information = np.zeros((LENS_PARAMETERS, LENS_PARAMETERS))
+    errors: list[Array] = []
+    for (board, seen), turn, offset in zip(views, turns, offsets, strict=True):
+        shown, jacobian = cv2.projectPoints(board, turn, offset, lens.matrix, lens.distortion)
+        errors.append(seen - shown.reshape(-1, 2))
+        place, own = jacobian[:, :6], jacobian[:, 6 : 6 + LENS_PARAMETERS]
+        # The pose of each board is unknown: what remains after it is the information on the lens.
+        seen_by_place = np.linalg.lstsq(place, own, rcond=None)[0]
+        information += own.T @ (own - place @ seen_by_place)
+    together = np.concatenate(errors)
+    freedom = max(1, together.size - 6 * len(views) - LENS_PARAMETERS)
+    sigma = float(np.sqrt(np.square(together).sum() / freedom))
+    try:
+        inverse = np.linalg.inv(information)
+    except np.linalg.LinAlgError as error:
+        raise TwinError(_NO_LENS) from error
+    if not (np.isfinite(inverse).all() and (np.diag(inverse) > 0.0).all()):
+        raise TwinError(_NO_LENS)
+    covariance = (COMMON_ERROR * max(sigma, _LEAST_SIGMA_PX)) ** 2 * inverse
+    where = np.concatenate([seen for _, seen in views])
+    return LensFit(lens, covariance, sigma, np.column_stack([where, together])), errors
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorFit:
+    """View of the floor with its covariance (14, 14), and the tags where they were found."""
+
+    view: View
+    covariance: Array
+    tags: tuple[Tag, ...]
+    rms_px: float
+    residuals: Array
+    """(n, 4): column and row of each corner of a tag, then its error."""
+
+
+def fit_floor(
+    lens: LensFit,
+    sightings: Mapping[int, Array],
+    tags: Mapping[int, Tag],
+    origin: SE2,
+    distance_m: float | None = None,
+) -> FloorFit:
+    """Fit the place of a camera, and the lens within its covariance, to tags on a level floor.
+
+    Nobody has to measure where tags lie. The tag with the lowest number is at `origin` in the floor
+    frame, and the next one is ahead of it along the X axis of `origin`, because the direction
+    between two tags is ten times as accurate as that of one. The distance between their centres,
+    measured with a tape, gives the scale. Without it the size of the tags does, but blur moves all
+    corners of a tag outward or inward by a tenth of a pixel, which is 10 mm of height (docs/camera.md).
+
+    Args:
+        lens: Fitted lens.
+        sightings: Mean corners (4, 2) of each tag, by number.
+        tags: Size of each tag, by number.
+        origin: Pose of the first tag in the floor frame.
+        distance_m: Between the centres of the first two tags, if measured.
+
+    Raises:
+        TwinError: If fewer than three tags are seen, or they do not determine the place.
+    """
+    numbers = sorted(set(sightings) & set(tags))
+    if len(numbers) < _LEAST_TAGS:
+        raise TwinError(f"{len(numbers)} tags on the floor are too few: {_LEAST_TAGS} or more")
+    problem = _FloorProblem(lens, numbers, sightings, tags, origin, distance_m)
+    found = least_squares(problem.residuals, problem.start(), jac=problem.jacobian, method="lm")
+    inverse = np.linalg.inv(found.jac.T @ found.jac)
+    view = problem.view(found.x)
+    errors = CORNER_SIGMA_PX * problem.residuals(found.x)[_PRIORS:].reshape(-1, 2)
+    seen = np.concatenate([sightings[number] for number in numbers])
+    freedom = max(1, errors.size - (len(found.x) - _PRIORS))
+    rms_px = float(np.sqrt(np.square(errors).sum() / freedom))
+    if not view.place.position_m[2] > 0.0:
+        raise TwinError("the tags are seen from below: the floor must be level, tags face upward")
+    scale = max(1.0, rms_px / CORNER_SIGMA_PX) ** 2
+    return FloorFit(
+        view,
+        scale * inverse[:PARAMETERS, :PARAMETERS],
+        problem.placed_tags(found.x),
+        rms_px,
+        np.column_stack([seen, errors]),
+    )
+
+
+_OUTWARD, _SECOND = PARAMETERS, PARAMETERS + 2
+"""Indices of the displacement of corners, and of the distance of the second tag."""
+_PRIORS = LENS_PARAMETERS + 2
+
+
+class _FloorProblem:
+    """Unknowns: 14 of the view; how far all corners are displaced outward, in pixels; then the
+    places of the tags: the heading of the first, distance along X and heading of the second, and x,
+    y, heading of all others."""
+
+    def __init__(
+        self,
+        lens: LensFit,
+        numbers: Sequence[int],
+        sightings: Mapping[int, Array],
+        tags: Mapping[int, Tag],
+        origin: SE2,
+        distance_m: float | None,
+    ) -> None:
+        self._lens, self._origin, self._distance_m = lens, origin, distance_m
+        self._seen = np.concatenate([sightings[number] for number in numbers])
+        outward = self._quads() - self._quads().mean(axis=1, keepdims=True)
+        outward /= np.linalg.norm(outward, axis=2, keepdims=True)
+        self._outward = outward.reshape(-1, 2)
+        self._tags = [tags[number] for number in numbers]
+        self._whiten = np.linalg.cholesky(np.linalg.inv(lens.covariance)).T
+
+    def start(self) -> Array:
+        """Return a first guess: the pose of the camera above the largest tag, seen alone."""
+        lens, first = self._lens.lens, int(np.argmax([side_px(c) for c in self._quads()]))
+        half = 0.5 * self._tags[first].size_m
+        square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+        # All tags lie on one plane: the two poses of a single tag are told apart by the others.
+        _, turns, offsets, _ = cv2.solvePnPGeneric(
+            square,
+            np.ascontiguousarray(self._quads()[first]),
+            lens.matrix,
+            lens.distortion,
+            flags=cv2.SOLVEPNP_IPPE_SQUARE,
+        )
+        guesses = [self._guess(turn, offset) for turn, offset in zip(turns, offsets, strict=True)]
+        return min(guesses, key=lambda guess: float(np.square(self.residuals(guess)).sum()))
+
+    def _guess(self, turn: Array, offset: Array) -> Array:
+        rotation = cv2.Rodrigues(turn)[0]
+        view = View(self._lens.lens, CameraPlace(turn.ravel(), (-rotation.T @ offset).ravel()))
+        poses = [_level_pose(view.on_plane(quad)) for quad in self._quads()]
+        way = poses[1][:2] - poses[0][:2]
+        frame = SE2(np.array([*poses[0][:2], np.arctan2(way[1], way[0])]))
+        to_floor = self._origin @ frame.inverse()
+        level = np.eye(3)
+        cosine, sine = np.cos(to_floor.xy_heading[2]), np.sin(to_floor.xy_heading[2])
+        level[:2, :2] = [[cosine, -sine], [sine, cosine]]
+        position = level @ view.place.position_m + [*to_floor.xy_heading[:2], 0.0]
+        moved = CameraPlace(cv2.Rodrigues(rotation @ level.T)[0].ravel(), position)
+        local = [(frame.inverse() @ SE2(pose)).xy_heading for pose in poses]
+        places = np.concatenate([[local[0][2]], [local[1][0], local[1][2]], *local[2:]])
+        return np.concatenate([View(self._lens.lens, moved).parameters, [0.0], places])
+
+    def residuals(self, x: Array) -> Array:
+        """Return errors in standard deviations: lens (8,), displacement, distance, all corners."""
+        lens = self._whiten @ (x[:LENS_PARAMETERS] - self._lens.lens.parameters)
+        outward_px, second_m = x[_OUTWARD], x[_SECOND]
+        distance = 0.0
+        if self._distance_m is not None:
+            distance = (second_m - self._distance_m) / DISTANCE_SIGMA_M
+        shown = self.view(x).project(self._corners(x)) + outward_px * self._outward
+        corners = (self._seen - shown).ravel() / CORNER_SIGMA_PX
+        return np.concatenate([lens, [outward_px / OUTWARD_SIGMA_PX, distance], corners])
+
+    def jacobian(self, x: Array) -> Array:
+        """Return the derivatives of `residuals`."""
+        corners = self._corners(x)
+        _, by_point, by_view = self.view(x).derivatives(corners)
+        places = len(x) - PARAMETERS - 1
+        moved = np.zeros((len(corners), 3, places))
+        for i in range(places):
+            step = np.zeros_like(x)
+            step[_OUTWARD + 1 + i] = 1e-6
+            moved[:, :, i] = (self._corners(x + step) - self._corners(x - step)) / 2e-6
+        outward = self._outward[:, :, None]
+        rows = np.concatenate([by_view, outward, by_point @ moved], axis=2).reshape(-1, len(x))
+        priors = np.zeros((_PRIORS, len(x)))
+        priors[:LENS_PARAMETERS, :LENS_PARAMETERS] = self._whiten
+        priors[LENS_PARAMETERS, _OUTWARD] = 1.0 / OUTWARD_SIGMA_PX
+        if self._distance_m is not None:
+            priors[LENS_PARAMETERS + 1, _SECOND] = 1.0 / DISTANCE_SIGMA_M
+        return np.concatenate([priors, -rows / CORNER_SIGMA_PX])
+
+    def view(self, x: Array) -> View:
+        """Return the view of the unknowns."""
+        return View(self._lens.lens, CameraPlace.looking_down(1.0)).with_parameters(x[:PARAMETERS])
+
+    def placed_tags(self, x: Array) -> tuple[Tag, ...]:
+        """Return the tags at their places on the floor."""
+        return tuple(
+            Tag(tag.number, tag.size_m, None, 0.0, *pose.xy_heading.tolist(), tag.family)
+            for tag, pose in zip(self._tags, self._poses(x), strict=True)
+        )
+
+    def _poses(self, x: Array) -> list[SE2]:
+        places = x[_OUTWARD + 1 :]
+        local = [np.array([0.0, 0.0, places[0]]), np.array([places[1], 0.0, places[2]])]
+        local += list(places[3:].reshape(-1, 3))
+        return [self._origin @ SE2(place) for place in local]
+
+    def _corners(self, x: Array) -> Array:
+        level = np.concatenate(
+            [
+                pose.transform(tag.corners_m)
+                for tag, pose in zip(self._tags, self._poses(x), strict=True)
+            ]
+        )
+        return np.column_stack([level, np.zeros(len(level))])
+
+    def _quads(self) -> Array:
+        return self._seen.reshape(-1, 4, 2)
+
+
+def _level_pose(quad: Array) -> Array:
+    """Return centre and heading (3,) of a tag with corners (4, 2) on the floor."""
+    right = quad[1] + quad[2] - quad[0] - quad[3]
+    return np.array([*quad.mean(axis=0), np.arctan2(right[1], right[0])])
