@@ -192,7 +192,10 @@ class _FloorProblem:
         outward /= np.linalg.norm(outward, axis=2, keepdims=True)
         self._outward = outward.reshape(-1, 2)
         self._tags = [tags[number] for number in numbers]
-        self._whiten = np.linalg.cholesky(np.linalg.inv(lens.covariance)).T
+        try:
+            self._whiten = np.linalg.cholesky(np.linalg.inv(lens.covariance)).T
+        except np.linalg.LinAlgError as error:
+            raise TwinError("the covariance of the lens is missing: calibrate the lens") from error
 
     def start(self) -> Array:
         """Return a first guess: the pose of the camera above the largest tag, seen alone."""

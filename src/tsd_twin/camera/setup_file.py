@@ -66,8 +66,6 @@ class PlaceTable(msgspec.Struct, forbid_unknown_fields=True):
 
     rotation: list[float]
     position_m: list[float]
-    covariance: list[list[float]] | None = None
-    """Of the parameters of the lens, rotation and position."""
 
 
 class ErrorTable(msgspec.Struct, forbid_unknown_fields=True):
@@ -92,6 +90,8 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     errors: ErrorTable = msgspec.field(default_factory=ErrorTable)
     exposure_s: _NotNegative = 0.0
     delay_s: _NotNegative = 0.0
+    covariance: list[list[float]] | None = None
+    """Of the parameters of the lens, rotation and position."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,9 +138,8 @@ def read_setup(path: str | Path) -> CameraSetup:
         if file.place is not None:
             rotation = _numbers(file.place.rotation, (3,), "place.rotation")
             place = CameraPlace(rotation, _numbers(file.place.position_m, (3,), "place.position_m"))
-            if file.place.covariance is not None:
-                shape = PARAMETERS, PARAMETERS
-                covariance = _numbers(file.place.covariance, shape, "place.covariance")
+        if file.covariance is not None:
+            covariance = _numbers(file.covariance, (PARAMETERS, PARAMETERS), "covariance")
         return CameraSetup(
             Lens(lens.width, lens.height, parameters),
             place,
@@ -162,14 +161,14 @@ def write_setup(path: str | Path, setup: CameraSetup) -> None:
     """
     lens = setup.lens
     lines = ["# Camera of tsd-camera: docs/camera.md.", f"exposure_s = {setup.exposure_s:.9g}"]
-    lines += [f"delay_s = {setup.delay_s:.9g}", "", "[lens]"]
+    lines += [f"delay_s = {setup.delay_s:.9g}", "", "# Of lens, rotation and position."]
+    lines += ["covariance = [", *(f"  {_row(row)}," for row in setup.covariance), "]"]
+    lines += ["", "[lens]"]
     lines += [f"width = {lens.width}", f"height = {lens.height}"]
     lines += [f"parameters = {_row(lens.parameters)} # fx, fy, cx, cy, k1, k2, p1, p2"]
     if setup.place is not None:
         lines += ["", "[place]", f"rotation = {_row(setup.place.rotation)} # From floor to camera."]
-        lines += [f"position_m = {_row(setup.place.position_m)}", "covariance = ["]
-        lines += [f"  {_row(row)}," for row in setup.covariance]
-        lines += ["]"]
+        lines += [f"position_m = {_row(setup.place.position_m)}"]
     errors = setup.errors
     lines += ["", "[errors]", f"height_m = {errors.height_m:.9g}"]
     lines += [f"tilt_deg = {math.degrees(errors.tilt_rad):.9g}", f"place_m = {errors.place_m:.9g}"]

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.bus import Bus
 from tsd_twin.camera.bodies import FALLBACK_HEIGHT_M, FALLBACK_RADIUS_M, robot_solids
+from tsd_twin.camera.board import Board
+from tsd_twin.camera.detect import Gray
+from tsd_twin.camera.lens import LENS_PARAMETERS, CameraPlace, Lens, View
 from tsd_twin.camera.render import Body, SimulatedCamera, Solid, cylinder
 from tsd_twin.camera.sources import CameraFrame
 from tsd_twin.camera.tags import Tag
-from tsd_twin.errors import BusError, TwinError
+from tsd_twin.errors import BusError, NoAnswerError, TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import decode_odometry
@@ -31,6 +36,8 @@ _MEMORY_S = 1.0
 _MOST_AHEAD_S = 0.1
 """A pose later than the latest one by so much is assumed to have stopped there."""
 _DEPTH = 512
+_PATIENCE, _PAUSE_S = 10, 0.3
+"""Attempts to get the description of a robot, and the pause between them."""
 
 
 @dataclass(slots=True)
@@ -138,9 +145,69 @@ class SimulatedSource:
 def described_solids(bus: Bus, robot: str) -> list[Solid]:
     """Return the parts of a robot on the bus; a robot without a description is a cylinder."""
     try:
-        answer = bus.query(Service.DESC.key(robot), b"")
+        answer = _answer(bus, Service.DESC.key(robot))
         description = decode_request(answer, Description)
         return robot_solids(robots.parse_description(description.robot, robot))
     except TwinError as error:
         _LOG.warning("%s is drawn as a cylinder: %s", robot, error)
         return [cylinder(FALLBACK_RADIUS_M, FALLBACK_HEIGHT_M)]
+
+
+def _answer(bus: Bus, key: str) -> bytes:
+    """Query a service that may just have started.
+
+    Raises:
+        BusError: If nobody answers.
+    """
+    for _ in range(_PATIENCE):
+        with contextlib.suppress(NoAnswerError):
+            return bus.query(key, b"")
+        time.sleep(_PAUSE_S)
+    return bus.query(key, b"")
+
+
+FLOOR_TAGS = 100
+"""Number of the first tag on the floor of the simulated camera."""
+_SPOTS = (-0.6, -0.5), (0.6, -0.5), (0.6, 0.5), (-0.6, 0.5), (0.0, 0.6), (0.0, -0.6)
+"""Tags on the floor, relative to half of the width and height of the visible floor."""
+_LENS_SPREAD = np.array([8.0, 8.0, 8.0, 8.0, 0.03, 0.01, 0.0005, 0.0005])
+"""Standard deviations of a webcam's lens around the ideal one (assumed)."""
+_DISTORTION = np.array([0.0, 0.0, 0.0, 0.0, -0.08, 0.02, 0.0, 0.0])
+
+
+def random_view(
+    size: tuple[int, int], across_deg: float, height_m: float, random: np.random.Generator
+) -> View:
+    """Return a webcam that somebody fixed to a ceiling: distorted, and not quite straight down."""
+    ideal = Lens.ideal(*size, across_deg)
+    spread = _LENS_SPREAD * random.standard_normal(LENS_PARAMETERS)
+    spread[1] = spread[0]  # Pixels are square.
+    lens = Lens(*size, ideal.parameters + _DISTORTION + spread)
+    position = np.array([*random.normal(0.0, 0.1, 2), height_m])
+    return View(lens, CameraPlace.looking_at(position, np.array([*random.normal(0, 0.1, 2), 0.0])))
+
+
+def floor_tags(view: View, size_m: float, random: np.random.Generator) -> tuple[Tag, ...]:
+    """Return six tags on the floor in view, at any heading."""
+    height = float(view.place.position_m[2])
+    half = height * np.array([view.lens.width, view.lens.height]) / (2.0 * view.lens.parameters[0])
+    return tuple(
+        Tag(FLOOR_TAGS + i, size_m, None, 0.0, *(half * spot), float(random.uniform(-3.0, 3.0)))
+        for i, spot in enumerate(_SPOTS)
+    )
+
+
+def board_pictures(
+    camera: SimulatedCamera, board: Board, count: int, random: np.random.Generator
+) -> Iterator[Gray]:
+    """Yield pictures of a board held in front of a camera, in any pose that fills a part of it."""
+    texture, scale = board.picture()
+    lens = camera.view.lens
+    half = np.array([lens.width, lens.height]) / (2.0 * lens.parameters[0])
+    for _ in range(count):
+        away_m = random.uniform(0.3, 0.6)
+        aside = 0.55 * away_m * half * random.uniform(-1.0, 1.0, 2)
+        slant = np.array([*random.normal(0.0, 0.45, 2), random.normal(0.0, 0.3)])
+        turn = cv2.Rodrigues(slant)[0] @ np.diag([1.0, -1.0, -1.0])
+        axes = np.column_stack([turn[:, 0], turn[:, 1], [*aside, away_m]])
+        yield camera.draw_sheet(texture, scale, axes)
