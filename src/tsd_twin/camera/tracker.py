@@ -89,10 +89,10 @@ class TagTracker:
         result = Observation(now_s, sightings=seen)
         for sighting in seen:
             key = sighting.family, sighting.number
-            smear_px = self._follow(key, sighting.corners, now_s)
             tag = self._tags[key]
             if tag.robot is None:
-                continue
+                continue  # The floor does not move: the whole picture shows it often enough.
+            smear_px = self._follow(key, sighting.corners, now_s)
             found = self._believed(picture, tag, sighting, smear_px, now_s)
             if isinstance(found, Refusal):
                 result.refused.append((tag, found))
