@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -21,6 +22,10 @@ THRESHOLD_WINDOW = 23
 """Side of the only threshold window, in pixels; three sizes, OpenCV's default, take twice as long."""
 _CORRECTED_SHARE = 0.3
 """Wrong cells that are corrected, relative to the most that the dictionary permits."""
+LEAST_SIDE_PX = 16.0
+"""Smallest side of a tag: below it two cells share a pixel."""
+_STEP_PX = 32
+"""Sizes of windows are rounded up to it, so that few detectors are kept."""
 _WINDOW_CELLS = 0.7, 0.5
 """Half sides of the windows in which a corner is refined, in cells: a turned window of 0.7 reaches to
 the end of the white border."""
@@ -97,7 +102,8 @@ def side_px(corners: Array) -> float:
 
 
 def _detect(picture: Gray, family: str) -> list[tuple[int, Array]]:
-    corners, numbers, _ = _detector(family).detectMarkers(picture)
+    size = _STEP_PX * math.ceil(max(picture.shape) / _STEP_PX)
+    corners, numbers, _ = _detector(family, size).detectMarkers(picture)
     if numbers is None:
         return []
     cells = dictionary(family).markerSize + 2
@@ -124,10 +130,13 @@ def _refined(picture: Gray, corners: Array, cells: int) -> Array:
 
 
 @functools.cache
-def _detector(family: str) -> cv2.aruco.ArucoDetector:
+def _detector(family: str, size: int) -> cv2.aruco.ArucoDetector:
+    """Return the detector for pictures with a longer side of at most `size`."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.adaptiveThreshWinSizeMin = THRESHOLD_WINDOW
     parameters.adaptiveThreshWinSizeMax = THRESHOLD_WINDOW
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE  # `_refined` does it.
+    # OpenCV's 0.03 of the longer side lets noise in a small window become thousands of candidates.
+    parameters.minMarkerPerimeterRate = 4.0 * LEAST_SIDE_PX / size
     parameters.errorCorrectionRate = _CORRECTED_SHARE
     return cv2.aruco.ArucoDetector(dictionary(family), parameters)
