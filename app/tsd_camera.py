@@ -20,9 +20,11 @@ from tsd_twin.messages.pictures import CameraName
 from tsd_twin.messages.topics import checked
 
 with program.requires("tsd-camera", "camera"):
+    import cv2
+
     from tsd_twin.camera import guide
-    from tsd_twin.camera.bodies import height_m
     from tsd_twin.camera.board import PAPERS_MM, Board, board_pdf, tags_pdf
+    from tsd_twin.camera.bodies import height_m
     from tsd_twin.camera.lens import CameraPlace, Lens, View
     from tsd_twin.camera.publisher import CameraPublisher
     from tsd_twin.camera.render import Sensor, SimulatedCamera
@@ -67,6 +69,7 @@ PARSER = program.parser(
 
 def serve(args: argparse.Namespace) -> None:
     """Publish frames until a signal."""
+    cv2.setNumThreads(1)  # Windows are too small to share, and pictures must not load all cores.
     stop = program.stop_event(args)
     name = CameraName(checked(args.name), checked(args.on) if args.on else None)
     with (

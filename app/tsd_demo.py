@@ -22,7 +22,7 @@ from typing import IO
 from tsd_twin import robots
 from tsd_twin.bus import over_datagrams
 from tsd_twin.cli import flags, program
-from tsd_twin.errors import TwinError
+from tsd_twin.errors import TwinError, check_extra
 from tsd_twin.lie import SE2
 from tsd_twin.link_emulation import LinkSpec
 from tsd_twin.messages import topics
@@ -53,6 +53,7 @@ PARSER = program.parser(
         "tsd-demo --link delay=150ms     drive it over a bad link, see tsd-link --help",
         "tsd-demo --plant mujoco         move it as rigid bodies on a floor, not by equations",
         "tsd-demo --noise 1 --camera     see a camera correct what wheels get wrong",
+        "tsd-demo --webcam               poses from tags in the pictures of a simulated webcam",
         "tsd-demo --no-browser           print the address and leave the browser alone",
         "tsd-demo --no-record            do not record; --record-dir drives records elsewhere",
     ],
@@ -90,6 +91,8 @@ def demonstrate(args: argparse.Namespace) -> None:
         recorder_ready = folder and running.enter_context(
             recorder(folder, args.keep_gb, listening, stop)
         )
+        if args.webcam:
+            running.enter_context(start_program(webcam(chosen, listening), stop))
         page_ready = running.enter_context(start_program(dashboard, stop))
         for ready in robots_ready:
             ready.wait_for()
@@ -115,6 +118,18 @@ def dashboard_flags(args: argparse.Namespace, folder: Path | None) -> list[str]:
     """Return the flags of the dashboard, except for its ports and robots."""
     recordings = ["--record-dir", str(folder)] if folder else []
     return [*["--verbose"] * args.verbose, *recordings, *program.viewport_flags(args)]
+
+
+def webcam(chosen: list[list[str]], endpoint: str) -> list[str]:
+    """Return the command line of a simulated camera above the floor, with a tag on each robot.
+
+    Raises:
+        TwinError: If OpenCV is not installed.
+    """
+    check_extra("--webcam", "camera")
+    ids = [role[role.index("--id") + 1] for role in chosen]
+    tags = [text for number, id_ in enumerate(ids) for text in ("--tag", f"{number}={id_}")]
+    return ["tsd_camera", "--simulate", "--connect", endpoint, *tags]
 
 
 def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> list[list[str]]:
@@ -287,6 +302,8 @@ def main() -> None:
     program.add_errors_flag(PARSER)
     text = "a camera above the floor tells robots where they are: 24 frames/s, 80 ms late"
     PARSER.add_argument("--camera", action="store_true", help=text)
+    text = "a simulated webcam above the floor publishes pictures, and poses from printed tags"
+    PARSER.add_argument("--webcam", action="store_true", help=f"{text}; needs the extra `camera`")
     program.add_plant_flag(PARSER)
     PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between them")
     program.add_recordings_flags(PARSER, "--record-dir")

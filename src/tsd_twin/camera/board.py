@@ -94,7 +94,9 @@ def board_pdf(board: Board, paper: str = "a4") -> bytes:
         TwinError: If it does not fit on the paper.
     """
     width, height = 1e3 * board.square_m * board.columns, 1e3 * board.square_m * board.rows
-    note = f"tsd-camera board {board.columns} x {board.rows}, squares of {1e3 * board.square_m:g} mm"
+    note = (
+        f"tsd-camera board {board.columns} x {board.rows}, squares of {1e3 * board.square_m:g} mm"
+    )
     return _pdf([_Sheet(board.squares(), width, height, note)], paper)
 
 

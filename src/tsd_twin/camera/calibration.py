@@ -175,7 +175,8 @@ _PRIORS = LENS_PARAMETERS + 2
 class _FloorProblem:
     """Unknowns: 14 of the view; how far all corners are displaced outward, in pixels; then the
     places of the tags: the heading of the first, distance along X and heading of the second, and x,
-    y, heading of all others."""
+    y, heading of all others.
+    """
 
     def __init__(
         self,

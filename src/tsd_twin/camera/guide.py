@@ -19,10 +19,9 @@ from tsd_twin.camera.calibration import (
     fit_floor,
     fit_lens,
 )
-from tsd_twin.camera.detect import Gray, find_tags, side_px
+from tsd_twin.camera.detect import Gray, Sighting, find_tags, side_px
 from tsd_twin.camera.lens import LENS_PARAMETERS, PARAMETERS, View
-from tsd_twin.camera.planar_fit import MountingErrors, measure
-from tsd_twin.camera.detect import Sighting
+from tsd_twin.camera.planar_fit import measure
 from tsd_twin.camera.render import SimulatedCamera
 from tsd_twin.camera.setup_file import CameraSetup, read_setup, write_setup
 from tsd_twin.camera.simulated import board_pictures
@@ -260,7 +259,9 @@ def _finish_lens(views: list[tuple[Array, Array]], file: str, size: tuple[int, i
     drawn = Path(file).with_suffix(".lens.png")
     blank = np.full((size[1], size[0]), 255, np.uint8)
     _save(drawn, draw_residuals(blank, fit.residuals))
-    judged = "good" if fit.rms_px <= _GOOD_LENS_PX else "poor: is the board flat and printed at 100 %?"
+    judged = (
+        "good" if fit.rms_px <= _GOOD_LENS_PX else "poor: is the board flat and printed at 100 %?"
+    )
     print(f"{len(views)} views, {fit.rms_px:.2f} px RMS, {judged}; written to {file}, {drawn}")
 
 

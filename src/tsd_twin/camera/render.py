@@ -123,7 +123,9 @@ class SimulatedCamera:
         rows, columns = self._shape
         where = self._on_plane(Window(0, 0, columns, rows), 0.0)
         cloud = self._random.standard_normal((rows // 16 + 1, columns // 16 + 1), np.float32)
-        brightness = 128.0 + 10.0 * cv2.resize(cloud, (columns, rows), interpolation=cv2.INTER_CUBIC)
+        brightness = 128.0 + 10.0 * cv2.resize(
+            cloud, (columns, rows), interpolation=cv2.INTER_CUBIC
+        )
         with np.errstate(invalid="ignore"):
             off_line = np.abs(np.mod(where + 0.25, 0.5) - 0.25).min(axis=2)
         brightness -= 30.0 * np.clip(1.0 - off_line / 0.008, 0.0, 1.0)

@@ -14,8 +14,8 @@ import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.bus import Bus
-from tsd_twin.camera.bodies import FALLBACK_HEIGHT_M, FALLBACK_RADIUS_M, robot_solids
 from tsd_twin.camera.board import Board
+from tsd_twin.camera.bodies import FALLBACK_HEIGHT_M, FALLBACK_RADIUS_M, robot_solids
 from tsd_twin.camera.detect import Gray
 from tsd_twin.camera.lens import LENS_PARAMETERS, CameraPlace, Lens, View
 from tsd_twin.camera.render import Body, SimulatedCamera, Solid, cylinder

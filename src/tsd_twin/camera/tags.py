@@ -72,7 +72,9 @@ def cells(family: str, number: int) -> Array:
     """
     known = dictionary(family)
     if not 0 <= number < len(known.bytesList):
-        raise TwinError(f"tag {number} does not exist: {family} has 0 to {len(known.bytesList) - 1}")
+        raise TwinError(
+            f"tag {number} does not exist: {family} has 0 to {len(known.bytesList) - 1}"
+        )
     side = known.markerSize + 2
     return known.generateImageMarker(number, side, borderBits=1) > 0
 

@@ -1,0 +1,50 @@
+"""Messages of cameras, against rosbags."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tsd_twin.messages import ros_types
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.pictures import (
+    IMAGE_TYPE,
+    INFO_TYPE,
+    CameraInfo,
+    CameraName,
+    CompressedImage,
+    decode_camera_info,
+    decode_picture,
+    encode_camera_info,
+    encode_picture,
+)
+
+
+@given(st.binary(max_size=50), st.integers(0, 2**60), st.text("abc", max_size=9))
+def test_pictures_are_encoded_as_rosbags_does(data, stamp_ns, frame):
+    message = CompressedImage(frame, b"\xff\xd8" + data, stamp_ns)
+    payload = encode_picture(message)
+    assert ros_types.encode_cdr(ros_types.decode_cdr(payload, IMAGE_TYPE)) == payload
+    assert decode_picture(payload) == message
+
+
+def test_camera_info_is_encoded_as_rosbags_does():
+    info = CameraInfo("ceiling", 1280, 720, np.arange(9.0).reshape(3, 3), np.arange(5.0), 7)
+    payload = encode_camera_info(info)
+    assert ros_types.encode_cdr(ros_types.decode_cdr(payload, INFO_TYPE)) == payload
+    assert decode_camera_info(payload).matrix.tolist() == info.matrix.tolist()
+
+
+@pytest.mark.parametrize("data", [b"GIF89a", b""])
+def test_what_is_not_jpeg_is_refused(data):
+    with pytest.raises(MessageError):
+        decode_picture(encode_picture(CompressedImage("a", data, 0)))
+
+
+@pytest.mark.parametrize("robot", [None, "tsd"])
+def test_a_camera_is_found_from_each_of_its_keys(robot):
+    name = CameraName("front", robot)
+    assert all(CameraName.of(key) == name for key in (name.key, name.info_key, name.alive_key))
+    assert CameraName.of("twin/tsd/state/odom") is None
