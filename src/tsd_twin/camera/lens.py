@@ -141,7 +141,7 @@ class View:
         )
 
     def on_plane(self, pixels: Array, height_m: float = 0.0) -> Array:
-        """Return where pixels (n, 2) meet the plane z = `height_m`: (n, 2), NaN at or above the horizon."""
+        """Return where pixels (n, 2) meet the plane z = `height_m`: (n, 2), NaN above the horizon."""
         rays = self.lens.rays(pixels) @ self.place.matrix
         position = self.place.position_m
         with np.errstate(divide="ignore", invalid="ignore"):

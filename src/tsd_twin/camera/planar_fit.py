@@ -124,7 +124,7 @@ def measure(
 LEAST_BELIEVED_PX = 24.0
 """Three pixels for each cell of a tag with eight."""
 _RESIDUAL_PX, _RESIDUAL_SHARE = 0.9, 0.006
-"""Largest residual, and its growth with the side of the tag: lens, height, and 3 degrees of tilt."""
+"""Largest residual, and its growth with the side of the tag: lens, height, 3 degrees of tilt."""
 _SLANTED_RAD = math.radians(12.0)
 _SIZE_RATIO = 0.04
 
@@ -135,7 +135,7 @@ def largest_residual_px(side: float) -> float:
 
 
 def upright_tilt_rad(view: View, tag: Tag, corners: Array) -> float:
-    """Return the tilt of the free pose from the vertical: of both solutions, the more upright one."""
+    """Return the tilt of the free pose from the vertical; of two solutions the more upright one."""
     half = 0.5 * tag.size_m
     square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
     found, turns, _, _ = cv2.solvePnPGeneric(
@@ -207,7 +207,7 @@ def _mounting(
 
 
 CORNER_NOISE = 4.0
-"""Standard deviation of a corner, in pixels, for noise as large as the contrast (docs/camera.md)."""
+"""Standard deviation of a corner in pixels for noise as large as the contrast."""
 CORNER_FLOOR_PX = 0.04
 """Standard deviation of a corner without noise: where its pixels lie (docs/camera.md)."""
 BLUR_SHARE = 0.04
