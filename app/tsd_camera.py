@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsd_twin.bus import Bus
+from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, as_client, client_config, from_file
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
@@ -47,6 +47,7 @@ TAG_M = 0.16
 DEFAULT_ACROSS_DEG = 62.0
 """Of a webcam that was not calibrated: pictures only."""
 _READ_TIMEOUT_S = 0.2
+_CONNECT_S = 10.0
 _REPORT_S = 10.0
 
 PARSER = program.parser(
@@ -73,8 +74,8 @@ def serve(args: argparse.Namespace) -> None:
     stop = program.stop_event(args)
     name = CameraName(checked(args.name), checked(args.on) if args.on else None)
     with (
-        program.client_bus(args) as poses,
-        program.client_bus(args) as pictures,
+        _bus(args) as poses,
+        _bus(args) as pictures,
         contextlib.ExitStack() as opened,
     ):
         source, setup = _simulated(poses, args) if args.simulate else _real(args)
@@ -97,6 +98,15 @@ def serve(args: argparse.Namespace) -> None:
                 print(f"{counts.pictures} pictures, {counts.poses} poses, {refusal_counts(seen)}")
             if now_s >= report_s:
                 report_s, seen = now_s + _REPORT_S, []
+
+
+def _bus(args: argparse.Namespace) -> Bus:
+    """Open a session as a client: sessions of peers, as dashboards are, would not see it."""
+    if args.zenoh_config:
+        config = from_file(args.zenoh_config)
+    else:
+        config = client_config(args.connect or [DEFAULT_ENDPOINT])
+    return Bus(as_client(config, _CONNECT_S))
 
 
 def _real(args: argparse.Namespace) -> tuple[Source, CameraSetup]:
