@@ -97,8 +97,8 @@ pictures: .venv/.dev browser ## Make the pictures of README and docs anew; ARGS=
 lock: .venv/.dev ## Resolve the versions that set-up installs
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/uv pip compile --quiet pyproject.toml $(EXTRAS) --group build $(LOCK) --output-file requirements/run.txt
-	$(BIN)/uv pip compile --quiet pyproject.toml $(EXTRAS) --extra foxglove --group build --group docs $(LOCK) --output-file requirements/docs.txt
-	$(BIN)/uv pip compile --quiet pyproject.toml $(EXTRAS) --group dev $(LOCK) --output-file requirements/dev.txt
+	$(BIN)/uv pip compile --quiet pyproject.toml $(EXTRAS) --extra camera --extra foxglove --group build --group docs $(LOCK) --output-file requirements/docs.txt
+	$(BIN)/uv pip compile --quiet pyproject.toml $(EXTRAS) --extra camera-stream --group dev $(LOCK) --output-file requirements/dev.txt
 	$(BIN)/uv pip compile --quiet requirements/ros.in --constraint requirements/dev.txt $(LOCK) --output-file requirements/ros.txt
 EXTRAS := --extra bridge --extra dashboard --extra lab --extra ros
 LOCK := --universal --generate-hashes --no-emit-index-url --python-version 3.11 --custom-compile-command "make lock"

@@ -37,7 +37,7 @@ with program.requires("tsd-camera", "camera"):
     )
     from tsd_twin.camera.sources import Source, open_source
     from tsd_twin.camera.tags import Tag
-    from tsd_twin.camera.tracker import TagTracker, refusal_counts
+    from tsd_twin.camera.tracker import Observation, TagTracker, refusal_counts
 
 
 SIZE = 1280, 720
@@ -84,7 +84,8 @@ def serve(args: argparse.Namespace) -> None:
         publisher = CameraPublisher(pictures, poses, name, setup)
         opened.callback(publisher.close)
         program.say_ready(f"tsd-camera {name.key}, {len(setup.tags)} tags")
-        report_s, seen = time.monotonic() + _REPORT_S, []
+        report_s = time.monotonic() + _REPORT_S
+        seen: list[Observation] = []
         while not stop.is_set():
             frame = source.read(_READ_TIMEOUT_S)
             if frame is None:
@@ -132,7 +133,7 @@ def _simulated(bus: Bus, args: argparse.Namespace) -> tuple[Source, CameraSetup]
         for tag in tags
         if tag.robot is not None and math.isnan(tag.height_m)
     }
-    tags = [replace(tag, height_m=heights.get(tag.robot, tag.height_m)) for tag in tags]
+    tags = [replace(tag, height_m=heights.get(tag.robot or "", tag.height_m)) for tag in tags]
     sensor = camera.sensor
     if args.file:
         setup = read_setup(args.file)

@@ -9,6 +9,7 @@ import pytest
 import zenoh
 
 from tsd_twin.messages import topics
+from tsd_twin.messages.pictures import CameraName
 from tsd_twin.messages.topics import Service
 from tsd_twin.security import Role, access_control, client
 
@@ -45,7 +46,12 @@ LOG = topics.INPUTS.key("tsd")
 """Has lease ids in it."""
 ON_RECORD = [*COMMANDS, INSIDE, LOG, Service.STOP.key("tsd")]
 ALIVE = topics.alive_key("tsd")
+FRONT, CEILING = CameraName("front", "tsd"), CameraName("ceiling")
+PICTURES = [FRONT.key, FRONT.info_key, FRONT.alive_key]
+FLOOR = [CEILING.key, CEILING.info_key, CEILING.alive_key]
 KEYS = [*STATES, *EVENTS, *HISTORY, *HOLDERS, *OPEN, *COMMANDS, *OTHERS, INSIDE, LOG, ALIVE]
+KEYS += PICTURES
+SEEN = [*PICTURES, *FLOOR]
 
 
 def may(name: str, flow: str, message: str, key: str, rules: dict[str, Any] = RULES) -> bool:
@@ -65,24 +71,26 @@ def may(name: str, flow: str, message: str, key: str, rules: dict[str, Any] = RU
 
 
 def passing(name: str, flow: str, message: str) -> set[str]:
-    return {key for key in KEYS if may(name, flow, message, key)}
+    return {key for key in [*KEYS, *FLOOR] if may(name, flow, message, key)}
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_somebody_may_say_is_this_and_nothing_else(name: str) -> None:
     operator = name in ("alice", "bob")
-    own = {"alice": {COMMANDS[0], COMMANDS[-2]}, "bob": {COMMANDS[1]}, "camera": {INSIDE}}
+    own = {"alice": {COMMANDS[0], COMMANDS[-2]}, "bob": {COMMANDS[1]}, "camera": {INSIDE, *SEEN}}
     allowed = {
         "put": {Service.STOP.key("tsd"), *own.get(name, ())},
         "query": {*OPEN, *HISTORY, *(HOLDERS if operator else ())},
         "declare_subscriber": {
             *STATES,
             *EVENTS,
+            *SEEN,
             *([INSIDE] if operator else ()),
             *(ON_RECORD if name == "tape" else ()),
         },
-        "liveliness_query": {topics.alive_key("tsd"), *HISTORY},
-        "declare_liveliness_subscriber": {topics.alive_key("tsd"), *HISTORY},
+        "liveliness_query": {topics.alive_key("tsd"), *HISTORY, *SEEN},
+        "declare_liveliness_subscriber": {topics.alive_key("tsd"), *HISTORY, *SEEN},
+        "liveliness_token": {*(SEEN if name == "camera" else ())},
     }
     assert {message: passing(name, "ingress", message) for message in MESSAGES} == {
         message: allowed.get(message, set()) for message in MESSAGES
@@ -92,11 +100,12 @@ def test_what_somebody_may_say_is_this_and_nothing_else(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_what_somebody_is_told_is_this_and_nothing_else(name: str) -> None:
     holders = HOLDERS if name in ("alice", "bob") else []
-    inside = [INSIDE] if name == "camera" else []
+    inside = [INSIDE, *SEEN] if name == "camera" else []
     allowed = {
         "put": {
             *STATES,
             *EVENTS,
+            *SEEN,
             *([INSIDE] if holders else ()),
             *(ON_RECORD if name == "tape" else ()),
         },
@@ -107,7 +116,7 @@ def test_what_somebody_is_told_is_this_and_nothing_else(name: str) -> None:
             *(COMMANDS if holders else ()),
             *inside,
         },
-        "liveliness_token": {topics.alive_key("tsd"), *HISTORY},
+        "liveliness_token": {topics.alive_key("tsd"), *HISTORY, *SEEN},
     }
     assert {message: passing(name, "egress", message) for message in MESSAGES} == {
         message: allowed.get(message, set()) for message in MESSAGES

@@ -7,7 +7,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.security.test_access_rules import KEYS, MESSAGES, may
+from tests.security.test_access_rules import FLOOR, KEYS, MESSAGES, may
 from tsd_twin.security import Role, access_control, client
 from tsd_twin.security.router_rules import ALL, RobotRights, router_access_control
 
@@ -59,6 +59,35 @@ def test_rights_on_a_robot_are_those_of_the_role_of_a_viewer_or_only_questions(
         else:
             assert all(map(is_question, found))
         assert passing(rules, "bob", robot) == set()
+
+
+@given(st.sampled_from(ROLES), SOME, SOME)
+def test_the_floor_is_shown_to_those_who_may_watch_all_robots_by_sensors_of_all(
+    role: Role, use: frozenset[str], watch: frozenset[str]
+) -> None:
+    rules = router_access_control(ROBOTS, [client(NAME, role)], {NAME: RobotRights(use, watch)})
+    watches = {
+        *(("ingress", message) for message in QUESTIONS),
+        *(("egress", message) for message in ("put", "liveliness_token")),
+    }
+    shows = {
+        *(("ingress", message) for message in ("put", "liveliness_token")),
+        ("egress", "declare_subscriber"),
+    }
+    expected = (watches if ALL in use | watch else set()) | (
+        shows if ALL in use and role is Role.SENSOR else set()
+    )
+    for key, robot in itertools.product(FLOOR, ROBOTS):
+        found = {
+            (flow, message)
+            for flow, message in itertools.product(("ingress", "egress"), MESSAGES)
+            if may(NAME, flow, message, key, rules)
+        }
+        assert found == expected
+        assert not any(
+            may(robot, flow, message, key, rules)
+            for flow, message in itertools.product(("ingress", "egress"), MESSAGES)
+        )
 
 
 @given(st.sampled_from(ROBOTS))

@@ -39,6 +39,7 @@ PEOPLE: dict[str, tuple[Role, RobotRights]] = {
     "guest": (Role.VIEWER, rights(HIS)),
     "mixed": (Role.OPERATOR, rights(HERS, HIS)),
     "camera": (Role.SENSOR, rights(HERS)),
+    "eye": (Role.SENSOR, rights(ALL)),
     "tape": (Role.RECORDER, rights(HERS)),
 }
 

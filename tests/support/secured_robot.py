@@ -53,7 +53,7 @@ TELL = {
     "permission": "allow",
     "flows": ["egress"],
     "messages": ["declare_subscriber", "declare_queryable"],
-    "key_exprs": ["twin/**"],
+    "key_exprs": ["twin/**", "floor/**"],
 }
 """A session sends only on keys with a known subscriber; a hostile program need not
 care. With this rule everybody is told, so that what is denied is really sent."""

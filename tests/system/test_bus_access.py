@@ -28,6 +28,7 @@ from tsd_twin.client.monitor import RobotMonitor
 from tsd_twin.errors import NoAnswerError
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.pictures import ALIVE_KEYS, LARGEST_PICTURE, CameraName
 from tsd_twin.messages.services import LeaseRequest
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import QoS, Service, Topic
@@ -43,6 +44,7 @@ POSES = topics.SENSOR_POSE.key(ID)
 ALICES, PAGES, BOBS, GUESTS = (
     topics.twist_key(ID, name) for name in ("alice", "alice-0123abcd", "bob", "guest")
 )
+CAMERAS = CameraName("front", ID), CameraName("ceiling")
 FORGED, RUBBISH = b"forged", b"rubbish"
 
 
@@ -158,6 +160,32 @@ def test_an_operator_who_calibrates_hears_where_a_sensor_sees_the_robot(
             other.until(lambda sample: sample.key == STATUS)
     assert {sample.payload for sample in ear.heard} == {RUBBISH}
     assert {sample.key for sample in other.heard} == {STATUS}
+
+
+def test_only_a_sensor_shows_pictures_and_the_largest_pass_the_robot(
+    robot: SecuredRobot, bob: Bus, camera: Bus
+) -> None:
+    before = robot.status().command.dropped.shape
+    tokens = [camera.declare_token(name.alive_key) for name in CAMERAS]
+    with (
+        Bus(as_client(robot.config("guest"), PATIENCE_S)) as viewer,
+        listening(viewer, "twin/*/camera/**", "floor/**", STATUS) as seen,
+    ):
+        seen.until(lambda sample: sample.key == STATUS)
+        for name in CAMERAS:
+            robot.force(bob, name.key, FORGED)
+        put(bob, BOBS, RUBBISH)
+        seen.until(lambda sample: misshapen(sample) > before)
+        for name in CAMERAS:
+            while name.key not in {sample.key for sample in seen.heard}:
+                put(camera, name.key, bytes(LARGEST_PICTURE))
+                seen.until(lambda sample: sample.key == STATUS)
+        alive = {key for pattern in ALIVE_KEYS for key in viewer.living_tokens(pattern)}
+    pictures = {sample.payload for sample in seen.heard if sample.key != STATUS}
+    assert pictures == {bytes(LARGEST_PICTURE)}
+    assert alive == {name.alive_key for name in CAMERAS}
+    for token in tokens:
+        token.close()
 
 
 @pytest.mark.parametrize("key", [ALICES, COMMANDS, f"twin/{ID}/cmd/camera/twist", STATUS])

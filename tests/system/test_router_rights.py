@@ -18,6 +18,7 @@ from tests.support.secured_robot import Listener, listening, put
 from tsd_twin import security
 from tsd_twin.bus import Bus, from_file
 from tsd_twin.messages import topics
+from tsd_twin.messages.pictures import CameraName
 from tsd_twin.messages.status import RobotStatus, decode_status
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.security import Role
@@ -27,14 +28,16 @@ from tsd_twin.security.router_rules import ALL
 pytestmark = pytest.mark.system
 
 SECRET = b"from another robot"
-KEYS = [topic.key(HIS).replace("*", "bob") for topic in topics.TOPICS]
-"""One key of each topic of Bob's robot."""
+PICTURES, FLOOR = CameraName("front", HIS).key, CameraName("ceiling").key
+KEYS = [*(topic.key(HIS).replace("*", "bob") for topic in topics.TOPICS), PICTURES]
+"""One key of each topic of Bob's robot, and that of a camera on it."""
 PATTERNS = [
     f"twin/{HIS}/**",
     "twin/*/state/**",
     "twin/*/event/*",
     "twin/*/cmd/**",
     "twin/*/stop",
+    "twin/*/camera/**",
     f"twin/{HIS[:-1]}$*/state/**",
     f"twin/$*{HIS[-1]}/**",
     "twin/**",
@@ -82,6 +85,7 @@ def publish_everything(bob: Bus, robot: Bus) -> None:
         key = topic.key(HIS).replace("*", "bob")
         sender = bob if topic in (topics.TWIST, topics.STOP) else robot
         sender.publisher(key, QoS.DATA).put(SECRET)
+    robot.publisher(PICTURES, QoS.DATA).put(SECRET)
 
 
 def status_after(ear: Listener, robot: str, since_s: float) -> RobotStatus:
@@ -98,14 +102,37 @@ def test_no_subscription_shows_another_robot(stage: RouterStage, name: str) -> N
         stage.join("bob", HIS) as bob,
         listening(own, *KEYS, *PATTERNS) as seen,
         listening(own, topics.STATUS.key(HERS)) as hers,
-        listening(gateway, "twin/*/state/**", "twin/*/event/*") as everything,
+        listening(gateway, "twin/*/state/**", "twin/*/event/*", "twin/*/camera/**") as everything,
     ):
         everything.until(lambda sample: sample.key == topics.ODOM.key(HIS))
         publish_everything(bob, stage.robots[HIS].bus)
-        everything.until(lambda sample: sample.payload == SECRET)
+        everything.until(lambda sample: sample.key == PICTURES)
         for _ in range(3):  # They arrive 20 times a second in the same session.
             hers.until(lambda _: True)
     assert {sample.key.split("/")[1] for sample in seen.heard} == {HERS}
+
+
+def test_pictures_of_the_floor_are_from_sensors_of_all_robots_for_those_who_may_watch_all(
+    telling: RouterStage,
+) -> None:
+    with (
+        telling.join("eye") as eye,
+        telling.join("camera") as camera,
+        telling.join("gateway", HIS) as gateway,
+        telling.join("mixed", HIS) as mixed,
+        listening(telling.robots[HERS].bus, topics.SENSOR_POSE.key(HERS)) as at_hers,
+        listening(mixed, "floor/**", "twin/*/state/status") as limited,
+        listening(gateway, "floor/**") as seen,
+    ):
+        put(camera, FLOOR, SECRET)
+        put(camera, topics.SENSOR_POSE.key(HERS), b"end")
+        at_hers.until(lambda sample: sample.payload == b"end")
+        put(eye, FLOOR, b"the floor")
+        seen.until(lambda sample: sample.payload == b"the floor")
+        for _ in range(3):
+            limited.until(lambda sample: sample.key == topics.STATUS.key(HIS))
+    assert SECRET not in {sample.payload for sample in seen.heard}
+    assert FLOOR not in {sample.key for sample in limited.heard}
 
 
 @pytest.mark.parametrize("name", ["alice", "camera", "tape"])

@@ -5,12 +5,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 
 from tsd_twin.camera.detect import Gray
-from tsd_twin.camera.tags import Tag, cells, dictionary, with_quiet_zone
+from tsd_twin.camera.tags import Cells, Tag, cells, dictionary, with_quiet_zone
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 
@@ -40,17 +41,20 @@ class Board:
 
         None if fewer than eight are seen.
         """
-        corners, numbers, _, _ = _detector(self).detectBoard(picture)
+        # OpenCV returns None when it finds nothing, unlike its type hints.
+        found: Any = _detector(self).detectBoard(picture)
+        corners, numbers = found[:2]
         if numbers is None or len(numbers) < _LEAST_CORNERS:
             return None
-        points = self._made().getChessboardCorners()[numbers.ravel()]
-        return np.asarray(points, float), corners.reshape(-1, 2).astype(float)
+        points = np.asarray(_charuco(self).getChessboardCorners(), float)[numbers.ravel()]
+        return points, corners.reshape(-1, 2).astype(float)
 
     def picture(self, texels_per_square: int = 80) -> tuple[Gray, float]:
         """Return a picture of the board on white paper, and its texels per metre."""
         edge = texels_per_square // 2
         size = tuple(texels_per_square * count + 2 * edge for count in (self.columns, self.rows))
-        return self._made().generateImage(size, marginSize=edge), texels_per_square / self.square_m
+        drawn = np.asarray(_charuco(self).generateImage(size, marginSize=edge), np.uint8)
+        return drawn, texels_per_square / self.square_m
 
     def squares(self) -> list[tuple[float, float, float]]:
         """Return the black squares: left, top and side in mm from the top left of the board."""
@@ -73,18 +77,18 @@ class Board:
             black += _black_cells(shown, left + inset, top + inset, 1e3 * self.marker_m)
         return black
 
-    def _made(self) -> cv2.aruco.CharucoBoard:
-        return cv2.aruco.CharucoBoard(
-            (self.columns, self.rows), self.square_m, self.marker_m, dictionary(self.family)
-        )
-
 
 _LEAST_CORNERS = 8
 
 
+def _charuco(board: Board) -> cv2.aruco.CharucoBoard:
+    size = board.columns, board.rows
+    return cv2.aruco.CharucoBoard(size, board.square_m, board.marker_m, dictionary(board.family))
+
+
 @functools.cache
 def _detector(board: Board) -> cv2.aruco.CharucoDetector:
-    return cv2.aruco.CharucoDetector(board._made())  # noqa: SLF001  Of the same module.
+    return cv2.aruco.CharucoDetector(_charuco(board))
 
 
 def board_pdf(board: Board, paper: str = "a4") -> bytes:
@@ -116,7 +120,7 @@ def tags_pdf(tags: Sequence[Tag], paper: str = "a4") -> bytes:
 
 
 def _black_cells(
-    shown: Array, left: float, top: float, side: float
+    shown: Cells, left: float, top: float, side: float
 ) -> list[tuple[float, float, float]]:
     cell = side / len(shown)
     return [(left + c * cell, top + r * cell, cell) for r, c in np.argwhere(~shown).tolist()]
@@ -164,7 +168,8 @@ def _content(sheet: _Sheet, size: tuple[float, float]) -> str:
     if sheet.width > size[0] - _STRIP_MM - _MARGIN_MM or sheet.height > size[1]:
         raise TwinError(
             f"{sheet.width:.0f} x {sheet.height:.0f} mm do not fit on paper of "
-            f"{size[0]:g} x {size[1]:g} mm: choose a smaller --size or a larger --paper"
+            f"{size[0]:g} x {size[1]:g} mm: choose a smaller "
+            "--tag-size or --square-mm, or a larger --paper"
         )
     left = size[0] - _MARGIN_MM - sheet.width
     top = 0.5 * (size[1] + sheet.height)

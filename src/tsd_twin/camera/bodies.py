@@ -35,7 +35,7 @@ def robot_solids(robot: RobotDescription) -> list[Solid]:
     solids: list[Solid] = []
     for kind, drawn in parts.items():
         for part in drawn:
-            brightness = int(round(255.0 * float(_LUMA @ np.array(part.material.rgba[:3]))))
+            brightness = round(255.0 * float(_LUMA @ np.array(part.material.rgba[:3])))
             mesh: Any = part.mesh
             for piece in mesh.split(only_watertight=False):
                 if float(np.max(piece.extents)) < _SMALLEST_M:

@@ -7,14 +7,23 @@ largest of a pose: millimetres, where noise is a tenth.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
-from scipy.optimize import least_squares
+from scipy import optimize
 
 from tsd_twin.camera.detect import side_px
-from tsd_twin.camera.lens import LENS_PARAMETERS, PARAMETERS, CameraPlace, Lens, View
+from tsd_twin.camera.lens import (
+    LENS_PARAMETERS,
+    PARAMETERS,
+    CameraPlace,
+    Lens,
+    View,
+    rotation_matrix,
+    rotation_vector,
+)
 from tsd_twin.camera.tags import Tag
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
@@ -25,7 +34,8 @@ _FLAGS = cv2.CALIB_FIX_K3
 _LEAST_SIGMA_PX = 0.02
 COMMON_ERROR = 2.0
 """Corners of one view share errors of printing and paper, so residuals understate their effect
-(docs/camera.md)."""
+(docs/camera.md).
+"""
 CORNER_SIGMA_PX = 0.08
 """Assumed error of a corner of a tag on the floor, constant over all pictures."""
 OUTWARD_SIGMA_PX = 0.15
@@ -35,6 +45,7 @@ DISTANCE_SIGMA_M = 0.001
 _LEAST_TAGS = 3
 _LEAST_CORNERS = 8
 _OUTLIER_MEDIANS, _LEAST_OUTLIER_PX = 5.0, 0.3
+_least_squares: Any = optimize.least_squares  # pyright: ignore  scipy is untyped.
 _NO_LENS = "the views do not determine a lens: hold the board at a slant, near and far"
 
 
@@ -82,8 +93,8 @@ def _fit_views(
         )
     except cv2.error as error:
         raise TwinError(_NO_LENS) from error
-    found = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]])
-    lens = Lens(*size, np.concatenate([found, distortion.ravel()[:4]]))
+    found = [matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], *distortion.ravel()[:4]]
+    lens = Lens(*size, np.array(found, float))
     information = np.zeros((LENS_PARAMETERS, LENS_PARAMETERS))
     errors: list[Array] = []
     for (board, seen), turn, offset in zip(views, turns, offsets, strict=True):
@@ -102,7 +113,7 @@ def _fit_views(
         raise TwinError(_NO_LENS) from error
     if not (np.isfinite(inverse).all() and (np.diag(inverse) > 0.0).all()):
         raise TwinError(_NO_LENS)
-    covariance = (COMMON_ERROR * max(sigma, _LEAST_SIGMA_PX)) ** 2 * inverse
+    covariance = np.asarray((COMMON_ERROR * max(sigma, _LEAST_SIGMA_PX)) ** 2 * inverse, float)
     where = np.concatenate([seen for _, seen in views])
     return LensFit(lens, covariance, sigma, np.column_stack([where, together])), errors
 
@@ -132,7 +143,8 @@ def fit_floor(
     frame, and the next one is ahead of it along the X axis of `origin`, because the direction
     between two tags is ten times as accurate as that of one. The distance between their centres,
     measured with a tape, gives the scale. Without it the size of the tags does, but blur moves all
-    corners of a tag outward or inward by a tenth of a pixel, which is 10 mm of height (docs/camera.md).
+    corners of a tag outward or inward by a tenth of a pixel, which is 10 mm of height
+    (docs/camera.md).
 
     Args:
         lens: Fitted lens.
@@ -148,12 +160,16 @@ def fit_floor(
     if len(numbers) < _LEAST_TAGS:
         raise TwinError(f"{len(numbers)} tags on the floor are too few: {_LEAST_TAGS} or more")
     problem = _FloorProblem(lens, numbers, sightings, tags, origin, distance_m)
-    found = least_squares(problem.residuals, problem.start(), jac=problem.jacobian, method="lm")
-    inverse = np.linalg.inv(found.jac.T @ found.jac)
-    view = problem.view(found.x)
-    errors = CORNER_SIGMA_PX * problem.residuals(found.x)[_PRIORS:].reshape(-1, 2)
+    solution: Any = _least_squares(
+        problem.residuals, problem.start(), jac=problem.jacobian, method="lm"
+    )
+    found = np.asarray(solution.x, float)
+    jacobian = np.asarray(solution.jac, float)
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    view = problem.view(found)
+    errors = CORNER_SIGMA_PX * problem.residuals(found)[_PRIORS:].reshape(-1, 2)
     seen = np.concatenate([sightings[number] for number in numbers])
-    freedom = max(1, errors.size - (len(found.x) - _PRIORS))
+    freedom = max(1, errors.size - (len(found) - _PRIORS))
     rms_px = float(np.sqrt(np.square(errors).sum() / freedom))
     if not view.place.position_m[2] > 0.0:
         raise TwinError("the tags are seen from below: the floor must be level, tags face upward")
@@ -161,7 +177,7 @@ def fit_floor(
     return FloorFit(
         view,
         scale * inverse[:PARAMETERS, :PARAMETERS],
-        problem.placed_tags(found.x),
+        problem.placed_tags(found),
         rms_px,
         np.column_stack([seen, errors]),
     )
@@ -211,11 +227,14 @@ class _FloorProblem:
             lens.distortion,
             flags=cv2.SOLVEPNP_IPPE_SQUARE,
         )
-        guesses = [self._guess(turn, offset) for turn, offset in zip(turns, offsets, strict=True)]
+        guesses = [
+            self._guess(np.asarray(turn, float), np.asarray(offset, float))
+            for turn, offset in zip(turns, offsets, strict=True)
+        ]
         return min(guesses, key=lambda guess: float(np.square(self.residuals(guess)).sum()))
 
     def _guess(self, turn: Array, offset: Array) -> Array:
-        rotation = cv2.Rodrigues(turn)[0]
+        rotation = rotation_matrix(turn)
         view = View(self._lens.lens, CameraPlace(turn.ravel(), (-rotation.T @ offset).ravel()))
         poses = [_level_pose(view.on_plane(quad)) for quad in self._quads()]
         way = poses[1][:2] - poses[0][:2]
@@ -225,7 +244,7 @@ class _FloorProblem:
         cosine, sine = np.cos(to_floor.xy_heading[2]), np.sin(to_floor.xy_heading[2])
         level[:2, :2] = [[cosine, -sine], [sine, cosine]]
         position = level @ view.place.position_m + [*to_floor.xy_heading[:2], 0.0]
-        moved = CameraPlace(cv2.Rodrigues(rotation @ level.T)[0].ravel(), position)
+        moved = CameraPlace(rotation_vector(rotation @ level.T), position)
         local = [(frame.inverse() @ SE2(pose)).xy_heading for pose in poses]
         places = np.concatenate([[local[0][2]], [local[1][0], local[1][2]], *local[2:]])
         return np.concatenate([View(self._lens.lens, moved).parameters, [0.0], places])
@@ -267,8 +286,9 @@ class _FloorProblem:
     def placed_tags(self, x: Array) -> tuple[Tag, ...]:
         """Return the tags at their places on the floor."""
         return tuple(
-            Tag(tag.number, tag.size_m, None, 0.0, *pose.xy_heading.tolist(), tag.family)
+            replace(tag, robot=None, height_m=0.0, x_m=x, y_m=y, heading_rad=heading)
             for tag, pose in zip(self._tags, self._poses(x), strict=True)
+            for x, y, heading in [pose.xy_heading.tolist()]
         )
 
     def _poses(self, x: Array) -> list[SE2]:

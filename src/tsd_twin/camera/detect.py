@@ -1,4 +1,4 @@
-"""Tags in a picture: corners of the tags that were asked for, in the whole picture or in windows."""
+"""Corners of tags in a picture, in the whole of it or in windows."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ Gray: TypeAlias = NDArray[np.uint8]
 """(rows, columns): brightness of each pixel."""
 
 THRESHOLD_WINDOW = 23
-"""Side of the only threshold window, in pixels; three sizes, OpenCV's default, take twice as long."""
+"""Side of the only threshold window, in pixels; OpenCV's default, three sizes, takes twice as long.
+"""
 _CORRECTED_SHARE = 0.3
 """Wrong cells that are corrected, relative to the most that the dictionary permits."""
 LEAST_SIDE_PX = 16.0
@@ -27,8 +28,10 @@ LEAST_SIDE_PX = 16.0
 _STEP_PX = 32
 """Sizes of windows are rounded up to it, so that few detectors are kept."""
 _WINDOW_CELLS = 0.7, 0.5
-"""Half sides of the windows in which a corner is refined, in cells: a turned window of 0.7 reaches to
-the end of the white border."""
+"""Half sides of the windows in which a corner is refined, in cells.
+
+A turned window of 0.7 reaches to the end of the white border.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,11 +107,11 @@ def side_px(corners: Array) -> float:
 def _detect(picture: Gray, family: str) -> list[tuple[int, Array]]:
     size = _STEP_PX * math.ceil(max(picture.shape) / _STEP_PX)
     corners, numbers, _ = _detector(family, size).detectMarkers(picture)
-    if numbers is None:
-        return []
+    if not corners:
+        return []  # OpenCV returns None for the numbers of nothing.
     cells = dictionary(family).markerSize + 2
     return [
-        (int(number), _refined(picture, found.reshape(4, 2), cells))
+        (int(number), _refined(picture, np.asarray(found, float).reshape(4, 2), cells))
         for number, found in zip(numbers.ravel(), corners, strict=True)
     ]
 

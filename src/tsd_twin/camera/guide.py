@@ -21,7 +21,7 @@ from tsd_twin.camera.calibration import (
 )
 from tsd_twin.camera.detect import Gray, Sighting, find_tags, side_px
 from tsd_twin.camera.lens import LENS_PARAMETERS, PARAMETERS, View
-from tsd_twin.camera.planar_fit import measure
+from tsd_twin.camera.planar_fit import Refusal, measure
 from tsd_twin.camera.render import SimulatedCamera
 from tsd_twin.camera.setup_file import CameraSetup, read_setup, write_setup
 from tsd_twin.camera.simulated import board_pictures
@@ -53,7 +53,7 @@ def calibrate_lens(source: Source, board: Board, file: str, stop: threading.Even
     Raises:
         TwinError: If too few views are seen, or they do not determine a lens.
     """
-    print("Hold the board in front of the camera: near and far, in all corners, at a slant, still.")
+    _say("Hold the board in front of the camera: near and far, in all corners, at a slant, still.")
     try:
         _finish_lens(list(_still_views(source, board, stop)), file, source_size(source))
     finally:
@@ -108,14 +108,14 @@ def calibrate_floor(
     drawn = Path(file).with_suffix(".floor.png")
     if picture is not None:
         _save(drawn, draw_residuals(picture, found.residuals, found.view))
-    print(f"{len(found.tags)} tags, {found.rms_px:.2f} px RMS; drawn in {drawn}")
+    _say(f"{len(found.tags)} tags, {found.rms_px:.2f} px RMS; drawn in {drawn}")
     for line in verdict(made):
-        print(line)
+        _say(line)
     return found
 
 
 def measured(tags: Sequence[Tag], seed: int) -> tuple[list[int], SE2, float]:
-    """Return the numbers of tags, the origin and the distance that somebody with a tape measures."""
+    """Return the numbers of tags, the origin, and the distance as measured with a tape."""
     first, second = sorted(tags, key=lambda tag: tag.number)[:2]
     way = np.array([second.x_m - first.x_m, second.y_m - first.y_m])
     error = DISTANCE_SIGMA_M * np.random.default_rng(seed + 1).standard_normal()
@@ -237,7 +237,7 @@ def _still_views(
         before = place
         if still and all(float(np.abs(place - each).max()) > _NEW_VIEW_PX for each in taken):
             taken.append(place)
-            print(f"view {len(taken)} of {VIEWS}: move the board", flush=True)
+            _say(f"view {len(taken)} of {VIEWS}: move the board")
             yield view
 
 
@@ -262,7 +262,7 @@ def _finish_lens(views: list[tuple[Array, Array]], file: str, size: tuple[int, i
     judged = (
         "good" if fit.rms_px <= _GOOD_LENS_PX else "poor: is the board flat and printed at 100 %?"
     )
-    print(f"{len(views)} views, {fit.rms_px:.2f} px RMS, {judged}; written to {file}, {drawn}")
+    _say(f"{len(views)} views, {fit.rms_px:.2f} px RMS, {judged}; written to {file}, {drawn}")
 
 
 def _stated(view: View, setup: CameraSetup, tag: Tag, place: Array) -> tuple[Array, float]:
@@ -273,10 +273,14 @@ def _stated(view: View, setup: CameraSetup, tag: Tag, place: Array) -> tuple[Arr
     sighting = Sighting(tag.family, tag.number, corners)
     found = measure(view, setup.covariance, level, sighting, 0.1, setup.errors)
     side = side_px(corners)
-    if not hasattr(found, "covariance"):
+    if isinstance(found, Refusal):
         return np.array([math.inf, math.inf]), side
-    variances = np.diag(found.covariance)  # type: ignore[union-attr]
+    variances = np.diag(found.covariance)
     return np.sqrt([variances[:2].max(), variances[2]]), side
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)  # noqa: T201  Output for the person who calibrates.
 
 
 def _save(path: Path, picture: np.ndarray) -> None:

@@ -51,7 +51,7 @@ class Lens:
         points = np.ascontiguousarray(pixels, float).reshape(-1, 1, 2)
         flat = cv2.undistortPoints(points, self.matrix, self.distortion).reshape(-1, 2)
         focal = self.parameters[:2]
-        rays = np.column_stack([flat, np.ones(len(points))])
+        rays = np.column_stack([np.asarray(flat, float), np.ones(len(points))])
         for _ in range(_REFINEMENTS):  # OpenCV stops after five steps, 0.01 px off in a corner.
             shown, _ = cv2.projectPoints(rays, _NO, _NO, self.matrix, self.distortion)
             rays[:, :2] += (points - shown).reshape(-1, 2) / focal
@@ -71,7 +71,7 @@ class CameraPlace:
     def looking_down(height_m: float, x_m: float = 0.0, y_m: float = 0.0) -> CameraPlace:
         """Return a camera above (x, y) that looks straight down, with floor X to the right."""
         down = np.diag([1.0, -1.0, -1.0])
-        return CameraPlace(cv2.Rodrigues(down)[0].ravel(), np.array([x_m, y_m, height_m]))
+        return CameraPlace(rotation_vector(down), np.array([x_m, y_m, height_m]))
 
     @staticmethod
     def looking_at(position_m: Array, target_m: Array) -> CameraPlace:
@@ -82,12 +82,12 @@ class CameraPlace:
         right = np.cross(ahead, up)
         right /= np.linalg.norm(right)
         matrix = np.stack([right, np.cross(ahead, right), ahead])
-        return CameraPlace(cv2.Rodrigues(matrix)[0].ravel(), np.asarray(position_m, float))
+        return CameraPlace(rotation_vector(matrix), np.asarray(position_m, float))
 
     @property
     def matrix(self) -> Array:
         """(3, 3): from floor axes to camera axes."""
-        return cv2.Rodrigues(np.asarray(self.rotation, float))[0]
+        return rotation_matrix(self.rotation)
 
     @property
     def offset_m(self) -> Array:
@@ -118,36 +118,48 @@ class View:
         return self.derivatives(points_m)[0]
 
     def derivatives(self, points_m: Array) -> tuple[Array, Array, Array]:
-        """Return pixels (n, 2), their derivatives by the points (n, 2, 3) and by the view (n, 2, 14).
+        """Return pixels (n, 2) with their derivatives by the points and by the view.
 
-        The lens is differentiated by OpenCV, whose translation is converted to a position here.
+        The shapes of these are (n, 2, 3) and (n, 2, 14). OpenCV differentiates the lens; its
+        translation is converted to a position here.
         """
         points = np.ascontiguousarray(points_m, float).reshape(-1, 1, 3)
         place = self.place
         pixels, jacobian = cv2.projectPoints(
             points, place.rotation, place.offset_m, self.lens.matrix, self.lens.distortion
         )
+        jacobian = np.asarray(jacobian, float)
         by_rotation, by_offset, by_lens = jacobian[:, :3], jacobian[:, 3:6], jacobian[:, 6:14]
         count = len(points)
         rotated = by_offset @ place.matrix  # The points move as the camera does the other way.
         # The offset -R p depends on the rotation vector as well.
-        turned = cv2.Rodrigues(np.asarray(place.rotation, float))[1].reshape(3, 3, 3)
+        turned = np.asarray(cv2.Rodrigues(place.rotation)[1], float).reshape(3, 3, 3)
         by_rotation = by_rotation - by_offset @ np.einsum("kij,j->ik", turned, place.position_m)
         by_view = np.concatenate([by_lens, by_rotation, -rotated], axis=1)
         return (
-            pixels.reshape(count, 2),
+            np.asarray(pixels, float).reshape(count, 2),
             rotated.reshape(count, 2, 3),
             by_view.reshape(count, 2, PARAMETERS),
         )
 
     def on_plane(self, pixels: Array, height_m: float = 0.0) -> Array:
-        """Return where pixels (n, 2) meet the plane z = `height_m`: (n, 2), NaN above the horizon."""
+        """Return where pixels (n, 2) meet the plane z = `height_m`; NaN above the horizon."""
         rays = self.lens.rays(pixels) @ self.place.matrix
         position = self.place.position_m
         with np.errstate(divide="ignore", invalid="ignore"):
             reach = (height_m - position[2]) / rays[:, 2]
         reach[~(reach > 0.0)] = np.nan
         return (position + reach[:, None] * rays)[:, :2]
+
+
+def rotation_matrix(vector: Array) -> Array:
+    """Return the matrix (3, 3) of a rotation vector (3,)."""
+    return np.asarray(cv2.Rodrigues(vector)[0], float)
+
+
+def rotation_vector(matrix: Array) -> Array:
+    """Return the rotation vector (3,) of a matrix (3, 3)."""
+    return np.asarray(cv2.Rodrigues(matrix)[0], float).ravel()
 
 
 @functools.cache

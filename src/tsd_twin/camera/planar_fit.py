@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from tsd_twin.camera.detect import Gray, Sighting, Window
-from tsd_twin.camera.lens import View
+from tsd_twin.camera.lens import View, rotation_matrix
 from tsd_twin.camera.tags import Tag
 from tsd_twin.lie import SE2, Array
 
@@ -118,7 +118,8 @@ def measure(
         return _named(view, tag, sighting.corners)
     inverse = np.linalg.inv(jacobian.T @ jacobian)
     mounting = _mounting(view, view_covariance, tag, pose, inverse @ jacobian.T, errors)
-    return PlanarPose(pose, sigma_px**2 * inverse, mounting, residual_px, side)
+    noise = np.asarray(sigma_px**2 * inverse, float)
+    return PlanarPose(pose, noise, mounting, residual_px, side)
 
 
 LEAST_BELIEVED_PX = 24.0
@@ -148,7 +149,7 @@ def upright_tilt_rad(view: View, tag: Tag, corners: Array) -> float:
     if not found:
         return math.inf
     up = view.place.matrix[:, 2]
-    cosines = [float(cv2.Rodrigues(turn)[0][:, 2] @ up) for turn in turns]
+    cosines = [float(rotation_matrix(np.asarray(turn, float))[:, 2] @ up) for turn in turns]
     return math.acos(min(1.0, max(cosines)))
 
 
@@ -196,12 +197,11 @@ def _mounting(
     # A robot leans about the floor, so that its tag moves aside by the height.
     aside = tag.height_m * by_point[:, :, :2] + np.einsum("nk,ni->nik", arm, -by_point[:, :, 2])
     of_tilt = gain @ aside.reshape(8, 2)
-    heading = pose.xy_heading[2]
     covariance = of_view @ view_covariance @ of_view.T
     covariance += errors.height_m**2 * np.outer(of_height, of_height)
     covariance += errors.tilt_rad**2 * of_tilt @ of_tilt.T
     reach = pose.rotate(tag.place.xy_heading[:2])
-    swing = np.array([-reach[1], reach[0], 1.0]) if heading == heading else np.zeros(3)
+    swing = np.array([-reach[1], reach[0], 1.0])
     covariance += np.diag([errors.place_m**2, errors.place_m**2, 0.0])
     return covariance + errors.heading_rad**2 * np.outer(swing, swing)
 

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from tsd_twin.camera.detect import Gray, Window
-from tsd_twin.camera.lens import View, pixel_grid
+from tsd_twin.camera.lens import View, pixel_grid, rotation_matrix
 from tsd_twin.camera.tags import QUIET_CELLS, Tag, with_quiet_zone
 from tsd_twin.lie import SE2, Array
 
@@ -157,10 +157,10 @@ class SimulatedCamera:
         vertices = np.concatenate([solid.vertices_m for solid in body.solids] or [np.zeros((0, 3))])
         if not len(vertices):
             return []
-        pixels = self.view.project(placed(vertices, pose)).astype(np.float32)
+        pixels = self.view.project(placed(vertices, pose))
         ends = np.cumsum([len(solid.vertices_m) for solid in body.solids])[:-1]
         return [
-            (cv2.convexHull(part).reshape(-1, 2), solid.brightness)
+            (_outline(part), solid.brightness)
             for part, solid in zip(np.split(pixels, ends), body.solids, strict=True)
         ]
 
@@ -204,12 +204,12 @@ class SimulatedCamera:
             # The inverse maps rays to coordinates on the plane.
             on_plane = np.linalg.inv(each).astype(np.float32)
             u, v, w = (rays[..., 0] * row[0] + rays[..., 1] * row[1] + row[2] for row in on_plane)
-            maps = [middle[0] + scale * u / w, middle[1] - scale * v / w]
-            fine = [cv2.resize(one.astype(np.float32), size) for one in maps]
+            columns = np.asarray(middle[0] + scale * u / w, np.float32)
+            rows = np.asarray(middle[1] - scale * v / w, np.float32)
             drawn = cv2.remap(
                 texture,
-                fine[0],
-                fine[1],
+                cv2.resize(columns, size),
+                cv2.resize(rows, size),
                 cv2.INTER_NEAREST,
                 dst=background.copy(),
                 borderMode=cv2.BORDER_TRANSPARENT,
@@ -259,6 +259,12 @@ class SimulatedCamera:
         return [np.asarray((before @ SE2.exp(share * way)).xy_heading) for share in shares]
 
 
+def _outline(pixels: Array) -> Array:
+    """Return the convex hull (m, 2) of pixels (n, 2)."""
+    hull = cv2.convexHull(np.asarray(pixels, np.float32))
+    return np.asarray(hull, float).reshape(-1, 2)
+
+
 def on_robot(tag: Tag, points_m: Array) -> Array:
     """Return points (n, 2) of a tag in the frame of its robot: (n, 3)."""
     level = tag.place.transform(points_m)
@@ -271,7 +277,7 @@ def placed(points_m: Array, pose: Array) -> Array:
     `pose` is (3,): x, y, heading; or (5,), with roll and pitch in radians about the robot's axes.
     """
     if len(pose) > 3:
-        turn = cv2.Rodrigues(np.array([pose[3], pose[4], 0.0]))[0]
+        turn = rotation_matrix(np.array([pose[3], pose[4], 0.0]))
         points_m = points_m @ turn.T
     level = SE2(np.asarray(pose[:3], float)).transform(points_m[:, :2])
     return np.column_stack([level, points_m[:, 2]])

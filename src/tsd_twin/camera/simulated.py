@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 
 from tsd_twin import robots
@@ -17,7 +16,7 @@ from tsd_twin.bus import Bus
 from tsd_twin.camera.board import Board
 from tsd_twin.camera.bodies import FALLBACK_HEIGHT_M, FALLBACK_RADIUS_M, robot_solids
 from tsd_twin.camera.detect import Gray
-from tsd_twin.camera.lens import LENS_PARAMETERS, CameraPlace, Lens, View
+from tsd_twin.camera.lens import LENS_PARAMETERS, CameraPlace, Lens, View, rotation_matrix
 from tsd_twin.camera.render import Body, SimulatedCamera, Solid, cylinder
 from tsd_twin.camera.sources import CameraFrame
 from tsd_twin.camera.tags import Tag
@@ -114,7 +113,7 @@ class SimulatedSource:
         known = self._truths.get(robot)
         return None if known is None else known.at(stamp_ns)
 
-    def _draw(self, stamp_ns: int) -> Array:
+    def _draw(self, stamp_ns: int) -> Gray:
         half_ns = round(0.5e9 * self._camera.sensor.exposure_s)
         shown: list[tuple[Body, Sequence[Array]]] = []
         for robot, truth in self._truths.items():
@@ -192,8 +191,14 @@ def floor_tags(view: View, size_m: float, random: np.random.Generator) -> tuple[
     height = float(view.place.position_m[2])
     half = height * np.array([view.lens.width, view.lens.height]) / (2.0 * view.lens.parameters[0])
     return tuple(
-        Tag(FLOOR_TAGS + i, size_m, None, 0.0, *(half * spot), float(random.uniform(-3.0, 3.0)))
-        for i, spot in enumerate(_SPOTS)
+        Tag(
+            FLOOR_TAGS + i,
+            size_m,
+            x_m=float(half[0] * x),
+            y_m=float(half[1] * y),
+            heading_rad=float(random.uniform(-3.0, 3.0)),
+        )
+        for i, (x, y) in enumerate(_SPOTS)
     )
 
 
@@ -208,6 +213,6 @@ def board_pictures(
         away_m = random.uniform(0.3, 0.6)
         aside = 0.55 * away_m * half * random.uniform(-1.0, 1.0, 2)
         slant = np.array([*random.normal(0.0, 0.45, 2), random.normal(0.0, 0.3)])
-        turn = cv2.Rodrigues(slant)[0] @ np.diag([1.0, -1.0, -1.0])
+        turn = rotation_matrix(slant) @ np.diag([1.0, -1.0, -1.0])
         axes = np.column_stack([turn[:, 0], turn[:, 1], [*aside, away_m]])
         yield camera.draw_sheet(texture, scale, axes)

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
+
+Cells: TypeAlias = NDArray[np.bool_]
+"""(n, n): cells of a tag, True where white."""
 
 FAMILIES = {
     "36h11": cv2.aruco.DICT_APRILTAG_36h11,
@@ -64,7 +69,7 @@ def dictionary(family: str) -> cv2.aruco.Dictionary:
     return cv2.aruco.getPredefinedDictionary(FAMILIES[family])
 
 
-def cells(family: str, number: int) -> Array:
+def cells(family: str, number: int) -> Cells:
     """Return the cells (n, n) of a tag with its black border, True where white.
 
     Raises:
@@ -76,9 +81,9 @@ def cells(family: str, number: int) -> Array:
             f"tag {number} does not exist: {family} has 0 to {len(known.bytesList) - 1}"
         )
     side = known.markerSize + 2
-    return known.generateImageMarker(number, side, borderBits=1) > 0
+    return np.asarray(known.generateImageMarker(number, side, borderBits=1), np.uint8) > 0
 
 
-def with_quiet_zone(family: str, number: int) -> Array:
+def with_quiet_zone(family: str, number: int) -> Cells:
     """Return the cells (n + 2, n + 2) of a tag inside the white border that it needs."""
     return np.pad(cells(family, number), QUIET_CELLS, constant_values=True)

@@ -19,6 +19,7 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.events import Event
+from tsd_twin.messages.pictures import CameraName
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.recording.channels import EntryMaker, robot_of
 from tsd_twin.recording.folder import RecordingFolder
@@ -79,7 +80,7 @@ class Recorder:
         self._opened_s = time.monotonic()
 
     def listen(self, bus: Bus, keys: Sequence[str] = EVERYTHING) -> None:
-        """Record all messages on `keys` of a bus.
+        """Record all messages on `keys` of a bus, except pictures.
 
         The bus must be a client session, because peers of a robot do not see messages from other
         peers.
@@ -123,6 +124,8 @@ class Recorder:
                 self._alive.pop(robot, None)
 
     def _put(self, item: Sample | tuple[str, Any]) -> None:
+        if isinstance(item, Sample) and CameraName.of(item.key) is not None:
+            return  # Pictures would fill the memory while the disk hangs, and then the disk.
         if len(self._queue) < _QUEUE:
             self._queue.append((self._now_ns(), item))
         else:

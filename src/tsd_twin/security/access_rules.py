@@ -32,7 +32,7 @@ class Role(StrEnum):
     VIEWER = "viewer"
     """May observe and stop."""
     SENSOR = "sensor"
-    """May observe, stop and publish pose measurements, as a camera does."""
+    """May observe, stop and publish pictures and pose measurements, as a camera does."""
     RECORDER = "recorder"
     """May observe, stop and read all messages, including lease ids.
 
@@ -100,8 +100,12 @@ _SECRETS = (topics.INPUTS,)
 """Topics with lease ids, for recorders only."""
 _BRANCHES = sorted({t.path.split("/")[0] for t in topics.TOPICS if t not in (*_CLAIMS, *_SECRETS)})
 
-SHOWN = tuple(f"{_ANY}/{branch}/**" for branch in _BRANCHES)
-ALIVE = (topics.alive_key("*"), topics.instance_key("*", "*"))
+CAMERAS = (f"{_ANY}/camera/**",)
+"""Pictures of cameras on robots, and the tokens of these cameras."""
+FLOOR = ("floor/**",)
+"""Pictures and tokens of cameras above the floor, which show all robots."""
+SHOWN = (*(f"{_ANY}/{branch}/**" for branch in _BRANCHES), *CAMERAS)
+ALIVE = (topics.alive_key("*"), topics.instance_key("*", "*"), *CAMERAS)
 HISTORY = (f"{topics.EVENT.key('*')}/@adv/**",)
 """Keys on which late joiners query past events; wildcards do not match chunks with @."""
 OPEN = tuple(f"{_ANY}/{service}" for service in Service if not service.startswith("srv/"))
@@ -110,7 +114,10 @@ STOP = (topics.STOP.key("*"),)
 TWIST = (topics.TWIST.key("*"),)
 SENSOR_POSE = (topics.SENSOR_POSE.key("*"),)
 ON_RECORD = tuple(topic.key("*") for topic in (*_CLAIMS, *_SECRETS))
-EVERYTHING = (f"{_ANY}/**", *HISTORY)
+EVERYTHING = (f"{_ANY}/**", *FLOOR, *HISTORY)
+TO_ROBOTS = (*TWIST, *SENSOR_POSE, *(f"{_ANY}/{service}" for service in Service), *HISTORY)
+"""Keys on which a robot receives messages; cameras publish larger ones, which robots do not read.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,8 +171,28 @@ measurements for calibration.
 SENSORS = (
     Rule("outside-say", "ingress", ("put",), SENSOR_POSE),
     Rule("outside", "egress", ("declare_subscriber",), SENSOR_POSE),
+    Rule("picture-say", "ingress", ("put", "liveliness_token"), CAMERAS),
+    Rule("picture", "egress", ("declare_subscriber",), CAMERAS),
 )
-"""Additional rules for sensors: publish poses. No other role may, because poses shift `odom`."""
+"""Additional rules for sensors: publish poses and pictures. No other role may, because poses shift
+`odom`, and operators drive by pictures.
+"""
+
+FLOOR_WATCHERS = (
+    Rule(
+        "floor-ask",
+        "ingress",
+        ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"),
+        FLOOR,
+    ),
+    Rule("floor", "egress", ("put", "liveliness_token"), FLOOR),
+)
+"""Rules for those who may watch all robots."""
+FLOOR_CAMERAS = (
+    Rule("floor-say", "ingress", ("put", "liveliness_token"), FLOOR),
+    Rule("floor-hear", "egress", ("declare_subscriber",), FLOOR),
+)
+"""Additional rules for sensors of all robots."""
 
 RECORDERS = (
     Rule("record-ask", "ingress", ("declare_subscriber",), ON_RECORD, asks=True),
@@ -194,19 +221,20 @@ def access_control(identities: Sequence[BusIdentity]) -> dict[str, Any]:
     sensors = [person.name for person in identities if person.role is Role.SENSOR]
     recorders = [person.name for person in identities if person.role is Role.RECORDER]
     own = [drive_rule(name) for name in operators]
-    everybody, driving = [r.id for r in EVERYBODY], [r.id for r in OPERATORS]
+    watching, sensing = (*EVERYBODY, *FLOOR_WATCHERS), (*SENSORS, *FLOOR_CAMERAS)
+    everybody, driving = [r.id for r in watching], [r.id for r in OPERATORS]
     policies = [{"subjects": [person.name for person in identities], "rules": everybody}]
     policies += [
         {"subjects": [name], "rules": [*driving, rule.id]}
         for name, rule in zip(operators, own, strict=True)
     ]
-    policies += [{"subjects": [name], "rules": [r.id for r in SENSORS]} for name in sensors]
+    policies += [{"subjects": [name], "rules": [r.id for r in sensing]} for name in sensors]
     policies += [{"subjects": [name], "rules": [r.id for r in RECORDERS]} for name in recorders]
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": [
-            in_zenoh_terms(rule) for rule in (*EVERYBODY, *OPERATORS, *SENSORS, *RECORDERS, *own)
+            in_zenoh_terms(rule) for rule in (*watching, *OPERATORS, *sensing, *RECORDERS, *own)
         ],
         "subjects": [{"id": p.name, "cert_common_names": [p.name]} for p in identities],
         # Zenoh rejects a policy without subjects; an empty list denies everything.
@@ -227,7 +255,7 @@ def in_zenoh_terms(rule: Rule) -> dict[str, Any]:
 
 LISTEN = "tls/0.0.0.0:7447"
 LARGEST_BYTES = 65536
-"""Largest message that a robot reassembles; commands have 108 bytes, requests a few hundred."""
+"""Largest message that a robot reassembles; pictures that it routes have up to 60,000 bytes."""
 _PORT = re.compile(r"^tls/.*?:(\d+)(?:[?#].*)?$")
 
 
@@ -249,9 +277,8 @@ def robot_settings(
     settings["listen"] = {"endpoints": [listen]}
     settings["access_control"] = access_control(identities)
     settings["transport"]["link"]["rx"] = {"max_message_size": LARGEST_BYTES}
-    # Messages to a robot are small on all keys.
     for limit in settings["low_pass_filter"]:
-        limit["key_exprs"] = list(EVERYTHING)
+        limit["key_exprs"] = list(TO_ROBOTS)
     return settings
 
 

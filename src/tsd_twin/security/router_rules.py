@@ -12,14 +12,16 @@ from typing import Any
 
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
-from tsd_twin.messages.topics import Service
 from tsd_twin.security.access_rules import (
     EVERYBODY,
     EVERYTHING,
+    FLOOR_CAMERAS,
+    FLOOR_WATCHERS,
     OPERATORS,
     RECORDERS,
     ROUTER,
     SENSORS,
+    TO_ROBOTS,
     TWIST,
     BusIdentity,
     Role,
@@ -35,7 +37,7 @@ MOST_SESSIONS = 256
 LARGEST_COMMAND_BYTES = 4096
 """Largest message to a robot."""
 LARGEST_STATE_BYTES = 65536
-"""Largest message of a robot except replies; a status has 5 kB, a block of inputs 20 kB."""
+"""Largest message except replies; a status has 5 kB, a block of inputs 20 kB, a picture 60 kB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +105,8 @@ def router_access_control(
     """Return section `access_control` of a router's Zenoh configuration.
 
     Questions about all robots are allowed, and answered for the permitted ones only, so one
-    subscription shows a client its robots and nothing of the others.
+    subscription shows a client its robots and nothing of the others. Pictures of the floor show
+    all robots, and are therefore for those who may watch all, with `ALL`.
 
     Args:
         robots: Ids of the robots, which are the names in their certificates.
@@ -145,6 +148,10 @@ def _client_rules(person: BusIdentity, robots: Sequence[str], rights: RobotRight
     rules += [_limited(rule, robot) for robot in used for rule in _OF_ROLE[person.role]]
     if person.role is Role.OPERATOR:
         rules += [_limited(drive_rule(person.name), robot) for robot in used]
+    if ALL in rights.visible:
+        rules += FLOOR_WATCHERS
+    if ALL in rights.use and person.role is Role.SENSOR:
+        rules += FLOOR_CAMERAS
     return list(dict.fromkeys(rules))
 
 
@@ -207,16 +214,9 @@ def router_settings(
     }
     settings["low_pass_filter"] = [
         _size_limit("states", EVERYTHING, LARGEST_STATE_BYTES),
-        _size_limit("commands", _TO_ROBOTS, LARGEST_COMMAND_BYTES),
+        _size_limit("commands", TO_ROBOTS, LARGEST_COMMAND_BYTES),
     ]
     return settings
-
-
-_TO_ROBOTS = (
-    *TWIST,
-    topics.SENSOR_POSE.key(ALL),
-    *(f"twin/*/{service}" for service in Service),
-)
 
 
 def _size_limit(name: str, keys: Sequence[str], most_bytes: int) -> dict[str, Any]:
