@@ -45,7 +45,7 @@ ABOVE_ROBOT_M = 0.02
 """Height of a simulated robot's tag above its highest part."""
 TAG_M = 0.16
 DEFAULT_ACROSS_DEG = 62.0
-"""Of a webcam that was not calibrated: pictures only."""
+"""Field of view of a webcam that was not calibrated, for pictures only."""
 _READ_TIMEOUT_S = 0.2
 _CONNECT_S = 10.0
 _REPORT_S = 10.0
@@ -73,12 +73,14 @@ def serve(args: argparse.Namespace) -> None:
     cv2.setNumThreads(1)  # Windows are too small to share, and pictures must not load all cores.
     stop = program.stop_event(args)
     name = CameraName(checked(args.name), checked(args.on) if args.on else None)
+    tags = [_tag(text, args.tag_size, math.nan if args.simulate else 0.0) for text in args.tag]
+    real = None if args.simulate else _real(args, tags)
     with (
         _bus(args) as poses,
         _bus(args) as pictures,
         contextlib.ExitStack() as opened,
     ):
-        source, setup = _simulated(poses, args) if args.simulate else _real(args)
+        source, setup = real or _simulated(poses, args, tags)
         opened.callback(source.close)
         tracker = TagTracker(setup) if setup.tags else None
         publisher = CameraPublisher(pictures, poses, name, setup)
@@ -110,13 +112,12 @@ def _bus(args: argparse.Namespace) -> Bus:
     return Bus(as_client(config, _CONNECT_S))
 
 
-def _real(args: argparse.Namespace) -> tuple[Source, CameraSetup]:
+def _real(args: argparse.Namespace, tags: Sequence[Tag]) -> tuple[Source, CameraSetup]:
     """Open the camera of `--source`; without `--file` it only publishes pictures."""
     if args.file:
         setup = read_setup(args.file)
-        more = [_tag(text, args.tag_size, 0.0) for text in args.tag]
-        setup = replace(setup, tags=setup.tags + tuple(more))
-    elif args.tag:
+        setup = replace(setup, tags=(*setup.tags, *tags))
+    elif tags:
         raise TwinError("--tag needs --file: tsd-camera calibrate writes it")
     else:
         setup = CameraSetup(Lens.ideal(*SIZE, DEFAULT_ACROSS_DEG))
@@ -124,10 +125,11 @@ def _real(args: argparse.Namespace) -> tuple[Source, CameraSetup]:
     return open_source(args.source, setup.delay_s, size), setup
 
 
-def _simulated(bus: Bus, args: argparse.Namespace) -> tuple[Source, CameraSetup]:
-    """Return a camera above simulated robots, with the true lens and place or those of `--file`."""
+def _simulated(
+    bus: Bus, args: argparse.Namespace, tags: Sequence[Tag]
+) -> tuple[Source, CameraSetup]:
+    """Return a camera above simulated robots, with its true view or the one in `--file`."""
     camera, on_floor = simulated_camera(args)
-    tags = [_tag(text, args.tag_size, math.nan) for text in args.tag]
     heights = {
         tag.robot: height_m(described_solids(bus, tag.robot)) + ABOVE_ROBOT_M
         for tag in tags
@@ -139,7 +141,7 @@ def _simulated(bus: Bus, args: argparse.Namespace) -> tuple[Source, CameraSetup]
         setup = read_setup(args.file)
     else:
         setup = CameraSetup(camera.view.lens, camera.view.place, tags=on_floor)
-    setup = replace(setup, tags=setup.tags + tuple(tags), exposure_s=sensor.exposure_s)
+    setup = replace(setup, tags=(*setup.tags, *tags), exposure_s=sensor.exposure_s)
     return SimulatedSource(bus, camera, tags), setup
 
 

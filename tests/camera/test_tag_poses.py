@@ -59,6 +59,12 @@ def test_a_mirrored_picture_shows_no_robot():
     assert not seen_by(np.ascontiguousarray(picture[:, ::-1])).poses
 
 
+def test_a_picture_of_another_size_than_the_calibration_gives_no_poses():
+    picture = CAMERA.draw([(BODY, [np.zeros(3)])])
+    with pytest.raises(TwinError, match="calibrated with 640 x 360"):
+        seen_by(np.ascontiguousarray(picture[::2, ::2]))
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.0, 0.5))
 def test_pixels_lead_back_to_the_point_that_they_show(x, y, height):

@@ -33,7 +33,7 @@ _FLAGS = cv2.CALIB_FIX_K3
 """A third radial term is not observable on lenses of webcams, and bends the edge of the picture."""
 _LEAST_SIGMA_PX = 0.02
 COMMON_ERROR = 2.0
-"""Corners of one view share errors of printing and paper, so residuals understate their effect
+"""Corners of a view share errors of printing and paper, so residuals understate their effect
 (docs/camera.md).
 """
 CORNER_SIGMA_PX = 0.08
@@ -141,9 +141,9 @@ def fit_floor(
 
     Nobody has to measure where tags lie. The tag with the lowest number is at `origin` in the floor
     frame, and the next one is ahead of it along the X axis of `origin`, because the direction
-    between two tags is ten times as accurate as that of one. The distance between their centres,
-    measured with a tape, gives the scale. Without it the size of the tags does, but blur moves all
-    corners of a tag outward or inward by a tenth of a pixel, which is 10 mm of height
+    between two tags is ten times as accurate as the heading of a tag. The distance between their
+    centres, measured with a tape, gives the scale. Without it the size of the tags does, but blur
+    moves all corners of a tag outward or inward by a tenth of a pixel, which is 10 mm of height
     (docs/camera.md).
 
     Args:
@@ -219,7 +219,7 @@ class _FloorProblem:
         lens, first = self._lens.lens, int(np.argmax([side_px(c) for c in self._quads()]))
         half = 0.5 * self._tags[first].size_m
         square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
-        # All tags lie on one plane: the two poses of a single tag are told apart by the others.
+        # A single tag has two poses; the others, on the same plane, show which is right.
         _, turns, offsets, _ = cv2.solvePnPGeneric(
             square,
             np.ascontiguousarray(self._quads()[first]),

@@ -158,7 +158,7 @@ def take_pictures(source: Source, count: int) -> list[Gray]:
     """Return the next pictures of a camera.
 
     Raises:
-        TwinError: If there are none within two minutes.
+        TwinError: If no picture arrives within two minutes.
     """
     pictures: list[Gray] = []
     try:

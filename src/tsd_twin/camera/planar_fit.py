@@ -42,7 +42,7 @@ class MountingErrors:
     height_m: float = 0.003
     tilt_rad: float = math.radians(0.5)
     place_m: float = 0.001
-    """Of x and y of the tag on the robot."""
+    """For x and y of the tag on the robot."""
     heading_rad: float = math.radians(0.2)
 
 
@@ -54,7 +54,7 @@ class PlanarPose:
     noise: Array
     """Differs from picture to picture."""
     mounting: Array
-    """Of lens, place, height and mounting: constant for a robot that stands."""
+    """From errors of lens, place, height and mounting: constant while the robot is at rest."""
     residual_px: float
     """Root mean square of the corners' errors, per degree of freedom."""
     side_px: float
@@ -103,8 +103,8 @@ def measure(
 ) -> PlanarPose | Refusal:
     """Return the robot's pose with its covariance, or the reason for which it is not believed.
 
-    `view_covariance` (14, 14) is that of the parameters of the view, `sigma_px` the standard
-    deviation of one coordinate of a corner.
+    `view_covariance` (14, 14) belongs to the parameters of the view; `sigma_px` is the standard
+    deviation of each coordinate of a corner.
     """
     side = sighting.side_px
     if side < LEAST_BELIEVED_PX:
@@ -136,7 +136,7 @@ def largest_residual_px(side: float) -> float:
 
 
 def upright_tilt_rad(view: View, tag: Tag, corners: Array) -> float:
-    """Return the tilt of the free pose from the vertical; of two solutions the more upright one."""
+    """Return the tilt of the free pose from the vertical, for the more upright of two solutions."""
     half = 0.5 * tag.size_m
     square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
     found, turns, _, _ = cv2.solvePnPGeneric(
@@ -194,7 +194,7 @@ def _mounting(
     of_view = gain @ by_view.reshape(8, -1)
     of_height = gain @ by_point[:, :, 2].reshape(8)
     arm = points[:, :2] - points[:, :2].mean(axis=0)
-    # A robot leans about the floor, so that its tag moves aside by the height.
+    # A robot tilts about its point on the floor, which moves its tag aside in proportion to height.
     aside = tag.height_m * by_point[:, :, :2] + np.einsum("nk,ni->nik", arm, -by_point[:, :, 2])
     of_tilt = gain @ aside.reshape(8, 2)
     covariance = of_view @ view_covariance @ of_view.T

@@ -1,4 +1,4 @@
-"""Publishes pictures with what was found in them, and poses of robots, on the bus."""
+"""Publishes pictures, outlines of the tags in them, and poses of robots on the bus."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class PictureRates:
 
 
 class CameraPublisher:
-    """Publishes the frames of one camera.
+    """Publishes the frames of a camera.
 
     Pictures have a separate session with low priority, so that they cannot delay poses.
     """
@@ -62,7 +62,7 @@ class CameraPublisher:
         """Pictures and poses published so far."""
 
     def publish(self, frame: CameraFrame, seen: Observation | None, now_s: float) -> None:
-        """Publish the poses in a frame, then the frame if somebody watches."""
+        """Publish the poses in a frame, then the frame if it has a subscriber."""
         pictures, poses = self.counts.pictures, self.counts.poses
         for robot, found in (seen.poses if seen is not None else {}).items():
             self._poses[robot].put(encode_pose(PoseStamped.planar(found.pose, frame.stamp_ns)))

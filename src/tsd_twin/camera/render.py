@@ -37,7 +37,7 @@ _BANK_MARGIN = 256
 class Sensor:
     """Optics and electronics of a webcam.
 
-    Blur and noise are those of the measurements in docs/camera.md.
+    Blur and noise have the values of the measurements in docs/camera.md.
     """
 
     blur_px: float = 0.8
@@ -102,7 +102,7 @@ class SimulatedCamera:
         """Return a picture (height, width) of robots.
 
         Each has the poses (n, 3) of its centre on the floor at equal steps of the exposure; one
-        pose is a robot that stands. A row of five adds roll and pitch in radians.
+        pose is a robot at rest. A row of five adds roll and pitch in radians.
         """
         picture = self._floor.copy()
         for body, poses in robots:

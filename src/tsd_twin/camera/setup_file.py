@@ -91,18 +91,18 @@ class _File(msgspec.Struct, forbid_unknown_fields=True):
     exposure_s: _NotNegative = 0.0
     delay_s: _NotNegative = 0.0
     covariance: list[list[float]] | None = None
-    """Of the parameters of the lens, rotation and position."""
+    """For the parameters of the lens, rotation and position."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraSetup:
-    """What is known of a camera and of the tags that it may see."""
+    """Parameters of a camera and of the tags that it may see."""
 
     lens: Lens
     place: CameraPlace | None = None
     """None until the floor has been calibrated."""
     covariance: Array = field(default_factory=lambda: np.zeros((PARAMETERS, PARAMETERS)))
-    """(14, 14): of the parameters of lens and place."""
+    """(14, 14): for the parameters of lens and place."""
     tags: tuple[Tag, ...] = ()
     errors: MountingErrors = field(default_factory=MountingErrors)
     exposure_s: float = 0.0

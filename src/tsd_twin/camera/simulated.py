@@ -33,7 +33,7 @@ _LOG = logging.getLogger(__name__)
 _MEMORY_S = 1.0
 """Memory of true poses; a robot without newer ones disappears from the picture."""
 _MOST_AHEAD_S = 0.1
-"""A pose later than the latest one by so much is assumed to have stopped there."""
+"""Longest extrapolation beyond the latest pose; the robot is then drawn at rest."""
 _DEPTH = 512
 _PATIENCE, _PAUSE_S = 10, 0.3
 """Attempts to get the description of a robot, and the pause between them."""
@@ -177,7 +177,7 @@ _DISTORTION = np.array([0.0, 0.0, 0.0, 0.0, -0.08, 0.02, 0.0, 0.0])
 def random_view(
     size: tuple[int, int], across_deg: float, height_m: float, random: np.random.Generator
 ) -> View:
-    """Return a webcam that somebody fixed to a ceiling: distorted, and not quite straight down."""
+    """Return a webcam on a ceiling, with a distorted lens, and not exactly straight down."""
     ideal = Lens.ideal(*size, across_deg)
     spread = _LENS_SPREAD * random.standard_normal(LENS_PARAMETERS)
     spread[1] = spread[0]  # Pixels are square.

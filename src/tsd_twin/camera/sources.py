@@ -20,12 +20,12 @@ from tsd_twin.errors import TwinError, needs_extra
 _LOG = logging.getLogger(__name__)
 
 STREAM_OPTIONS = {"fflags": "nobuffer", "flags": "low_delay", "max_delay": "0"}
-"""Of FFmpeg: 38 ms instead of 105 from exposure to picture (docs/camera.md)."""
+"""Options of FFmpeg: 38 ms instead of 105 from exposure to picture (docs/camera.md)."""
 _RETRY_S = 1.0
 _OPEN_TIMEOUT_S = 3.0
 _READ_TIMEOUT_S = 2.0
 _FILE_RATE_HZ = 30.0
-"""Of a folder of pictures, and of a file that does not say."""
+"""Rate of a folder of pictures, and of a file without a rate."""
 _PICTURES = (".jpg", ".jpeg", ".png")
 _STREAMS = ("rtsp://", "rtsps://", "http://", "https://")
 
@@ -51,7 +51,7 @@ class Source(Protocol):
     """Stream of pictures."""
 
     def read(self, timeout_s: float) -> CameraFrame | None:
-        """Return the next picture, the newest one of a live camera; None if there is none yet.
+        """Return the next picture, or the newest one of a live camera; None after the timeout.
 
         Raises:
             TwinError: If the source has ended.
@@ -169,7 +169,7 @@ class LiveSource:
         self._thread.start()
 
     def read(self, timeout_s: float) -> CameraFrame | None:
-        """Return the newest picture that was not returned before, or None after the timeout."""
+        """Return the newest picture unless it was returned before; None after the timeout."""
         with self._arrived:
             self._arrived.wait_for(lambda: self._newest is not None, timeout_s)
             frame, self._newest = self._newest, None
@@ -239,7 +239,7 @@ def read_folder(folder: Path) -> list[NDArray[np.uint8]]:
     """Return the pictures in a folder, sorted by name.
 
     Raises:
-        TwinError: If there are none, or one cannot be read.
+        TwinError: If the folder has no pictures, or one cannot be read.
     """
     files = sorted(each for each in folder.iterdir() if each.suffix.lower() in _PICTURES)
     if not files:

@@ -22,7 +22,7 @@ FAMILIES = {
     "5x5_100": cv2.aruco.DICT_5X5_100,
     "6x6_250": cv2.aruco.DICT_6X6_250,
 }
-"""Dictionaries: AprilTag 36h11, and those of ArUco with few numbers, which differ the most."""
+"""Dictionaries: AprilTag 36h11, and ArUco ones with few numbers, which differ the most."""
 DEFAULT_FAMILY = "36h11"
 QUIET_CELLS = 1
 """White border that a tag needs, in cells."""
@@ -40,10 +40,10 @@ class Tag:
     height_m: float = 0.0
     """Above the floor; tags are level."""
     x_m: float = 0.0
-    """Of its centre, in the frame of the robot or the floor; X of a tag is to the right."""
+    """Centre in the frame of the robot or the floor; X of a tag is to the right."""
     y_m: float = 0.0
     heading_rad: float = 0.0
-    """From the X axis of the robot or the floor to that of the tag."""
+    """From the X axis of the robot or the floor to the X axis of the tag."""
     family: str = DEFAULT_FAMILY
 
     @property

@@ -13,18 +13,17 @@ from tsd_twin.camera.detect import Gray, Sighting, Window, find_in_window, find_
 from tsd_twin.camera.planar_fit import PlanarPose, Refusal, corner_sigma_px, measure
 from tsd_twin.camera.setup_file import CameraSetup
 from tsd_twin.camera.tags import Tag
+from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 
 WHOLE_PICTURE_S = 0.5
 """Period of a search of the whole picture, for tags that are not tracked."""
 _TWICE_S = 1.2
-"""A number seen twice is refused for so long: more than two searches of the whole picture."""
+"""Time for which a number seen twice is refused: more than two searches of the whole picture."""
 _FORGET_S = 0.5
 """A tag not seen for so long is no longer searched in a window."""
 _MARGIN_SHARE, _MARGIN_PX = 0.5, 16.0
 """Margin of a window: relative to the side of the tag, and in pixels."""
-_TURN_SHARE = 0.25
-"""A turning tag's corners reach beyond its last ones by this share of its side."""
 LARGEST_SMEAR_CELLS = 0.8
 """Beyond it the cells of a tag run into each other."""
 _CELLS = 8
@@ -80,7 +79,17 @@ class TagTracker:
         self._whole_s = -math.inf
 
     def observe(self, picture: Gray, now_s: float) -> Observation:
-        """Return the robots in a picture; `now_s` is the middle of its exposure."""
+        """Return the robots in a picture; `now_s` is the middle of its exposure.
+
+        Raises:
+            TwinError: If the picture has another size than the calibration.
+        """
+        lens = self.setup.lens
+        if picture.shape != (lens.height, lens.width):
+            raise TwinError(
+                f"pictures of {picture.shape[1]} x {picture.shape[0]} show no poses: the camera "
+                f"was calibrated with {lens.width} x {lens.height}"
+            )
         seen = self._search(picture, now_s)
         numbers = Counter((each.family, each.number) for each in seen)
         for key, count in numbers.items():

@@ -1,0 +1,62 @@
+"""A simulated camera that calibrates itself, against the lens and place that it has."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tsd_twin.camera import guide
+from tsd_twin.camera.board import Board
+from tsd_twin.camera.render import Body, SimulatedCamera, cylinder
+from tsd_twin.camera.setup_file import CameraSetup, read_setup
+from tsd_twin.camera.simulated import floor_tags, random_view
+from tsd_twin.camera.tags import Tag
+from tsd_twin.camera.tracker import TagTracker
+from tsd_twin.errors import TwinError
+from tsd_twin.lie import SE2, wrap
+
+ROBOT = Tag(3, 0.16, "tsd", 0.3)
+SIZE = 960, 540
+
+
+def calibrated(file: Path, seed: int) -> tuple[SimulatedCamera, CameraSetup]:
+    """Return a camera with an unknown lens and place, and what its calibration has found."""
+    random = np.random.default_rng(seed)
+    view = random_view(SIZE, 60.0, 2.0, random)
+    on_floor = floor_tags(view, 0.16, random)
+    camera = SimulatedCamera(view, on_floor, seed=seed)
+    guide.calibrate_lens_simulated(camera, Board(), str(file), seed)
+    numbers, origin, distance_m = guide.measured(on_floor, seed)
+    tags = {number: Tag(number, 0.16) for number in numbers}
+    pictures = [camera.draw([]) for _ in range(3)]
+    guide.calibrate_floor(read_setup(file), pictures, tags, origin, distance_m, str(file))
+    return camera, read_setup(file)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_robot_is_within_what_the_calibration_states(tmp_path: Path, seed: int) -> None:
+    camera, setup = calibrated(tmp_path / "camera.toml", seed)
+    known = CameraSetup(setup.lens, setup.place, setup.covariance, (ROBOT,), setup.errors)
+    for x, y, heading in np.random.default_rng(seed).uniform(-0.4, 0.4, (6, 3)):
+        robot = Body([cylinder(0.2, 0.29)], [ROBOT])
+        picture = camera.draw([(robot, [np.array([x, y, heading])])])
+        found = TagTracker(known).observe(picture, 0.0).poses["tsd"]
+        error = found.pose.xy_heading - [x, y, heading]
+        error[2] = wrap(error[2])
+        assert np.hypot(*error[:2]) < 0.006
+        # Of 12 errors of 3 numbers, one in 1e5 sets has a larger one.
+        assert error @ np.linalg.solve(found.covariance, error) < 31.0
+
+
+def test_tags_that_are_fewer_than_three_determine_no_place(tmp_path: Path) -> None:
+    view = random_view(SIZE, 60.0, 2.0, np.random.default_rng(1))
+    tags = floor_tags(view, 0.16, np.random.default_rng(1))[:2]
+    camera = SimulatedCamera(view, tags)
+    setup = CameraSetup(view.lens, covariance=np.eye(14))
+    known = {tag.number: tag for tag in tags}
+    with pytest.raises(TwinError, match="too few"):
+        guide.calibrate_floor(
+            setup, [camera.draw([])], known, SE2.identity(), None, str(tmp_path / "camera.toml")
+        )
