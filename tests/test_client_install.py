@@ -21,7 +21,7 @@ from tests.support.robot_node import PATIENT
 pytestmark = [pytest.mark.system, pytest.mark.timeout(400)]
 
 LARGEST_MB = 120
-ABSENT = ("scipy", "viser", "aiohttp", "matplotlib", "trimesh", "rosbags", "cryptography")
+ABSENT = ("scipy", "viser", "aiohttp", "matplotlib", "trimesh", "rosbags", "cryptography", "cv2")
 EXAMPLES = (
     "01_drive.py",
     "02_go_to.py",
@@ -37,6 +37,7 @@ EXTRAS = {
     "tsd-demo": "dashboard",
     "tsd-bridge": "bridge",
     "tsd-dashboard": "dashboard",
+    "tsd-camera": "camera",
     "tsd-certs": "tls",
     "tsd-users": "dashboard",
     "tsd-lab": "lab",
