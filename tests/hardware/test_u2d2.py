@@ -16,7 +16,7 @@ from tests.hardware.test_mega import AHEAD, PATIENCE_S, REST, ROBOT, wait_until
 from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
 from tests.support.withheld import WithheldTime
-from tsd_twin.hardware import u2d2
+from tsd_twin.hardware import servo_line, u2d2
 from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoSetting
 from tsd_twin.hardware.joints import ServoCalibration
 from tsd_twin.hardware.robot_io import HasServoTemperature, HasWatchdog, RobotIO
@@ -107,8 +107,8 @@ def test_servos_are_set_up_once_and_follow_the_set_point(tmp_path: Path) -> None
         assert isinstance(io, HasWatchdog)
         assert it.board.setups[0].servos_expected == 0
         for servo in range(6):
-            assert it.chain.register(servo, u2d2.RETURN_DELAY) == 0
-            assert it.chain.register(servo, u2d2.TORQUE_ENABLE) == 1
+            assert it.chain.register(servo, servo_line.RETURN_DELAY) == 0
+            assert it.chain.register(servo, servo_line.TORQUE_ENABLE) == 1
         there = np.round(AHEAD[ANGLES] * 4096 / (2 * np.pi)) * 2 * np.pi / 4096
         it.until(lambda: np.allclose(it.measured[ANGLES], there, atol=2e-3), AHEAD)
         assert not any(it.board.commands[-1].goal), "the board has no servos"
@@ -146,7 +146,7 @@ def test_a_servo_far_from_its_neutral_position_gets_no_torque(
     with bench(tmp_path, ServoChain(steps=steps), calibration) as it:
         # One holds, as after a bridge that was killed.
         it.chain.servos[1].write(u2d2.GOAL_POSITION, u2d2.GOAL.pack(2048 + steps))
-        it.chain.servos[1].write(u2d2.TORQUE_ENABLE, b"\x01")
+        it.chain.servos[1].write(servo_line.TORQUE_ENABLE, b"\x01")
         it.connect()
         it.until(lambda: it.code == Code.SERVO_FAR, AHEAD)
         assert it.fault.params["servos"].startswith(servos)
@@ -204,7 +204,7 @@ def test_the_watchdog_of_the_bus_stops_servos_without_requests(tmp_path: Path) -
     with bench(tmp_path) as it:
         it.connect()
         it.until(lambda: it.measured[0] > 0.02, AHEAD)
-        assert it.chain.register(0, u2d2.BUS_WATCHDOG) == 10
+        assert it.chain.register(0, servo_line.BUS_WATCHDOG) == 10
         it.io._thread._device.cycle = lambda _transport: True  # type: ignore[method-assign]
         wait_until(lambda: it.fault, "noticed")
 
@@ -300,13 +300,13 @@ def test_a_servo_with_another_setting_is_refused_and_left_as_it_is(
         f"and must be {setting.wanted}; set it with Dynamixel Wizard"
     )
     with bench(tmp_path, chain) as it:
-        if setting.address in (u2d2.RETURN_DELAY, u2d2.BUS_WATCHDOG):
+        if setting.address in (servo_line.RETURN_DELAY, servo_line.BUS_WATCHDOG):
             it.connect()
             return
         with pytest.raises(HardwareError, match=re.escape(sentence)):
             it.connect()
         assert setting.value(chain.servos[4].read(setting.address, setting.size)) == wrong
-        assert chain.register(4, u2d2.TORQUE_ENABLE) == 0
+        assert chain.register(4, servo_line.TORQUE_ENABLE) == 0
 
 
 def test_a_servo_of_another_model_is_refused(tmp_path: Path) -> None:
@@ -315,7 +315,7 @@ def test_a_servo_of_another_model_is_refused(tmp_path: Path) -> None:
     with bench(tmp_path, chain) as it:
         with pytest.raises(HardwareError, match=r"servo 2 \(module1_beta\): model 1060 is not one"):
             it.connect()
-        assert chain.register(1, u2d2.TORQUE_ENABLE) == 0
+        assert chain.register(1, servo_line.TORQUE_ENABLE) == 0
 
 
 def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: float) -> float:
@@ -358,4 +358,4 @@ def test_closed_the_wheels_are_off_and_the_gimbals_go_to_neutral(tmp_path: Path)
         it.io.close()
         assert it.board.commands[-1].arm == 0
         wait_until(lambda: it.chain.goals() == [2048] * 6, "neutral")
-        assert it.chain.register(0, u2d2.BUS_WATCHDOG) == 0
+        assert it.chain.register(0, servo_line.BUS_WATCHDOG) == 0

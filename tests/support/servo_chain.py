@@ -8,7 +8,7 @@ from firmware.simulator.mx64 import Mx64
 from firmware.simulator.servo_bus import ServoBusSimulation
 from firmware.simulator.simulation import IDS
 from tsd_twin import robots
-from tsd_twin.hardware import u2d2
+from tsd_twin.hardware import servo_line, u2d2
 from tsd_twin.hardware.dynamixel.packets import Decoder, Instruction, Packet, protocol1, protocol2
 from tsd_twin.simulation import Servos
 
@@ -43,7 +43,7 @@ class ServoChain:
 
     def tripped(self) -> bool:
         """Return whether every watchdog has run out."""
-        return all(self.register(i, u2d2.BUS_WATCHDOG) == TRIPPED for i in range(6))
+        return all(self.register(i, servo_line.BUS_WATCHDOG) == TRIPPED for i in range(6))
 
     def goals(self) -> list[int]:
         """Return the newest goals."""
@@ -77,12 +77,12 @@ class ServoChain:
 
     def _live(self, now_s: float) -> None:
         """Let time pass until now: servos move until their watchdogs run out."""
-        units = self.register(0, u2d2.BUS_WATCHDOG)
+        units = self.register(0, servo_line.BUS_WATCHDOG)
         until_s = now_s
-        if 0 < units < TRIPPED and now_s - self._heard_s > units * u2d2.BUS_WATCHDOG_S:
-            until_s = self._heard_s + units * u2d2.BUS_WATCHDOG_S
+        if 0 < units < TRIPPED and now_s - self._heard_s > units * servo_line.BUS_WATCHDOG_S:
+            until_s = self._heard_s + units * servo_line.BUS_WATCHDOG_S
             for servo in self.servos:
-                servo.write(u2d2.BUS_WATCHDOG, bytes([TRIPPED]))
+                servo.write(servo_line.BUS_WATCHDOG, bytes([TRIPPED]))
         goals = (np.array(self.goals()) - 2048) * _LAWS.step_rad
         elapsed_s = max(0.0, until_s - self._moved_s) if units != TRIPPED else 0.0
         moved = _LAWS.after(self._angles, goals, np.float64(min(elapsed_s, 1.0)))

@@ -17,14 +17,8 @@ import numpy as np
 
 from tsd_twin.hardware.approach import Approach
 from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
-from tsd_twin.hardware.dynamixel.packets import ALERT, StatusPacket, protocol1, protocol2
-from tsd_twin.hardware.dynamixel.servo_models import (
-    MODEL_NUMBER,
-    MODELS,
-    ServoModel,
-    span,
-    wrong_setting,
-)
+from tsd_twin.hardware.dynamixel.packets import ALERT, StatusPacket, protocol2
+from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoModel
 from tsd_twin.hardware.joints import (
     JointCommand,
     JointConverter,
@@ -35,64 +29,35 @@ from tsd_twin.hardware.joints import (
 from tsd_twin.hardware.serial_transport import (
     SILENT_S,
     DeviceThread,
-    HardwareError,
     LinkHealth,
     SerialTransport,
 )
+from tsd_twin.hardware.servo_line import (
+    ALIVE_S,
+    ANSWER_S,
+    BUS_WATCHDOG,
+    PRESENT,
+    PRESENT_SIZE,
+    RETURN_DELAY,
+    SERVO_BAUD,
+    TORQUE_ENABLE,
+    WATCHDOG,
+    ServoLine,
+    ServoMeasurement,
+)
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, Reason
-from tsd_twin.messages.sentences import sentence
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat
 
 _LOG = logging.getLogger(__name__)
-RETURN_DELAY = 9
-"""Response delay in units of 2 us; factory default 250."""
-TORQUE_ENABLE = 64
-"""If 1, addresses below 64 are read-only."""
-BUS_WATCHDOG = 98
-"""Time without a request until the servo stops, in units of 20 ms; then reads 255 until 0 is
-written.
-"""
-BUS_WATCHDOG_S = 0.02
 GOAL_POSITION = 116
 GOAL = Struct("<i")
 POSITION = 132
-PRESENT = 126
-_LAYOUT = Struct("<hiiiiHB")
-PRESENT_SIZE = _LAYOUT.size
-
-
-@dataclass(frozen=True, slots=True)
-class ServoMeasurement:
-    """Measurements of a servo."""
-
-    received_s: float
-    position: int
-    """Position in steps."""
-    current_units: int
-    """Current in units of `ServoModel.current_ma`."""
-    voltage_v: float
-    temperature_c: int
-
-    @staticmethod
-    def unpack(data: bytes, received_s: float) -> ServoMeasurement:
-        """Decode the `PRESENT_SIZE` bytes starting at `PRESENT`."""
-        current, _, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
-        return ServoMeasurement(received_s, position, current, voltage / 10.0, temperature)
-
-
-_WRITTEN = (RETURN_DELAY, BUS_WATCHDOG)
-"""Settings written by this program."""
-SERVO_BAUD = 1_000_000
-ALIVE_S = 0.05
-"""Maximum age of a response from a live servo, as on the board."""
-_ANSWER_S = 0.02
-_SERVO_TRY_S = 0.1
-"""Response timeout of a servo during configuration."""
-_SERVO_TRIES = 3
-_WATCHDOG = 10
-"""200 ms, shorter than the board's timeout for the speed controllers."""
+_OTHER_PROTOCOL = (
+    "bring its firmware to 2.0 with the recovery of Dynamixel Wizard 2.0, or connect the servos to "
+    "the board, which speaks both"
+)
 _TORQUE_CYCLES = 4
 """Cycles between two torque checks of all servos."""
 _FEED_S = 0.5
@@ -130,6 +95,7 @@ class ServoBus:
         self.report: ServoReport | None = None
         self._joints = joints
         self._ids = calibration.ids(joints.names)
+        self._line = ServoLine(self._ids, joints.names, MODELS, _OTHER_PROTOCOL)
         self._neutral = calibration.neutral(joints.names)
         self._signs = calibration.signs(joints.names)
         self._rest = np.zeros(joints.count)
@@ -152,8 +118,9 @@ class ServoBus:
                 the message names it.
         """
         for device in self._ids:
-            self._find(transport, device)
-            self._check_settings(transport, device)
+            self._line.find(transport, device)
+            model = self._line.check_settings(transport, device)
+            self._models[self._ids.index(device)] = model
             self._set_up(transport, device)
         self._fed_s = 0.0
 
@@ -168,12 +135,12 @@ class ServoBus:
         request = b""
         if began_s - self._fed_s > _FEED_S:
             self._fed_s = began_s
-            request += self._all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
-            request += self._all(BUS_WATCHDOG, [bytes([_WATCHDOG])] * len(self._ids))
+            request += self._line.to_all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
+            request += self._line.to_all(BUS_WATCHDOG, [bytes([WATCHDOG])] * len(self._ids))
         setpoint = command.setpoint if command.in_force(began_s) else self._rest
         request += self._goals(setpoint, began_s, armed=command.heartbeat.armed)
         request += protocol2.sync_read(self._ids, PRESENT, PRESENT_SIZE)
-        answers = transport.request(request, len(self._ids), _ANSWER_S)
+        answers = transport.request(request, len(self._ids), ANSWER_S)
         now_s = time.monotonic()
         self._add_responses(answers, now_s)
         self._cycles += 1
@@ -192,7 +159,7 @@ class ServoBus:
 
     def rest(self, transport: SerialTransport) -> None:
         """Send the gimbals to neutral, where the servos hold them."""
-        off = self._all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
+        off = self._line.to_all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
         goals = self._goals(self._rest, time.monotonic(), armed=self.command.heartbeat.armed)
         transport.request(off + goals, 0, 0.0)
 
@@ -226,7 +193,7 @@ class ServoBus:
         """Check which servos have torque; while disarmed, enable it if off."""
         request = protocol2.sync_read(self._ids, TORQUE_ENABLE, 1)
         limp = self.report.limp if self.report else 0
-        for answer in transport.request(request, len(self._ids), _ANSWER_S):
+        for answer in transport.request(request, len(self._ids), ANSWER_S):
             if answer.id in self._ids and len(answer.data) == 1:
                 bit = self._bit(answer.id)
                 limp = limp & ~bit if answer.data[0] else limp | bit
@@ -239,7 +206,9 @@ class ServoBus:
 
     def _goals(self, setpoint: np.ndarray, now_s: float, *, armed: bool) -> bytes:
         goals = self._approach.step(self._joints.goals(setpoint), now_s, armed=armed)
-        return self._all(GOAL_POSITION, [self._goal(i, steps) for i, steps in enumerate(goals)])
+        return self._line.to_all(
+            GOAL_POSITION, [self._goal(i, steps) for i, steps in enumerate(goals)]
+        )
 
     def _goal(self, i: int, steps: int) -> bytes:
         return GOAL.pack(self._neutral[i] + self._signs[i] * steps)
@@ -248,99 +217,31 @@ class ServoBus:
         """Return steps from neutral, with the sign of the joint."""
         return self._signs[i] * (position - self._neutral[i])
 
-    def _all(self, address: int, data: list[bytes]) -> bytes:
-        return protocol2.sync_write(address, dict(zip(self._ids, data, strict=True)))
-
     def _bit(self, device: int) -> int:
-        return 1 << self._ids.index(device)
-
-    def _named(self, device: int) -> str:
-        return f"servo {self._servo(device)}"
-
-    def _servo(self, device: int) -> str:
-        return self._joints.named(self._bit(device))
-
-    def _find(self, transport: SerialTransport, device: int) -> None:
-        for _ in range(_SERVO_TRIES):
-            if transport.request(protocol2.ping(device), 1, _SERVO_TRY_S):
-                return
-        servo = self._named(device)
-        if transport.request(protocol1.ping(device), 1, _SERVO_TRY_S, protocol1):
-            raise HardwareError(
-                f"{servo} speaks Protocol 1.0: bring its firmware to 2.0 with the recovery of "
-                "Dynamixel Wizard 2.0, or connect the servos to the board, which speaks both"
-            )
-        raise HardwareError(
-            f"{servo} does not answer at {transport.name} at {self.baud} Bd: "
-            f"has it power, id {device} and this rate?"
-        )
-
-    def _check_settings(self, transport: SerialTransport, device: int) -> None:
-        """Check settings that must be configured manually; never writes them.
-
-        Raises:
-            HardwareError: If a setting is wrong.
-        """
-        servo = self._servo(device)
-        number = int.from_bytes(self._read(transport, device, MODEL_NUMBER, 2), "little")
-        if number not in MODELS:
-            raise HardwareError(sentence(wrong_setting(servo, number, MODEL_NUMBER, number)))
-        model = self._models[self._ids.index(device)] = MODELS[number]
-        for group in model.reads():
-            data = self._read(transport, device, group[0].address, span(group))
-            for setting in group:
-                found = setting.value(data)
-                data = data[setting.size :]
-                if setting.address not in _WRITTEN and not setting.allows(found):
-                    wrong = wrong_setting(servo, number, setting.address, found)
-                    raise HardwareError(sentence(wrong))
+        return self._line.bit(device)
 
     def _set_up(self, transport: SerialTransport, device: int) -> None:
-        if (delay := self._read(transport, device, RETURN_DELAY, 1)[0]) != 0:
+        if (delay := self._line.read(transport, device, RETURN_DELAY, 1)[0]) != 0:
             # Write only if needed, because a servo without torque does not hold its gimbal.
-            servo = self._named(device)
-            _LOG.warning("%s: return delay time is %s, set to 0", servo, delay)
-            self._write(transport, device, TORQUE_ENABLE, 0)
-            self._write(transport, device, RETURN_DELAY, 0)
-        self._write(transport, device, BUS_WATCHDOG, 0)
+            servo = self._line.named(device)
+            _LOG.warning("servo %s: return delay time is %s, set to 0", servo, delay)
+            self._line.write(transport, device, TORQUE_ENABLE, 0)
+            self._line.write(transport, device, RETURN_DELAY, 0)
+        self._line.write(transport, device, BUS_WATCHDOG, 0)
         self._hold(transport, device)
 
     def _hold(self, transport: SerialTransport, device: int) -> None:
         """Hold a servo at its position if it is near neutral; otherwise disable its torque."""
-        (position,) = GOAL.unpack(self._read(transport, device, POSITION, GOAL.size))
+        (position,) = GOAL.unpack(self._line.read(transport, device, POSITION, GOAL.size))
         i = self._ids.index(device)
         steps = self._steps(i, position)
         self._approach.see(i, steps, holds=False)
         if self.far >> i & 1:
-            self._write(transport, device, TORQUE_ENABLE, 0)
+            self._line.write(transport, device, TORQUE_ENABLE, 0)
             return
         there = protocol2.write(device, GOAL_POSITION, self._goal(i, steps))
-        self._request(transport, device, there)
-        self._write(transport, device, TORQUE_ENABLE, 1)
-
-    def _read(self, transport: SerialTransport, device: int, address: int, size: int) -> bytes:
-        return self._request(transport, device, protocol2.read(device, address, size), size).data
-
-    def _write(self, transport: SerialTransport, device: int, address: int, value: int) -> None:
-        self._request(transport, device, protocol2.write(device, address, bytes([value])))
-
-    def _request(
-        self, transport: SerialTransport, device: int, request: bytes, size: int = 0
-    ) -> StatusPacket:
-        """Return the response with `size` bytes.
-
-        Raises:
-            HardwareError: If the servo refuses or does not respond.
-        """
-        for _ in range(_SERVO_TRIES):
-            for answer in transport.request(request, 1, _SERVO_TRY_S):
-                if answer.error & ~ALERT:
-                    raise HardwareError(
-                        f"{self._named(device)} refuses its set-up: error {answer.error & ~ALERT}"
-                    )
-                if len(answer.data) == size:  # Otherwise it belongs to an earlier request.
-                    return answer
-        raise HardwareError(f"{self._named(device)} fell silent")
+        self._line.request(transport, device, there)
+        self._line.write(transport, device, TORQUE_ENABLE, 1)
 
 
 class U2D2IO:

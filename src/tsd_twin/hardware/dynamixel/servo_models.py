@@ -7,7 +7,7 @@ https://emanual.robotis.com/docs/en/dxl/.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -45,7 +45,8 @@ class ServoSetting:
         return str(self.least) if self.least == self.most else f"{self.least} to {self.most}"
 
 
-def _exactly(address: int, size: int, value: int, name: str) -> ServoSetting:
+def exactly(address: int, size: int, value: int, name: str) -> ServoSetting:
+    """Return a setting with a single allowed value."""
     return ServoSetting(address, size, value, value, name)
 
 
@@ -93,25 +94,25 @@ _MX64_1 = ServoModel(
     4.5,
     (
         ServoSetting(5, 1, *_RETURN_DELAY, "return delay time"),
-        _exactly(6, 2, 0, "clockwise angle limit"),
-        _exactly(8, 2, 4095, "counter-clockwise angle limit"),
-        _exactly(11, 1, 80, "temperature limit"),
-        _exactly(12, 1, 60, "lowest voltage limit"),
+        exactly(6, 2, 0, "clockwise angle limit"),
+        exactly(8, 2, 4095, "counter-clockwise angle limit"),
+        exactly(11, 1, 80, "temperature limit"),
+        exactly(12, 1, 60, "lowest voltage limit"),
         ServoSetting(13, 1, 160, 240, "highest voltage limit"),
-        _exactly(14, 2, 1023, "max torque"),
-        _exactly(16, 1, 2, "status return level"),
-        _exactly(18, 1, 36, "shutdown"),
-        _exactly(20, 2, 0, "multi-turn offset"),
-        _exactly(22, 1, 1, "resolution divider"),
-        _exactly(26, 1, 0, "D gain"),
-        _exactly(27, 1, 0, "I gain"),
-        _exactly(28, 1, 32, "P gain"),
-        _exactly(32, 2, 0, "moving speed"),
-        _exactly(34, 2, 1023, "torque limit"),
-        _exactly(48, 2, 0, "punch"),
-        _exactly(70, 1, 0, "torque control mode"),
-        _exactly(71, 2, 0, "goal torque"),
-        _exactly(73, 1, 0, "goal acceleration"),
+        exactly(14, 2, 1023, "max torque"),
+        exactly(16, 1, 2, "status return level"),
+        exactly(18, 1, 36, "shutdown"),
+        exactly(20, 2, 0, "multi-turn offset"),
+        exactly(22, 1, 1, "resolution divider"),
+        exactly(26, 1, 0, "D gain"),
+        exactly(27, 1, 0, "I gain"),
+        exactly(28, 1, 32, "P gain"),
+        exactly(32, 2, 0, "moving speed"),
+        exactly(34, 2, 1023, "torque limit"),
+        exactly(48, 2, 0, "punch"),
+        exactly(70, 1, 0, "torque control mode"),
+        exactly(71, 2, 0, "goal torque"),
+        exactly(73, 1, 0, "goal acceleration"),
     ),
 )
 
@@ -127,32 +128,32 @@ def _protocol2(
     settings = (
         *more,
         ServoSetting(9, 1, *_RETURN_DELAY, "return delay time"),
-        _exactly(10, 1, 0, "drive mode"),
-        _exactly(11, 1, 3, "operating mode"),
-        _exactly(12, 1, 255, "secondary id"),
-        _exactly(13, 1, 2, "protocol type"),
-        _exactly(20, 4, 0, "homing offset"),
-        _exactly(31, 1, 80, "temperature limit"),
-        _exactly(32, 2, 160, "max voltage limit"),
-        _exactly(34, 2, 95, "min voltage limit"),
-        _exactly(36, 2, 885, "PWM limit"),
-        _exactly(38, 2, current_limit, "current limit"),
+        exactly(10, 1, 0, "drive mode"),
+        exactly(11, 1, 3, "operating mode"),
+        exactly(12, 1, 255, "secondary id"),
+        exactly(13, 1, 2, "protocol type"),
+        exactly(20, 4, 0, "homing offset"),
+        exactly(31, 1, 80, "temperature limit"),
+        exactly(32, 2, 160, "max voltage limit"),
+        exactly(34, 2, 95, "min voltage limit"),
+        exactly(36, 2, 885, "PWM limit"),
+        exactly(38, 2, current_limit, "current limit"),
         ServoSetting(44, 4, velocity_limit, 1023, "velocity limit"),
-        _exactly(48, 4, 4095, "largest position"),
-        _exactly(52, 4, 0, "smallest position"),
-        _exactly(63, 1, 52, "shutdown"),
-        _exactly(68, 1, 2, "status return level"),
-        _exactly(76, 2, 1920, "velocity I gain"),
-        _exactly(78, 2, 100, "velocity P gain"),
-        _exactly(80, 2, 0, "position D gain"),
-        _exactly(82, 2, 0, "position I gain"),
-        _exactly(84, 2, p_gain, "position P gain"),
-        _exactly(88, 2, 0, "feedforward 2nd gain"),
-        _exactly(90, 2, 0, "feedforward 1st gain"),
-        _exactly(98, 1, 0, "bus watchdog"),
-        _exactly(100, 2, 885, "goal PWM"),
-        _exactly(108, 4, 0, "profile acceleration"),
-        _exactly(112, 4, 0, "profile velocity"),
+        exactly(48, 4, 4095, "largest position"),
+        exactly(52, 4, 0, "smallest position"),
+        exactly(63, 1, 52, "shutdown"),
+        exactly(68, 1, 2, "status return level"),
+        exactly(76, 2, 1920, "velocity I gain"),
+        exactly(78, 2, 100, "velocity P gain"),
+        exactly(80, 2, 0, "position D gain"),
+        exactly(82, 2, 0, "position I gain"),
+        exactly(84, 2, p_gain, "position P gain"),
+        exactly(88, 2, 0, "feedforward 2nd gain"),
+        exactly(90, 2, 0, "feedforward 1st gain"),
+        exactly(98, 1, 0, "bus watchdog"),
+        exactly(100, 2, 885, "goal PWM"),
+        exactly(108, 4, 0, "profile acceleration"),
+        exactly(112, 4, 0, "profile velocity"),
     )
     return tuple(sorted(settings, key=lambda setting: setting.address))
 
@@ -167,7 +168,7 @@ MODELS: dict[int, ServoModel] = {
             "MX-64(2.0)",
             2,
             3.36,
-            _protocol2(1941, 285, 850, _exactly(40, 4, 32767, "acceleration limit")),
+            _protocol2(1941, 285, 850, exactly(40, 4, 32767, "acceleration limit")),
         ),
         _XM430_W350,
         replace(_XM430_W350, number=1030, name="XM430-W210", settings=_protocol2(1193, 330, 800)),
@@ -206,12 +207,18 @@ NOT_COMPARED: dict[ProtocolVersion, dict[int, str]] = {
 """Writable registers that are not compared, by protocol and address, with the reason."""
 
 
-def wrong_setting(servo: str, model: int, address: int, found: int) -> Reason:
-    """Return the reason for a register of `servo` with the value `found` as read."""
+def wrong_setting(
+    servo: str, model: int, address: int, found: int, models: Mapping[int, ServoModel] | None = None
+) -> Reason:
+    """Return the reason for a register of `servo` with the value `found` as read.
+
+    `models` are the supported ones, by default `MODELS`.
+    """
+    models = MODELS if models is None else models
     if address == MODEL_NUMBER:
-        known = ", ".join(f"{known.name} ({known.number})" for known in MODELS.values())
+        known = ", ".join(f"{known.name} ({known.number})" for known in models.values())
         return because(Code.SERVO_MODEL, servo=servo, model=found, known=known)
-    settings = MODELS[model].settings if model in MODELS else ()
+    settings = models[model].settings if model in models else ()
     setting = next((s for s in settings if s.address == address), None)
     if setting is None:
         return because(Code.SERVO_REGISTER, servo=servo, register=address, value=found)
