@@ -121,6 +121,21 @@ class Code(StrEnum):
     ESCS_NOT_READY = "escs_not_ready"
     RECEIVER_SILENT = "receiver_silent"
     MANUAL_ON = "manual_on"
+    SERVOS_RESTARTED = "servos_restarted"
+    WATCHDOG_EXPIRED = "watchdog_expired"
+    HEARTBEAT_LOST = "heartbeat_lost"
+    BATTERY_EMPTY = "battery_empty"
+    WHEEL_STUCK = "wheel_stuck"
+    WHEELS_SILENT = "wheels_silent"
+    WHEEL_FAULT = "wheel_fault"
+    WHEEL_TIMED_OUT = "wheel_timed_out"
+    CABLE_PLUG = "cable_plug"
+    CABLE_WIRE = "cable_wire"
+    CABLE_BUS = "cable_bus"
+    CABLE_SUPPLY = "cable_supply"
+    CABLE_GROUND = "cable_ground"
+    CABLE_LINE = "cable_line"
+    CABLE_RECEIVER = "cable_receiver"
     # Faults of robots behind ROS.
     NO_ODOMETRY = "no_odometry"
     ODOMETRY_OLD = "odometry_old"
@@ -347,6 +362,21 @@ PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.ESCS_NOT_READY: {},
     Code.RECEIVER_SILENT: {"channels": Type.NAME},
     Code.MANUAL_ON: {},
+    Code.SERVOS_RESTARTED: _SERVOS,
+    Code.WATCHDOG_EXPIRED: _SERVOS,
+    Code.HEARTBEAT_LOST: {},
+    Code.BATTERY_EMPTY: {"volts": Type.VOLT},
+    Code.WHEEL_STUCK: {"wheel": Type.NAME, "rpm": Type.RPM, "wanted_rpm": Type.RPM},
+    Code.WHEELS_SILENT: {"wheels": Type.NAME},
+    Code.WHEEL_FAULT: {"wheel": Type.NAME, "text": Type.TEXT},
+    Code.WHEEL_TIMED_OUT: {"wheels": Type.NAME},
+    Code.CABLE_PLUG: {"servos": Type.SERVOS, "missed": Type.COUNT, "total": Type.COUNT},
+    Code.CABLE_WIRE: {"servos": Type.SERVOS, "missed": Type.COUNT, "total": Type.COUNT},
+    Code.CABLE_BUS: {"missed": Type.COUNT, "total": Type.COUNT},
+    Code.CABLE_SUPPLY: {"servos": Type.SERVOS, "volts": Type.VOLT},
+    Code.CABLE_GROUND: {"servos": Type.SERVOS, "broken": Type.COUNT, "total": Type.COUNT},
+    Code.CABLE_LINE: {"reconnects": Type.COUNT},
+    Code.CABLE_RECEIVER: {"channels": Type.NAME, "missed": Type.COUNT},
     Code.NO_ODOMETRY: {"topic": Type.NAME},
     Code.ODOMETRY_OLD: {"topic": Type.NAME, "s": Type.S},
     Code.CMD_VEL_UNSENT: _TEXT,

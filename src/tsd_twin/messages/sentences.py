@@ -106,6 +106,40 @@ TEMPLATES: Mapping[Code, str] = {
         "the radio control is off, or a wire of its receiver: no pulses of {channels}"
     ),
     Code.MANUAL_ON: "the radio control is switched to manual",
+    Code.SERVOS_RESTARTED: (
+        "{servos}: restarted: the supply failed, or an OpenRB-150 was reset, which cuts it"
+    ),
+    Code.WATCHDOG_EXPIRED: "{servos}: stopped by the bus watchdog: no packet came in time",
+    Code.HEARTBEAT_LOST: "no word of an operator came in time",
+    Code.BATTERY_EMPTY: "the battery is empty: {volts:.1} V",
+    Code.WHEEL_STUCK: (
+        "{wheel} does not follow: it turns at {rpm:,} rpm, and {wanted_rpm:,} rpm are set"
+    ),
+    Code.WHEELS_SILENT: "no answer from the motor controllers of {wheels}",
+    Code.WHEEL_FAULT: "motor controller of {wheel}: {text}",
+    Code.WHEEL_TIMED_OUT: (
+        "the motor controllers of {wheels} stopped by themselves: no command came in time"
+    ),
+    Code.CABLE_PLUG: (
+        "{servos}: {missed:,} of {total:,} answers missing, those behind it none: its plug"
+    ),
+    Code.CABLE_WIRE: (
+        "{servos}: {missed:,} of {total:,} answers missing together, those before none: the wire "
+        "that leads to the first of them"
+    ),
+    Code.CABLE_BUS: (
+        "all servos: {missed:,} of {total:,} answers missing together: the data wire of the bus, "
+        "at the adapter"
+    ),
+    Code.CABLE_SUPPLY: (
+        "{servos}: the supply fell to {volts:.1} V for a moment: its supply wire, plug or fuse"
+    ),
+    Code.CABLE_GROUND: (
+        "{servos}: {broken:,} of {total:,} answers broken: the ground or the shield of the data "
+        "wire"
+    ),
+    Code.CABLE_LINE: "the adapter was lost {reconnects:,} times: its USB plug",
+    Code.CABLE_RECEIVER: "receiver: {missed:,} drop-outs of {channels}: the wire of these channels",
     Code.NO_ODOMETRY: "no odometry has come on {topic} yet",
     Code.ODOMETRY_OLD: "no odometry newer than {s} s has come on {topic}",
     Code.CMD_VEL_UNSENT: "cmd_vel cannot be published: {text}",
@@ -235,8 +269,18 @@ WORDS: Mapping[Type, Mapping[str, str]] = {
         "pose": "a pose must be finite numbers",
         "max_age_s": "max_age_s must be a finite number",
     },
-    Type.DEVICE: {"board": "the controller board", "servo_bus": "the servo bus"},
-    Type.LINE: {"board": "the serial line", "servo_bus": "the serial line of the servos"},
+    Type.DEVICE: {
+        "board": "the controller board",
+        "servo_bus": "the servo bus",
+        "can_bus": "the CAN bus",
+        "vesc": "the motor controller",
+    },
+    Type.LINE: {
+        "board": "the serial line",
+        "servo_bus": "the serial line of the servos",
+        "can_bus": "the CAN bus",
+        "vesc": "the serial line of the motor controller",
+    },
     Type.TRIP: {
         "none": _SILENT,
         "heartbeat": "no word of an operator came in time",

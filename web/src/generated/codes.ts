@@ -109,6 +109,21 @@ export const PARAMETERS = {
   escs_not_ready: {},
   receiver_silent: { channels: "name" },
   manual_on: {},
+  servos_restarted: { servos: "servos" },
+  watchdog_expired: { servos: "servos" },
+  heartbeat_lost: {},
+  battery_empty: { volts: "V" },
+  wheel_stuck: { wheel: "name", rpm: "rpm", wanted_rpm: "rpm" },
+  wheels_silent: { wheels: "name" },
+  wheel_fault: { wheel: "name", text: "text" },
+  wheel_timed_out: { wheels: "name" },
+  cable_plug: { servos: "servos", missed: "count", total: "count" },
+  cable_wire: { servos: "servos", missed: "count", total: "count" },
+  cable_bus: { missed: "count", total: "count" },
+  cable_supply: { servos: "servos", volts: "V" },
+  cable_ground: { servos: "servos", broken: "count", total: "count" },
+  cable_line: { reconnects: "count" },
+  cable_receiver: { channels: "name", missed: "count" },
   no_odometry: { topic: "name" },
   odometry_old: { topic: "name", s: "s" },
   cmd_vel_unsent: { text: "text" },
@@ -273,6 +288,21 @@ export interface CodeParameters {
   escs_not_ready: Record<string, never>;
   receiver_silent: { channels: string };
   manual_on: Record<string, never>;
+  servos_restarted: { servos: string };
+  watchdog_expired: { servos: string };
+  heartbeat_lost: Record<string, never>;
+  battery_empty: { volts: number };
+  wheel_stuck: { wheel: string; rpm: number; wanted_rpm: number };
+  wheels_silent: { wheels: string };
+  wheel_fault: { wheel: string; text: string };
+  wheel_timed_out: { wheels: string };
+  cable_plug: { servos: string; missed: number; total: number };
+  cable_wire: { servos: string; missed: number; total: number };
+  cable_bus: { missed: number; total: number };
+  cable_supply: { servos: string; volts: number };
+  cable_ground: { servos: string; broken: number; total: number };
+  cable_line: { reconnects: number };
+  cable_receiver: { channels: string; missed: number };
   no_odometry: { topic: string };
   odometry_old: { topic: string; s: number };
   cmd_vel_unsent: { text: string };
