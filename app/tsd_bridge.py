@@ -1,4 +1,4 @@
-"""`tsd-bridge`: robot node of a real robot, driven through its controller board."""
+"""`tsd-bridge`: robot node of a real robot, driven through its controller board or its servos."""
 
 from __future__ import annotations
 
@@ -8,11 +8,17 @@ from pathlib import Path
 
 from tsd_twin.cli import flags, node_program, program
 from tsd_twin.hardware.robot_io import RobotIO
-from tsd_twin.robots import RobotDescription, SingularityDescription, description_of_kind
+from tsd_twin.robots import (
+    OmniDescription,
+    RobotDescription,
+    SingularityDescription,
+    description_of_kind,
+)
 from tsd_twin.simulation import Motors
 
 with program.requires("tsd-bridge", "bridge"):
     from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
+    from tsd_twin.hardware.dynamixel_wheels import DynamixelWheelsIO
     from tsd_twin.hardware.joints import ServoCalibration
     from tsd_twin.hardware.receiver_setup import set_up_receiver
     from tsd_twin.hardware.serial_transport import HardwareError, serial_ports
@@ -21,12 +27,13 @@ with program.requires("tsd-bridge", "bridge"):
 
 PARSER = program.parser(
     "tsd-bridge",
-    "A machine on the bus, driven through its controller board.",
+    "A machine on the bus, driven through its controller board or its servos.",
     [
         "tsd-bridge --list                          what serial ports there are",
         "tsd-bridge --port /dev/ttyACM0             the triple singularity drive",
         "tsd-bridge --port /dev/serial/by-id/usb-Arduino_...-if00 --calibration mine.toml",
         "tsd-bridge --port /dev/ttyACM0 --servos /dev/ttyUSB0",
+        "tsd-bridge --robot my_kiwi.toml --servos /dev/ttyUSB0     wheels are Dynamixel X servos",
         "tsd-bridge --port /dev/ttyACM0 --calibration mine.toml --setup   learn the radio control",
         "tsd-bridge --port socket://192.168.1.7:4004   a board behind ser2net or socat",
     ],
@@ -35,6 +42,8 @@ PARSER = program.parser(
 
 def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
     """Return the connected hardware interface."""
+    if isinstance(robot, OmniDescription):
+        return _wheels(robot, args)
     if not args.port:
         raise HardwareError("--port is missing: 'tsd-bridge --list' shows what ports there are")
     if args.setup:
@@ -42,14 +51,26 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
             raise HardwareError("--setup needs --calibration FILE, which it writes to")
         set_up_receiver(args.port, args.baud, Path(args.calibration))
         sys.exit(0)
-    calibration = (
-        ServoCalibration.read(args.calibration) if args.calibration else ServoCalibration()
-    )
+    calibration = _calibration(args)
     machine = description_of_kind(robot, SingularityDescription)
     motors = Motors.of(machine)
     if args.servos:
         return U2D2IO(machine, args.port, args.servos, motors, calibration, baud=args.baud)
     return ArduinoMegaIO(machine, args.port, motors, calibration, baud=args.baud)
+
+
+def _calibration(args: argparse.Namespace) -> ServoCalibration:
+    return ServoCalibration.read(args.calibration) if args.calibration else ServoCalibration()
+
+
+def _wheels(robot: OmniDescription, args: argparse.Namespace) -> RobotIO:
+    """Return the interface of a robot whose wheels are servos."""
+    if args.port or not args.servos:
+        raise HardwareError(
+            f"{robot.name} has no controller board: use --servos PORT, and not --port, for its "
+            "wheels, which are Dynamixel X servos on a U2D2 or an OpenRB-150"
+        )
+    return DynamixelWheelsIO(robot, args.servos, _calibration(args))
 
 
 class _List(argparse.Action):
@@ -65,7 +86,10 @@ def main() -> None:
     PARSER.add_argument("--list", action=_List, nargs=0, help="show the serial ports and end")
     text = "device, or a URL of pyserial, of the controller board"
     flags.add(PARSER, "--port", text, metavar="PORT")
-    text = "of a U2D2 with the servos, when they are not connected to the board"
+    text = (
+        "of a U2D2 with the servos, when they are not connected to the board; of a U2D2 or "
+        "OpenRB-150 with the wheels of an omni robot"
+    )
     flags.add(PARSER, "--servos", text, metavar="PORT")
     text = "of the board, as it was flashed"
     flags.add(PARSER, "--baud", text, flags.whole(1200, 4_000_000), BAUD)

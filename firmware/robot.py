@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 
-from tsd_twin.control.monitors import HOT_C, WARM_C
+from tsd_twin.control.monitors import HOT_MARGIN_C, WARM_MARGIN_C
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
 from tsd_twin.simulation import Motors
 
@@ -48,8 +48,8 @@ def header() -> str:
 #define ROBOT_ANGULAR_ACCELERATION {limits.angular_acceleration_rad_per_s2}f  // [rad/s2]
 
 // A servo at the second temperature slows the robot down until all are below the first. [deg C]
-#define ROBOT_WARM_C {WARM_C:.0f}
-#define ROBOT_HOT_C {HOT_C:.0f}
+#define ROBOT_WARM_C {robot.servo_limit_c - WARM_MARGIN_C:.0f}
+#define ROBOT_HOT_C {robot.servo_limit_c - HOT_MARGIN_C:.0f}
 #define ROBOT_SLOW_SHARE {robot.battery.low_speed_share}f
 
 // Pulses that turn the wheels at cruising speed. [0.5 us]

@@ -9,25 +9,27 @@ import pytest
 
 from tests.control.test_battery import arm_again
 from tests.support.controller_harness import ROBOT, ControllerHarness
-from tsd_twin.control.monitors import HOT_C, WARM_C, HeatMonitor
+from tsd_twin.control.monitors import HOT_MARGIN_C, WARM_MARGIN_C, HeatMonitor
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.simulation import SimRobot
 
 LOW_MPS = ROBOT.battery.low_speed_share * ROBOT.limits.speed_mps
 
 
-def test_it_is_slow_from_hot_until_disarmed_and_cool() -> None:
+@pytest.mark.parametrize("limit_c", [80.0, 72.0, 70.0])
+def test_it_is_slow_from_hot_until_disarmed_and_cool(limit_c: float) -> None:
     random = np.random.default_rng(2)
-    monitor, slow, events = HeatMonitor(0.5), False, 0
+    warm_c, hot_c = limit_c - WARM_MARGIN_C, limit_c - HOT_MARGIN_C
+    monitor, slow, events = HeatMonitor(0.5, limit_c), False, 0
     for i in range(3000):
-        celsius = [None, math.nan, random.uniform(40.0, 80.0), random.uniform(64.0, 71.0)][
+        celsius = [None, math.nan, random.uniform(40.0, 80.0), random.uniform(warm_c - 1.0, hot_c + 1.0)][
             random.integers(4)
         ]
         armed = bool(random.integers(3))
         events += monitor.step(celsius, 0.01 * i, armed=armed) is not None
-        if celsius is not None and celsius >= HOT_C:
+        if celsius is not None and celsius >= hot_c:
             slow = True
-        elif celsius is not None and celsius < WARM_C and not armed:
+        elif celsius is not None and celsius < warm_c and not armed:
             slow = False
         assert monitor.share == (0.5 if slow else 1.0)
         assert (monitor.why is not None) == slow
@@ -35,7 +37,7 @@ def test_it_is_slow_from_hot_until_disarmed_and_cool() -> None:
 
 
 def test_a_warm_servo_is_said_once_and_changes_nothing() -> None:
-    monitor = HeatMonitor(0.5)
+    monitor = HeatMonitor(0.5, 80.0)
     event = monitor.step(65.0, 0.0, armed=True)
     assert event is not None
     assert event.why == because(Code.SERVO_WARM, celsius=65, limit_c=70)

@@ -91,19 +91,21 @@ class BatteryMonitor:
         return Event.of("battery", why, "limits with a low battery", now_s)
 
 
-WARM_C, HOT_C = 65.0, 70.0
-"""Servo temperatures for a warning and for slowing down. The board stops the robot at 75 °C, and
-servos switch off at 80 °C."""
+WARM_MARGIN_C, HOT_MARGIN_C = 15.0, 10.0
+"""Margins below the temperature at which servos switch off, for a warning and for slowing down. The
+board or the bridge stops the robot at 5 °C."""
 
 
 class HeatMonitor:
     """Fraction of the speed limits allowed by the servo temperature.
 
-    It recovers only while disarmed and below `WARM_C`. Missing temperatures (None or NaN) are
-    ignored.
+    It recovers only while disarmed and below the temperature of the warning. Missing temperatures
+    (None or NaN) are ignored.
     """
 
-    def __init__(self, share_when_hot: float) -> None:
+    def __init__(self, share_when_hot: float, limit_c: float) -> None:
+        """`limit_c` is the temperature at which servos switch off."""
+        self._warm_c, self._hot_c = limit_c - WARM_MARGIN_C, limit_c - HOT_MARGIN_C
         self.share = 1.0
         """Factor on the speed and turn-rate limits."""
         self.why: Reason | None = None
@@ -115,19 +117,19 @@ class HeatMonitor:
         """Update with the hottest servo; return an event on a change, or None."""
         if hottest_c is None or math.isnan(hottest_c):
             return None
-        if hottest_c < WARM_C:
+        if hottest_c < self._warm_c:
             if armed or not self._warm:
                 return None
             self.share, self.why, self._warm = 1.0, None, False
             return self._event(because(Code.SERVOS_COOLED), now_s)
-        if hottest_c >= HOT_C and self.why is None:
+        if hottest_c >= self._hot_c and self.why is None:
             self.share, self._warm = self._share_when_hot, True
-            self.why = because(Code.SERVO_HOT, limit_c=HOT_C)
+            self.why = because(Code.SERVO_HOT, limit_c=self._hot_c)
             return self._event(because(Code.SLOWED, self.why, percent=100.0 * self.share), now_s)
         if self._warm:
             return None
         self._warm = True
-        return self._event(because(Code.SERVO_WARM, celsius=hottest_c, limit_c=HOT_C), now_s)
+        return self._event(because(Code.SERVO_WARM, celsius=hottest_c, limit_c=self._hot_c), now_s)
 
     @staticmethod
     def _event(why: Reason, now_s: float) -> Event:

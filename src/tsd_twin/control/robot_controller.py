@@ -131,7 +131,7 @@ class RobotController:
         self._now_s = -math.inf
         self._saturation = SaturationMonitor()
         self._battery = BatteryMonitor(robot.battery)
-        self._heat = HeatMonitor(robot.battery.low_speed_share)
+        self._heat = HeatMonitor(robot.battery.low_speed_share, robot.servo_limit_c)
         self._faults = JointFaultMonitor(self._estimator)
         self._fault_reporter = FaultReporter()
         self._events: list[Event] = []

@@ -160,7 +160,7 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name in (*self.servo_id, *self.neutral_step, *self.reversed):
             if name not in names:
                 raise HardwareError(
-                    f"the calibration names a gimbal '{name}': there are {', '.join(names)}"
+                    f"the calibration names a joint '{name}': there are {', '.join(names)}"
                 )
 
     def ids(self, names: Sequence[str]) -> list[int]:
@@ -174,6 +174,31 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def signs(self, names: Sequence[str]) -> list[int]:
         """Return the direction of each joint's servo: +1 as drawn, -1 if reversed."""
         return [-1 if name in self.reversed else 1 for name in names]
+
+
+class ServoNames:
+    """Reasons about the servos in a mask, by number from 1 and joint."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = list(names)
+        """Joint names in servo order."""
+        self.servos = (1 << len(self.names)) - 1
+        """Mask of the robot's servos."""
+
+    def named(self, mask: int) -> str:
+        """Return the servos in a mask by number and joint, as parameter of a reason."""
+        return ", ".join(f"{i + 1} ({name})" for i, name in enumerate(self.names) if mask >> i & 1)
+
+    def about(self, mask: int, code: Code, cause: Reason | None = None, **params: Value) -> Reason:
+        """Return a reason that concerns the servos in a mask."""
+        return because(code, cause, servos=self.named(mask), **params)
+
+    def silent(self, mask: int) -> Reason:
+        """Return the reason for servos that do not respond."""
+        if mask == self.servos:
+            return because(Code.ALL_SERVOS_SILENT)
+        several = mask & mask - 1
+        return self.about(mask, Code.SERVO_BUS_SILENT if several else Code.SERVOS_SILENT)
 
 
 _PULSES_PER_US = 2.0
@@ -224,7 +249,7 @@ def check_radio_geometry(robot: SingularityDescription) -> None:
     )
 
 
-class JointConverter:
+class JointConverter(ServoNames):
     """Converts between the joint vector and the units of servos and speed controllers."""
 
     def __init__(self, robot: SingularityDescription, throttle: ThrottleLaw) -> None:
@@ -254,10 +279,7 @@ class JointConverter:
         self._offsets = robot.actuator_offsets()
         self._step_rad = 2.0 * math.pi / robot.servo.steps_per_turn
         self.count = len(drive.joints)
-        self.names = [drive.joints[i].name for i in self._angles]
-        """Gimbal names in servo order."""
-        self.servos = (1 << len(self.names)) - 1
-        """Mask of the robot's servos."""
+        super().__init__([drive.joints[i].name for i in self._angles])
         most_rad, zero_rad = (
             math.radians(robot.drive.max_tilt_deg),
             self._offsets.offset[self._angles],
@@ -305,21 +327,6 @@ class JointConverter:
             if alive >> servo & 1:
                 joints[joint] = steps[servo] * self._step_rad
         return self._offsets.from_servos(joints)
-
-    def named(self, mask: int) -> str:
-        """Return the servos in a mask by number and joint, as parameter of a reason."""
-        return ", ".join(f"{i + 1} ({name})" for i, name in enumerate(self.names) if mask >> i & 1)
-
-    def about(self, mask: int, code: Code, cause: Reason | None = None, **params: Value) -> Reason:
-        """Return a reason that concerns the servos in a mask."""
-        return because(code, cause, servos=self.named(mask), **params)
-
-    def silent(self, mask: int) -> Reason:
-        """Return the reason for servos that do not respond."""
-        if mask == self.servos:
-            return because(Code.ALL_SERVOS_SILENT)
-        several = mask & mask - 1
-        return self.about(mask, Code.SERVO_BUS_SILENT if several else Code.SERVOS_SILENT)
 
     def hot(self, mask: int) -> Reason:
         """Return the reason for servos that are too hot."""

@@ -319,6 +319,11 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         raise NotImplementedError
 
     @property
+    def servo_limit_c(self) -> float:
+        """Temperature at which servos shut off, deg C."""
+        return 80.0
+
+    @property
     def delay_s(self) -> float:
         """Delay of setpoints and measurements on the actuator bus."""
         return 0.0

@@ -47,6 +47,8 @@ class GearedMotor(Table, frozen=True):
     """Time constant of a wheel's speed control."""
     current_limit: Positive = 1.0
     """Torque limit of the motor driver, relative to the stall torque."""
+    temperature_limit_c: Annotated[float, Meta(ge=40.0, le=150.0)] = 80.0
+    """Temperature at which the motor or its driver shuts off; the robot slows down 10 °C below."""
 
     @property
     def top_speed_rad_per_s(self) -> float:
@@ -83,6 +85,11 @@ class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
     motor: GearedMotor
     noise: WheelNoise = WheelNoise()
     drive: OmniGeometry | SphereGeometry
+
+    @property
+    def servo_limit_c(self) -> float:
+        """Temperature at which motors shut off."""
+        return self.motor.temperature_limit_c
 
     def joint_errors(self) -> JointErrors:
         """Return the errors of the wheel speeds."""
