@@ -22,9 +22,12 @@ def test_it_is_slow_from_hot_until_disarmed_and_cool(limit_c: float) -> None:
     warm_c, hot_c = limit_c - WARM_MARGIN_C, limit_c - HOT_MARGIN_C
     monitor, slow, events = HeatMonitor(0.5, limit_c), False, 0
     for i in range(3000):
-        celsius = [None, math.nan, random.uniform(40.0, 80.0), random.uniform(warm_c - 1.0, hot_c + 1.0)][
-            random.integers(4)
-        ]
+        celsius = [
+            None,
+            math.nan,
+            random.uniform(40.0, 80.0),
+            random.uniform(warm_c - 1.0, hot_c + 1.0),
+        ][random.integers(4)]
         armed = bool(random.integers(3))
         events += monitor.step(celsius, 0.01 * i, armed=armed) is not None
         if celsius is not None and celsius >= hot_c:

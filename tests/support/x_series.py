@@ -37,6 +37,9 @@ class XServo:
     id: int
     model: int = 1060
     dead: bool = False
+    """Injected fault: its data wire is off; it has power, hears nothing, and turns on."""
+    mute: bool = False
+    """Injected fault: it obeys, and its answers are lost."""
     powered: bool = True
     jammed: bool = False
     volts: float = 11.1
@@ -44,7 +47,8 @@ class XServo:
     speed_rad_per_s: float = 0.0
     angle_rad: float = 0.0
     memory: bytearray = field(default_factory=lambda: bytearray(256))
-    lowest: float = math.inf
+    heard_s: float = 0.0
+    """When it last heard a packet, which feeds its watchdog."""
 
     def __post_init__(self) -> None:
         for at, size, value in ((0, 2, self.model), (6, 1, 46), (7, 1, self.id), (8, 1, 3)):
@@ -146,10 +150,11 @@ class XBus:
         self.reserved: set[tuple[int, int]] = set()
         """Reads that cover a reserved register."""
         self.silent = False
+        """Injected fault: the data wire of the bus is off."""
         self.spoil_bits = 0
         """Bits to flip in the next answers."""
         self._decoder = Decoder(protocol2)
-        self._heard_s = self._lived_s = 0.0
+        self._lived_s = 0.0
 
     def servo(self, device: int) -> XServo:
         """Return the servo with an id."""
@@ -161,7 +166,7 @@ class XBus:
             step_s = min(0.002, now_s - self._lived_s)
             self._lived_s += step_s
             for servo in self.servos:
-                servo.live(step_s, self._lived_s - self._heard_s)
+                servo.live(step_s, self._lived_s - servo.heard_s)
             if now_s - self._lived_s < 1e-9:
                 break
         self._lived_s = now_s
@@ -171,9 +176,10 @@ class XBus:
         self.live(now_s)
         packets = self._decoder.feed(data, now_s)
         if packets:
-            self._heard_s = now_s  # Any packet feeds the watchdogs.
+            for servo in self.servos:  # Any packet feeds the watchdog of a servo that hears it.
+                servo.heard_s = servo.heard_s if servo.dead or self.silent else now_s
         out = b"".join(self._obey(packet) for packet in packets)
-        return b"" if self.silent else self._spoilt(out)
+        return self._spoilt(out)
 
     def _spoilt(self, out: bytes) -> bytes:
         if not self.spoil_bits or not out:
@@ -194,15 +200,22 @@ class XBus:
                 for servo in self._heard(params[i]):
                     servo.write(at, params[i + 1 : i + 1 + size])
             return b""
-        return b"".join(self._single(servo, packet) for servo in self._heard(packet.id))
+        answers = [(servo, self._single(servo, packet)) for servo in self._heard(packet.id)]
+        return b"".join(answer for servo, answer in answers if not servo.mute)
 
     def _heard(self, device: int) -> list[XServo]:
-        return [s for s in self.servos if s.id == device and s.powered and not s.dead]
+        return [
+            s
+            for s in self.servos
+            if s.id == device and s.powered and not s.dead and not self.silent
+        ]
 
     def _read(self, device: int, at: int, size: int) -> bytes:
         if RESERVED & set(range(at, at + size)):
             self.reserved.add((at, size))
-        return b"".join(servo.status(0, servo.read(at, size)) for servo in self._heard(device))
+        return b"".join(
+            servo.status(0, servo.read(at, size)) for servo in self._heard(device) if not servo.mute
+        )
 
     def _single(self, servo: XServo, packet: Packet) -> bytes:
         params = packet.params

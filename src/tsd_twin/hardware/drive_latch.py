@@ -73,9 +73,10 @@ class DriveLatch:
             self._state = _State.LOCKED
 
 
-FOLLOWING_SHARE = 0.25
-"""Largest deviation of a wheel speed that is no fault, relative to the top speed."""
-FOLLOWING_S = 0.5
+FOLLOWING_SHARE, FOLLOWING_LEAST = 0.25, 0.1
+"""Largest deviation of a wheel speed that is not a fault, relative to the setpoint, and to the top
+speed for small setpoints."""
+FOLLOWING_S = 0.3
 """Time that a larger deviation must last."""
 _LAG_S = 0.3
 """Setpoints of this time count, because a wheel follows them later."""
@@ -86,7 +87,7 @@ class WheelFollowing:
 
     def __init__(self, names: Sequence[str], top_rad_per_s: float) -> None:
         self._names = list(names)
-        self._tolerance = FOLLOWING_SHARE * top_rad_per_s
+        self._least = FOLLOWING_LEAST * top_rad_per_s
         self._recent: deque[tuple[float, Array]] = deque()
         self._since_s = np.full(len(names), math.inf)
 
@@ -102,7 +103,8 @@ class WheelFollowing:
             self._recent.popleft()
         lately = np.array([speeds for _, speeds in self._recent])
         nearest = np.clip(measured, lately.min(axis=0), lately.max(axis=0))
-        off = np.abs(measured - nearest) > self._tolerance  # False for NaN.
+        tolerance = np.maximum(self._least, FOLLOWING_SHARE * np.abs(nearest))
+        off = np.abs(measured - nearest) > tolerance  # False for NaN.
         self._since_s = np.where(off, np.minimum(self._since_s, now_s), math.inf)
         worst = int(np.argmin(self._since_s))
         if now_s - self._since_s[worst] < FOLLOWING_S:

@@ -29,7 +29,10 @@ written. It counts only while torque is on, and any packet on the bus resets it.
 BUS_WATCHDOG_S = 0.02
 WATCHDOG_EXPIRED = 255
 WATCHDOG = 10
-"""200 ms, shorter than the timeout of the controller board."""
+"""200 ms, shorter than the timeout of the controller board. For gimbals, which it stops where they
+are."""
+WHEEL_WATCHDOG = 5
+"""100 ms, the silence that is a fault anyway: a wheel whose data wire is off hears no other end."""
 PRESENT = 126
 _LAYOUT = Struct("<hiiiiHB")
 PRESENT_SIZE = _LAYOUT.size

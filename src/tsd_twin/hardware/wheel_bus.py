@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from struct import Struct
 
@@ -43,8 +43,8 @@ from tsd_twin.hardware.servo_line import (
     RETURN_DELAY,
     SERVO_BAUD,
     TORQUE_ENABLE,
-    WATCHDOG,
     WATCHDOG_EXPIRED,
+    WHEEL_WATCHDOG,
     ServoLine,
     ServoMeasurement,
 )
@@ -103,7 +103,12 @@ class WheelBus:
 
     baud = SERVO_BAUD
 
-    def __init__(self, robot: OmniDescription, calibration: ServoCalibration) -> None:
+    def __init__(
+        self,
+        robot: OmniDescription,
+        calibration: ServoCalibration,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         drive = robot.kinematics()
         self.names = ServoNames([joint.name for joint in drive.joints])
         self.health = LinkHealth("servo_bus")
@@ -127,6 +132,7 @@ class WheelBus:
         self._battery = BatteryWatch(robot.battery.arm_v, robot.battery.stop_v)
         self._was_connected = False
         self._cycles = 0
+        self._clock = clock
 
     @property
     def lost(self) -> Reason | None:
@@ -157,14 +163,14 @@ class WheelBus:
         Raises:
             HardwareError: If the port is gone, or a servo that restarted is another one.
         """
-        began_s, broken = time.monotonic(), transport.broken
+        began_s, broken = self._clock(), transport.broken
         command = self.command
         self.trouble = self._trouble(command, began_s)
         drives = self._latch.step(command, self.trouble, began_s)
         request = self._line.to_all(GOAL_VELOCITY, self._goals(command.setpoint, drives=drives))
         request += protocol2.sync_read(self._line.ids, PRESENT, PRESENT_SIZE)
         answers = transport.request(request, len(self._line.ids), ANSWER_S)
-        now_s = time.monotonic()
+        now_s = self._clock()
         self._add_responses(answers, now_s)
         self._read_state(transport)
         self.health.add_packets(transport.broken > broken, now_s)
@@ -283,7 +289,7 @@ class WheelBus:
             self.report = replace(self.report, limp=updated(self.report.limp, 0))
             return
         expired = updated(self.report.expired, WATCHDOG_EXPIRED)
-        others = set(found.values()) - {WATCHDOG, WATCHDOG_EXPIRED}
+        others = set(found.values()) - {WHEEL_WATCHDOG, WATCHDOG_EXPIRED}
         unguarded = updated(self.report.unguarded, *others)
         self.report = replace(self.report, expired=expired, unguarded=unguarded)
 
@@ -332,20 +338,20 @@ class WheelBus:
         line = self._line
         line.write(transport, device, TORQUE_ENABLE, 0)
         if (delay := line.read(transport, device, RETURN_DELAY, 1)[0]) != 0:
-            _LOG.warning("servo %s: return delay time is %s, set to 0", line.named(device), delay)
+            _LOG.info("servo %s: return delay time is %s, set to 0", line.named(device), delay)
             line.write(transport, device, RETURN_DELAY, 0)
         line.write(transport, device, BUS_WATCHDOG, 0)
         line.write(transport, device, GOAL_VELOCITY, 0, GOAL.size)
-        line.write(transport, device, BUS_WATCHDOG, WATCHDOG)
+        line.write(transport, device, BUS_WATCHDOG, WHEEL_WATCHDOG)
         goal = line.read(transport, device, GOAL_VELOCITY, GOAL.size)
         watchdog = line.read(transport, device, BUS_WATCHDOG, 1)
-        if goal != _ZERO or watchdog != bytes([WATCHDOG]):
+        if goal != _ZERO or watchdog != bytes([WHEEL_WATCHDOG]):
             raise HardwareError(f"servo {line.named(device)} does not keep its set-up")
         line.write(transport, device, TORQUE_ENABLE, 1)
 
     def _prepare_again(self, transport: SerialTransport) -> None:
         """Set up one servo that restarted or expired, while the robot is disarmed."""
-        report, now_s = self.report, time.monotonic()
+        report, now_s = self.report, self._clock()
         if report is None or now_s - report.newest_s > SILENT_S:
             return
         ready = report.alive(now_s) & ~report.faults
