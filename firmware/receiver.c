@@ -6,7 +6,9 @@
 #include "table.h"
 #include "watchdog.h"
 
-#define SWITCH_US 1500
+// A switch turns below or above both, so that a stick or a worn switch in between does not chatter.
+#define SWITCH_OFF_US 1500
+#define SWITCH_ON_US 1550
 #define PERIOD_MS 5
 #define OLDEST (100 / PERIOD_MS)
 
@@ -16,6 +18,7 @@
 static uint8_t frame_age, age[CT_RC_CHANNELS];  // [PERIOD_MS]
 static uint8_t phase_ms;
 static bool changed;
+static bool killed = true, manual = false;
 
 void receiver_start(void) {
   sbus_start();
@@ -54,6 +57,10 @@ static void grow_older(void) {
   changed = true;  // The setup may have changed.
 }
 
+static bool switched(uint16_t us, bool before) {
+  return us > SWITCH_ON_US || (before && us > SWITCH_OFF_US);
+}
+
 static void map_channels(void) {
   bool sbus = table.receiver_kind == RECEIVER_SBUS;
   uint8_t from = sbus ? 0 : WIRES_FROM;
@@ -64,6 +71,8 @@ static void map_channels(void) {
     table.rc[i] = channel < count ? table.channel[from + channel] : 0;
     if (table.rc[i]) watchdog_memory.receiver_seen = true;
   }
+  killed = !switched(table.rc[RC_KILL], !killed);
+  manual = switched(table.rc[RC_MANUAL], manual);
 }
 
 // Checks for silence run less often, because this function runs between servo requests.
@@ -89,6 +98,6 @@ bool receiver_lost(void) {
   return (table.receiver_expected || watchdog_memory.receiver_seen) && !receiver_present();
 }
 
-bool receiver_kills(void) { return receiver_present() && table.rc[RC_KILL] <= SWITCH_US; }
+bool receiver_kills(void) { return receiver_present() && killed; }
 
-bool receiver_manual(void) { return receiver_present() && table.rc[RC_MANUAL] > SWITCH_US; }
+bool receiver_manual(void) { return receiver_present() && manual; }

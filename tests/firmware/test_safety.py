@@ -9,6 +9,7 @@ from tests.support.firmware_rules import LAWS
 
 OF_THE_RECEIVER = (
     "the_kill_switch_stops",
+    "a_switch_between_its_ends_does_not_chatter",
     "a_lost_radio_control_stops",
     "a_lost_radio_control_is_missed_after_a_reset_too",
     "an_expected_receiver_is_missed_when_power_comes",

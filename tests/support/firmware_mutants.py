@@ -515,6 +515,13 @@ MUTANTS = (
         "a_lost_radio_control_stops",
     ),
     Mutant(
+        "a switch has one threshold",
+        "receiver.c",
+        "return us > SWITCH_ON_US || (before && us > SWITCH_OFF_US);",
+        "return us > SWITCH_OFF_US || (before && us > SWITCH_OFF_US);",
+        "a_switch_between_its_ends_does_not_chatter",
+    ),
+    Mutant(
         "a receiver counts only when it is whole",
         "receiver.c",
         "if (table.rc[i]) watchdog_memory.receiver_seen = true;",

@@ -792,6 +792,35 @@ def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:
     assert max(pilot.simulation.pulses_us()) < 1001.0
 
 
+def a_switch_between_its_ends_does_not_chatter(bench: Bench) -> None:
+    """A worn switch, or a stick in its place, around one of the two thresholds."""
+    pilot = bench.pilot(receiver=True).get_driving()
+    sim = pilot.simulation
+
+    def switches(kill_us: int, manual_us: int) -> None:
+        sim.receiver_us[4:] = [kill_us, manual_us]
+        sim.board.set_receiver(sim.receiver_us)
+
+    for off_us in range(-6, 7, 3):
+        switches(1525 + off_us, 1500 + off_us)
+        seen = pilot.drive(0.06)
+        assert (seen.mode, seen.trips) == (BoardMode.ARMED, 0), "both keep their side"
+    switches(1900, 1600)
+    assert pilot.drive(0.11).mode == BoardMode.RC
+    for off_us in range(-6, 7, 3):
+        switches(1525 + off_us, 1525 + off_us)
+        sim.run(0.06)
+        assert pilot.mode() == BoardMode.RC, "it keeps the robot, taken and given once"
+    switches(1480, 1525)
+    sim.run(0.06)
+    switches(1525, 1480)
+    sim.run(0.06)
+    assert pilot.mode() == BoardMode.DISARMED
+    assert pilot.arm().refusal == Refusal.KILL, "killed until the switch is clearly at run"
+    switches(1900, 1100)
+    sim.run(0.06)
+
+
 def the_radio_control_begins_with_its_switch_and_no_speed(bench: Bench) -> None:
     pilot = bench.pilot().get_ready()
     pilot.simulation.set_switches(manual=True)

@@ -275,8 +275,10 @@ class SerialTransport:
         self.name = name
         self._port = open_port(name, baud, _READ_S)
         self._late = True  # Pending bytes belong to an earlier user of the port.
+        self._unfinished = False
+        """Whether the last response began and did not end, so that its rest may still arrive."""
         self.broken = 0
-        """Number of corrupt responses and of bytes outside packets."""
+        """Number of corrupt responses."""
 
     def request(
         self,
@@ -292,16 +294,22 @@ class SerialTransport:
         """
         decoder = Decoder(framing)
         rest = _LONGEST_REST if self._late else 0
+        arrived = False
         try:
             if self._late:  # Pending bytes may be the response to an earlier request.
+                arrived = bool(self._port.in_waiting)
                 self._port.reset_input_buffer()
             self._port.write(request)
-            found = self._receive(decoder, answers, patience_s)
+            found, heard = self._receive(decoder, answers, patience_s)
         except GONE as error:
             raise HardwareError(f"{self.name} is gone") from error
-        # A response in two parts is late, not corrupt: one of the programs was delayed.
-        self.broken += decoder.sum_errors + (decoder.skipped > rest and not decoder.cut)
-        self._late = len(found) < answers
+        # A response whose rest arrives is late, because a program was delayed; otherwise bytes
+        # were lost, or changed so that it seems longer.
+        lost = self._unfinished and not arrived and not decoder.skipped
+        broken = decoder.sum_errors > 0 or (decoder.skipped > rest and not decoder.cut)
+        self.broken += broken + lost
+        self._late = len(found) < answers and not broken
+        self._unfinished = self._late and heard
         return found
 
     def drain(self, silence_s: float) -> None:
@@ -320,7 +328,10 @@ class SerialTransport:
         except GONE as error:
             raise HardwareError(f"{self.name} is gone") from error
 
-    def _receive(self, decoder: Decoder, answers: int, patience_s: float) -> list[StatusPacket]:
+    def _receive(
+        self, decoder: Decoder, answers: int, patience_s: float
+    ) -> tuple[list[StatusPacket], bool]:
+        """Return the responses, and whether bytes remained that belong to none of them."""
         found: list[StatusPacket] = []
         end_s = time.monotonic() + patience_s
         while len(found) < answers:
@@ -333,7 +344,7 @@ class SerialTransport:
                     found.append(answer)
             if now_s > end_s:
                 break
-        return found
+        return found, decoder.waits
 
     def close(self) -> None:
         """Close the port, even if it is gone."""

@@ -456,3 +456,4 @@ class RcChannel(IntEnum):
 
 
 SWITCH_US = 1500
+"""At or below this, a switch turns; above 1550 it turns back: receiver.c."""

@@ -234,6 +234,11 @@ class Decoder:
         self.skipped = 0
         """Number of bytes outside frames."""
 
+    @property
+    def waits(self) -> bool:
+        """Whether bytes remain that may belong to an incomplete frame, or such a frame was cut."""
+        return bool(self._kept) or bool(self.cut)
+
     def feed(self, data: bytes, now_s: float) -> list[Packet]:
         """Return the packets completed by `data`, received at `now_s`; `data` may be empty."""
         packets: list[Packet] = []
