@@ -35,7 +35,7 @@ class VirtualLine:
 
     def __init__(self, bus: XBus, now_s: float) -> None:
         self.bus, self.now_s = bus, now_s
-        self.broken = 0
+        self.broken = self.late = 0
         self.plugged = True
         self.on_time: Callable[[], None] = lambda: None
 

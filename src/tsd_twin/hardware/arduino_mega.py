@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tsd_twin.hardware.board_faults import BoardFaults
+from tsd_twin.hardware.cables import BoardCables
 from tsd_twin.hardware.controller_board import (
     REST_COMMAND,
     SETTLE_S,
@@ -94,8 +95,7 @@ class ControllerBoard:
     ) -> None:
         """`servos`: whether the board drives the servos too, or only the speed controllers."""
         self._battery = battery
-        self.missed = [0] * SERVOS
-        """Missing or invalid responses per servo since the start."""
+        self.cables = BoardCables(joints, joints.servos if servos else 0)
         self.battery_warning = ""
         """Warning while the battery is low, or ""."""
         self.baud = baud
@@ -174,14 +174,10 @@ class ControllerBoard:
             self._switch.mark_lost(reason)
             self.connect(transport)
         elif before is not None:
-            pairs = zip(before.telemetry.servo_missed, telemetry.servo_missed, strict=True)
-            self.missed = [
-                count + (after - was) % 256
-                for count, (was, after) in zip(self.missed, pairs, strict=True)
-            ]
             corrupt = corrupt or _has_receive_errors(before.telemetry, telemetry)
         self._add_cycle(corrupt, now_s)
         self._switch.update(telemetry)
+        self.cables.add(telemetry, now_s)
         self._find_wiring_faults(telemetry, opened=False)
         self._watch_battery(telemetry.battery_mv / 1000.0)
         self.report = BoardTelemetry(telemetry, now_s, self._switch.lost)
@@ -190,6 +186,7 @@ class ControllerBoard:
     def disconnected(self) -> None:
         """Discard the report; the board stays disarmed after it reconnects."""
         self._switch.mark_lost(because(Code.BOARD_LOST))
+        self.cables.lost()
         self.report = None
 
     def rest(self, transport: SerialTransport) -> None:
@@ -362,6 +359,7 @@ class ArduinoMegaIO:
             told = [board.battery_warning] if board.battery_warning else []
             if any(report.telemetry.rc) and not board.receiver_expected:
                 told.append(_UNEXPECTED_RECEIVER)
+            told += board.cables.monitor.sentences()
             status["warnings"] = [*told, *board.wiring_faults.values()]
             status["age_ms"] = round(1000.0 * (time.monotonic() - report.received_s), 1)
         return status | {"link": board.health.status()}
@@ -390,9 +388,10 @@ class ArduinoMegaIO:
             count = len(self._joints.names)
             status["servos"] = {
                 "alive": [bool(board.servo_alive >> i & 1) for i in range(count)],
-                "missed": self._board.missed[:count],
+                "missed": self._board.cables.missed[:count],
                 "voltage_v": [v / 10.0 for v in board.voltage[:count]],
                 "temperature_c": list(board.temperature[:count]),
                 "current_a": [round(i / 1000.0, 2) for i in board.current[:count]],
             }
+            status["cables"] = self._board.cables.monitor.status()
         return status

@@ -97,6 +97,7 @@ class DynamixelWheelsIO:
             now_s = time.monotonic()
             status["battery_v"] = round(report.supply_v, 1)
             status["servos"] = self._status(report, now_s)
+            status["cables"] = self._bus.cables.status()
             status["age_ms"] = round(1000.0 * (now_s - report.newest_s), 1)
         status["warnings"] = self._warnings(report)
         return status | {"servo_link": self._bus.health.status()}
@@ -113,7 +114,7 @@ class DynamixelWheelsIO:
         told = [_POWER_CUT] if self._bus.power_cuts else []
         if report is not None and report.supply_v < self._warn_v:
             told.append(sentence(because(Code.BATTERY_LOW, volts=self._warn_v)))
-        return told
+        return told + self._bus.cables.sentences()
 
     def _status(self, report: WheelReport, now_s: float) -> dict[str, Any]:
         alive, bus = report.alive(now_s), self._bus

@@ -279,6 +279,8 @@ class SerialTransport:
         """Whether the last response began and did not end, so that its rest may still arrive."""
         self.broken = 0
         """Number of corrupt responses."""
+        self.late = 0
+        """Number of responses that arrived after their request had timed out."""
 
     def request(
         self,
@@ -308,6 +310,7 @@ class SerialTransport:
         lost = self._unfinished and not arrived and not decoder.skipped
         broken = decoder.sum_errors > 0 or (decoder.skipped > rest and not decoder.cut)
         self.broken += broken + lost
+        self.late += arrived or (decoder.skipped > 0 and not broken)
         self._late = len(found) < answers and not broken
         self._unfinished = self._late and heard
         return found

@@ -17,6 +17,7 @@ import numpy as np
 
 from tsd_twin.hardware.approach import Approach
 from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
+from tsd_twin.hardware.cables import CableMonitor, missing_mask
 from tsd_twin.hardware.dynamixel.packets import ALERT, StatusPacket, protocol2
 from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoModel
 from tsd_twin.hardware.joints import (
@@ -102,6 +103,7 @@ class ServoBus:
         self._models: dict[int, ServoModel] = {}
         """Servo models by index."""
         self._approach = Approach(len(joints.names))
+        self.cables = CableMonitor(joints)
         self._fed_s = 0.0
         self._cycles = 0
 
@@ -130,7 +132,7 @@ class ServoBus:
         Raises:
             HardwareError: If the port is gone.
         """
-        began_s, broken = time.monotonic(), transport.broken
+        began_s, broken, late = time.monotonic(), transport.broken, transport.late
         command = self.command
         request = b""
         if began_s - self._fed_s > _FEED_S:
@@ -143,6 +145,9 @@ class ServoBus:
         answers = transport.request(request, len(self._ids), ANSWER_S)
         now_s = time.monotonic()
         self._add_responses(answers, now_s)
+        missing = missing_mask(self._line.ids, [answer.id for answer in answers])
+        is_broken, is_late = transport.broken > broken, transport.late > late
+        self.cables.add_cycle(missing, now_s, broken=is_broken, late=is_late)
         self._cycles += 1
         if self._cycles % _TORQUE_CYCLES == 0:
             self._look_at_torque(transport, armed=command.heartbeat.armed)
@@ -155,6 +160,7 @@ class ServoBus:
 
     def disconnected(self) -> None:
         """Discard the report."""
+        self.cables.add_reconnect()
         self.report = None
 
     def rest(self, transport: SerialTransport) -> None:
@@ -183,6 +189,7 @@ class ServoBus:
                 bit = self._bit(answer.id)
                 faults = faults | bit if answer.error & ALERT else faults & ~bit
                 present[self._ids.index(answer.id)] = ServoMeasurement.unpack(answer.data, now_s)
+        self.cables.add_voltages({i: servo.voltage_v for i, servo in present.items()})
         if present:
             self.report = ServoReport({**before.present, **present}, now_s, faults, before.limp)
         for i, servo in present.items():
@@ -198,6 +205,8 @@ class ServoBus:
                 bit = self._bit(answer.id)
                 limp = limp & ~bit if answer.data[0] else limp | bit
         if self.report is not None:
+            lost = limp & ~self.report.limp & self.report.alive(time.monotonic())
+            self.cables.add_restarts(lost, time.monotonic())
             self.report = replace(self.report, limp=limp)
         held = limp & ~self.far
         if held and not armed:
@@ -320,6 +329,8 @@ class U2D2IO:
         report = self._bus.report
         if report is not None:
             status["servos"] = self._status(report)
+            status["cables"] = self._bus.cables.status()
+            status["warnings"] = [*status.get("warnings", []), *self._bus.cables.sentences()]
         return status | {"servo_link": self._bus.health.status()}
 
     def close(self) -> None:

@@ -16,6 +16,7 @@ from struct import Struct
 
 import numpy as np
 
+from tsd_twin.hardware.cables import CableMonitor, missing_mask
 from tsd_twin.hardware.drive_latch import BatteryWatch, DriveLatch, WheelFollowing
 from tsd_twin.hardware.dynamixel.packets import ALERT, StatusPacket, protocol2
 from tsd_twin.hardware.dynamixel.wheel_models import (
@@ -130,6 +131,7 @@ class WheelBus:
         self._latch = DriveLatch()
         self._following = WheelFollowing(self.names.names, self._top_rad_per_s)
         self._battery = BatteryWatch(robot.battery.arm_v, robot.battery.stop_v)
+        self.cables = CableMonitor(self.names)
         self._was_connected = False
         self._cycles = 0
         self._clock = clock
@@ -163,7 +165,7 @@ class WheelBus:
         Raises:
             HardwareError: If the port is gone, or a servo that restarted is another one.
         """
-        began_s, broken = self._clock(), transport.broken
+        began_s, broken, late = self._clock(), transport.broken, transport.late
         command = self.command
         self.trouble = self._trouble(command, began_s)
         drives = self._latch.step(command, self.trouble, began_s)
@@ -172,6 +174,9 @@ class WheelBus:
         answers = transport.request(request, len(self._line.ids), ANSWER_S)
         now_s = self._clock()
         self._add_responses(answers, now_s)
+        missing = missing_mask(self._line.ids, [answer.id for answer in answers])
+        is_broken, is_late = transport.broken > broken, transport.late > late
+        self.cables.add_cycle(missing, now_s, broken=is_broken, late=is_late)
         self._read_state(transport)
         self.health.add_packets(transport.broken > broken, now_s)
         if len(answers) < len(self._line.ids):
@@ -186,6 +191,7 @@ class WheelBus:
         """Discard the report; wheels turn only after a new arming."""
         text = self.health.disconnect_reason
         self._latch.lock(because(Code.DEVICE_DISCONNECTED, device="servo_bus", text=text))
+        self.cables.add_reconnect()
         self.report = None
 
     def rest(self, transport: SerialTransport) -> None:
@@ -263,6 +269,7 @@ class WheelBus:
                 faults = faults | bit if answer.error & ALERT else faults & ~bit
                 i = self._line.ids.index(answer.id)
                 present[i] = ServoMeasurement.unpack(answer.data, now_s)
+        self.cables.add_voltages({i: servo.voltage_v for i, servo in present.items()})
         if present:
             every = {**before.present, **present}
             self.report = replace(before, present=every, newest_s=now_s, faults=faults)
@@ -291,6 +298,7 @@ class WheelBus:
         expired = updated(self.report.expired, WATCHDOG_EXPIRED)
         others = set(found.values()) - {WHEEL_WATCHDOG, WATCHDOG_EXPIRED}
         unguarded = updated(self.report.unguarded, *others)
+        self.cables.add_restarts(unguarded & ~self.report.unguarded, self._clock())
         self.report = replace(self.report, expired=expired, unguarded=unguarded)
 
     def _has_restarted(self, transport: SerialTransport) -> bool:
