@@ -70,7 +70,13 @@ OF_THE_BOARD = (
     _data(0b110000, "data wire to module 3", Code.CABLE_WIRE),
     _data(0b111111, "data wire of the bus", Code.CABLE_BUS),
     *(_power(0b11 << 2 * i, f"supply of branch {i + 1}") for i in range(3)),
-    _power(0b111111, "supply of all servos"),
+    Loose(
+        "fuse of the servos",
+        lambda pilot: pilot.simulation.set_servo_fuse(whole=False),
+        lambda pilot: pilot.simulation.set_servo_fuse(whole=True),
+        Code.CABLE_SUPPLY,
+        TSD.named(0b111111),
+    ),
     _wires(0),
     _wires(4),
     _wires(5),
@@ -88,8 +94,11 @@ def told_by_the_board(bench: Bench, loose: Loose) -> list[Reason]:
         nonlocal now_s
         end_s = now_s + seconds
         while now_s < end_s - 1e-6:
-            pilot.cycle(0)
-            cables.add(pilot.telemetry(), now_s)
+            if pilot.simulation.power.servo_fuse:
+                pilot.cycle(0)
+                cables.add(pilot.telemetry(), now_s)
+            else:
+                pilot.simulation.run(0.01)
             now_s += 0.01
 
     watch(0.3)
@@ -133,8 +142,10 @@ def _plug(rig: WheelRig, *, there: bool) -> None:
     rig.line.plugged = there
 
 
-OF_THE_BUS: tuple[tuple[str, Callable[[WheelRig], object], Callable[[WheelRig], object], Code, str], ...] = (
-    ("ground of the data wire", lambda r: _spoil(r, 8), lambda r: _spoil(r, 0), Code.CABLE_GROUND, ""),
+Act = Callable[[WheelRig], object]
+OF_THE_BUS: tuple[tuple[str, Act, Act, Code, str], ...] = (
+    ("ground of the data wire", lambda r: _spoil(r, 8), lambda r: _spoil(r, 0),
+     Code.CABLE_GROUND, ""),
     ("supply of wheel 3", lambda r: _cut(r, 2), lambda r: r.servos[2].set_power(True),
      Code.CABLE_SUPPLY, "3 (wheel3)"),
     ("supply that sags behind wheel 1", lambda r: _dip(r, 8.0), lambda r: _dip(r, 11.1),

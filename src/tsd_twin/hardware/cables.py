@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from tsd_twin.hardware.dynamixel.control_table import SERVOS, RcChannel, Telemetry
+from tsd_twin.hardware.dynamixel.control_table import SERVOS, RcChannel, ResetCause, Telemetry
 from tsd_twin.hardware.joints import ServoNames
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.sentences import sentence
@@ -50,6 +50,8 @@ class CableMonitor:
     """Counters of a servo bus, and what they say about its cables."""
 
     names: ServoNames
+    branches: tuple[int, ...] = ()
+    """Masks of servos that share a supply wire."""
     cycles: int = 0
     reconnects: int = 0
     servos: list[ServoAnswers] = field(default_factory=list)
@@ -191,6 +193,9 @@ class CableMonitor:
             return [because(Code.CABLE_BUS, missed=count, total=self.cycles)]
         several = mask & mask - 1
         to_the_end = mask + (mask & -mask) == self.names.servos + 1
+        if mask in self.branches and not to_the_end:
+            # The data wire leads on to those behind, which answer.
+            return [self.names.about(mask, Code.CABLE_SUPPLY, volts=0.0)]
         code = Code.CABLE_WIRE if several and to_the_end else Code.CABLE_PLUG
         return [self.names.about(mask, code, missed=count, total=self.cycles)]
 
@@ -208,7 +213,7 @@ class BoardCables:
 
     def __init__(self, names: ServoNames, expected: int) -> None:
         """`expected` is the mask of servos that are connected to the board."""
-        self.monitor = CableMonitor(names)
+        self.monitor = CableMonitor(names, branches_of(names))
         self.missed = [0] * SERVOS
         """Missing or invalid responses per servo since the start."""
         self._expected = expected
@@ -217,7 +222,12 @@ class BoardCables:
     def add(self, board: Telemetry, now_s: float) -> None:
         """Record telemetry."""
         before, self._before = self._before, board
-        if before is None or board.millis < before.millis:
+        if before is None:
+            return
+        if board.millis < before.millis:
+            if board.reset_cause & (ResetCause.POWER_ON | ResetCause.BROWN_OUT):
+                self.monitor.add_restarts(self._expected, now_s)  # They share a fuse.
+            self.monitor.pause()
             return
         pairs = zip(before.servo_missed, board.servo_missed, strict=True)
         new = [(now - was) % 256 for was, now in pairs]
@@ -225,9 +235,6 @@ class BoardCables:
         missed = sum(1 << i for i, more in enumerate(new) if more)
         watched = self._expected & before.servo_checked
         self.monitor.add_cycle(missed & watched, now_s, broken=False)
-        limp = before.servo_torque & ~board.servo_torque & watched
-        # A servo that loses its torque because it is silent is counted once it answers again.
-        self.monitor.add_restarts(limp & board.servo_alive, now_s)
         alive = watched & board.servo_alive
         volts = {i: v / 10.0 for i, v in enumerate(board.voltage) if alive >> i & 1 and v}
         self.monitor.add_voltages(volts)
@@ -238,6 +245,11 @@ class BoardCables:
         """Record that the port was lost."""
         self._before = None
         self.monitor.add_reconnect()
+
+
+def branches_of(names: ServoNames) -> tuple[int, ...]:
+    """Return the masks of the servos of each module, which a star of supply wires feeds."""
+    return tuple(0b11 << i for i in range(0, len(names.names), 2))
 
 
 def missing_mask(ids: Sequence[int], answered: Sequence[int]) -> int:

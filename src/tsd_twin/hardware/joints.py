@@ -118,6 +118,34 @@ class EscCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ]
 
 
+class MotorControllers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[motor_controllers]` of a calibration: controllers of the wheels on CAN."""
+
+    kind: Literal["vesc", "moteus"]
+    ids: Sequence[Annotated[int, Meta(ge=1, le=127)]]
+    """Id of each wheel's controller."""
+    reversed: Sequence[Annotated[int, Meta(ge=1)]] = ()
+    """Numbers of the wheels, from 1, whose controller turns in the opposite direction."""
+    pole_pairs: Annotated[int, Meta(ge=1, le=50)] = 7
+    """Pole pairs of the motor, for VESC."""
+
+    def __post_init__(self) -> None:
+        """Check ids and numbers.
+
+        Raises:
+            ValueError: If an id is not unique, or a wheel does not exist.
+        """
+        if len(set(self.ids)) < len(self.ids):
+            raise ValueError("two motor controllers have the same id")
+        if any(number > len(self.ids) for number in self.reversed):
+            raise ValueError(f"reversed: there are wheels 1 to {len(self.ids)}")
+
+    @property
+    def signs(self) -> list[int]:
+        """Direction of each wheel's controller."""
+        return [-1 if i + 1 in self.reversed else 1 for i in range(len(self.ids))]
+
+
 class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Calibration file (TOML): servo ids, neutral positions and directions, receiver, pulses."""
 
@@ -132,6 +160,8 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     receiver: Receiver | None = None
     """Radio receiver; None if the robot has no radio control."""
     speed_controllers: EscCalibration = EscCalibration()
+    motor_controllers: MotorControllers | None = None
+    """Motor controllers on CAN; None if the wheels have none."""
 
     @staticmethod
     def read(file: str) -> ServoCalibration:

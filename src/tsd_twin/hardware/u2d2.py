@@ -17,7 +17,7 @@ import numpy as np
 
 from tsd_twin.hardware.approach import Approach
 from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
-from tsd_twin.hardware.cables import CableMonitor, missing_mask
+from tsd_twin.hardware.cables import CableMonitor, branches_of, missing_mask
 from tsd_twin.hardware.dynamixel.packets import ALERT, StatusPacket, protocol2
 from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoModel
 from tsd_twin.hardware.joints import (
@@ -103,7 +103,7 @@ class ServoBus:
         self._models: dict[int, ServoModel] = {}
         """Servo models by index."""
         self._approach = Approach(len(joints.names))
-        self.cables = CableMonitor(joints)
+        self.cables = CableMonitor(joints, branches_of(joints))
         self._fed_s = 0.0
         self._cycles = 0
 
