@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tsd_twin.cli import flags, node_program, program
 from tsd_twin.hardware.robot_io import RobotIO
@@ -24,6 +25,9 @@ with program.requires("tsd-bridge", "bridge"):
     from tsd_twin.hardware.serial_transport import HardwareError, serial_ports
     from tsd_twin.hardware.u2d2 import U2D2IO
 
+if TYPE_CHECKING:
+    from tsd_twin.hardware.can_wheels import CanWheelsIO
+
 
 PARSER = program.parser(
     "tsd-bridge",
@@ -33,6 +37,7 @@ PARSER = program.parser(
         "tsd-bridge --port /dev/ttyACM0             the triple singularity drive",
         "tsd-bridge --port /dev/serial/by-id/usb-Arduino_...-if00 --calibration mine.toml",
         "tsd-bridge --port /dev/ttyACM0 --servos /dev/ttyUSB0",
+        "tsd-bridge --servos /dev/ttyUSB0 --can socketcan:can0 --calibration mine.toml",
         "tsd-bridge --robot my_kiwi.toml --servos /dev/ttyUSB0     wheels are Dynamixel X servos",
         "tsd-bridge --port /dev/ttyACM0 --calibration mine.toml --setup   learn the radio control",
         "tsd-bridge --port socket://192.168.1.7:4004   a board behind ser2net or socat",
@@ -43,7 +48,10 @@ PARSER = program.parser(
 def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
     """Return the connected hardware interface."""
     if isinstance(robot, OmniDescription):
-        return _wheels(robot, args)
+        return _omni(robot, args)
+    calibration = _calibration(args)
+    if args.can:
+        return _with_can(description_of_kind(robot, SingularityDescription), args, calibration)
     if not args.port:
         raise HardwareError("--port is missing: 'tsd-bridge --list' shows what ports there are")
     if args.setup:
@@ -51,26 +59,58 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
             raise HardwareError("--setup needs --calibration FILE, which it writes to")
         set_up_receiver(args.port, args.baud, Path(args.calibration))
         sys.exit(0)
-    calibration = _calibration(args)
     machine = description_of_kind(robot, SingularityDescription)
     motors = Motors.of(machine)
+    board = ArduinoMegaIO(
+        machine, args.port, motors, calibration, servos=not args.servos, baud=args.baud
+    )
     if args.servos:
-        return U2D2IO(machine, args.port, args.servos, motors, calibration, baud=args.baud)
-    return ArduinoMegaIO(machine, args.port, motors, calibration, baud=args.baud)
+        return U2D2IO(machine, board, args.servos, motors, calibration)
+    return board
 
 
 def _calibration(args: argparse.Namespace) -> ServoCalibration:
-    return ServoCalibration.read(args.calibration) if args.calibration else ServoCalibration()
+    if args.setup or not args.calibration:  # The set-up writes the file.
+        return ServoCalibration()
+    return ServoCalibration.read(args.calibration)
 
 
-def _wheels(robot: OmniDescription, args: argparse.Namespace) -> RobotIO:
-    """Return the interface of a robot whose wheels are servos."""
+def _omni(robot: OmniDescription, args: argparse.Namespace) -> RobotIO:
+    """Return the interface of a robot whose wheels are servos, or have motor controllers on CAN."""
+    if args.port or bool(args.servos) == bool(args.can):
+        raise HardwareError(
+            f"{robot.name} has no controller board: instead of --port, use --servos PORT for "
+            "wheels that are Dynamixel X servos on a U2D2 or an OpenRB-150, or --can for motor "
+            "controllers"
+        )
+    calibration = _calibration(args)
+    if args.can:
+        return _can_wheels(robot, args, calibration)
+    return DynamixelWheelsIO(robot, args.servos, calibration)
+
+
+def _with_can(
+    robot: SingularityDescription, args: argparse.Namespace, calibration: ServoCalibration
+) -> RobotIO:
+    """Return the interface of a robot with gimbals on a U2D2 and wheels on CAN."""
     if args.port or not args.servos:
         raise HardwareError(
-            f"{robot.name} has no controller board: use --servos PORT, and not --port, for its "
-            "wheels, which are Dynamixel X servos on a U2D2 or an OpenRB-150"
+            "--can has the wheels: use --servos PORT for the gimbals, and no --port"
         )
-    return DynamixelWheelsIO(robot, args.servos, _calibration(args))
+    wheels = _can_wheels(robot, args, calibration)
+    return U2D2IO(robot, wheels, args.servos, Motors.of(robot), calibration)
+
+
+def _can_wheels(
+    robot: RobotDescription, args: argparse.Namespace, calibration: ServoCalibration
+) -> CanWheelsIO:
+    with program.requires("tsd-bridge --can", "can"):
+        from tsd_twin.hardware.can_wheels import CanWheelsIO
+    if calibration.motor_controllers is None:
+        raise HardwareError(
+            "--can needs --calibration FILE with [motor_controllers]: kind and ids of the wheels"
+        )
+    return CanWheelsIO(robot, args.can, calibration.motor_controllers)
 
 
 class _List(argparse.Action):
@@ -91,6 +131,11 @@ def main() -> None:
         "OpenRB-150 with the wheels of an omni robot"
     )
     flags.add(PARSER, "--servos", text, metavar="PORT")
+    text = (
+        "interface:channel of the wheels' motor controllers, VESC or moteus, such as "
+        "socketcan:can0"
+    )
+    flags.add(PARSER, "--can", text, metavar="BUS")
     text = "of the board, as it was flashed"
     flags.add(PARSER, "--baud", text, flags.whole(1200, 4_000_000), BAUD)
     text = "TOML: neutral steps, turned servos, radio control, pulses"

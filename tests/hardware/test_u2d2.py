@@ -17,6 +17,7 @@ from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
 from tests.support.withheld import WithheldTime
 from tsd_twin.hardware import servo_line, u2d2
+from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
 from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoSetting
 from tsd_twin.hardware.joints import ServoCalibration
 from tsd_twin.hardware.robot_io import HasServoTemperature, HasWatchdog, RobotIO
@@ -46,7 +47,8 @@ class Bench:
     def connect(self) -> U2D2IO:
         """Connect to both lines."""
         ports, motors = (self.wheels.port, self.line.port), Motors.of(ROBOT)
-        self.robot = U2D2IO(ROBOT, *ports, motors, self._calibration)
+        board = ArduinoMegaIO(ROBOT, ports[0], motors, self._calibration, servos=False)
+        self.robot = U2D2IO(ROBOT, board, ports[1], motors, self._calibration)
         return self.io
 
     @property

@@ -27,7 +27,12 @@ from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.sentences import sentence
-from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
+from tsd_twin.robots import (
+    OmniDescription,
+    RobotDescription,
+    SingularityDescription,
+    description_of_kind,
+)
 from tsd_twin.safety import Heartbeat
 
 _LOG = logging.getLogger(__name__)
@@ -250,8 +255,8 @@ class CanWheels:
             frame = Frame(
                 message.arbitration_id,
                 bytes(message.data),
-                extended=message.is_extended_id or self._fd,
-                fd=message.is_fd and not _is_classic(self._fd),
+                extended=message.is_extended_id,
+                fd=message.is_fd,
             )
             self.motors.receive(frame, self._clock())
             heard |= {i for i, it in enumerate(self.states) if it.heard_s != before[i]}
@@ -282,10 +287,6 @@ class CanWheels:
         return self._following.step(wanted, self.speeds(now_s), now_s)
 
 
-def _is_classic(fd_bus: bool) -> bool:
-    return not fd_bus
-
-
 def _most(values: Any) -> float | None:
     known = [value for value in values if not math.isnan(value)]
     return max(known) if known else None
@@ -294,8 +295,7 @@ def _most(values: Any) -> float | None:
 def _top_speed(robot: RobotDescription) -> float:
     if isinstance(robot, SingularityDescription):
         return robot.wheel_speed_range.most_rad_per_s
-    assert isinstance(robot, OmniDescription)
-    return robot.kinematics().max_speed_rad_per_s
+    return description_of_kind(robot, OmniDescription).kinematics().max_speed_rad_per_s
 
 
 def _check_least_speed(robot: RobotDescription, controllers: MotorControllers) -> None:
@@ -322,9 +322,11 @@ def _check_least_speed(robot: RobotDescription, controllers: MotorControllers) -
 
 
 class CanWheelsIO:
-    """`RobotIO` for omni robots with motor controllers on CAN."""
+    """`RobotIO` for omni robots with motor controllers on CAN; the wheels of other robots."""
 
-    def __init__(self, robot: OmniDescription, address: str, controllers: MotorControllers) -> None:
+    def __init__(
+        self, robot: RobotDescription, address: str, controllers: MotorControllers
+    ) -> None:
         """Connect.
 
         Raises:
@@ -332,6 +334,7 @@ class CanWheelsIO:
         """
         self._wheels = CanWheels(robot, address, controllers)
         self._kind = controllers.kind
+        self._count = len(robot.kinematics().joints)
         self._warn_v = robot.battery.warn_v
         self._heartbeat = Heartbeat(False, 0)
         self._read_s = 0.0
@@ -350,9 +353,8 @@ class CanWheelsIO:
         Raises:
             ValueError: If the setpoint has the wrong shape or a value is not finite.
         """
-        count = len(self._wheels.names)
-        if np.shape(setpoint) != (count,) or not np.isfinite(setpoint).all():
-            raise ValueError(f"set-points must be {count} finite numbers, not {setpoint}")
+        if np.shape(setpoint) != (self._count,) or not np.isfinite(setpoint).all():
+            raise ValueError(f"set-points must be {self._count} finite numbers, not {setpoint}")
         self._wheels.command = JointCommand(setpoint.copy(), self._heartbeat, now_s)
         self._wheels.cycle()
 

@@ -11,12 +11,11 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from struct import Struct
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from tsd_twin.hardware.approach import Approach
-from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
 from tsd_twin.hardware.cables import CableMonitor, branches_of, missing_mask
 from tsd_twin.hardware.dynamixel.packets import ALERT, StatusPacket, protocol2
 from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoModel
@@ -253,29 +252,53 @@ class ServoBus:
         self._line.write(transport, device, TORQUE_ENABLE, 1)
 
 
+class WheelsIO(Protocol):
+    """Wheels of a robot: a controller board without servos, or motor controllers on CAN."""
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Pass on the latest setpoint (n,) of all joints."""
+        ...
+
+    def set_heartbeat(self, heartbeat: Heartbeat) -> None:
+        """Set the heartbeat to send with the next setpoint."""
+        ...
+
+    def fault(self, now_s: float) -> Reason | None:
+        """Return the fault of the wheels, or None."""
+        ...
+
+    def battery_v(self, now_s: float) -> float | None:
+        """Return the latest battery voltage, or None if unknown."""
+        ...
+
+    def hardware(self) -> dict[str, Any]:
+        """Return the hardware section of the status."""
+        ...
+
+    def close(self) -> None:
+        """Stop the wheels and close the connection."""
+        ...
+
+
 class U2D2IO:
-    """`RobotIO` for a robot on two serial lines, with a command watchdog."""
+    """`RobotIO` for a robot with servos on a line of the PC, with a command watchdog."""
 
     def __init__(
         self,
         robot: SingularityDescription,
-        board_port: str,
+        wheels: WheelsIO,
         servo_port: str,
         throttle: ThrottleLaw,
         calibration: ServoCalibration | None = None,
-        *,
-        baud: int = BAUD,
     ) -> None:
-        """Connect to the board at `board_port` and the servos at `servo_port`.
+        """Connect to the servos at `servo_port`; `wheels` are connected, and closed with them.
 
         Raises:
             HardwareError: If a device is missing, of another kind, or does not respond.
         """
         calibration = calibration or ServoCalibration()
         self._joints = JointConverter(robot, throttle)
-        self._wheels = ArduinoMegaIO(
-            robot, board_port, throttle, calibration, servos=False, baud=baud
-        )
+        self._wheels = wheels
         self._bus = ServoBus(self._joints, calibration)
         self._heartbeat = Heartbeat(False, 0)
         self._read_s = 0.0
