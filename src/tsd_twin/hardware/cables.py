@@ -180,8 +180,9 @@ class CableMonitor:
         if not mask:
             return []
         lowest = [self.servos[i].lowest_v for i in range(len(self.servos)) if mask >> i & 1]
-        volts = 0.0 if restarts & mask else min(lowest)
-        return [self.names.about(mask, Code.CABLE_SUPPLY, volts=volts)]
+        if restarts & mask:
+            return [self.names.about(mask, Code.CABLE_SUPPLY)]
+        return [self.names.about(mask, Code.CABLE_SUPPLY, volts=min(lowest))]
 
     def _answers(self) -> list[Reason]:
         """Find the servos whose answers are missing together."""
@@ -195,7 +196,7 @@ class CableMonitor:
         to_the_end = mask + (mask & -mask) == self.names.servos + 1
         if mask in self.branches and not to_the_end:
             # The data wire leads on to those behind, which answer.
-            return [self.names.about(mask, Code.CABLE_SUPPLY, volts=0.0)]
+            return [self.names.about(mask, Code.CABLE_SUPPLY)]
         code = Code.CABLE_WIRE if several and to_the_end else Code.CABLE_PLUG
         return [self.names.about(mask, code, missed=count, total=self.cycles)]
 

@@ -373,7 +373,7 @@ PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.CABLE_PLUG: {"servos": Type.SERVOS, "missed": Type.COUNT, "total": Type.COUNT},
     Code.CABLE_WIRE: {"servos": Type.SERVOS, "missed": Type.COUNT, "total": Type.COUNT},
     Code.CABLE_BUS: {"missed": Type.COUNT, "total": Type.COUNT},
-    Code.CABLE_SUPPLY: {"servos": Type.SERVOS, "volts": Type.VOLT},
+    Code.CABLE_SUPPLY: {"servos": Type.SERVOS, "volts?": Type.VOLT},
     Code.CABLE_GROUND: {"servos": Type.SERVOS, "broken": Type.COUNT, "total": Type.COUNT},
     Code.CABLE_LINE: {"reconnects": Type.COUNT},
     Code.CABLE_RECEIVER: {"channels": Type.NAME, "missed": Type.COUNT},

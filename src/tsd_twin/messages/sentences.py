@@ -132,7 +132,7 @@ TEMPLATES: Mapping[Code, str] = {
         "at the adapter"
     ),
     Code.CABLE_SUPPLY: (
-        "{servos}: the supply fell to {volts:.1} V for a moment: its supply wire, plug or fuse"
+        "{servos}: the supply failed for a moment[, at {volts:.1} V]: its supply wire, plug or fuse"
     ),
     Code.CABLE_GROUND: (
         "{servos}: {broken:,} of {total:,} answers broken: the ground or the shield of the data "

@@ -299,7 +299,7 @@ export interface CodeParameters {
   cable_plug: { servos: string; missed: number; total: number };
   cable_wire: { servos: string; missed: number; total: number };
   cable_bus: { missed: number; total: number };
-  cable_supply: { servos: string; volts: number };
+  cable_supply: { servos: string; volts?: number };
   cable_ground: { servos: string; broken: number; total: number };
   cable_line: { reconnects: number };
   cable_receiver: { channels: string; missed: number };

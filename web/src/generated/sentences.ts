@@ -90,7 +90,7 @@ const templates = {
   cable_plug: "{servos}: {missed:,} of {total:,} answers missing, those behind it none: its plug",
   cable_wire: "{servos}: {missed:,} of {total:,} answers missing together, those before none: the wire that leads to the first of them",
   cable_bus: "all servos: {missed:,} of {total:,} answers missing together: the data wire of the bus, at the adapter",
-  cable_supply: "{servos}: the supply fell to {volts:.1} V for a moment: its supply wire, plug or fuse",
+  cable_supply: "{servos}: the supply failed for a moment[, at {volts:.1} V]: its supply wire, plug or fuse",
   cable_ground: "{servos}: {broken:,} of {total:,} answers broken: the ground or the shield of the data wire",
   cable_line: "the adapter was lost {reconnects:,} times: its USB plug",
   cable_receiver: "receiver: {missed:,} drop-outs of {channels}: the wire of these channels",
