@@ -132,8 +132,7 @@ def main() -> None:
     )
     flags.add(PARSER, "--servos", text, metavar="PORT")
     text = (
-        "interface:channel of the wheels' motor controllers, VESC or moteus, such as "
-        "socketcan:can0"
+        "interface:channel of the wheels' motor controllers, VESC or moteus, such as socketcan:can0"
     )
     flags.add(PARSER, "--can", text, metavar="BUS")
     text = "of the board, as it was flashed"
