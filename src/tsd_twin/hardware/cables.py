@@ -54,13 +54,13 @@ class CableMonitor:
     """Masks of servos that share a supply wire."""
     cycles: int = 0
     reconnects: int = 0
-    servos: list[ServoAnswers] = field(default_factory=list)
-    channels: Counter[int] = field(default_factory=Counter)
+    servos: list[ServoAnswers] = field(default_factory=list[ServoAnswers])
+    channels: Counter[int] = field(default_factory=Counter[int])
     """Drop-outs by mask of receiver channels."""
-    _missing: Counter[int] = field(default_factory=Counter)
+    _missing: Counter[int] = field(default_factory=Counter[int])
     """Cycles by mask of servos whose answers were missing."""
-    _broken: Counter[int] = field(default_factory=Counter)
-    _restarts: Counter[int] = field(default_factory=Counter)
+    _broken: Counter[int] = field(default_factory=Counter[int])
+    _restarts: Counter[int] = field(default_factory=Counter[int])
     _restarted: int = 0
     _restarted_s: float = -math.inf
     _before: int = 0
