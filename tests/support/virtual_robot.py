@@ -148,7 +148,8 @@ class VirtualRobot:
             return ArduinoMegaIO(self.robot, "board", motors, calibration)
         for servo in self.firmware.servos:
             servo.dead = True
-        return U2D2IO(self.robot, "board", "servos", motors, calibration)
+        wheels = ArduinoMegaIO(self.robot, "board", motors, calibration, servos=False)
+        return U2D2IO(self.robot, wheels, "servos", motors, calibration)
 
     def _open_port(self, name: str, _baud: int, _timeout_s: float) -> VirtualPort:
         if name == "board":
