@@ -88,15 +88,17 @@ def told_by_the_board(bench: Bench, loose: Loose) -> list[Reason]:
     """Return the findings after some openings of a contact of the robot with the board."""
     pilot = bench.pilot(receiver=True)
     pilot.get_ready(Setup())
-    cables, now_s = BoardCables(TSD, TSD.servos), 0.0
+    cables, now_s, before = BoardCables(TSD, TSD.servos), 0.0, pilot.telemetry()
 
     def watch(seconds: float) -> None:
-        nonlocal now_s
+        nonlocal now_s, before
         end_s = now_s + seconds
         while now_s < end_s - 1e-6:
             if pilot.simulation.power.servo_fuse:
                 pilot.cycle(0)
-                cables.add(pilot.telemetry(), now_s)
+                board = pilot.telemetry()
+                cables.add(before, board, now_s)
+                before = board
             else:
                 pilot.simulation.run(0.01)
             now_s += 0.01

@@ -177,7 +177,8 @@ class ControllerBoard:
             corrupt = corrupt or _has_receive_errors(before.telemetry, telemetry)
         self._add_cycle(corrupt, now_s)
         self._switch.update(telemetry)
-        self.cables.add(telemetry, now_s)
+        if before is not None:
+            self.cables.add(before.telemetry, telemetry, now_s)
         self._find_wiring_faults(telemetry, opened=False)
         self._watch_battery(telemetry.battery_mv / 1000.0)
         self.report = BoardTelemetry(telemetry, now_s, self._switch.lost)
@@ -186,7 +187,7 @@ class ControllerBoard:
     def disconnected(self) -> None:
         """Discard the report; the board stays disarmed after it reconnects."""
         self._switch.mark_lost(because(Code.BOARD_LOST))
-        self.cables.lost()
+        self.cables.monitor.add_reconnect()
         self.report = None
 
     def rest(self, transport: SerialTransport) -> None:

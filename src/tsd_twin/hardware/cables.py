@@ -218,13 +218,9 @@ class BoardCables:
         self.missed = [0] * SERVOS
         """Missing or invalid responses per servo since the start."""
         self._expected = expected
-        self._before: Telemetry | None = None
 
-    def add(self, board: Telemetry, now_s: float) -> None:
-        """Record telemetry."""
-        before, self._before = self._before, board
-        if before is None:
-            return
+    def add(self, before: Telemetry, board: Telemetry, now_s: float) -> None:
+        """Record telemetry, with the telemetry before it on the same connection."""
         if board.millis < before.millis:
             if board.reset_cause & (ResetCause.POWER_ON | ResetCause.BROWN_OUT):
                 self.monitor.add_restarts(self._expected, now_s)  # They share a fuse.
@@ -241,11 +237,6 @@ class BoardCables:
         self.monitor.add_voltages(volts)
         missing = sum(1 << i for i, us in enumerate(board.rc) if not us)
         self.monitor.add_channels(missing, len(board.rc))
-
-    def lost(self) -> None:
-        """Record that the port was lost."""
-        self._before = None
-        self.monitor.add_reconnect()
 
 
 def branches_of(names: ServoNames) -> tuple[int, ...]:
