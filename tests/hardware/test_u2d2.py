@@ -30,6 +30,7 @@ from tsd_twin.simulation import Motors
 ANGLES = [0, 1, 3, 4, 6, 7]
 GIMBALS = [f"module{i}_{angle}" for i in (1, 2, 3) for angle in ("alpha", "beta")]
 LOSSES = 12
+HELD_UP_S = servo_line.ALIVE_S - servo_line.ANSWER_S
 
 
 class Bench:
@@ -334,11 +335,14 @@ def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: flo
         return it.board.commands[-1].arm == 0
 
     it.until(off, AHEAD)
-    took_s = time.monotonic() - lost_s - withheld.total_s
+    off_s = time.monotonic()
+    withheld_s = withheld.total_s
     it.until(lambda: servo.torque, AHEAD)
     assert faults[0] is not None
-    assert faults[0].code == Code.SERVO_LIMP
-    return took_s
+    # Servos in this process are silent while the machine withholds it.
+    silent = {Code.ALL_SERVOS_SILENT} if withheld_s > HELD_UP_S else set[Code]()
+    assert faults[0].code in {Code.SERVO_LIMP} | silent, withheld_s
+    return off_s - lost_s - withheld_s
 
 
 def test_torque_that_is_lost_while_armed_is_a_fault_within_a_tenth_of_a_second(

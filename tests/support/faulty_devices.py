@@ -13,6 +13,7 @@ from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
 
+from tests.support.priorities import this_thread_is_a_robot
 from tsd_twin.hardware.dynamixel.control_table import (
     TABLE_SIZE,
     BoardCommand,
@@ -54,6 +55,7 @@ class Peer:
             Path(self.port).unlink()
 
     def _run(self, master: int, slave: int) -> None:
+        this_thread_is_a_robot()
         while not self._stopping.is_set():
             if select.select([master], [], [], 0.01)[0]:
                 with contextlib.suppress(OSError):

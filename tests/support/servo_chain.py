@@ -31,6 +31,8 @@ class ServoChain:
         """All stand so many steps beside 2048."""
         self.servos = [Mx64(*servo) for servo in zip(ids, protocols, strict=True)]
         self.bus = ServoBusSimulation(self.servos)
+        self.waits = False
+        """Whether a servo answers a sync read only after the one before it in the request."""
         self.refused = 0
         """Goals that a tripped watchdog kept away."""
         self._decoders = (Decoder(protocol2), Decoder(protocol1))
@@ -65,7 +67,10 @@ class ServoChain:
             address = int.from_bytes(packet.params[:2], "little")
             length = int.from_bytes(packet.params[2:4], "little")
             read = [protocol2.read(device, address, length) for device in packet.params[4:]]
-            return b"".join(a[0] for a in map(self.bus.answer, read) if a is not None)
+            answers = [a and a[0] for a in map(self.bus.answer, read)]
+            if self.waits and None in answers:
+                answers = answers[: answers.index(None)]
+            return b"".join(filter(None, answers))
         writes_goals = (
             packet.code == Instruction.SYNC_WRITE and packet.params[0] == u2d2.GOAL_POSITION
         )

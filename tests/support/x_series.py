@@ -151,6 +151,8 @@ class XBus:
         """Reads that cover a reserved register."""
         self.silent = False
         """Injected fault: the data wire of the bus is off."""
+        self.waits = False
+        """Whether a servo answers a sync read only after the one before it in the request."""
         self.spoil_bits = 0
         """Bits to flip in the next answers."""
         self._decoder = Decoder(protocol2)
@@ -193,7 +195,10 @@ class XBus:
         params = packet.params
         if packet.code == Instruction.SYNC_READ:
             at, size = int.from_bytes(params[:2], "little"), int.from_bytes(params[2:4], "little")
-            return b"".join(self._read(device, at, size) for device in params[4:])
+            answers = [self._read(device, at, size) for device in params[4:]]
+            if self.waits and b"" in answers:
+                answers = answers[: answers.index(b"")]
+            return b"".join(answers)
         if packet.code == Instruction.SYNC_WRITE:
             at, size = int.from_bytes(params[:2], "little"), int.from_bytes(params[2:4], "little")
             for i in range(4, len(params), size + 1):

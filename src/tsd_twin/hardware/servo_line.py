@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from struct import Struct
 
@@ -36,10 +36,13 @@ WHEEL_WATCHDOG = 5
 PRESENT = 126
 _LAYOUT = Struct("<hiiiiHB")
 PRESENT_SIZE = _LAYOUT.size
+MEASURED = (PRESENT, PRESENT_SIZE)
 ALIVE_S = 0.05
 """Maximum age of a response from a live servo, as on the board."""
 ANSWER_S = 0.02
 """Response timeout of a cycle."""
+_AGAIN_S = 0.01
+"""Response timeout of servos that are asked again in the same cycle."""
 _TRY_S = 0.1
 """Response timeout of a servo during configuration."""
 _TRIES = 3
@@ -81,6 +84,10 @@ class ServoLine:
     ) -> None:
         """`other_protocol` is the remedy for a servo that speaks Protocol 1.0."""
         self.ids = list(ids)
+        self._order = list(ids)
+        """Ids in the order in which they are asked."""
+        self._answered = list(ids)
+        """Ids that answered last."""
         self._names = list(names)
         self._models = models
         self._other_protocol = other_protocol
@@ -97,6 +104,40 @@ class ServoLine:
     def to_all(self, address: int, data: Sequence[bytes]) -> bytes:
         """Return the request that writes a register of all servos."""
         return protocol2.sync_write(address, dict(zip(self.ids, data, strict=True)))
+
+    def read_all(
+        self,
+        transport: SerialTransport,
+        request: bytes,
+        span: tuple[int, int],
+        add: Callable[[Sequence[StatusPacket]], None],
+    ) -> tuple[list[int], bool]:
+        """Send a request and read `span`, address and size, of all servos; pass answers to `add`.
+
+        A servo may wait for the answer of the one before it in the request. Those behind the first
+        that is missing are asked again, and it is last in the next request, where no other waits
+        for it. Returns the ids of the servos that answered, and whether answers to the request
+        before this one arrived.
+
+        Raises:
+            HardwareError: If the port is gone.
+        """
+        late = transport.late
+        request += protocol2.sync_read(self._order, *span)
+        answers = transport.request(request, len(self._order), ANSWER_S)
+        is_late = transport.late > late
+        add(answers)
+        answered = {answer.id for answer in answers}
+        missing = [device for device in self._order if device not in answered]
+        if missing:
+            self._order.remove(missing[0])
+            self._order.append(missing[0])
+        if again := [device for device in missing[1:] if device in self._answered]:
+            answers = transport.request(protocol2.sync_read(again, *span), len(again), _AGAIN_S)
+            add(answers)
+            answered |= {answer.id for answer in answers}
+        self._answered = [device for device in self._order if device in answered]
+        return self._answered, is_late
 
     def find(self, transport: SerialTransport, device: int) -> None:
         """Wait for a servo's response.

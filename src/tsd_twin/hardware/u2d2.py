@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from struct import Struct
 from typing import Any, Protocol
@@ -36,7 +36,7 @@ from tsd_twin.hardware.servo_line import (
     ALIVE_S,
     ANSWER_S,
     BUS_WATCHDOG,
-    PRESENT,
+    MEASURED,
     PRESENT_SIZE,
     RETURN_DELAY,
     SERVO_BAUD,
@@ -131,7 +131,7 @@ class ServoBus:
         Raises:
             HardwareError: If the port is gone.
         """
-        began_s, broken, late = time.monotonic(), transport.broken, transport.late
+        began_s, broken = time.monotonic(), transport.broken
         command = self.command
         request = b""
         if began_s - self._fed_s > _FEED_S:
@@ -140,22 +140,19 @@ class ServoBus:
             request += self._line.to_all(BUS_WATCHDOG, [bytes([WATCHDOG])] * len(self._ids))
         setpoint = command.setpoint if command.in_force(began_s) else self._rest
         request += self._goals(setpoint, began_s, armed=command.heartbeat.armed)
-        request += protocol2.sync_read(self._ids, PRESENT, PRESENT_SIZE)
-        answers = transport.request(request, len(self._ids), ANSWER_S)
-        now_s = time.monotonic()
-        self._add_responses(answers, now_s)
-        missing = missing_mask(self._line.ids, [answer.id for answer in answers])
-        is_broken, is_late = transport.broken > broken, transport.late > late
-        self.cables.add_cycle(missing, now_s, broken=is_broken, late=is_late)
+        answered, late = self._line.read_all(transport, request, MEASURED, self._add_responses)
+        now_s, is_broken = time.monotonic(), transport.broken > broken
+        missing = missing_mask(self._line.ids, answered)
+        self.cables.add_cycle(missing, now_s, broken=is_broken, late=late)
         self._cycles += 1
-        if self._cycles % _TORQUE_CYCLES == 0:
-            self._look_at_torque(transport, armed=command.heartbeat.armed)
+        if self._cycles % _TORQUE_CYCLES == 0 and answered:
+            self._look_at_torque(transport, answered, armed=command.heartbeat.armed)
         self.health.add_packets(transport.broken > broken, now_s)
-        if len(answers) < len(self._ids):
+        if missing:
             self.health.add_timeout()
         else:
             self.health.add_round_trip(now_s - began_s)
-        return bool(answers)
+        return bool(answered)
 
     def disconnected(self) -> None:
         """Discard the report."""
@@ -179,7 +176,8 @@ class ServoBus:
         """Return the measured current of servo `i`, A."""
         return 1e-3 * self._models[i].current_ma * present.current_units
 
-    def _add_responses(self, answers: list[StatusPacket], now_s: float) -> None:
+    def _add_responses(self, answers: Sequence[StatusPacket]) -> None:
+        now_s = time.monotonic()
         before = self.report or ServoReport({}, now_s, limp=self.far)
         present: dict[int, ServoMeasurement] = {}
         faults = before.faults
@@ -195,12 +193,17 @@ class ServoBus:
             steps = self._steps(i, servo.position)
             self._approach.see(i, steps, holds=not before.limp >> i & 1)
 
-    def _look_at_torque(self, transport: SerialTransport, *, armed: bool) -> None:
-        """Check which servos have torque; while disarmed, enable it if off."""
-        request = protocol2.sync_read(self._ids, TORQUE_ENABLE, 1)
+    def _look_at_torque(
+        self, transport: SerialTransport, answered: list[int], *, armed: bool
+    ) -> None:
+        """Check which of the servos that answered have torque; while disarmed, enable it if off.
+
+        To wait for the others would delay the next cycle until all servos count as silent.
+        """
+        request = protocol2.sync_read(answered, TORQUE_ENABLE, 1)
         limp = self.report.limp if self.report else 0
-        for answer in transport.request(request, len(self._ids), ANSWER_S):
-            if answer.id in self._ids and len(answer.data) == 1:
+        for answer in transport.request(request, len(answered), ANSWER_S):
+            if answer.id in answered and len(answer.data) == 1:
                 bit = self._bit(answer.id)
                 limp = limp & ~bit if answer.data[0] else limp | bit
         if self.report is not None:

@@ -39,7 +39,7 @@ from tsd_twin.hardware.servo_line import (
     ALIVE_S,
     ANSWER_S,
     BUS_WATCHDOG,
-    PRESENT,
+    MEASURED,
     PRESENT_SIZE,
     RETURN_DELAY,
     SERVO_BAUD,
@@ -165,27 +165,24 @@ class WheelBus:
         Raises:
             HardwareError: If the port is gone, or a servo that restarted is another one.
         """
-        began_s, broken, late = self._clock(), transport.broken, transport.late
+        began_s, broken = self._clock(), transport.broken
         command = self.command
         self.trouble = self._trouble(command, began_s)
         drives = self._latch.step(command, self.trouble, began_s)
         request = self._line.to_all(GOAL_VELOCITY, self._goals(command.setpoint, drives=drives))
-        request += protocol2.sync_read(self._line.ids, PRESENT, PRESENT_SIZE)
-        answers = transport.request(request, len(self._line.ids), ANSWER_S)
-        now_s = self._clock()
-        self._add_responses(answers, now_s)
-        missing = missing_mask(self._line.ids, [answer.id for answer in answers])
-        is_broken, is_late = transport.broken > broken, transport.late > late
-        self.cables.add_cycle(missing, now_s, broken=is_broken, late=is_late)
-        self._read_state(transport)
+        answered, late = self._line.read_all(transport, request, MEASURED, self._add_responses)
+        now_s, is_broken = self._clock(), transport.broken > broken
+        missing = missing_mask(self._line.ids, answered)
+        self.cables.add_cycle(missing, now_s, broken=is_broken, late=late)
+        self._read_state(transport, answered)
         self.health.add_packets(transport.broken > broken, now_s)
-        if len(answers) < len(self._line.ids):
+        if missing:
             self.health.add_timeout()
         else:
             self.health.add_round_trip(now_s - began_s)
         if not command.heartbeat.armed:
             self._prepare_again(transport)
-        return bool(answers)
+        return bool(answered)
 
     def disconnected(self) -> None:
         """Discard the report; wheels turn only after a new arming."""
@@ -259,7 +256,8 @@ class WheelBus:
             return names.about(report.unguarded, Code.SERVOS_RESTARTED)
         return names.about(report.limp, Code.SERVO_LIMP) if report.limp else None
 
-    def _add_responses(self, answers: Sequence[StatusPacket], now_s: float) -> None:
+    def _add_responses(self, answers: Sequence[StatusPacket]) -> None:
+        now_s = self._clock()
         before = self.report or WheelReport({}, now_s)
         present: dict[int, ServoMeasurement] = {}
         faults = before.faults
@@ -274,17 +272,21 @@ class WheelBus:
             every = {**before.present, **present}
             self.report = replace(before, present=every, newest_s=now_s, faults=faults)
 
-    def _read_state(self, transport: SerialTransport) -> None:
-        """Read torque in one cycle and watchdogs in another; both are rare to change."""
+    def _read_state(self, transport: SerialTransport, answered: Sequence[int]) -> None:
+        """Read torque in one cycle and watchdogs in another; both are rare to change.
+
+        To wait for servos that did not answer would delay the next cycle until all of them count as
+        silent.
+        """
         self._cycles += 1
         at = {0: TORQUE_ENABLE, 2: BUS_WATCHDOG}.get(self._cycles % _STATE_CYCLES)
-        if at is None or self.report is None:
+        if at is None or self.report is None or not answered:
             return
-        request = protocol2.sync_read(self._line.ids, at, 1)
+        request = protocol2.sync_read(answered, at, 1)
         found = {
             self._line.bit(answer.id): answer.data[0]
-            for answer in transport.request(request, len(self._line.ids), ANSWER_S)
-            if answer.id in self._line.ids and len(answer.data) == 1
+            for answer in transport.request(request, len(answered), ANSWER_S)
+            if answer.id in answered and len(answer.data) == 1
         }
 
         def updated(mask: int, *values: int) -> int:
