@@ -30,7 +30,9 @@ from tsd_twin.simulation import Motors
 pytestmark = pytest.mark.computes
 START_S, PERIOD_S, EXCHANGE_S = 100.0, 0.01, 0.002
 CYCLES = 60
-PAUSE_S = 0.038
+PAUSE_S = 0.035
+HELD_UP_S = 0.004
+"""Time until the I/O thread begins a cycle that is due."""
 
 
 class VirtualLine:
@@ -62,7 +64,7 @@ class VirtualLine:
 
     def wait(self) -> None:
         """Let the time pass until the node has asked for a cycle, maybe within the last."""
-        self.now_s = max(self.now_s, self._next_s)
+        self.now_s = max(self.now_s, self._next_s) + HELD_UP_S
         self._next_s = START_S + PERIOD_S * (1 + (self.now_s - START_S) // PERIOD_S)
 
     @property
@@ -97,9 +99,11 @@ class Gimbals:
         self._bus = ServoBus(self.joints, ServoCalibration())
         self._bus.connect(self.line.transport)
 
-    def silent(self) -> int:
-        """Do a cycle; return the mask of servos that were silent for too long before its end."""
+    def silent(self, pause_s: float = 0.0) -> int:
+        """Do a cycle, in a pause of the line; return the servos that were silent for too long."""
         self.line.wait()
+        if pause_s:
+            self.line.held_until_s = self.line.now_s + pause_s
         before = self._bus.report
         self._bus.cycle(self.line.transport)
         return self.joints.servos & ~before.alive(self.line.now_s) if before else 0
@@ -125,10 +129,7 @@ def test_a_short_pause_of_the_line_silences_no_servo(
     """In whichever cycle, as some have a second request."""
     gimbals = Gimbals(monkeypatch)
     for i in range(CYCLES):
-        if i == cycle:
-            gimbals.line.wait()
-            gimbals.line.held_until_s = gimbals.line.now_s + PAUSE_S
-        assert not gimbals.silent()
+        assert not gimbals.silent(PAUSE_S if i == cycle else 0.0)
 
 
 @pytest.mark.parametrize("waits", [False, True])
