@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from tsd_twin.hardware.cables import LEAST, CableMonitor
 from tsd_twin.hardware.joints import ServoNames
 
+pytestmark = pytest.mark.computes
+
 TSD = ServoNames([f"module{i}_{angle}" for i in (1, 2, 3) for angle in ("alpha", "beta")])
 KIWI = ServoNames(["wheel1", "wheel2", "wheel3"])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,6 +18,8 @@ from tsd_twin.hardware.drive_latch import (
 from tsd_twin.hardware.joints import COMMAND_TIMEOUT_S, JointCommand
 from tsd_twin.messages.codes import Code, because
 from tsd_twin.safety import Heartbeat
+
+pytestmark = pytest.mark.computes
 
 STEP_S = 0.01
 TROUBLE = because(Code.ALL_SERVOS_SILENT)

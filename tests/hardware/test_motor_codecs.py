@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from tsd_twin.hardware.motors import moteus, vesc
 from tsd_twin.hardware.motors.base import Frame
 
+pytestmark = pytest.mark.computes
+
 # mjbots/moteus: docs/protocol/can.md and lib/python/moteus/test/moteus_test.py.
 MOTEUS_REPLY = "2404000a005000000170ff230d181400"
 

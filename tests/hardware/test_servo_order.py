@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from tests.hardware.test_mega import ROBOT
 from tests.hardware.test_wheel_bus import KIWI
 from tests.support.servo_chain import ServoChain
+from tests.support.wheel_matrix import PERIOD_S, VirtualLine
 from tests.support.x_series import XBus, XServo
 from tsd_twin.hardware import u2d2
-from tsd_twin.hardware.dynamixel.packets import Decoder, StatusPacket, protocol2
 from tsd_twin.hardware.joints import JointCommand, JointConverter, ServoCalibration
 from tsd_twin.hardware.serial_transport import SerialTransport
 from tsd_twin.hardware.servo_line import MEASURED, ServoLine
@@ -28,43 +28,23 @@ from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
 pytestmark = pytest.mark.computes
-START_S, PERIOD_S, EXCHANGE_S = 100.0, 0.01, 0.002
+START_S = 100.0
 CYCLES = 60
 PAUSE_S = 0.035
 HELD_UP_S = 0.004
 """Time until the I/O thread begins a cycle that is due."""
 
 
-class VirtualLine:
-    """Transport in virtual time: a request whose answers are incomplete takes all its patience."""
-
-    name = "line"
-    broken = late = 0
+class HeldUpLine(VirtualLine):
+    """Line of an I/O thread that begins each cycle somewhat late."""
 
     def __init__(self, bus: ServoChain | XBus) -> None:
-        self.now_s = START_S
+        super().__init__(bus, START_S)
         self._next_s = START_S
-        self.held_until_s = 0.0
-        """Injected fault: until then nothing arrives."""
-        self._bus = bus
-
-    def request(self, request: bytes, answers: int, patience_s: float) -> list[StatusPacket]:
-        if self.held_until_s > self.now_s + patience_s:
-            self.now_s += patience_s
-            return []
-        self.now_s = max(self.now_s, self.held_until_s)
-        data = self._bus.answer(request, self.now_s)
-        found = [
-            status
-            for packet in Decoder(protocol2).feed(data, self.now_s)
-            if (status := protocol2.as_status(packet)) is not None
-        ]
-        self.now_s += EXCHANGE_S if len(found) >= answers else patience_s
-        return found
 
     def wait(self) -> None:
         """Let the time pass until the node has asked for a cycle, maybe within the last."""
-        self.now_s = max(self.now_s, self._next_s) + HELD_UP_S
+        self.pass_time(max(0.0, self._next_s - self.now_s) + HELD_UP_S)
         self._next_s = START_S + PERIOD_S * (1 + (self.now_s - START_S) // PERIOD_S)
 
     @property
@@ -78,7 +58,7 @@ def test_each_living_servo_answers_after_as_many_cycles_as_servos_are_dead(
 ) -> None:
     bus = XBus([XServo(device, dead=device in dead) for device in ids])
     bus.waits = waits
-    line, transport = ServoLine(ids, [str(i) for i in ids], {}, ""), VirtualLine(bus).transport
+    line, transport = ServoLine(ids, [str(i) for i in ids], {}, ""), HeldUpLine(bus).transport
     living = set(ids) - dead
     for _ in range(len(dead)):
         line.read_all(transport, b"", MEASURED, lambda _: None)
@@ -93,7 +73,7 @@ class Gimbals:
     def __init__(self, patch: pytest.MonkeyPatch, *, waits: bool = False) -> None:
         self.chain = ServoChain()
         self.chain.waits = waits
-        self.line = VirtualLine(self.chain)
+        self.line = HeldUpLine(self.chain)
         patch.setattr(u2d2, "time", SimpleNamespace(monotonic=lambda: self.line.now_s))
         self.joints = JointConverter(ROBOT, Motors.of(ROBOT))
         self._bus = ServoBus(self.joints, ServoCalibration())
@@ -137,7 +117,7 @@ def test_a_short_pause_of_the_line_silences_no_servo(
 def test_a_dead_servo_of_a_wheel_silences_no_other(dead: int, waits: bool) -> None:
     bus = XBus([XServo(device) for device in (1, 2, 3)])
     bus.waits = waits
-    line = VirtualLine(bus)
+    line = HeldUpLine(bus)
     wheels = WheelBus(KIWI, ServoCalibration(), clock=lambda: line.now_s)
     wheels.connect(line.transport)
     codes: set[str] = set()

@@ -10,6 +10,8 @@ from tests.support.wheel_matrix import FAULTS, PERIOD_S, Fault, WheelRig, row
 from tests.support.wheel_robots import WHEEL_ROBOTS
 from tsd_twin.hardware.dynamixel.wheel_models import VELOCITY_UNIT_RAD_PER_S, WHEEL_MODELS
 
+pytestmark = pytest.mark.computes
+
 EACH = pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.what)
 CYCLE_S = 2.0 * PERIOD_S
 """The Mega's figures have a resolution of a cycle, and a servo's answer takes another."""

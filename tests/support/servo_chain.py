@@ -53,7 +53,7 @@ class ServoChain:
 
     def answer(self, data: bytes, now_s: float) -> bytes:
         """Return the response to received bytes."""
-        self._live(now_s)
+        self.live(now_s)
         self._heard_s = now_s
         two, one = (decoder.feed(data, now_s) for decoder in self._decoders)
         out = b"".join(self._obey(packet) for packet in two)
@@ -80,7 +80,7 @@ class ServoChain:
         answer = self.bus.answer(protocol2.encode(packet))
         return answer[0] if answer else b""
 
-    def _live(self, now_s: float) -> None:
+    def live(self, now_s: float) -> None:
         """Let time pass until now: servos move until their watchdogs run out."""
         units = self.register(0, servo_line.BUS_WATCHDOG)
         until_s = now_s

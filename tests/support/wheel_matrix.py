@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tests.support.servo_chain import ServoChain
 from tests.support.wheel_robots import WHEEL_ROBOTS
 from tests.support.x_series import XBus, XServo
 from tsd_twin import robots
@@ -33,8 +34,10 @@ class VirtualLine:
 
     name = "line"
 
-    def __init__(self, bus: XBus, now_s: float) -> None:
+    def __init__(self, bus: XBus | ServoChain, now_s: float) -> None:
         self.bus, self.now_s = bus, now_s
+        self.held_until_s = now_s
+        """Injected fault: until then nothing arrives."""
         self.broken = self.late = 0
         self.plugged = True
         self.on_time: Callable[[], None] = lambda: None
@@ -53,6 +56,10 @@ class VirtualLine:
         """Exchange as a real line does, with the time that its bytes take."""
         if not self.plugged:
             raise HardwareError(f"{self.name} is gone")
+        if self.held_until_s > self.now_s + patience_s:
+            self.pass_time(patience_s)
+            return []
+        self.pass_time(self.held_until_s - self.now_s)
         self.pass_time(_BYTE_S * len(request))
         out = self.bus.answer(request, self.now_s)
         decoder = Decoder(framing)
