@@ -15,9 +15,7 @@ import pytest
 
 from tests.app.conftest import PATIENCE_S, Program
 from tests.support.bridge_machine import QUICK, wait_until
-from tests.support.faulty_devices import Peer
 from tests.support.page_client import Page
-from tests.support.servo_chain import ServoChain
 from tsd_twin import robots
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(240)]
@@ -78,8 +76,10 @@ def rig_of(start: Start, folder: Path, name: str) -> Iterator[Rig]:
     (folder / "mine.toml").write_text(f'[motor_controllers]\nkind = "{kind}"\nids = [1, 2, 3]\n')
     motors = start("tests.support.can_motors", "--channel", GROUPS[name], "--kind", kind)
     motors.ready()
-    chain = Peer(folder / "servos", ServoChain().answer) if name == "tsd" else None
-    servos = ["--servos", chain.port] if chain else []
+    servos: list[str] = []
+    if name == "tsd":
+        servos = ["--servos", str(folder / "servos")]
+        start("tests.support.servo_chain", servos[1]).ready()
     page = None
     try:
         bridge = start(
@@ -97,8 +97,6 @@ def rig_of(start: Start, folder: Path, name: str) -> Iterator[Rig]:
     finally:
         if page is not None:
             page.close()
-        if chain is not None:
-            chain.unplug()
 
 
 @pytest.mark.parametrize("name", GROUPS)

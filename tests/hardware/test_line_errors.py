@@ -67,11 +67,13 @@ def test_answers_with_bit_errors_are_counted_as_broken(tmp_path: Path, rate: flo
 def test_a_device_that_says_nothing_is_silent_and_not_broken(tmp_path: Path) -> None:
     line = Line(tmp_path, lambda _: b"")
     transport = SerialTransport(line.peer.port, 1_000_000)
-    for _ in range(20):
-        assert not transport.request(REQUEST, 1, 0.01)
+    try:
+        for _ in range(20):
+            assert not transport.request(REQUEST, 1, 0.01)
+    finally:
+        transport.close()
+        line.peer.unplug()
     assert transport.broken == 0
-    transport.close()
-    line.peer.unplug()
 
 
 def test_an_answer_whose_rest_comes_later_is_late_and_not_broken(tmp_path: Path) -> None:
@@ -88,6 +90,6 @@ def test_an_answer_whose_rest_comes_later_is_late_and_not_broken(tmp_path: Path)
     for _ in range(20):
         transport.request(REQUEST, 1, 0.01)
         time.sleep(0.002)
-    assert transport.broken == 0
     transport.close()
     line.peer.unplug()
+    assert transport.broken == 0

@@ -212,7 +212,7 @@ def test_the_watchdog_of_the_bus_stops_servos_without_requests(tmp_path: Path) -
         wait_until(lambda: it.fault, "noticed")
 
         def out() -> bool:
-            it.chain._live(time.monotonic())
+            it.chain.live(time.monotonic())
             return it.chain.tripped()
 
         wait_until(out, "the watchdog has run out")

@@ -1,12 +1,19 @@
-"""Six simulated MX-64 as a U2D2 has them: with sync read and bus watchdog."""
+"""Six simulated MX-64 as a U2D2 has them: with sync read and bus watchdog.
+
+`python -m tests.support.servo_chain PORT` serves them in a process of their own, behind a pty.
+"""
 
 from __future__ import annotations
+
+import sys
+from pathlib import Path
 
 import numpy as np
 
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.servo_bus import ServoBusSimulation
 from firmware.simulator.simulation import IDS
+from tests.support.faulty_devices import Peer
 from tsd_twin import robots
 from tsd_twin.hardware import servo_line, u2d2
 from tsd_twin.hardware.dynamixel.packets import Decoder, Instruction, Packet, protocol1, protocol2
@@ -96,3 +103,16 @@ class ServoChain:
         self._moved_s = now_s
         for servo, angle in zip(self.servos, self._angles, strict=True):
             servo.position = 2048 + round(angle / _LAWS.step_rad)
+
+
+def main() -> None:
+    """Serve until standard input ends."""
+    peer = Peer(Path(sys.argv[1]), ServoChain().answer)
+    sys.stdout.write(f"ready: {peer.port}\n")
+    sys.stdout.flush()
+    sys.stdin.read()
+    peer.unplug()
+
+
+if __name__ == "__main__":
+    main()
