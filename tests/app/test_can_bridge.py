@@ -7,7 +7,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,8 @@ class Rig:
     motors: Program
     bridge: Program
     page: Page
+    stops: list[str] = field(default_factory=list[str])
+    """Reasons of stops while it was to drive."""
 
     def show(self) -> dict[str, Any]:
         count = len(self.motors.output)
@@ -55,10 +57,11 @@ class Rig:
                 self.page.make_ready()
                 self.page.drive(0.2, 0.0, 0.0)
             except AssertionError:
+                self.stops.append(str(self.page.state["status"].get("stop")))
                 continue
             if self.driven:
                 return
-        raise AssertionError((self.page.mode, self.page.state["status"].get("stop")))
+        raise AssertionError((self.page.mode, self.stops))
 
     def stands(self, seconds: float = 0.7) -> bool:
         end_s = time.monotonic() + seconds

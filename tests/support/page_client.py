@@ -159,12 +159,14 @@ class Page:
             self.until(lambda: self.mode == "disarmed")
         if self.mode == "disarmed":
             assert self.answer("arm", t="arm")["ok"]
-        self.until(lambda: self.mode == "ready")
+        self.until(lambda: self.mode in ("ready", "stopped", "fault"))
+        assert self.mode == "ready", self.state["status"].get("stop")
 
     def drive(self, vx: float = 0.2, vy: float = 0.0, omega: float = 0.0) -> None:
         """Hold the stick, and wait until the robot obeys."""
         self.holds = {"vx": vx, "vy": vy, "omega": omega}
-        self.until(lambda: self.mode == "driving")
+        self.until(lambda: self.mode in ("driving", "stopped", "fault"))
+        assert self.mode == "driving", self.state["status"].get("stop")
 
     def let_go(self) -> None:
         """Let go of the stick: no drive command follows the release."""
