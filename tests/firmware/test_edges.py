@@ -467,12 +467,13 @@ def test_a_channel_is_lost_after_100_ms(native_bench: Bench) -> None:
     assert 100 < ticks_until(pilot, "rc", 0, 2) <= 105, "it is looked at every 5 ms"
 
 
-def test_the_switches_divide_at_1500_us(native_bench: Bench) -> None:
-    """A kill switch at 1500 us stops, and a switch for the source there is at the PC."""
+def test_a_switch_turns_off_at_1500_us_and_on_above_1550_us(native_bench: Bench) -> None:
+    """Driven by the PC, with the kill switch on."""
     for kill_us, manual_us, mode in (
         (1500, 1500, BoardMode.DISARMED),
         (1501, 1500, BoardMode.ARMED),
-        (1501, 1501, BoardMode.RC),
+        (1501, 1550, BoardMode.ARMED),
+        (1501, 1551, BoardMode.RC),
     ):
         pilot = native_bench.pilot(receiver=True).get_driving()
         pilot.simulation.board.set_receiver((1500, 1500, 1500, 1100, kill_us, manual_us))

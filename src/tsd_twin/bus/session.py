@@ -167,6 +167,8 @@ def sample_of(sample: zenoh.Sample) -> Sample:
 EVENTS_KEPT = 100
 """Events of each kind kept for late joiners."""
 _ATTEMPT_S, _RETRY_S = 2.0, 0.1
+_SILENT_S = 5.0
+"""Programs that are started together wait for each other without a warning."""
 """Longest attempt to reach a router, in which it is dialled every 0.1 to 1 s; pause after it."""
 _SETTLE_S = 0.05
 """Wait for further liveliness tokens after the first, since they arrive individually."""
@@ -230,15 +232,16 @@ class Bus:
         if not config.is_client:
             return cls(config)
         impatient, warned = as_client(config, _ATTEMPT_S), False
+        began_s = time.monotonic()
         while not stop.is_set():
             try:
                 return cls(impatient)
             except BusError as error:
                 if not str(error).endswith(NO_ANSWER):
                     raise
-                if not warned:
+                if not warned and time.monotonic() - began_s > _SILENT_S:
+                    warned = True
                     _LOG.warning("%s; trying until it does", error)
-                warned = True
                 stop.wait(_RETRY_S)
         return None
 

@@ -13,8 +13,9 @@ import termios
 import threading
 import time
 from collections import deque
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 import serial
 from serial.tools import list_ports
@@ -259,8 +260,27 @@ _READ_S = 0.002
 """Timeout of a single read, short enough to keep the timeout of a request."""
 _CHUNK = 4096
 _LONGEST_DRAIN = 5.0
-_LONGEST_REST = 256
-"""Maximum bytes of a late response that can precede the next one."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Received:
+    """Bytes received after a request, until the next."""
+
+    data: bytes = b""
+    packets: int = 0
+    skipped: int = 0
+    """Number of bytes outside packets."""
+    wrong_sums: int = 0
+    rest: bytes = b""
+    """Beginning of a packet."""
+    unknown: bool = False
+    """Whether they belong to an earlier user of the port."""
+
+    @classmethod
+    def of(cls, framing: Framing, data: bytes) -> Self:
+        decoder = Decoder(framing)
+        packets = [each for each in decoder.feed(data, 0.0) if framing.as_status(each) is not None]
+        return cls(data, len(packets), decoder.skipped, decoder.sum_errors, decoder.rest)
 
 
 class SerialTransport:
@@ -274,9 +294,8 @@ class SerialTransport:
         """
         self.name = name
         self._port = open_port(name, baud, _READ_S)
-        self._late = True  # Pending bytes belong to an earlier user of the port.
-        self._unfinished = False
-        """Whether the last response began and did not end, so that its rest may still arrive."""
+        self._incomplete: _Received | None = _Received(unknown=True)
+        """What came after the last request, if responses were missing."""
         self.broken = 0
         """Number of corrupt responses."""
         self.late = 0
@@ -294,25 +313,28 @@ class SerialTransport:
         Raises:
             HardwareError: If the port is gone.
         """
-        decoder = Decoder(framing)
-        rest = _LONGEST_REST if self._late else 0
-        arrived = False
+        before, pending = self._incomplete, b""
         try:
-            if self._late:  # Pending bytes may be the response to an earlier request.
-                arrived = bool(self._port.in_waiting)
-                self._port.reset_input_buffer()
+            if before is not None and self._port.in_waiting:
+                pending = self._port.read(self._port.in_waiting)
             self._port.write(request)
-            found, heard = self._receive(decoder, answers, patience_s)
+            found, heard = self._receive(Decoder(framing), answers, patience_s)
         except GONE as error:
             raise HardwareError(f"{self.name} is gone") from error
-        # A response whose rest arrives is late, because a program was delayed; otherwise bytes
-        # were lost, or changed so that it seems longer.
-        lost = self._unfinished and not arrived and not decoder.skipped
-        broken = decoder.sum_errors > 0 or (decoder.skipped > rest and not decoder.cut)
-        self.broken += broken + lost
-        self.late += arrived or (decoder.skipped > 0 and not broken)
-        self._late = len(found) < answers and not broken
-        self._unfinished = self._late and heard
+        now = _Received.of(framing, heard)
+        if before is not None:
+            both = _Received.of(framing, before.data + pending + heard)
+            if both.packets > before.packets + len(found):
+                self.late += 1  # Its rest has arrived: a program was delayed.
+                now = replace(both, data=both.rest, packets=0)
+            else:
+                self.broken += not before.unknown and bool(before.data or pending)
+                now = replace(now, skipped=0)  # Bytes of that response.
+        self._incomplete = None
+        if len(found) == answers or now.wrong_sums:
+            self.broken += bool(now.skipped or now.wrong_sums)
+        else:
+            self._incomplete = now
         return found
 
     def drain(self, silence_s: float) -> None:
@@ -333,13 +355,15 @@ class SerialTransport:
 
     def _receive(
         self, decoder: Decoder, answers: int, patience_s: float
-    ) -> tuple[list[StatusPacket], bool]:
-        """Return the responses, and whether bytes remained that belong to none of them."""
+    ) -> tuple[list[StatusPacket], bytes]:
+        """Return the responses, and all bytes received."""
         found: list[StatusPacket] = []
+        heard = b""
         end_s = time.monotonic() + patience_s
         while len(found) < answers:
             # Read only available bytes, or wait for the first; a larger read would wait for all.
             data = self._port.read(min(max(1, self._port.in_waiting), _CHUNK))
+            heard += data
             now_s = time.monotonic()
             for packet in decoder.feed(data, now_s):
                 answer = decoder.framing.as_status(packet)
@@ -347,7 +371,7 @@ class SerialTransport:
                     found.append(answer)
             if now_s > end_s:
                 break
-        return found, decoder.waits
+        return found, heard
 
     def close(self) -> None:
         """Close the port, even if it is gone."""

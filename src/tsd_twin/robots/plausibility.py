@@ -80,6 +80,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "motor.rotor_inertia_kg_m2": (1e-13, 1e5),
     "motor.time_constant_s": (0.0005, 20.0),
     "motor.current_limit": (0.001, 10.0),
+    "motor.temperature_limit_c": (10.0, 1000.0),
     "mass.total_kg": (0.002, 2e7),
     "mass.wheel_kg": (1e-5, 1e6),
     "mass.gimbal_kg": (1e-5, 1e6),

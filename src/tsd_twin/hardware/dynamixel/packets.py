@@ -235,9 +235,9 @@ class Decoder:
         """Number of bytes outside frames."""
 
     @property
-    def waits(self) -> bool:
-        """Whether bytes remain that may belong to an incomplete frame, or such a frame was cut."""
-        return bool(self._kept) or bool(self.cut)
+    def rest(self) -> bytes:
+        """Bytes that may begin an incomplete frame."""
+        return bytes(self._kept)
 
     def feed(self, data: bytes, now_s: float) -> list[Packet]:
         """Return the packets completed by `data`, received at `now_s`; `data` may be empty."""
