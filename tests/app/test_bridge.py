@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import signal
 import socket
@@ -346,7 +347,8 @@ class Relay:
     def cut(self) -> None:
         """Break the connection."""
         if self._connection is not None:
-            self._connection.shutdown(socket.SHUT_RDWR)
+            with contextlib.suppress(OSError):  # The other end may have gone first.
+                self._connection.shutdown(socket.SHUT_RDWR)
             self._connection.close()
 
     def close(self) -> None:
