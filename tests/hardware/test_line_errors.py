@@ -79,6 +79,16 @@ def test_a_device_that_says_nothing_is_silent_and_not_broken(
     assert transport.broken == 0
 
 
+@pytest.mark.parametrize("missing", [1, 2, 3])
+def test_devices_that_do_not_answer_beside_others_break_nothing(
+    monkeypatch: pytest.MonkeyPatch, missing: int
+) -> None:
+    line = Line(monkeypatch, lambda answer: (3 - missing) * answer)
+    for _ in range(20):
+        assert len(line.transport.request(REQUEST, 3, PATIENCE_S)) == 3 - missing
+    assert line.transport.broken == line.transport.late == 0
+
+
 @pytest.mark.parametrize("part", [1, 4, 60, len(ANSWER) - 1])
 def test_an_answer_whose_rest_comes_later_is_late_and_not_broken(
     monkeypatch: pytest.MonkeyPatch, part: int

@@ -269,10 +269,12 @@ class _Received:
     data: bytes = b""
     packets: int = 0
     skipped: int = 0
-    """Number of bytes outside packets."""
+    """Number of bytes outside packets that are not explained by an earlier response."""
     wrong_sums: int = 0
     rest: bytes = b""
     """Beginning of a packet."""
+    has_fragments: bool = False
+    """Whether there are bytes outside packets."""
     unknown: bool = False
     """Whether they belong to an earlier user of the port."""
 
@@ -280,7 +282,8 @@ class _Received:
     def of(cls, framing: Framing, data: bytes) -> Self:
         decoder = Decoder(framing)
         packets = [each for each in decoder.feed(data, 0.0) if framing.as_status(each) is not None]
-        return cls(data, len(packets), decoder.skipped, decoder.sum_errors, decoder.rest)
+        fragments = bool(decoder.skipped or decoder.rest)
+        return cls(data, len(packets), decoder.skipped, decoder.sum_errors, decoder.rest, fragments)
 
 
 class SerialTransport:
@@ -328,7 +331,7 @@ class SerialTransport:
                 self.late += 1  # Its rest has arrived: a program was delayed.
                 now = replace(both, data=both.rest, packets=0)
             else:
-                self.broken += not before.unknown and bool(before.data or pending)
+                self.broken += not before.unknown and (before.has_fragments or bool(pending))
                 now = replace(now, skipped=0)  # Bytes of that response.
         self._incomplete = None
         if len(found) == answers or now.wrong_sums:
