@@ -36,11 +36,18 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 
 class TwinError(Exception):
     """Base class of all intentional errors; programs print them and exit non-zero."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle without `__init__`, whose arguments need not be those of the base class.
+
+        Otherwise an error that a worker raises breaks its pool of processes.
+        """
+        return type(self).__new__, (type(self), *self.args), self.__dict__
 
 
 class RobotFileError(TwinError):
