@@ -18,6 +18,8 @@ from tsd_twin.security.router_rules import RobotRights, rights_of_flags, show_ro
 
 with program.requires("tsd-certs", "tls"):
     from tsd_twin.security.certificates import KeyFolder, provision
+    from tsd_twin.security.operator_keys import provision_operators
+    from tsd_twin.security.operator_list import OPERATORS
     from tsd_twin.security.router_keys import provision_router, read_rights, robot_identity
 
 
@@ -41,6 +43,8 @@ PARSER = program.parser(
         "tsd-certs keys --robot-host robot.local --robot-host 192.168.1.7 --operator alice",
         "tsd-certs keys --operator bob --viewer guest     two more, for the same robot",
         "tsd-certs keys                                   who there is, and until when",
+        "tsd-certs keys --signed                          the robot obeys signed commands only",
+        "tsd-certs keys --revoke bob                      and no longer those of Bob",
         "rm keys/guest.*; tsd-certs keys                  a robot without guest",
         "tsd-certs fleet --router-host lab.example --robot lab1 --robot lab2 "
         "--operator alice --robots lab1",
@@ -55,6 +59,7 @@ def make(args: argparse.Namespace) -> None:
     now = datetime.now(UTC)
     folder = KeyFolder(args.folder)
     identities = [security.client(name, role) for role in ROLES for name in getattr(args, role)]
+    identities += [security.client(name, Role.OPERATOR) for name in args.gateway]
     if args.router_host or args.robot or folder.is_of_router:
         make_router(args, folder, now, identities)
         return
@@ -70,6 +75,9 @@ def make(args: argparse.Namespace) -> None:
         days=args.days,
         listen=args.listen,
     )
+    signed = args.signed or args.gateway or args.revoke
+    if signed or (folder.path / OPERATORS).exists():
+        provision_operators(folder, now, rights={}, gateways=args.gateway, revoked=args.revoke)
     for identity in folder.identities():
         from_file(str(folder.settings_file(identity.name)))
     from_file(str(folder.settings_file(ROBOT)))
@@ -99,6 +107,9 @@ def make_router(
         rights=given_rights(args, identities),
         days=args.days,
         listen=args.listen,
+    )
+    provision_operators(
+        folder, now, rights=read_rights(folder), gateways=args.gateway, revoked=args.revoke
     )
     for each in (*folder.robots(), *folder.identities()):
         from_file(str(folder.settings_file(each.name)))
@@ -193,6 +204,12 @@ def main() -> None:
     flags.add(PARSER, "--robots", text, metavar="IDS|all")
     text = "robots that they may watch only; with --router-host"
     flags.add(PARSER, "--watch", text, metavar="IDS|all")
+    text = "require signed commands: makes a signing key for each operator, and operators.json"
+    PARSER.add_argument("--signed", action="store_true", help=f"{text}; default with a router")
+    text = "an operator, such as a dashboard, that signs for the users that log in there"
+    flags.add(PARSER, "--gateway", text, metavar="NAME", repeated=True)
+    text = "an operator whose signing key robots obey no longer, once they have operators.json"
+    flags.add(PARSER, "--revoke", text, metavar="NAME", repeated=True)
     for role, text in ROLES.items():
         flags.add(PARSER, f"--{role}", text, metavar="NAME", repeated=True)
     text = "how long new certificates are good"

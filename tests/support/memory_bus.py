@@ -140,6 +140,7 @@ class MemoryBus:
 
     def __init__(self, network: Network) -> None:
         self._network = network
+        self.certificate = None
         self.id = f"{next(network.numbers):032x}"
         self._tokens: list[_Token] = []
         self._takers: list[tuple[str, Callable[[Sample], None]]] = []

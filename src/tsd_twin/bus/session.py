@@ -204,6 +204,8 @@ class Bus:
     """
 
     def __init__(self, config: Config) -> None:
+        self.certificate = config.certificate
+        """File of the certificate of this session, or None."""
         self._kept: list[object] = []  # Subscriptions and tokens end when unreferenced.
         try:
             settings = config.parsed()

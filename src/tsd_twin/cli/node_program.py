@@ -18,6 +18,7 @@ from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages import topics
 from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
+from tsd_twin.node.authority import Authority
 from tsd_twin.robots import RobotDescription
 
 Flags = argparse.Namespace
@@ -60,7 +61,10 @@ def serve(
                 # After any error from here on, the joints are closed, and so left at rest.
                 io = stack.enter_context(closing(joints(robot, own)))
                 start = pose(robot, own) if pose else None
-                nodes.append(RobotNode(bus, robot_id, robot, io, shown, pose=start))
+                node = RobotNode(
+                    bus, robot_id, robot, io, shown, pose=start, authority=_authority(own, robot_id)
+                )
+                nodes.append(node)
                 service = companion(bus, robot_id, robot, own) if companion else nullcontext()
                 stack.enter_context(service)
                 where = " ".join(bus.endpoints()) or own.zenoh_config or own.connect
@@ -69,6 +73,17 @@ def serve(
             _run(nodes, stop)
 
     program.run(made, body)
+
+
+def _authority(args: Flags, robot_id: str) -> Authority | None:
+    file = program.operators_file(args)
+    if file is None:
+        return None
+    # Late, because it needs the extra `tls`.
+    from tsd_twin.security.operator_list import OperatorFile
+    from tsd_twin.security.robot_authority import RobotAuthority
+
+    return RobotAuthority(robot_id, OperatorFile(file))
 
 
 def _flags_of_robots(args: Flags, robot: RobotDescription) -> list[Flags]:

@@ -129,6 +129,34 @@ def add_node_flags(made: argparse.ArgumentParser) -> None:
     text = "a router to join as well"
     flags.add(made, "--connect", text, metavar="ENDPOINT", repeated=True)
     made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
+    text = "obey signed commands of this list only; default: the one beside --zenoh-config"
+    flags.add(made, "--operators", text, Path, metavar="FILE")
+    text = "obey commands without signature, also behind a router, which could then drive"
+    made.add_argument("--unsigned", action="store_true", help=text)
+
+
+def operators_file(args: argparse.Namespace) -> Path | None:
+    """Return the list of operators whose signatures a robot requires, or None.
+
+    Raises:
+        TwinError: If flags conflict, or a robot behind a router has no list.
+    """
+    if args.unsigned:
+        if args.operators is not None:
+            raise TwinError("--operators and --unsigned exclude each other")
+        return None
+    if args.operators is not None or not args.zenoh_config:
+        return args.operators
+    file = Path(args.zenoh_config).with_name("operators.json")
+    if file.exists():
+        return file
+    if from_file(args.zenoh_config).robot is not None:
+        raise TwinError(
+            f"{file} is missing: behind a router, a robot obeys signed commands only. Run "
+            "tsd-certs with the folder of the router again and copy operators.json here, and "
+            "its .sign files to the operators; or say --unsigned, and the router could drive"
+        )
+    return None
 
 
 def add_listen_flag(made: argparse.ArgumentParser) -> None:

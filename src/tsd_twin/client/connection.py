@@ -18,7 +18,8 @@ from typing import Literal, TypeAlias
 from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher, Subscriber
 from tsd_twin.client.instances import Instances, stop_instances
-from tsd_twin.client.protocol import TwistCommand
+from tsd_twin.client.lease_signing import LeaseSigning, signing_key_beside
+from tsd_twin.client.protocol import ControlProtocol, TwistCommand
 from tsd_twin.errors import BusError, NoAnswerError, SeveralAnswersError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.messages import topics
@@ -76,6 +77,7 @@ class RobotConnection:
         self.lock = threading.RLock()
         """Guards the operators' protocols."""
         self._bus = bus
+        self._key = signing_key_beside(bus.certificate)
         self._instances = instances or Instances(bus, robot_id)
         answer = self._describe() if answer is None else answer
         if len(answer) > _DESCRIPTION_BYTES:
@@ -107,6 +109,11 @@ class RobotConnection:
                 time.sleep(_ASK_AGAIN_S)  # If no such robot exists, the query fails immediately.
             except SeveralAnswersError:
                 raise BusError(duplicate_id_text(self.id)) from None
+
+    def protocol(self, operator: str, name: str = "") -> ControlProtocol:
+        """Return a protocol for an operator, which signs if this connection has a key."""
+        signing = None if self._key is None else LeaseSigning(self._key, self.id)
+        return ControlProtocol(self.id, self.robot, operator, name, signing)
 
     def now_s(self) -> float:
         """Return the monotonic time."""

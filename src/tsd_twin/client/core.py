@@ -112,7 +112,7 @@ class BaseClient(ABC, Generic[ControlT, DoneT]):
         return held[0].reset() if held else self.perform(self._reset)
 
     def _reset(self) -> Procedure[None]:
-        protocol = ControlProtocol(self.id, self.description, self._operator)
+        protocol = self.link.protocol(self._operator)
         self.link.attach(protocol)
         try:
             yield from procedures.reset_without_control(protocol, self.time_s)
@@ -200,7 +200,7 @@ class BaseControl(ABC, Generic[ClientT, DoneT]):
 
     def __init__(self, robot: ClientT, operator: str, arm: bool, acquire: Acquire) -> None:
         self.robot = robot
-        self._protocol = ControlProtocol(robot.id, robot.description, operator)
+        self._protocol = robot.link.protocol(operator)
         self._arm, self._acquire = arm, acquire
 
     def __repr__(self) -> str:

@@ -9,12 +9,14 @@ from collections import deque
 import msgspec
 
 from tsd_twin.client.errors import ControlLost
+from tsd_twin.client.lease_signing import LeaseSigning
 from tsd_twin.messages import topics
 from tsd_twin.messages.codes import Code, Reason, because
 from tsd_twin.messages.commands import why_of
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.sentences import sentence
 from tsd_twin.messages.services import LeaseReply, LeaseRequest, decode_json
+from tsd_twin.messages.topics import Service
 
 RENEW_PERIOD_S = 0.5
 """Well below the lease timeout of 2 s."""
@@ -24,8 +26,17 @@ _ROUND_TRIPS = 8
 class HeldLease:
     """Lease on one robot."""
 
-    def __init__(self, robot_id: str, operator: str, max_age_s: float, name: str = "") -> None:
+    def __init__(
+        self,
+        robot_id: str,
+        operator: str,
+        max_age_s: float,
+        name: str = "",
+        signing: LeaseSigning | None = None,
+    ) -> None:
         """Prepare a lease on one robot; `name` is the display name of the operator.
+
+        `signing` signs what the operator sends, if there is a key.
 
         Raises:
             BusError: If the operator name is not valid in a bus key.
@@ -36,6 +47,9 @@ class HeldLease:
         """Display name, sent with requests."""
         self.max_age_s = max_age_s
         """Maximum age of accepted commands under this lease."""
+        self.signing = signing
+        self.status_seq = 0
+        """Number of the latest status, echoed by new inputs."""
         self._lease = b""
         self._granted_s = self._renewed_s = -math.inf
         self.lost_why: Reason | None = None
@@ -67,6 +81,8 @@ class HeldLease:
         if reply.lease is None:
             raise MessageError("shape", "a granted lease has an id")
         self._lease = bytes.fromhex(reply.lease)
+        if self.signing is not None:
+            self.signing.grant(reply)
         self._granted_s = self._renewed_s = now_s
         self.lost_why = None
         self.max_age_s = reply.max_age_s
@@ -95,9 +111,17 @@ class HeldLease:
             return None
         self._renewed_s = now_s
         lease = self._lease.hex()
-        return msgspec.json.encode(
-            LeaseRequest(op="renew", operator=self.operator, lease=lease, name=self.name)
-        )
+        renewal = LeaseRequest(op="renew", operator=self.operator, lease=lease, name=self.name)
+        return self.encode(Service.LEASE, renewal)
+
+    def encode(self, service: Service, message: msgspec.Struct) -> bytes:
+        """Encode a request, and sign it if the operator has a key."""
+        body = msgspec.json.encode(message)
+        if self.signing is None:
+            return body
+        if isinstance(message, LeaseRequest) and message.lease is None:
+            return self.signing.sign_lease_request(body, acquires=message.op == "acquire")
+        return self.signing.sign_request(service, body, self.status_seq)
 
     def receive_renewal(self, request: bytes, answer: bytes | None, trip_s: float) -> None:
         """Process a renewal reply; if it is missing, the status timeout applies instead."""

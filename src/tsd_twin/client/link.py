@@ -46,6 +46,10 @@ class Link(ABC):
         self._events: list[Subscription[Event]] = []
         self._closed = False
 
+    def protocol(self, operator: str, name: str = "") -> ControlProtocol:
+        """Return a protocol for an operator, which signs if this connection has a key."""
+        return ControlProtocol(self.id, self.robot, operator, name)
+
     @abstractmethod
     def now_s(self) -> float:
         """Return the monotonic or virtual time."""

@@ -54,7 +54,7 @@ def request(
     protocol: ControlProtocol, service: Service, message: msgspec.Struct, what: str
 ) -> Procedure[float]:
     """Send a request, named `what` in errors; return the time of the response."""
-    outcome = yield Call(service, msgspec.json.encode(message))
+    outcome = yield Call(service, protocol.encode(service, message))
     reply = _reply(protocol, outcome.answer, Reply)
     if not reply.ok:
         raise RequestRefused(protocol.robot_id, what, reply.reason, why_of(reply))
@@ -149,9 +149,13 @@ def stop_payload(operator: str, reason: str = "", name: str = "") -> bytes:
 
 
 def _ask(
-    service: Service, message: msgspec.Struct, kind: type[ReplyT], timeout_s: float = 1.0
+    protocol: ControlProtocol,
+    service: Service,
+    message: msgspec.Struct,
+    kind: type[ReplyT],
+    timeout_s: float = 1.0,
 ) -> Procedure[ReplyT | None]:
-    answer = (yield Call(service, msgspec.json.encode(message), timeout_s)).answer
+    answer = (yield Call(service, protocol.encode(service, message), timeout_s)).answer
     return _decoded(answer, kind)
 
 
@@ -189,7 +193,7 @@ def request_lease(
         reason=reason,
         name=protocol.name,
     )
-    outcome = yield Call(Service.LEASE, msgspec.json.encode(wish))
+    outcome = yield Call(Service.LEASE, protocol.encode(Service.LEASE, wish))
     reply = _reply(protocol, outcome.answer, LeaseReply)
     if not reply.granted:
         raise ControlDenied(protocol.robot_id, reply.reason, reply.holder, why_of(reply))
@@ -225,7 +229,7 @@ def release_lease(protocol: ControlProtocol) -> Procedure[None]:
         lease = protocol.lease_hex
         message = LeaseRequest(op="release", operator=protocol.operator, lease=lease)
         try:
-            yield from _ask(Service.LEASE, message, LeaseReply, _ANSWER_S)
+            yield from _ask(protocol, Service.LEASE, message, LeaseReply, _ANSWER_S)
         finally:
             protocol.release()
 
@@ -239,7 +243,7 @@ def peek(operator: str, timeout_s: float = 1.0) -> Call:
 def ask_holder(protocol: ControlProtocol) -> Procedure[LeaseReply]:
     """Request the lease from its holder; the reply is `done` if the request is pending."""
     message = LeaseRequest(op="request", operator=protocol.operator, name=protocol.name)
-    outcome = yield Call(Service.LEASE, msgspec.json.encode(message))
+    outcome = yield Call(Service.LEASE, protocol.encode(Service.LEASE, message))
     return _reply(protocol, outcome.answer, LeaseReply)
 
 
@@ -248,7 +252,7 @@ def withdraw_request(
 ) -> Procedure[LeaseReply | None]:
     """Withdraw the pending request; without a response, it times out."""
     message = LeaseRequest(op="withdraw", operator=protocol.operator)
-    return (yield from _ask(Service.LEASE, message, LeaseReply, timeout_s))
+    return (yield from _ask(protocol, Service.LEASE, message, LeaseReply, timeout_s))
 
 
 class LeaseRequestState(StrEnum):
@@ -323,7 +327,7 @@ def answer_request(protocol: ControlProtocol, *, grant: bool, asker: str | None)
         lease=protocol.lease_hex,
         requester=asker,
     )
-    outcome = yield Call(Service.LEASE, msgspec.json.encode(message))
+    outcome = yield Call(Service.LEASE, protocol.encode(Service.LEASE, message))
     reply = _reply(protocol, outcome.answer, LeaseReply)
     if not reply.done:
         what = "hand over control" if grant else "keep control"
@@ -347,7 +351,9 @@ def give_back(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     try:
         yield protocol.command(ZERO_TWIST, BASE, now_s)
         for _ in range(_TRIES):
-            reply = yield from _ask(Service.DISARM, HolderRequest(lease), Reply, _ANSWER_S)
+            reply = yield from _ask(
+                protocol, Service.DISARM, HolderRequest(lease), Reply, _ANSWER_S
+            )
             if reply is not None and reply.ok:
                 break
             seen = _decoded((yield peek(protocol.operator, _ANSWER_S)).answer, LeaseReply)

@@ -17,6 +17,7 @@ from tsd_twin.client.arguments import check_numbers, checked_twist
 from tsd_twin.client.echoes import Echoes
 from tsd_twin.client.errors import ClientError, RobotSilent, RobotStopped
 from tsd_twin.client.held_lease import HeldLease
+from tsd_twin.client.lease_signing import LeaseSigning
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.cdr import BASE, TwistStamped, encode_twist
@@ -64,7 +65,7 @@ class TwistCommand:
     payload: bytes
     """CDR of a `geometry_msgs/msg/TwistStamped`."""
     attachment: bytes
-    """Sequence number, lease id and number of the echoed status."""
+    """Sequence number, lease id and number of the echoed status; the tag of a signed command."""
     twist: Array
     """(3,): m/s and rad/s in `frame`."""
     frame: str
@@ -87,20 +88,23 @@ class ControlProtocol(HeldLease):
     """
 
     def __init__(
-        self, robot_id: str, robot: RobotDescription, operator: str, name: str = ""
+        self,
+        robot_id: str,
+        robot: RobotDescription,
+        operator: str,
+        name: str = "",
+        signing: LeaseSigning | None = None,
     ) -> None:
-        """Prepare for one robot; `name` is the display name of the operator.
+        """Prepare for one robot; see `HeldLease` for `name` and `signing`.
 
         Raises:
             BusError: If the operator name is not valid in a bus key.
         """
-        super().__init__(robot_id, operator, robot.limits.max_command_age_s, name)
+        super().__init__(robot_id, operator, robot.limits.max_command_age_s, name, signing)
         self.robot = robot
         self.kinematics: Kinematics[Any] = robot.kinematics()
         self._axes = list(self.kinematics.twist_axes)
         self.status: RobotStatus | None = None
-        self.status_seq = 0
-        """Number of the latest status, echoed by new inputs."""
         self._echoes = Echoes()
         self._xy_heading: Array | None = None
         self._twist: Array | None = None
@@ -268,6 +272,8 @@ class ControlProtocol(HeldLease):
         echo = self.status_seq if status_seq is None else status_seq
         attachment = encode_attachment(self._seq, self._lease, echo)
         payload = encode_twist(TwistStamped(frame, spatial))
+        if self.signing is not None:
+            attachment += self.signing.command_tag(self.operator, attachment, payload)
         return TwistCommand(self.operator, self._seq, payload, attachment, numbers, frame)
 
     def has_counted(self, seq: int) -> bool:

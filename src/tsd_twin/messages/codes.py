@@ -210,6 +210,12 @@ class Code(StrEnum):
     UNKNOWN_STATUS = "unknown_status"
     SENT_BEFORE_CHANGE = "sent_before_change"
     TOO_OLD = "too_old"
+    SIGNATURE_MISSING = "signature_missing"
+    SIGNATURE_WRONG = "signature_wrong"
+    SIGNATURE_REPEATED = "signature_repeated"
+    SIGNATURE_LATE = "signature_late"
+    KEY_REFUSED = "key_refused"
+    OPERATORS_UNUSABLE = "operators_unusable"
     # Paths.
     PATH_NOT_ON_FLOOR = "path_not_on_floor"
     PATH_NOT_FINITE = "path_not_finite"
@@ -450,6 +456,12 @@ PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.UNKNOWN_STATUS: {"number": Type.COUNT},
     Code.SENT_BEFORE_CHANGE: {},
     Code.TOO_OLD: {"s": Type.S, "limit_s": Type.S},
+    Code.SIGNATURE_MISSING: {},
+    Code.SIGNATURE_WRONG: {},
+    Code.SIGNATURE_REPEATED: {},
+    Code.SIGNATURE_LATE: {},
+    Code.KEY_REFUSED: _OPERATOR,
+    Code.OPERATORS_UNUSABLE: _TEXT,
     Code.PATH_NOT_ON_FLOOR: {},
     Code.PATH_NOT_FINITE: {},
     Code.PATH_TOO_LONG: {"limit_m": Type.M},

@@ -14,6 +14,7 @@ from tsd_twin.messages.codes import Code, Reason, because, text_reason
 from tsd_twin.messages.errors import MessageError
 from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import LeaseReply, Reply
+from tsd_twin.messages.signatures import ATTACHMENT_BYTES, TAG_BYTES
 
 _ATTACHMENT = struct.Struct("<Q16sQ")
 _PAYLOADS_KEPT = 16
@@ -59,7 +60,10 @@ def decode_command(sample: Sample) -> Command:
     if not sample.is_put or len(parts) != 5 or "*" in sample.key:
         raise MessageError("key", because(Code.BAD_KEY, key=sample.key))
     try:
-        seq, lease, status_seq = _ATTACHMENT.unpack(sample.attachment)
+        # A robot without a list of operators ignores the tag of a signed command.
+        signed = len(sample.attachment) == ATTACHMENT_BYTES + TAG_BYTES
+        attachment = sample.attachment[:ATTACHMENT_BYTES] if signed else sample.attachment
+        seq, lease, status_seq = _ATTACHMENT.unpack(attachment)
     except struct.error as error:
         raise MessageError("shape", f"attachment: {error}") from error
     message = _checked_twist(sample.payload)

@@ -97,6 +97,8 @@ class LeaseReply(msgspec.Struct, frozen=True):
     """Whether the request was carried out, also for operations that grant no lease."""
     why: Reason | None = None
     """Code and parameters behind `reason`."""
+    key: str = ""
+    """X25519 key of the robot in hex, if it requires signed commands."""
 
 
 class Reply(msgspec.Struct, frozen=True):

@@ -35,6 +35,7 @@ from tsd_twin.messages.events import Event
 from tsd_twin.messages.services import Description
 from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
+from tsd_twin.node.authority import Authority
 from tsd_twin.node.input_log import InputLogPublisher, build
 from tsd_twin.node.timing import DuplicateIdMonitor, RateKeeper
 from tsd_twin.robots import RobotDescription
@@ -68,8 +69,11 @@ class RobotNode:
         description: Description,
         *,
         pose: SE2 | SO3 | None = None,
+        authority: Authority | None = None,
     ):
         """Claim the robot id on the bus; `pose` is the initial pose.
+
+        With an `authority`, only signed commands and requests count.
 
         Raises:
             BusError: If the id is taken or invalid.
@@ -87,6 +91,7 @@ class RobotNode:
         self._controller = LoggedController(
             robot, partial(secrets.token_bytes, 16), pose=pose, build=build()
         )
+        self._authority = authority
         self._description = msgspec.json.encode(description)
         self._mode = self._controller.supervisor.mode
         self._loop_status = LoopStatus()
@@ -140,6 +145,8 @@ class RobotNode:
             self._controller.stop(sample.payload, now_s)
         self._serve(now_s)
         commands = self._commands.take_samples()
+        if self._authority is not None:
+            commands = self._authority.signed_commands(commands, now_s)
         if poses := self._poses.take_samples():
             self._controller.add_pose_measurements(poses, now_s, time.time_ns())
         battery_v = self._battery.battery_v(now_s) if self._battery else None
@@ -170,6 +177,9 @@ class RobotNode:
             for request in server.take_requests():
                 if service is Service.DESC:
                     request.reply(self._description)
+                elif self._authority is not None:
+                    serve = self._controller.serve
+                    request.reply(self._authority.serve(service, request.payload, now_s, serve))
                 else:
                     reply = self._controller.serve(service, request.payload, now_s)
                     request.reply(msgspec.json.encode(reply))
@@ -189,6 +199,8 @@ class RobotNode:
             self._publish_poses(now_s, stamp_ns)
         for event in controller.take_events():
             self._put_event(event)
+        for event in self._authority.take_events() if self._authority else ():
+            self._put_event(event)
         if (met := self._duplicate_ids.take_event()) is not None:
             self._put_event(met)
         if tick % _STATUS_EVERY == 0 or controller.supervisor.mode is not self._mode:
@@ -199,6 +211,8 @@ class RobotNode:
             self._numbers[topics.STATUS] += 1
             self._put(topics.STATUS, encode_status(status), now_s)
             controller.record_status_sent(self._numbers[topics.STATUS], now_s)
+            if self._authority is not None:
+                self._authority.record_status(self._numbers[topics.STATUS], now_s)
 
     def _publish_poses(self, now_s: float, stamp_ns: int) -> None:
         controller, io = self._controller, self._truth_io

@@ -307,7 +307,12 @@ class KeyFolder:
     def files_of(self, name: str) -> list[Path]:
         """Return all files that may be copied to the machine of the robot or a client."""
         own = [self.certificate_file(name), self.key_file(name), self.settings_file(name)]
-        return [self.certificate_file(AUTHORITY), *own]
+        extra = [self.path / f"{name}.sign", *self._lists(name)]
+        return [self.certificate_file(AUTHORITY), *own, *(file for file in extra if file.exists())]
+
+    def _lists(self, name: str) -> list[Path]:
+        role = certificate_identity(self.certificate_file(name)).role
+        return [self.path / "operators.json"] if role is Role.ROBOT else []
 
     # Reading.
 
@@ -371,6 +376,14 @@ class KeyFolder:
             self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
             raise TwinError(f"{self.path} cannot be made: {error.strerror}") from error
+
+    def authority_certificate(self) -> Certificate:
+        """Return the certificate of the authority.
+
+        Raises:
+            TwinError: If it cannot be read.
+        """
+        return read_certificate(self.certificate_file(AUTHORITY))
 
     def authority(self, now: datetime) -> CertificateAuthority:
         """Return the authority; create it if it does not exist.

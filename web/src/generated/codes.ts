@@ -193,6 +193,12 @@ export const PARAMETERS = {
   unknown_status: { number: "count" },
   sent_before_change: {},
   too_old: { s: "s", limit_s: "s" },
+  signature_missing: {},
+  signature_wrong: {},
+  signature_repeated: {},
+  signature_late: {},
+  key_refused: { operator: "operator" },
+  operators_unusable: { text: "text" },
   path_not_on_floor: {},
   path_not_finite: {},
   path_too_long: { limit_m: "m" },
@@ -372,6 +378,12 @@ export interface CodeParameters {
   unknown_status: { number: number };
   sent_before_change: Record<string, never>;
   too_old: { s: number; limit_s: number };
+  signature_missing: Record<string, never>;
+  signature_wrong: Record<string, never>;
+  signature_repeated: Record<string, never>;
+  signature_late: Record<string, never>;
+  key_refused: { operator: string };
+  operators_unusable: { text: string };
   path_not_on_floor: Record<string, never>;
   path_not_finite: Record<string, never>;
   path_too_long: { limit_m: number };

@@ -286,7 +286,7 @@ class LeaseClient:
         """Release the current lease and return the protocol for a new one."""
         self._release_controls(because(Code.CONTROL_ASKED_FOR))
         await self.release_lease()
-        protocol = ControlProtocol(link.id, link.robot, self._operator, self._name)
+        protocol = link.protocol(self._operator, self._name)
         snapshot = link.snapshot
         if snapshot.status is not None:
             protocol.receive_status(snapshot.status, snapshot.status_seq, snapshot.received_s)
