@@ -37,6 +37,13 @@ TARGETS: dict[str, Target] = {
     "bus.client_p90": Target(1.3, "set_velocity to setpoint", "bare Zenoh loop", "ms"),
     "bus.stop_p50": Target(1.3, "stop to reply", "bare Zenoh query", "ms"),
     "bus.stop_p90": Target(1.3, "stop to reply", "bare Zenoh query", "ms"),
+    "signatures.command": Target(
+        1,
+        "check of a signed command",
+        "1 % of a core at 50 Hz",
+        "us",
+        "the share is the requirement",
+    ),
     "idle.node": Target(2.2, "idle node", "bare loop", _CPU),
     "idle.dashboard": Target(0.8, "dashboard without viewers", "bare subscriber", _CPU),
     "foxglove.delay_p50": Target(1.3, "tsd-foxglove cmd_vel to setpoint", "bare forwarder", "ms"),

@@ -7,6 +7,7 @@ import itertools
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Self
 
 import zenoh
@@ -36,6 +37,8 @@ class Network:
     """Whether the link holds samples of a key back."""
     held: list[Sample] = field(default_factory=list)
     numbers: Any = field(default_factory=itertools.count)
+    certificate: Path | None = None
+    """Certificate of sessions opened from now on."""
 
     def put(self, sample: Sample) -> None:
         """Pass a sample on, or hold it back."""
@@ -140,7 +143,7 @@ class MemoryBus:
 
     def __init__(self, network: Network) -> None:
         self._network = network
-        self.certificate = None
+        self.certificate = network.certificate
         self.id = f"{next(network.numbers):032x}"
         self._tokens: list[_Token] = []
         self._takers: list[tuple[str, Callable[[Sample], None]]] = []

@@ -28,6 +28,7 @@ from tsd_twin.messages.modes import Mode
 from tsd_twin.messages.services import Description
 from tsd_twin.models import robot_urdf
 from tsd_twin.node import RobotNode
+from tsd_twin.node.authority import Authority
 from tsd_twin.node.timing import RateKeeper
 from tsd_twin.robots import SingularityDescription, description_of_kind
 from tsd_twin.safety import Heartbeat, SafetySupervisor
@@ -104,6 +105,7 @@ class VirtualRobot:
         patch: pytest.MonkeyPatch,
         *,
         bus_servos: bool = False,
+        authority: Authority | None = None,
     ) -> None:
         self.clock = clock
         self.network = Network(clock)
@@ -128,7 +130,9 @@ class VirtualRobot:
         self._see_stop_circuit()
         self.io = self._hardware()
         description = Description(QUICK, robot_urdf(self.robot))
-        self.node = RobotNode(self.bus, self.id, self.robot, self.io, description)
+        self.node = RobotNode(
+            self.bus, self.id, self.robot, self.io, description, authority=authority
+        )
         self._rate = RateKeeper(PERIOD_S)
         self._next_s = clock.now_s
 
