@@ -12,7 +12,7 @@ from functools import partial
 
 from tsd_twin import models
 from tsd_twin.bus import Bus, Config, as_client, client_config, from_file
-from tsd_twin.cli import flags, program
+from tsd_twin.cli import flags, node_program, program
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
 from tsd_twin.messages.services import Description
@@ -113,7 +113,9 @@ def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
         robot = description_of_kind(parse_description(text, name), ExternalDescription)
         robot_io.configure(robot)
         shown = Description(text, models.robot_urdf(robot))
-        node = RobotNode(bus, name, robot, robot_io, shown)
+        node = RobotNode(
+            bus, name, robot, robot_io, shown, authority=node_program.authority(args, name)
+        )
         program.say_ready(
             f"tsd-ros {name} of {where}, domain {domain}, on {' '.join(bus.endpoints())}"
         )
@@ -160,6 +162,7 @@ def ros_config(args: argparse.Namespace) -> Config:
 def main() -> None:
     """Parse the flags and run."""
     program.add_client_flags(PARSER)
+    program.add_signature_flags(PARSER)
     program.add_adapter_flags(PARSER, OPERATOR)
     made = PARSER.add_argument_group("ROS", "docs/ros2.md goes step by step.")
     text = "middleware of ROS; default zenoh; dds is a node of rclpy, of a ROS that is sourced"

@@ -62,7 +62,7 @@ def serve(
                 io = stack.enter_context(closing(joints(robot, own)))
                 start = pose(robot, own) if pose else None
                 node = RobotNode(
-                    bus, robot_id, robot, io, shown, pose=start, authority=_authority(own, robot_id)
+                    bus, robot_id, robot, io, shown, pose=start, authority=authority(own, robot_id)
                 )
                 nodes.append(node)
                 service = companion(bus, robot_id, robot, own) if companion else nullcontext()
@@ -75,7 +75,8 @@ def serve(
     program.run(made, body)
 
 
-def _authority(args: Flags, robot_id: str) -> Authority | None:
+def authority(args: Flags, robot_id: str) -> Authority | None:
+    """Return the check of signatures that the flags of a robot ask for, or None."""
     file = program.operators_file(args)
     if file is None:
         return None

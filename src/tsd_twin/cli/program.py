@@ -129,6 +129,11 @@ def add_node_flags(made: argparse.ArgumentParser) -> None:
     text = "a router to join as well"
     flags.add(made, "--connect", text, metavar="ENDPOINT", repeated=True)
     made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
+    add_signature_flags(made)
+
+
+def add_signature_flags(made: argparse.ArgumentParser) -> None:
+    """Add `--operators` and `--unsigned`."""
     text = "obey signed commands of this list only; default: the one beside --zenoh-config"
     flags.add(made, "--operators", text, Path, metavar="FILE")
     text = "obey commands without signature, also behind a router, which could then drive"
