@@ -55,16 +55,15 @@ def bus_identity_of(user: User, owner: BusIdentity) -> BusIdentity:
 
 
 def operator_name(principal: Principal, typed: str) -> str:
-    """Return the name within the operator id: from the login, or as typed without a login.
+    """Return the name within the operator id: from the login or the certificate, else as typed.
 
-    A typed name is not authenticated. If ids cannot spell it, they have the dashboard's own name.
-    With a certificate, the typed name is appended to that name.
+    A typed name is not authenticated: with a certificate, whose key signs for its own name only,
+    it is just shown. If ids cannot spell it, they have the dashboard's own name.
     """
-    own, spelled = principal.identity, id_of_name(typed)
-    if principal.login is not None or not spelled:
+    own = principal.identity
+    if principal.login is not None or own != DEFAULT_IDENTITY:
         return own.name
-    name = spelled if own == DEFAULT_IDENTITY else f"{own.name}-{spelled}"
-    return name if len(name) <= LONGEST else own.name
+    return id_of_name(typed) or own.name
 
 
 def shown_name(principal: Principal, typed: str) -> str:
