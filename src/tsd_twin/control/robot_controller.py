@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tsd_twin.control.goal_rounding import GoalRounding
 from tsd_twin.control.monitors import (
     BatteryMonitor,
     FaultReporter,
@@ -127,6 +128,7 @@ class RobotController:
         """Latest request and factor, and the result of `_limiter`."""
         self._solved: tuple[bytes, Array] | None = None
         """Latest twist, and its joints (n,) by inverse kinematics."""
+        self._rounding = GoalRounding.of(robot)
         self._components = np.array(self.kinematics.twist_axes)
         self._now_s = -math.inf
         self._saturation = SaturationMonitor()
@@ -237,6 +239,8 @@ class RobotController:
             self.twist = np.zeros(3)
             self._saturation.share = 1.0
         self.setpoint = self._inverse(self.twist)
+        if self._rounding is not None:
+            self.setpoint = self._rounding.step(now_s, self.kinematics, self.setpoint)
         if not supervisor.wheels_spin:
             self.setpoint[self._wheels] = 0.0
 

@@ -357,6 +357,18 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return _SPIN_IN_SLIP * rim_mps / (floor.friction * GRAVITY_MPS2)
 
     @property
+    def lean_by_slip(self) -> float:
+        """Rolling velocity that floor forces add by tilting the gimbals, relative to the slip.
+
+        The force is proportional to the slip; the velocity is perpendicular to both.
+        """
+        if self.slip_lag_s == 0.0:
+            return 0.0
+        rim_mps = self.drive.wheel_radius_m * self.drive.cruise_speed_rpm * RPM
+        force_n_per_mps = self.mass.total_kg / self.drive.modules / self.slip_lag_s
+        return force_n_per_mps * self.drive.wheel_radius_m * rim_mps / self._gimbal_stiffness_nm
+
+    @property
     def turning_inertia_kg_m2(self) -> float:
         """Moment of inertia about the vertical axis.
 
