@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.priorities import REALTIME
 from tests.support.robot_node import PATIENCE_S
 from tsd_twin import client
 from tsd_twin.client.errors import ClientError, ControlDenied
@@ -36,20 +37,22 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_listed_operator_drives_until_its_key_is_revoked(keys: Path, tmp_path: Path) -> None:
-    theirs = tmp_path / "robot"
-    shutil.copytree(keys, theirs)
+    theirs, later = tmp_path / "robot", tmp_path / "later"
+    for copy in (theirs, later):
+        shutil.copytree(keys, copy)
+    certs(later, "--revoke", "alice")
     config = str(theirs / "robot.json5")
-    command = [sys.executable, "-m", "tsd_mock", "--until-eof", "--zenoh-config", config]
+    command = [*REALTIME, sys.executable, "-m", "tsd_mock", "--until-eof", "--zenoh-config", config]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as robot:
         assert robot.stdout is not None
         assert b"ready" in robot.stdout.readline()
         try:
-            _drive_and_revoke(keys, theirs)
+            _drive_and_revoke(keys, theirs, later)
         finally:
             robot.terminate()
 
 
-def _drive_and_revoke(keys: Path, theirs: Path) -> None:
+def _drive_and_revoke(keys: Path, theirs: Path, later: Path) -> None:
     config = str(keys / "alice.json5")
     with client.connect("tsd", zenoh_config=config) as robot:
         with robot.control() as control:
@@ -58,10 +61,8 @@ def _drive_and_revoke(keys: Path, theirs: Path) -> None:
                 control.set_velocity(vx_mps=0.1)
                 time.sleep(0.02)
             assert robot.state.status.mode == "driving"
-            certs(keys, "--revoke", "alice")
             before = robot.state.status.command.seq
-            shutil.copy(keys / "operators.json", theirs / "operators.new")
-            (theirs / "operators.new").replace(theirs / "operators.json")
+            (later / "operators.json").replace(theirs / "operators.json")
             listed_s = time.monotonic()
             with pytest.raises(ClientError):  # noqa: PT012  It is refused at some point.
                 while time.monotonic() < listed_s + 5.0:
