@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
+from functools import partial
 from pathlib import Path
 
 from tsd_twin.bus import DEFAULT_ENDPOINT
@@ -73,6 +74,7 @@ def serve(args: argparse.Namespace) -> None:
                 first=first,
                 recordings=args.record_dir,
                 viewport_port=args.viewport_port,
+                open_pictures=partial(program.client_bus, args),
             )
         )
 

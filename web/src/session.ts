@@ -11,6 +11,7 @@ import { SphereTurn } from "./drive/sphere";
 import { Stop } from "./drive/stop";
 import { FleetStore } from "./fleet/store";
 import { Recorder } from "./plots/recorder";
+import { PictureFeed } from "./scene/picture_feed";
 import { Layout } from "./store/layout";
 import { Link } from "./store/link";
 import { isText, remembered } from "./store/memory";
@@ -41,12 +42,13 @@ export class Session {
     this.link,
     () => this.layout.screen.value === "fleet" || this.link.recording !== null,
   );
-  /** Nobody drives a robot that the page does not show. */
-  readonly drive = new Drive(this.link, () =>
-    this.layout.screen.value === "fleet"
-      ? { by: "page", code: "fleet_shown" }
-      : whyNotDrive(this.link),
-  );
+  /** Nobody drives a robot that the page does not show, or by a picture that is old. */
+  readonly drive: Drive = new Drive(this.link, () => {
+    if (this.layout.screen.value === "fleet") return { by: "page", code: "fleet_shown" };
+    if (this.drive.caution.value === 0) return { by: "page", code: "picture_old" };
+    return whyNotDrive(this.link);
+  });
+  readonly pictures = new PictureFeed(this.link, this.drive);
   readonly stop = new Stop(this.link, () => this.drive.release());
   readonly keyboard = new Keyboard(this.drive, () => this.#pressRed());
   readonly gamepad = new Gamepad(this.drive, () => this.#pressRed());

@@ -331,11 +331,16 @@ class Bus:
 
         self._kept.append(self._session.declare_queryable(key, take, complete=True))
 
-    def subscribe(self, key: str, on_sample: Callable[[Sample], None]) -> None:
-        """Call `on_sample` for every sample of a key expression."""
-        self._kept.append(
-            self._session.declare_subscriber(key, lambda sample: on_sample(sample_of(sample)))
-        )
+    def subscribe(self, key: str, on_sample: Callable[[Sample], None]) -> Callable[[], None]:
+        """Call `on_sample` for every sample of a key expression, until the returned call."""
+        made = self._session.declare_subscriber(key, lambda sample: on_sample(sample_of(sample)))
+        self._kept.append(made)
+
+        def end() -> None:
+            self._kept.remove(made)
+            made.undeclare()
+
+        return end
 
     def subscribe_events(self, key: str, on_sample: Callable[[Sample], None]) -> None:
         """Call `on_sample` for every event of a key expression, including past ones."""

@@ -14,6 +14,7 @@ from tsd_twin.bus import Bus
 from tsd_twin.dashboard.discovery import RobotDiscovery
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.server import HttpServer
+from tsd_twin.dashboard.pictures.feed import Cameras
 from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.scene import viser_compat
 from tsd_twin.dashboard.scene.appearance import RobotRoster
@@ -59,11 +60,13 @@ async def run(
     first: Sequence[str] = (),
     recordings: Path | None = None,
     viewport_port: int | None = None,
+    open_pictures: Callable[[], Bus] | None = None,
 ) -> None:
     """Serve the page until `stop` is set; `on_ready` is called with the port.
 
     `recordings` is a folder whose recordings pages may show; `viewport_port` is the port of the
-    viewport, by default the next one.
+    viewport, by default the next one; `open_pictures` opens a session on the bus for pictures of
+    cameras, which pages show then.
 
     `rules` are the access settings; `first` are ids of the robots that come first in the menu.
 
@@ -94,6 +97,7 @@ async def run(
             server.get_port(),
             auth=AuthMiddleware(rules),
             recorded=RecordedPages(recordings, sessions.live) if recordings else None,
+            cameras=Cameras(bus, open_pictures) if open_pictures else None,
         )
         views = ClientViews(
             server,

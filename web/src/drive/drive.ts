@@ -31,6 +31,8 @@ const MIN_SEND_INTERVAL_MS = 9.5; // Timers may fire a few tenths of a milliseco
 export class Drive {
   /** Speed limit of the operator: a fraction of the limits of the robot. */
   readonly level = signal(0.5);
+  /** Fraction of that limit while the operator drives by a picture that comes late; 0 stops. */
+  readonly caution = signal(1);
   /** Axes of the controls. */
   readonly frame = signal<"base_link" | "odom">("base_link");
   /** Called when a motion has ended although a control was held. */
@@ -58,7 +60,7 @@ export class Drive {
   readonly asked = computed<Deflection>(() => {
     if (this.#acting.value.length === 0) return CENTRED;
     const { speed, turn } = this.#most.value;
-    const level = this.level.value;
+    const level = this.level.value * this.caution.value;
     const shares = this.#acting.value.map(({ share }) => limited(share ?? CENTRED));
     const asked = limited(scaled(total(shares), level, level));
     const isStraight = this.link.robot.value?.sideways === false;

@@ -21,6 +21,7 @@ export interface Table {
       readonly still_moves: string;
       readonly no_path: string;
       readonly fleet_shown: string;
+      readonly picture_old: string;
     };
     readonly guest: (number: Value) => string;
     readonly cancel: string;
@@ -412,6 +413,18 @@ export interface Table {
       readonly nearer: string;
       readonly farther: string;
       readonly silent: (name: Value) => string;
+    };
+    readonly pictures: {
+      readonly label: string;
+      readonly picture: string;
+      readonly choose: string;
+      readonly move: string;
+      readonly larger: string;
+      readonly smaller: string;
+      readonly close: string;
+      readonly age: (ms: Value) => string;
+      readonly none: (seconds: Value) => string;
+      readonly stopped: string;
     };
     readonly path: {
       readonly label: string;

@@ -4,6 +4,7 @@
 export type ServerMessage =
   | Fleet
   | StopResult
+  | CamerasChanged
   | StudentReply
   | RobotInfo
   | RobotState
@@ -145,6 +146,11 @@ export interface StopResult {
   outcome: "acknowledged" | "not_reached" | "sent";
   /** Why it was not reached. */
   why: Reason | null;
+}
+
+/** A camera has come or gone; fetch the list again. */
+export interface CamerasChanged {
+  t: "cameras_changed";
 }
 
 /** Reply to `StudentRequest`; an impossible description has a problem and usually no figures. */
@@ -1160,6 +1166,22 @@ export interface AddMark {
   t: "mark";
   /** At most 200 characters. */
   note: string;
+}
+
+/** Camera that a page may show. */
+export interface CameraEntry {
+  key: string;
+  name: string;
+  /** Id of the robot that carries it; None above the floor. */
+  robot: string | null;
+}
+
+/** Page asks for the next picture, as it has received the one before. */
+export interface PictureRequest {
+  /** Width of the pane, in pixels of the screen. */
+  width: number;
+  /** Recent round trip between page and dashboard. */
+  rtt_ms: number;
 }
 
 /** Details of a recording, read in the background. */

@@ -2,7 +2,13 @@
 
 import { isOnFloor } from "../drive/axes";
 import type { Path } from "../drive/path";
-import { CAMERA_PRESETS, type Layer, type RobotInfo, TILT_FACTORS } from "../generated/wire";
+import {
+  CAMERA_PRESETS,
+  type CameraPreset,
+  type Layer,
+  type RobotInfo,
+  TILT_FACTORS,
+} from "../generated/wire";
 import { useSession } from "../session";
 import { freshness } from "../store/freshness";
 import { whyNotPlan } from "../store/permission";
@@ -11,6 +17,7 @@ import { refusalText, words } from "../text/reasons";
 import { texts } from "../text/text";
 import { Button } from "../ui/button";
 import { Segmented } from "../ui/segmented";
+import { PicturePane } from "./picture_pane";
 
 /** Choice of stick, goal or line, for robots on a floor that can be driven. */
 export function Modes() {
@@ -69,15 +76,23 @@ function pathText({ route: { value: route }, mode: { value: mode } }: Path): str
 }
 
 export function Cameras() {
-  const { view } = useSession();
-  const { cameras, home } = texts().scene;
+  const { view, pictures } = useSession();
+  const { cameras, home, pictures: words } = texts().scene;
+  const choices: { value: CameraPreset | "picture"; text: string }[] = CAMERA_PRESETS.map(
+    (value) => ({ value, text: cameras[value] }),
+  );
+  if (pictures.camera.value !== null) choices.push({ value: "picture", text: words.label });
   return (
     <div class="corner tr" data-covers>
       <Segmented
         label={cameras.label}
-        value={view.settings.value.camera}
-        choices={CAMERA_PRESETS.map((value) => ({ value, text: cameras[value] }))}
-        onChoose={(camera) => view.set({ camera }, true)}
+        value={pictures.main.value ? "picture" : view.settings.value.camera}
+        choices={choices}
+        onChoose={(camera) => {
+          pictures.main.value = camera === "picture";
+          if (camera === "picture") pictures.open.value = true;
+          else view.set({ camera }, true);
+        }}
       />
       <div class="seg">
         <Button icon="home" label={home} onPress={() => view.set({}, true)} />
@@ -99,21 +114,24 @@ export function Legend() {
   const next = TILT_FACTORS[(TILT_FACTORS.indexOf(tilt) + 1) % TILT_FACTORS.length];
   return (
     <div class="corner br" data-covers>
-      {rows.length > 0 && (
-        <ul class="chip legend" aria-label={scene.legend}>
-          {rows.map(({ sign, name }) => (
-            <li key={name}>
-              <i class={`sw ${sign}`} />
-              {scene[name]}
-            </li>
-          ))}
-        </ul>
-      )}
-      {robot.panel === "gimbals" && (
-        <button type="button" class="chip" onClick={() => view.set({ tilt: next })}>
-          {scene.tilt} <b>{scene.times(tilt.slice(1))}</b>
-        </button>
-      )}
+      <div class="legend-row">
+        {rows.length > 0 && (
+          <ul class="chip legend" aria-label={scene.legend}>
+            {rows.map(({ sign, name }) => (
+              <li key={name}>
+                <i class={`sw ${sign}`} />
+                {scene[name]}
+              </li>
+            ))}
+          </ul>
+        )}
+        {robot.panel === "gimbals" && (
+          <button type="button" class="chip" onClick={() => view.set({ tilt: next })}>
+            {scene.tilt} <b>{scene.times(tilt.slice(1))}</b>
+          </button>
+        )}
+      </div>
+      <PicturePane />
     </div>
   );
 }

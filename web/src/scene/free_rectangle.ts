@@ -56,7 +56,7 @@ const CHECK_MS = 200;
  * Elements with `data-covers` cover the view, and so do the parts of the deck that lie on it. Notices
  * are ignored, because they would move the camera and lie above the robot.
  */
-export function watchFreeRectangle(view: HTMLElement, report: Report): () => void {
+export function watchFreeRectangle(view: Element, report: Report): () => void {
   let before = "";
   const timer = setInterval(() => {
     const picture = view.getBoundingClientRect();

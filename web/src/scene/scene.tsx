@@ -25,21 +25,25 @@ export function Scene() {
   const view = useRef<HTMLElement>(null);
   const map = useMemo(() => new FloorMap(session), [session]);
   const isCovered = session.layout.screen.value === "fleet";
+  const byCamera = session.pictures.main.value;
   useEffect(() => {
     session.path.onRefused = (refusal, holds) => session.notice.say(refusalText(refusal), holds);
-    const ends = [bindKeys(session, map), watchFreeRectangle(view.current!, reportTo(session))];
+    const ends = [
+      bindKeys(session, map),
+      watchFreeRectangle(view.current!.firstElementChild!, reportTo(session)),
+    ];
     return () => ends.forEach((end) => end());
   }, [session, map]);
   return (
     <main
       ref={view}
-      class={isCovered ? "view scene-view covered" : "view scene-view"}
+      class={`view scene-view${isCovered ? " covered" : ""}${byCamera ? " by-camera" : ""}`}
       aria-label={texts().scene.region}
       aria-hidden={isCovered || undefined}
     >
       <Picture isCovered={isCovered} />
       <PicturePicker />
-      <Modes />
+      {!byCamera && <Modes />}
       <Cameras />
       <MapInset map={map} />
       <Legend />

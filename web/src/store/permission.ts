@@ -21,7 +21,8 @@ export type PageCode =
   | "viewer_cannot_stop"
   | "still_moves"
   | "no_path"
-  | "fleet_shown";
+  | "fleet_shown"
+  | "picture_old";
 
 export type Refusal = { by: "page"; code: PageCode } | { by: "robot"; reason: Reason };
 

@@ -21,13 +21,16 @@ from tsd_twin.dashboard.gateway.connection_limits import ConnectionLimiter, quie
 from tsd_twin.dashboard.gateway.listener import LISTENER, Listener
 from tsd_twin.dashboard.gateway.login import LoginRoutes
 from tsd_twin.dashboard.gateway.pages import BundlePage, ViewportPage
+from tsd_twin.dashboard.gateway.pictures import PictureRoutes
 from tsd_twin.dashboard.gateway.portraits import PortraitRoutes
 from tsd_twin.dashboard.gateway.recordings import RecordingRoutes, json_response
 from tsd_twin.dashboard.gateway.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.gateway.viewport import PAGE_ID, ViserProxy
+from tsd_twin.dashboard.pictures.feed import Cameras
 from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.sessions.page_session import PageSocket
 from tsd_twin.dashboard.sessions.session_manager import SessionManager
+from tsd_twin.dashboard.wire.pictures import CamerasChanged
 from tsd_twin.dashboard.wire.to_page import RecordingsChanged
 from tsd_twin.errors import TwinError
 from tsd_twin.security.web_access import host_of_origin, name_of_host
@@ -53,8 +56,9 @@ class HttpServer:
         *,
         auth: AuthMiddleware | None = None,
         recorded: RecordedPages | None = None,
+        cameras: Cameras | None = None,
     ) -> None:
-        """Load the pages; `recorded` serves the pages that show recordings.
+        """Load the pages; `recorded` serves the pages that show recordings, `cameras` pictures.
 
         Without `auth`, all requests from this machine are accepted, and no others.
 
@@ -76,6 +80,11 @@ class HttpServer:
         )
         self._recorded = recorded
         self._recordings = None if recorded is None else RecordingRoutes(recorded.library)
+        self._pictures = (
+            None
+            if cameras is None
+            else PictureRoutes(cameras, self._reader, self._auth.close_on_logout)
+        )
         self._runners: list[web.AppRunner] = []
         self._background_tasks: list[asyncio.Task[None]] = []
         self.port = 0
@@ -116,6 +125,8 @@ class HttpServer:
         if self._recorded is not None:
             self._recorded.library.on_changed = self._announce_recordings
             watching.append(self._recorded.library.watch())
+        if self._pictures is not None:
+            self._pictures.cameras.on_changed = lambda: sessions.send_to_all(CamerasChanged())
         self._background_tasks = [asyncio.create_task(work) for work in watching]
 
     def _make_app(self) -> web.Application:
@@ -124,6 +135,9 @@ class HttpServer:
         PortraitRoutes(self.sessions.directory.links).add_to(app.router)
         app.router.add_get("/healthz", self._serve_health)
         app.router.add_get("/teleop", self._serve_page_socket)
+        if self._pictures is not None:
+            app.router.add_get("/cameras", self._pictures.serve_list)
+            app.router.add_get("/pictures", self._serve_pictures)
         if self._recordings is None:
             app.router.add_get("/recordings", _serve_no_recordings)
         else:
@@ -197,6 +211,8 @@ class HttpServer:
             task.cancel()
         await self.sessions.close_sockets()
         await self._proxy.close()
+        if self._pictures is not None:
+            await self._pictures.close()
         if self._recorded is not None and self._recordings is not None:
             self._recordings.close()
             await self._recorded.close()
@@ -242,6 +258,11 @@ class HttpServer:
             raise web.HTTPNotFound(text="This dashboard shows no recordings.")
         async with self._recorded.view(page, recording, request[PRINCIPAL]) as view:
             return await self._run_page(request, page, partial(self._recorded.run_session, view))
+
+    async def _serve_pictures(self, request: web.Request) -> web.StreamResponse:
+        assert self._pictures is not None  # noqa: S101  Or there is no such route.
+        page = await self._admit(request, request.query.get("page", ""))
+        return await self._pictures.serve(request, page, request[PRINCIPAL])
 
     async def _run_page(
         self,

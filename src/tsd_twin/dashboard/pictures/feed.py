@@ -1,0 +1,230 @@
+"""Cameras on the bus, and their newest pictures; event loop only."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import struct
+import time
+from collections import deque
+from collections.abc import AsyncGenerator, Callable, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+import simplejpeg
+
+from tsd_twin.bus import Bus
+from tsd_twin.dashboard.pictures.link_budget import LinkBudget, PictureFormat
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.errors import MessageError
+from tsd_twin.messages.pictures import ALIVE_KEYS, CameraName, decode_picture
+
+MAX_CAMERAS = 64
+LARGEST_OUTLINES = 8192
+HEADER = struct.Struct("<ddII")
+"""Of a picture to a page: its age when it is sent and the time then, ms; its number since the feed
+began; bytes of the outlines that follow, after which the JPEG follows."""
+_CLOCKS_AGREE_S = 2.0
+_STAMPS = 100
+"""Pictures in the comparison of the clocks of camera and dashboard."""
+
+
+@dataclass(slots=True, eq=False)
+class Picture:
+    """Picture of a camera, and what has been made of it."""
+
+    number: int
+    jpeg: bytes
+    outlines: bytes
+    """JSON of tags that were found in it, as `encode_outlines` makes it, or nothing."""
+    width: int
+    height: int
+    exposed_s: float
+    """Middle of the exposure on the monotonic clock of this machine."""
+    encoded: dict[PictureFormat, asyncio.Future[bytes]] = field(
+        default_factory=dict[PictureFormat, asyncio.Future[bytes]]
+    )
+
+
+class ExposureClock:
+    """Converts time stamps of a camera to the monotonic clock of this machine.
+
+    If its clock is plainly another one, the least delay of recent pictures counts as none.
+    """
+
+    def __init__(self) -> None:
+        self._delays_s: deque[float] = deque(maxlen=_STAMPS)
+
+    def exposed_s(self, stamp_s: float, wall_s: float, now_s: float) -> float:
+        """Return the time of an exposure for a picture that arrives now."""
+        delay_s = wall_s - stamp_s
+        self._delays_s.append(delay_s)
+        least_s = min(self._delays_s)
+        agrees = 0.0 <= least_s <= _CLOCKS_AGREE_S
+        return now_s - delay_s + (0.0 if agrees else least_s)
+
+
+class PictureSession:
+    """Session on the bus for pictures alone, which cannot delay states; opened at the first use."""
+
+    def __init__(self, opened: Callable[[], Bus]) -> None:
+        """`opened` opens it, and may block."""
+        self._open = opened
+        self._bus: Bus | None = None
+        self._opening = asyncio.Lock()
+
+    async def bus(self) -> Bus:
+        """Return the session.
+
+        Raises:
+            BusError: If it cannot be opened.
+        """
+        async with self._opening:
+            if self._bus is None:
+                self._bus = await asyncio.to_thread(self._open)
+        return self._bus
+
+    async def close(self) -> None:
+        """Close it, if it was opened."""
+        async with self._opening:
+            if self._bus is not None:
+                await asyncio.to_thread(self._bus.close)
+
+
+class CameraFeed:
+    """One camera: subscribed to while somebody looks, and only its newest picture is kept."""
+
+    def __init__(self, name: CameraName, session: PictureSession, encoder: Executor) -> None:
+        self.name = name
+        self.newest: Picture | None = None
+        self._session, self._encoder = session, encoder
+        self._loop = asyncio.get_running_loop()
+        self._clock = ExposureClock()
+        self._viewers = 0
+        self._number = 0
+        self._end: Callable[[], None] | None = None
+        self._arrived = asyncio.Event()
+
+    @asynccontextmanager
+    async def watched(self) -> AsyncGenerator[None]:
+        """Subscribe to the pictures during this context."""
+        self._viewers += 1
+        try:
+            bus = await self._session.bus()
+            if self._end is None:
+                self._end = bus.subscribe(self.name.key, self._hand_over)
+            yield
+        finally:
+            self._viewers -= 1
+            if self._viewers == 0 and self._end is not None:
+                self._end()
+                self._end = self.newest = None
+
+    async def newer_than(self, number: int) -> Picture:
+        """Wait for a picture after one with a number, and return the newest."""
+        while self.newest is None or self.newest.number <= number:
+            await self._arrived.wait()
+        return self.newest
+
+    async def encoded(self, picture: Picture, chosen: PictureFormat) -> bytes:
+        """Return a picture in a format; it is encoded once for all who ask."""
+        if chosen.quality is None:
+            return picture.jpeg
+        if chosen not in picture.encoded:
+            picture.encoded[chosen] = self._loop.run_in_executor(
+                self._encoder, _encode, picture, chosen
+            )
+        return await asyncio.shield(picture.encoded[chosen])
+
+    def _hand_over(self, sample: Sample) -> None:
+        self._loop.call_soon_threadsafe(self._add, sample)
+
+    def _add(self, sample: Sample) -> None:
+        try:
+            message = decode_picture(sample.payload)
+            height, width = map(int, simplejpeg.decode_jpeg_header(message.data)[:2])
+        except (MessageError, ValueError):
+            return  # Anybody on the bus can send bytes.
+        self._number += 1
+        outlines = sample.attachment if len(sample.attachment) <= LARGEST_OUTLINES else b""
+        exposed_s = self._clock.exposed_s(1e-9 * message.stamp_ns, time.time(), time.monotonic())
+        self.newest = Picture(self._number, message.data, outlines, width, height, exposed_s)
+        self._arrived.set()  # Wakes all who wait now; the next ones wait for the next picture.
+        self._arrived.clear()
+
+
+class Viewer:
+    """A page that looks at a camera, over one socket or several that take turns."""
+
+    def __init__(self, camera: CameraFeed) -> None:
+        self.budget = LinkBudget()
+        self._camera = camera
+        self._number = 0
+
+    async def next(self, width: int) -> bytes:
+        """Wait for a picture that this page has not had, and return it with its header."""
+        while True:
+            picture = await self._camera.newer_than(self._number)
+            if (waits_s := self.budget.waits_s(time.monotonic())) <= 0.0:
+                break
+            await asyncio.sleep(waits_s)
+            # Another socket may have taken it meanwhile, or a newer one may have come.
+        self._number = picture.number
+        chosen = self.budget.format_for(len(picture.jpeg), picture.width, width)
+        jpeg = await self._camera.encoded(picture, chosen)
+        now_s = time.monotonic()
+        age_ms = 1000.0 * (now_s - picture.exposed_s)
+        header = HEADER.pack(age_ms, 1000.0 * now_s, picture.number, len(picture.outlines))
+        message = header + picture.outlines + jpeg
+        self.budget.sent(len(message), now_s)
+        return message
+
+
+class Cameras:
+    """All cameras on the bus, by key."""
+
+    def __init__(self, bus: Bus, opened: Callable[[], Bus]) -> None:
+        """`bus` shows which cameras there are; `opened` opens a session for their pictures."""
+        self.on_changed: Callable[[], None] = lambda: None
+        """Called when a camera comes or goes."""
+        self._session = PictureSession(opened)
+        self._loop = asyncio.get_running_loop()
+        self._encoder = ThreadPoolExecutor(1, "pictures")
+        self._feeds: dict[str, CameraFeed] = {}
+        for keys in ALIVE_KEYS:
+            bus.subscribe_liveliness(keys, self._hand_over)
+
+    @property
+    def feeds(self) -> Mapping[str, CameraFeed]:
+        """Cameras by the keys of their pictures."""
+        return self._feeds
+
+    async def close(self) -> None:
+        """Close the session, once nobody looks."""
+        self._encoder.shutdown(wait=False, cancel_futures=True)
+        await self._session.close()
+
+    def _hand_over(self, key: str, there: bool) -> None:
+        self._loop.call_soon_threadsafe(self._change, key, there)
+
+    def _change(self, key: str, there: bool) -> None:
+        name = CameraName.of(key)
+        if name is None or (there and len(self._feeds) >= MAX_CAMERAS):
+            return
+        if there:
+            self._feeds.setdefault(name.key, CameraFeed(name, self._session, self._encoder))
+        else:
+            self._feeds.pop(name.key, None)  # Whoever looks at it keeps its feed.
+        self.on_changed()
+
+
+def _encode(picture: Picture, chosen: PictureFormat) -> bytes:
+    assert chosen.quality is not None  # noqa: S101  Otherwise there is nothing to encode.
+    height, width = (math.ceil(n * chosen.eighths / 8) for n in (picture.height, picture.width))
+    pixels = simplejpeg.decode_jpeg(
+        picture.jpeg, "BGR", fastdct=True, min_height=height, min_width=width
+    )
+    return simplejpeg.encode_jpeg(
+        pixels, chosen.quality, "BGR", colorsubsampling="420", fastdct=True
+    )

@@ -1,0 +1,196 @@
+// Pictures of cameras: sockets on which the page asks for one picture at a time, and the age of the
+// newest. The dashboard sends each picture once to this page, whichever socket is free.
+
+import { computed, effect, signal } from "@preact/signals";
+import type { CameraEntry, PictureRequest } from "../generated/wire";
+import type { Drive } from "../drive/drive";
+import type { Link } from "../store/link";
+import { isFlag, isText, remembered } from "../store/memory";
+import { answer } from "../timeline/library";
+
+/** From this age on a picture is marked, and a robot that is driven by it slows down. */
+export const LATE_MS = 300;
+/** From this age on it is greyed, and nothing is driven by it. */
+export const OLD_MS = 1000;
+
+const MAX_SOCKETS = 8; // A lost packet stalls the pictures of one socket only.
+const ADD_AFTER_MS = 2000;
+const MANY_SKIPPED = 0.2; // Fraction of pictures that no free socket could take.
+const HEADER_BYTES = 24;
+const RETRY_MS = 1000;
+const DELAYS = 100;
+
+export interface Outline {
+  robot: string | null;
+  corners: readonly [number, number][];
+  refused: string | null;
+}
+
+export interface Shown {
+  bitmap: ImageBitmap;
+  outlines: { size: [number, number]; tags: readonly Outline[] } | null;
+}
+
+export class PictureFeed {
+  readonly cameras = signal<readonly CameraEntry[]>([]);
+  readonly open = remembered("tsd-pictures", true, isFlag);
+  /** Whether the picture is the main view, and the scene small. */
+  readonly main = signal(false);
+  readonly shown = signal<Shown | null>(null);
+  /** Width of the pane in pixels of the screen. */
+  widthPx = 320;
+  readonly #key = remembered("tsd-camera", "", isText);
+  /** Camera that is looked at: the chosen one, or one of the robot, or one above the floor. */
+  readonly camera = computed(() => {
+    const robot = this.link.robot.value?.id;
+    const seen = this.cameras.value.filter((each) => each.robot === null || each.robot === robot);
+    const chosen = seen.find(({ key }) => key === this.#key.value);
+    return chosen ?? seen.find((each) => each.robot !== null) ?? seen[0] ?? null;
+  });
+  /** Middle of the exposure of the newest picture on the `performance.now` clock. */
+  #exposedMs = -Infinity;
+  #sinceMs = performance.now();
+  #number = 0;
+  #got = 0;
+  #skipped = 0;
+  #addedMs = 0;
+  #delays: number[] = [];
+  #sockets = new Set<WebSocket>();
+
+  constructor(
+    readonly link: Link,
+    drive: Drive,
+  ) {
+    const refresh = () => void this.#fetch();
+    link.on("welcome", refresh);
+    link.on("cameras_changed", refresh);
+    const watched = computed(() => {
+      const isShown = this.open.value && link.connected.value;
+      return isShown ? (this.camera.value?.key ?? null) : null;
+    });
+    effect(() => {
+      const key = watched.value;
+      if (key !== null) this.#start(key);
+      return () => this.#stop();
+    });
+    effect(() => {
+      if (this.camera.value === null) this.main.value = false;
+    });
+    effect(() => {
+      void link.beat.value;
+      drive.caution.value = this.main.value ? caution(this.ageMs()) : 1;
+    });
+  }
+
+  choose(key: string): void {
+    this.#key.value = key;
+  }
+
+  toggle(): void {
+    this.open.value = !this.open.peek();
+    this.main.value = false;
+  }
+
+  /** Age of the newest picture; before the first one, the time since it is waited for. */
+  ageMs(): number {
+    return performance.now() - Math.max(this.#exposedMs, this.#sinceMs);
+  }
+
+  async #fetch(): Promise<void> {
+    if (this.link.recording !== null) return;
+    const found = await answer("GET", "cameras").catch(() => null);
+    this.cameras.value = found ? ((await found.json()) as CameraEntry[]) : [];
+  }
+
+  #start(key: string): void {
+    this.#number = this.#got = this.#skipped = 0;
+    this.#delays = [];
+    this.#exposedMs = -Infinity;
+    this.#sinceMs = this.#addedMs = performance.now();
+    this.#connect(key);
+  }
+
+  #stop(): void {
+    for (const socket of this.#sockets) socket.close();
+    this.#sockets.clear();
+    this.shown.value = null;
+  }
+
+  #connect(key: string): void {
+    const address = new URL("pictures", document.baseURI);
+    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+    address.search = new URLSearchParams({ page: this.link.page, camera: key }).toString();
+    const socket = new WebSocket(address);
+    socket.binaryType = "arraybuffer";
+    this.#sockets.add(socket);
+    socket.onopen = () => this.#ask(socket);
+    socket.onmessage = ({ data }) => void this.#take(socket, data as ArrayBuffer, key);
+    socket.onclose = () => {
+      const retries = this.#sockets.delete(socket) && this.#sockets.size === 0;
+      if (!retries) return;
+      this.#delays = [];
+      this.#number = 0;
+      setTimeout(
+        () => this.#sockets.size === 0 && this.#isWatched(key) && this.#connect(key),
+        RETRY_MS,
+      );
+    };
+  }
+
+  #isWatched(key: string): boolean {
+    return this.open.peek() && this.link.connected.peek() && this.camera.peek()?.key === key;
+  }
+
+  #ask(socket: WebSocket): void {
+    const rtt_ms = this.link.pageMs ?? 0;
+    const request: PictureRequest = { width: Math.round(this.widthPx), rtt_ms };
+    if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(request));
+  }
+
+  async #take(socket: WebSocket, data: ArrayBuffer, key: string): Promise<void> {
+    const arrivedMs = performance.now();
+    const header = new DataView(data, 0, HEADER_BYTES);
+    const [ageMs, sentMs] = [header.getFloat64(0, true), header.getFloat64(8, true)];
+    const [number, outlines] = [header.getUint32(16, true), header.getUint32(20, true)];
+    this.#delays = [...this.#delays, arrivedMs - sentMs].slice(-DELAYS);
+    const clockMs = Math.min(...this.#delays) - (this.link.pageMs ?? 0) / 2;
+    this.#add(key, number);
+    const jpeg = new Blob([new Uint8Array(data, HEADER_BYTES + outlines)], { type: "image/jpeg" });
+    const bitmap = await createImageBitmap(jpeg).catch(() => null);
+    this.#ask(socket);
+    if (bitmap === null) return;
+    if (number < this.#number || !this.#sockets.has(socket)) return bitmap.close();
+    this.shown.peek()?.bitmap.close();
+    this.#exposedMs = sentMs + clockMs - ageMs;
+    this.shown.value = {
+      bitmap,
+      outlines: parsed(data.slice(HEADER_BYTES, HEADER_BYTES + outlines)),
+    };
+  }
+
+  /** Count a picture; open another socket where many wait for a free one. */
+  #add(key: string, number: number): void {
+    this.#got += 1;
+    if (this.#number > 0 && number > this.#number) this.#skipped += number - this.#number - 1;
+    this.#number = Math.max(this.#number, number);
+    if (performance.now() - this.#addedMs < ADD_AFTER_MS) return;
+    const isStalled = this.#skipped > MANY_SKIPPED * (this.#got + this.#skipped);
+    if (isStalled && this.#sockets.size < MAX_SOCKETS) this.#connect(key);
+    this.#addedMs = performance.now();
+    this.#got = this.#skipped = 0;
+  }
+}
+
+/** Fraction of the speed for driving by a picture of an age: zero stops the robot. */
+export function caution(ageMs: number): number {
+  return Math.min(1, Math.max(0, (OLD_MS - ageMs) / (OLD_MS - LATE_MS)));
+}
+
+function parsed(data: ArrayBuffer): Shown["outlines"] {
+  if (data.byteLength === 0) return null;
+  try {
+    return JSON.parse(new TextDecoder().decode(data)) as Shown["outlines"];
+  } catch {
+    return null; // Any program on the bus can send it.
+  }
+}
