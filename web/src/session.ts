@@ -48,7 +48,7 @@ export class Session {
     if (this.drive.caution.value === 0) return { by: "page", code: "picture_old" };
     return whyNotDrive(this.link);
   });
-  readonly pictures = new PictureFeed(this.link, this.drive);
+  readonly pictures = new PictureFeed(this.link, this.drive, this.layout.narrow.peek());
   readonly stop = new Stop(this.link, () => this.drive.release());
   readonly keyboard = new Keyboard(this.drive, () => this.#pressRed());
   readonly gamepad = new Gamepad(this.drive, () => this.#pressRed());

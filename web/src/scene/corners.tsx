@@ -113,8 +113,8 @@ export function Legend() {
   const rows = legend(robot, isShown, hasPath, true_pose === "always");
   const next = TILT_FACTORS[(TILT_FACTORS.indexOf(tilt) + 1) % TILT_FACTORS.length];
   return (
-    <div class="corner br" data-covers>
-      <div class="legend-row">
+    <div class="corner br">
+      <div class="legend-row" data-covers>
         {rows.length > 0 && (
           <ul class="chip legend" aria-label={scene.legend}>
             {rows.map(({ sign, name }) => (

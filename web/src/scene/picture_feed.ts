@@ -1,7 +1,7 @@
 // Pictures of cameras: sockets on which the page asks for one picture at a time, and the age of the
 // newest. The dashboard sends each picture once to this page, whichever socket is free.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect, type Signal, signal } from "@preact/signals";
 import type { CameraEntry, PictureRequest } from "../generated/wire";
 import type { Drive } from "../drive/drive";
 import type { Link } from "../store/link";
@@ -20,23 +20,18 @@ const HEADER_BYTES = 24;
 const RETRY_MS = 1000;
 const DELAYS = 100;
 
-export interface Outline {
-  robot: string | null;
-  corners: readonly [number, number][];
-  refused: string | null;
-}
-
-export interface Shown {
-  bitmap: ImageBitmap;
-  outlines: { size: [number, number]; tags: readonly Outline[] } | null;
+/** Tags that were found in a picture, in pixels of a picture of this size. */
+export interface Outlines {
+  size: [number, number];
+  tags: readonly { robot: string | null; corners: [number, number][]; refused: string | null }[];
 }
 
 export class PictureFeed {
   readonly cameras = signal<readonly CameraEntry[]>([]);
-  readonly open = remembered("tsd-pictures", true, isFlag);
+  readonly open: Signal<boolean>;
   /** Whether the picture is the main view, and the scene small. */
   readonly main = signal(false);
-  readonly shown = signal<Shown | null>(null);
+  readonly outlines = signal<Outlines | null>(null);
   /** Width of the pane in pixels of the screen. */
   widthPx = 320;
   readonly #key = remembered("tsd-camera", "", isText);
@@ -56,11 +51,14 @@ export class PictureFeed {
   #addedMs = 0;
   #delays: number[] = [];
   #sockets = new Set<WebSocket>();
+  #canvas: HTMLCanvasElement | null = null;
 
   constructor(
     readonly link: Link,
     drive: Drive,
+    isNarrow = false,
   ) {
+    this.open = remembered("tsd-pictures", !isNarrow, isFlag);
     const refresh = () => void this.#fetch();
     link.on("welcome", refresh);
     link.on("cameras_changed", refresh);
@@ -91,6 +89,17 @@ export class PictureFeed {
     this.main.value = false;
   }
 
+  /** Draw on a canvas from now on; returns a function that ends it. */
+  drawOn(canvas: HTMLCanvasElement): () => void {
+    this.#canvas = canvas;
+    return () => (this.#canvas = null);
+  }
+
+  /** Whether there has been a picture. */
+  get isShown(): boolean {
+    return this.#exposedMs > -Infinity;
+  }
+
   /** Age of the newest picture; before the first one, the time since it is waited for. */
   ageMs(): number {
     return performance.now() - Math.max(this.#exposedMs, this.#sinceMs);
@@ -113,7 +122,7 @@ export class PictureFeed {
   #stop(): void {
     for (const socket of this.#sockets) socket.close();
     this.#sockets.clear();
-    this.shown.value = null;
+    this.outlines.value = null;
   }
 
   #connect(key: string): void {
@@ -160,12 +169,20 @@ export class PictureFeed {
     this.#ask(socket);
     if (bitmap === null) return;
     if (number < this.#number || !this.#sockets.has(socket)) return bitmap.close();
-    this.shown.peek()?.bitmap.close();
+    this.#draw(bitmap);
     this.#exposedMs = sentMs + clockMs - ageMs;
-    this.shown.value = {
-      bitmap,
-      outlines: parsed(data.slice(HEADER_BYTES, HEADER_BYTES + outlines)),
-    };
+    this.outlines.value = parsed(data.slice(HEADER_BYTES, HEADER_BYTES + outlines));
+  }
+
+  #draw(bitmap: ImageBitmap): void {
+    const { width, height } = bitmap;
+    const canvas = this.#canvas;
+    if (canvas !== null) {
+      if (canvas.width !== width || canvas.height !== height)
+        Object.assign(canvas, { width, height });
+      canvas.getContext("2d")?.drawImage(bitmap, 0, 0);
+    }
+    bitmap.close();
   }
 
   /** Count a picture; open another socket where many wait for a free one. */
@@ -186,10 +203,10 @@ export function caution(ageMs: number): number {
   return Math.min(1, Math.max(0, (OLD_MS - ageMs) / (OLD_MS - LATE_MS)));
 }
 
-function parsed(data: ArrayBuffer): Shown["outlines"] {
+function parsed(data: ArrayBuffer): Outlines | null {
   if (data.byteLength === 0) return null;
   try {
-    return JSON.parse(new TextDecoder().decode(data)) as Shown["outlines"];
+    return JSON.parse(new TextDecoder().decode(data)) as Outlines;
   } catch {
     return null; // Any program on the bus can send it.
   }

@@ -18,29 +18,41 @@ const ARROWS: Record<string, [number, number]> = {
 };
 
 export function PicturePane() {
-  const { pictures, link } = useSession();
+  const { pictures, link, layout } = useSession();
+  const hasNoInset = layout.narrow.value || layout.sideways.value;
   const { pictures: words } = texts().scene;
   const camera = pictures.camera.value;
   if (camera === null || link.recording !== null) return null;
   if (!pictures.open.value)
     return (
-      <button type="button" class="chip" aria-expanded="false" onClick={() => pictures.toggle()}>
+      <button
+        type="button"
+        class="chip"
+        aria-expanded="false"
+        data-covers
+        onClick={() => {
+          pictures.toggle();
+          pictures.main.value = hasNoInset;
+        }}
+      >
         <Icon name="camera" />
         {words.label}
       </button>
     );
   const isMain = pictures.main.value;
   return (
-    <section class={isMain ? "pictures main" : "pictures"} aria-label={words.label}>
+    <section class="pictures" aria-label={words.label} data-covers={isMain ? undefined : true}>
       <Handle fixed={isMain}>
         <Icon name="camera" />
         <Choice pictures={pictures} />
         <Age pictures={pictures} />
-        <Button
-          icon="expand"
-          label={isMain ? words.smaller : words.larger}
-          onPress={() => (pictures.main.value = !isMain)}
-        />
+        {!(isMain && hasNoInset) && (
+          <Button
+            icon="expand"
+            label={isMain ? words.smaller : words.larger}
+            onPress={() => (pictures.main.value = !isMain)}
+          />
+        )}
         <Button icon="close" label={words.close} onPress={() => pictures.toggle()} />
       </Handle>
       <Picture pictures={pictures} />
@@ -78,7 +90,7 @@ function Age({ pictures }: { pictures: PictureFeed }) {
   const isOld = ageMs > OLD_MS;
   const text = isOld
     ? words.none(figure(ageMs / 1000))
-    : pictures.shown.value && words.age(figure(Math.round(ageMs)));
+    : pictures.isShown && words.age(figure(Math.round(ageMs)));
   return (
     <>
       <span class={ageMs > LATE_MS ? "age late" : "age"}>{text}</span>
@@ -91,17 +103,12 @@ function Age({ pictures }: { pictures: PictureFeed }) {
 
 function Picture({ pictures }: { pictures: PictureFeed }) {
   const canvas = useRef<HTMLCanvasElement>(null);
-  const shown = pictures.shown.value;
   void pictures.link.beat.value;
   useEffect(() => {
-    const target = canvas.current!;
-    pictures.widthPx = target.clientWidth * devicePixelRatio;
-    if (shown === null) return;
-    if (target.width !== shown.bitmap.width) target.width = shown.bitmap.width;
-    if (target.height !== shown.bitmap.height) target.height = shown.bitmap.height;
-    target.getContext("2d")?.drawImage(shown.bitmap, 0, 0);
-  }, [shown, pictures]);
-  const outlines = shown?.outlines;
+    pictures.widthPx = canvas.current!.clientWidth * devicePixelRatio;
+  });
+  useEffect(() => pictures.drawOn(canvas.current!), [pictures]);
+  const outlines = pictures.outlines.value;
   return (
     <div class={pictures.ageMs() > OLD_MS ? "frame old" : "frame"}>
       <canvas ref={canvas} role="img" aria-label={texts().scene.pictures.picture} />
