@@ -166,10 +166,10 @@ class Viewer:
         """Wait for a picture that this page has not had, and return it with its header."""
         while True:
             picture = await self._camera.newer_than(self._number)
-            if (waits_s := self.budget.waits_s(time.monotonic())) <= 0.0:
+            if (waits_s := self.budget.waits_s(time.monotonic())) > 0.0:
+                await asyncio.sleep(waits_s)
+            elif picture.number > self._number:  # Or another socket has taken it meanwhile.
                 break
-            await asyncio.sleep(waits_s)
-            # Another socket may have taken it meanwhile, or a newer one may have come.
         self._number = picture.number
         chosen = self.budget.format_for(len(picture.jpeg), picture.width, width)
         jpeg = await self._camera.encoded(picture, chosen)

@@ -1,0 +1,91 @@
+"""Pictures use at most four fifths of a link, and as much of it as their sizes permit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tsd_twin.dashboard.pictures.link_budget import FORMATS, LEAST_HZ, SHARE, LinkBudget
+
+OWN_BYTES, OWN_WIDTH = 60_000, 1280
+
+
+@dataclass
+class Sent:
+    at_s: float
+    size: int
+    eighths: int
+
+
+def watched(bytes_per_s: float, delay_s: float, sockets: int, *, width: int = 1280) -> list[Sent]:
+    """Return what a page gets in 11 s over a link that carries one byte after the other."""
+    budget, sent = LinkBudget(), list[Sent]()
+    free_s = [0.0] * sockets
+    link_s = now_s = 0.0
+    flying: list[tuple[float, int, float]] = []
+    while now_s < 11.0:
+        now_s += 1.0 / 30.0  # A picture of the camera.
+        for asked_s, size, began_s in [each for each in flying if each[0] <= now_s]:
+            budget.add(size, asked_s - began_s, 2.0 * delay_s)
+            flying.remove((asked_s, size, began_s))
+        socket = min(range(sockets), key=free_s.__getitem__)
+        if free_s[socket] > now_s or budget.waits_s(now_s) > 0.0:
+            continue
+        chosen = budget.format_for(OWN_BYTES, OWN_WIDTH, width)
+        size = round(chosen.bytes_share * OWN_BYTES)
+        budget.sent(size, now_s)
+        link_s = max(link_s, now_s) + size / bytes_per_s
+        free_s[socket] = link_s + 2.0 * delay_s
+        flying.append((free_s[socket], size, now_s))
+        sent.append(Sent(now_s, size, chosen.eighths))
+    return sent
+
+
+LINKS = {
+    "bytes_per_s": st.floats(6e4, 2e7),
+    "delay_s": st.floats(0.0, 0.3),
+    "sockets": st.integers(1, 8),
+}
+
+
+@given(**LINKS)
+def test_pictures_leave_a_fifth_of_the_link_to_others(
+    bytes_per_s: float, delay_s: float, sockets: int
+) -> None:
+    late = [each for each in watched(bytes_per_s, delay_s, sockets) if each.at_s > 5.0]
+    used = sum(each.size for each in late) / 6.0
+    assert used <= (SHARE + 0.05) * bytes_per_s
+
+
+@given(**LINKS)
+def test_a_link_that_carries_a_better_format_at_the_least_rate_gets_it(
+    bytes_per_s: float, delay_s: float, sockets: int
+) -> None:
+    fits = [
+        each
+        for each in FORMATS
+        if each.bytes_share * OWN_BYTES * LEAST_HZ <= (SHARE - 0.15) * bytes_per_s
+    ]
+    newest = watched(bytes_per_s, delay_s, sockets)[-1]
+    assert newest.size >= (fits[0] if fits else FORMATS[-1]).bytes_share * OWN_BYTES - 1.0
+
+
+def test_two_megabits_carry_480_pixels_fifteen_times_a_second() -> None:
+    late = [each for each in watched(250e3, 0.09, 8) if each.at_s > 5.0]
+    assert all(each.eighths * OWN_WIDTH / 8 >= 480 for each in late)
+    assert len(late) / 6.0 >= LEAST_HZ
+
+
+@pytest.mark.parametrize("width", [200, 320, 640, 960, 1280, 4000])
+def test_a_picture_is_no_larger_than_its_pane_needs(width: int) -> None:
+    newest = watched(1e8, 0.0, 1, width=width)[-1]
+    enough = [each.eighths for each in FORMATS if each.eighths * OWN_WIDTH >= 8 * width]
+    assert newest.eighths == (min(enough) if enough else 8)
+
+
+def test_before_the_first_answer_a_small_picture_probes_the_link() -> None:
+    chosen = LinkBudget().format_for(OWN_BYTES, OWN_WIDTH, 1280)
+    assert chosen.bytes_share * OWN_BYTES < 10_000
