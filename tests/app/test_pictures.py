@@ -1,117 +1,180 @@
-"""The picture of a camera in the page, with real programs: seen, driven by, and missed."""
+"""The pictures of a camera in a browser, with the real programs."""
 
 from __future__ import annotations
 
 import re
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.app.conftest import Program
-from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode
+from tests.app.test_axe import findings
+from tests.support.browser import FLAGS_WITHOUT_SCENE, mode, press
 
 pytestmark = [
     pytest.mark.system,
     pytest.mark.busy,
-    pytest.mark.timeout(180),
+    pytest.mark.timeout(300),
     pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"),
 ]
 
 Start = Callable[..., Program]
-STOPPED = "No new picture"
+PHRASE = "correct horse battery"
+AGE = re.compile(r"^\d+ ms old$")
+STOPPED = re.compile(r"^no picture for \d+ s$")
+DRAWN = """(canvas) => {
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  return canvas.width > 100 && new Set(data).size > 20;
+}"""
 
 
-class Watched:
-    """A page that shows the picture of a simulated camera above a mock robot."""
+@pytest.fixture(scope="module")
+def bus(start_shared: Start) -> str:
+    return start_shared("tsd_mock", "--listen", "tcp/127.0.0.1:0").ready().split()[-1]
 
-    def __init__(self, start: Start, browser: Browser) -> None:
-        endpoint = start("tsd_mock", "--listen", "tcp/127.0.0.1:0").ready().split()[-1]
-        self.camera = start("tsd_camera", "--simulate", "--connect", endpoint, "--tag", "3=tsd")
-        self.camera.ready()
-        dashboard = start("tsd_dashboard", "--port", "0", "--connect", endpoint)
-        self.page: Page = browser.new_page(viewport={"width": 1280, "height": 720})
-        self.page.goto(dashboard.ready().split()[1])
-        self.pane = self.page.get_by_role("region", name="Camera")
 
-    def grey(self) -> float:
-        """Return the mean brightness of the middle of the picture, 0 to 255."""
-        script = """canvas => {
-            const {width, height} = canvas;
-            const {data} = canvas.getContext("2d").getImageData(width / 4, height / 4, width / 2, height / 2);
-            return data.reduce((sum, each, i) => sum + (i % 4 === 0 ? each : 0), 0) / (data.length / 4);
-        }"""
-        return float(self.pane.get_by_role("img").evaluate(script))
+@pytest.fixture(scope="module")
+def url(start_shared: Start, bus: str) -> str:
+    return start_shared("tsd_dashboard", "--port", "0", "--connect", bus).ready().split()[1]
 
 
 @pytest.fixture
-def watched(start: Start, browser: Browser) -> Generator[Watched]:
-    opened = Watched(start, browser)
-    yield opened
-    opened.page.close()
+def camera(start: Start, bus: str) -> Program:
+    camera = start("tsd_camera", "--simulate", "--connect", bus, "--tag", "3=tsd")
+    camera.ready()
+    return camera
 
 
-def test_the_picture_shows_its_age_and_the_robot_and_says_when_it_stops(watched: Watched) -> None:
-    expect(watched.pane).to_contain_text(re.compile(r"\d+ ms old"), timeout=PATIENCE_MS)
-    expect(watched.pane.locator("svg .tag:not(.unused) text")).to_have_text(
-        "tsd", timeout=PATIENCE_MS
-    )
-    assert 20.0 < watched.grey() < 235.0
-    watched.camera.process.send_signal(signal.SIGSTOP)
-    expect(watched.pane.get_by_role("status")).to_have_text(STOPPED, timeout=PATIENCE_MS)
-    expect(watched.pane).to_contain_text(re.compile(r"no picture for \d+ s"))
-    watched.camera.process.send_signal(signal.SIGCONT)
-    expect(watched.pane.get_by_role("status")).to_have_text("", timeout=PATIENCE_MS)
-    watched.camera.end(signal.SIGTERM)
-    expect(watched.pane).to_have_count(0, timeout=PATIENCE_MS)
+@contextmanager
+def opened(browser: Browser, url: str) -> Generator[Page]:
+    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    failures: list[str] = []
+    page.on("pageerror", lambda error: failures.append(str(error)))
+    page.goto(url)
+    yield page
+    page.close()
+    assert failures == []
 
 
-def test_who_drives_by_the_picture_stops_when_it_freezes_and_not_in_another_view(
-    watched: Watched,
-) -> None:
-    page = watched.page
-    expect(watched.pane).to_contain_text(re.compile(r"\d+ ms old"), timeout=PATIENCE_MS)
-    page.get_by_role("radio", name="Camera").click()
-    page.get_by_role("button", name="Take control").click()
-    page.get_by_role("button", name="Arm", exact=True).first.click()
-    expect(mode(page)).to_have_text("Ready", timeout=PATIENCE_MS)
-    page.locator("body").click(position={"x": 640, "y": 200})
-    page.keyboard.down("w")
-    expect(mode(page)).to_have_text("Driving", timeout=PATIENCE_MS)
-    watched.camera.process.send_signal(signal.SIGSTOP)
-    expect(mode(page)).to_have_text("Ready", timeout=PATIENCE_MS)
-    expect(page.locator("body")).to_contain_text("The picture is too old to drive by")
-    page.keyboard.up("w")
-    page.keyboard.down("w")
-    page.wait_for_timeout(500)
-    expect(mode(page)).to_have_text("Ready")
-    page.keyboard.up("w")
-    page.get_by_role("radio", name="3-D").click()
-    page.keyboard.down("w")
-    expect(mode(page)).to_have_text("Driving", timeout=PATIENCE_MS)
-    page.keyboard.up("w")
-    watched.camera.process.send_signal(signal.SIGCONT)
+def pane(page: Page) -> Locator:
+    return page.get_by_role("region", name="Camera", exact=True)
 
 
-def test_the_pane_moves_by_keys_and_becomes_the_view(watched: Watched) -> None:
-    expect(watched.pane).to_contain_text(re.compile(r"\d+ ms old"), timeout=PATIENCE_MS)
-    handle = watched.pane.get_by_role("group", name="Move the picture with arrow keys")
-    before = watched.pane.bounding_box()
-    handle.press("ArrowLeft")
-    handle.press("ArrowUp")
-    after = watched.pane.bounding_box()
-    assert before is not None
-    assert after is not None
-    assert (before["x"] - after["x"], before["y"] - after["y"]) == (24.0, 24.0)
-    for _ in range(100):
+def age(page: Page) -> Locator:
+    return pane(page).locator(".age")
+
+
+def shows_a_picture(page: Page) -> None:
+    expect(age(page)).to_have_text(AGE)
+    assert pane(page).get_by_role("img", name="Picture of the camera").evaluate(DRAWN)
+
+
+@pytest.mark.usefixtures("camera")
+def test_a_picture_is_shown_with_its_age_and_its_tags(browser: Browser, url: str) -> None:
+    with opened(browser, url) as page:
+        shows_a_picture(page)
+        expect(pane(page).locator("svg text", has_text="tsd")).to_be_visible()
+        assert findings(page) == []
+        press(page, "Camera as main view")
+        shows_a_picture(page)
+        for scheme in ("dark", "light"):
+            page.emulate_media(color_scheme=scheme)
+            expect(page.locator("html")).to_have_attribute("data-theme", scheme)
+            assert findings(page) == []
+
+
+@pytest.mark.usefixtures("camera")
+def test_the_pane_is_moved_enlarged_and_closed_with_keys(browser: Browser, url: str) -> None:
+    with opened(browser, url) as page:
+        handle = page.get_by_role("group", name="Move the picture with arrow keys")
+        before = pane(page).bounding_box()
+        handle.press("ArrowUp")
         handle.press("ArrowLeft")
-    left = watched.pane.bounding_box()
-    assert left is not None
-    assert left["x"] == 0.0
-    watched.pane.get_by_role("button", name="Camera as main view").press("Enter")
-    main = watched.pane.bounding_box()
-    assert main is not None
-    assert main["width"] > 800.0
-    watched.pane.get_by_role("button", name="Close the picture").press("Enter")
-    expect(watched.page.get_by_role("button", name="Camera")).to_be_visible()
+        after = pane(page).bounding_box()
+        assert before is not None
+        assert after is not None
+        assert (before["x"] - after["x"], before["y"] - after["y"]) == (24, 24)
+        for _ in range(100):
+            handle.press("ArrowLeft")
+        view = page.get_by_role("main").bounding_box()
+        held = pane(page).bounding_box()
+        assert view is not None
+        assert held is not None
+        assert held["x"] == view["x"]
+        page.get_by_role("button", name="Camera as main view").press("Enter")
+        page.get_by_role("button", name="Scene as main view").press("Enter")
+        page.get_by_role("button", name="Close the picture").press("Enter")
+        expect(pane(page)).to_be_hidden()
+        page.reload()
+        chip = page.get_by_role("button", name="Camera", exact=True)
+        expect(chip).to_be_visible()
+        expect(pane(page)).to_be_hidden()
+        chip.press("Enter")
+        shows_a_picture(page)
+
+
+def test_driving_ends_where_the_picture_that_one_drives_by_stops(
+    browser: Browser, url: str, camera: Program
+) -> None:
+    with opened(browser, url) as page:
+        press(page, "Camera as main view")
+        shows_a_picture(page)
+        press(page, "Take control")
+        press(page, "Arm")
+        mode(page, "ready")
+        page.keyboard.down("w")
+        mode(page, "driving")
+        camera.process.send_signal(signal.SIGSTOP)
+        try:
+            expect(age(page)).to_have_text(STOPPED)
+            expect(pane(page).get_by_role("status")).to_have_text("No new picture")
+            expect(pane(page).locator(".frame")).to_have_class(re.compile("old"))
+            mode(page, "ready")  # Although the key is still held.
+            assert findings(page) == []
+        finally:
+            camera.process.send_signal(signal.SIGCONT)
+        page.keyboard.up("w")
+        shows_a_picture(page)
+        page.keyboard.down("w")
+        mode(page, "driving")
+        page.keyboard.up("w")
+        camera.end()
+        expect(pane(page)).to_be_hidden()
+
+
+@pytest.mark.usefixtures("camera")
+def test_a_user_of_some_robots_sees_no_camera_above_the_floor(
+    start: Start, browser: Browser, bus: str, tmp_path: Path
+) -> None:
+    users = str(tmp_path / "users.toml")
+    for name, *flags in (("alice",), ("bob", "--robots", "tsd")):
+        subprocess.run(
+            [sys.executable, "-m", "tsd_users", users, "--operator", name, *flags],
+            input=f"{PHRASE}\n",
+            text=True,
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+    dashboard = start("tsd_dashboard", "--port", "0", "--connect", bus, "--users", users)
+    url = dashboard.ready().split()[1]
+    for name, sees in (("alice", True), ("bob", False)):
+        context = browser.new_context(viewport={"width": 1280, "height": 720})
+        page = context.new_page()
+        page.goto(url)
+        page.get_by_label("Name").fill(name)
+        page.get_by_label("Password").fill(PHRASE)
+        page.get_by_role("button", name="Log in").click()
+        mode(page, "disarmed")
+        if sees:
+            shows_a_picture(page)
+        else:
+            assert page.evaluate("fetch('cameras').then((answer) => answer.json())") == []
+            expect(pane(page)).to_be_hidden()
+            expect(page.get_by_role("radio", name="Camera", exact=True)).to_have_count(0)
+        context.close()

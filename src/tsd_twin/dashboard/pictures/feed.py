@@ -12,6 +12,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
+import msgspec
 import simplejpeg
 
 from tsd_twin.bus import Bus
@@ -22,12 +23,30 @@ from tsd_twin.messages.pictures import ALIVE_KEYS, CameraName, decode_picture
 
 MAX_CAMERAS = 64
 LARGEST_OUTLINES = 8192
+MOST_PIXELS = 4096 * 4096
+"""A JPEG of a few kilobytes may claim 65,535 x 65,535, and would be decoded into gigabytes."""
 HEADER = struct.Struct("<ddII")
 """Of a picture to a page: its age when it is sent and the time then, ms; its number since the feed
 began; bytes of the outlines that follow, after which the JPEG follows."""
 _CLOCKS_AGREE_S = 2.0
 _STAMPS = 100
 """Pictures in the comparison of the clocks of camera and dashboard."""
+
+
+class _Outline(msgspec.Struct):
+    corners: list[tuple[float, float]]
+    robot: str | None
+    refused: str | None
+
+
+class _Outlines(msgspec.Struct):
+    """Tags in a picture, as far as pages read them."""
+
+    size: tuple[int, int]
+    tags: list[_Outline]
+
+
+_OUTLINES = msgspec.json.Decoder(_Outlines)
 
 
 @dataclass(slots=True, eq=False)
@@ -128,7 +147,11 @@ class CameraFeed:
         return self.newest
 
     async def encoded(self, picture: Picture, chosen: PictureFormat) -> bytes:
-        """Return a picture in a format; it is encoded once for all who ask."""
+        """Return a picture in a format; it is encoded once for all who ask.
+
+        Raises:
+            ValueError: If its data are broken.
+        """
         if chosen.quality is None:
             return picture.jpeg
         if chosen not in picture.encoded:
@@ -146,8 +169,10 @@ class CameraFeed:
             height, width = map(int, simplejpeg.decode_jpeg_header(message.data)[:2])
         except (MessageError, ValueError):
             return  # Anybody on the bus can send bytes.
+        if not 0 < height * width <= MOST_PIXELS:
+            return
         self._number += 1
-        outlines = sample.attachment if len(sample.attachment) <= LARGEST_OUTLINES else b""
+        outlines = sample.attachment if _are_outlines(sample.attachment) else b""
         exposed_s = self._clock.exposed_s(1e-9 * message.stamp_ns, time.time(), time.monotonic())
         self.newest = Picture(self._number, message.data, outlines, width, height, exposed_s)
         self._arrived.set()  # Wakes all who wait now; the next ones wait for the next picture.
@@ -166,13 +191,18 @@ class Viewer:
         """Wait for a picture that this page has not had, and return it with its header."""
         while True:
             picture = await self._camera.newer_than(self._number)
+            if picture.number <= self._number:
+                continue  # Another socket of this page, which waited as well, has taken it.
             if (waits_s := self.budget.waits_s(time.monotonic())) > 0.0:
                 await asyncio.sleep(waits_s)
-            elif picture.number > self._number:  # Or another socket has taken it meanwhile.
-                break
-        self._number = picture.number
-        chosen = self.budget.format_for(len(picture.jpeg), picture.width, width)
-        jpeg = await self._camera.encoded(picture, chosen)
+                continue  # A newer one may have come.
+            self._number = picture.number
+            chosen = self.budget.format_for(len(picture.jpeg), picture.width, width)
+            try:
+                jpeg = await self._camera.encoded(picture, chosen)
+            except ValueError:
+                continue  # Broken after its header: the page waits for the next one.
+            break
         now_s = time.monotonic()
         age_ms = 1000.0 * (now_s - picture.exposed_s)
         header = HEADER.pack(age_ms, 1000.0 * now_s, picture.number, len(picture.outlines))
@@ -217,6 +247,15 @@ class Cameras:
         else:
             self._feeds.pop(name.key, None)  # Whoever looks at it keeps its feed.
         self.on_changed()
+
+
+def _are_outlines(data: bytes) -> bool:
+    """Return whether an attachment is what pages read: anybody on the bus can send one."""
+    try:
+        _OUTLINES.decode(data)
+    except msgspec.MsgspecError:
+        return False
+    return len(data) <= LARGEST_OUTLINES
 
 
 def _encode(picture: Picture, chosen: PictureFormat) -> bytes:
