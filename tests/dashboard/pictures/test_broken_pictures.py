@@ -20,7 +20,7 @@ from tsd_twin.messages.pictures import CameraName, CompressedImage, encode_pictu
 
 CEILING = CameraName("ceiling")
 PIXELS = np.random.default_rng(1).integers(0, 255, (180, 320, 3), dtype=np.uint8)
-JPEG = simplejpeg.encode_jpeg(PIXELS, 80, "BGR")
+JPEG = simplejpeg.encode_jpeg(PIXELS, 30, "BGR")
 TAG = {"robot": "tsd", "corners": [[1, 2], [3, 2], [3, 4], [1, 4]], "refused": None}
 OUTLINES = {"size": [320, 180], "tags": [TAG]}
 
@@ -45,7 +45,7 @@ def run(work: Callable[[CameraFeed], Coroutine[Any, Any, None]]) -> None:
         with ThreadPoolExecutor(1) as encoder:
             await work(CameraFeed(CEILING, PictureSession(opened), encoder))
 
-    asyncio.run(main())
+    asyncio.run(asyncio.wait_for(main(), 10.0))
 
 
 @pytest.mark.parametrize("kept", [0.5, 0.9])
