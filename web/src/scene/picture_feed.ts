@@ -35,12 +35,21 @@ export class PictureFeed {
   /** Width of the pane in pixels of the screen. */
   widthPx = 320;
   readonly #key = remembered("tsd-camera", "", isText);
-  /** Camera that is looked at: the chosen one, or one of the robot, or one above the floor. */
-  readonly camera = computed(() => {
+  /** Cameras of the robot and above the floor. */
+  readonly seen = computed(() => {
     const robot = this.link.robot.value?.id;
-    const seen = this.cameras.value.filter((each) => each.robot === null || each.robot === robot);
-    const chosen = seen.find(({ key }) => key === this.#key.value);
-    return chosen ?? seen.find((each) => each.robot !== null) ?? seen[0] ?? null;
+    return this.cameras.value.filter((each) => each.robot === null || each.robot === robot);
+  });
+  #last: CameraEntry | null = null;
+  /**
+   * Camera that is looked at: the chosen one, or one of the robot, or one above the floor. One that
+   * somebody drives by stays when it is gone, with its picture ageing.
+   */
+  readonly camera = computed(() => {
+    const [seen, chosen] = [this.seen.value, this.#key.value];
+    const kept = this.main.value ? this.#last : null;
+    const found = seen.find(({ key }) => key === (kept?.key ?? chosen)) ?? kept;
+    return (this.#last = found ?? seen.find((each) => each.robot !== null) ?? seen[0] ?? null);
   });
   /** Middle of the exposure of the newest picture on the `performance.now` clock. */
   #exposedMs = -Infinity;
@@ -71,8 +80,10 @@ export class PictureFeed {
       if (key !== null) this.#start(key);
       return () => this.#stop();
     });
+    const robot = computed(() => link.robot.value?.id);
     effect(() => {
-      if (this.camera.value === null) this.main.value = false;
+      void robot.value;
+      this.main.value = false;
     });
     effect(() => {
       void link.beat.value;
@@ -81,6 +92,7 @@ export class PictureFeed {
   }
 
   choose(key: string): void {
+    this.#last = null;
     this.#key.value = key;
   }
 
@@ -102,7 +114,7 @@ export class PictureFeed {
 
   /** Age of the newest picture; before the first one, the time since it is waited for. */
   ageMs(): number {
-    return performance.now() - Math.max(this.#exposedMs, this.#sinceMs);
+    return performance.now() - (this.isShown ? this.#exposedMs : this.#sinceMs);
   }
 
   async #fetch(): Promise<void> {

@@ -64,9 +64,8 @@ export function PicturePane() {
 function Choice({ pictures }: { pictures: PictureFeed }) {
   const { pictures: words } = texts().scene;
   const shown = pictures.camera.value!;
-  const robot = pictures.link.robot.value?.id;
-  const all = pictures.cameras.value.filter((each) => [null, robot].includes(each.robot));
-  if (all.length === 1) return <span class="spacer">{shown.name}</span>;
+  const all = pictures.seen.value;
+  if (all.length < 2) return <span class="spacer">{shown.name}</span>;
   return (
     <select
       class="spacer"
