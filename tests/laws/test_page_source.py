@@ -17,7 +17,7 @@ SOURCES = [
     if path.suffix in {".ts", ".tsx", ".css"} and GENERATED not in path.parents
 ]
 MAX_LINES = 350
-MAX_TOTAL_LINES, MAX_CSS_LINES = 11_600, 1500
+MAX_TOTAL_LINES, MAX_CSS_LINES = 12_000, 1500
 
 _COMMENT = re.compile(r"/\*.*?\*/|(?<!:)//[^\n]*", re.DOTALL)
 _NAMES = "white|black|red|green|blue|yellow|orange|purple|cyan|magenta|navy|teal|silver|gr[ae]y"

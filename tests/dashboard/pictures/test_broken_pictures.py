@@ -1,4 +1,4 @@
-"""What anybody on the bus may send as a picture stalls no page, and breaks none."""
+"""Broken pictures from the bus neither stall nor break a page."""
 
 from __future__ import annotations
 

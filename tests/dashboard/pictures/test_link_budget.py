@@ -21,7 +21,7 @@ class Sent:
 
 
 def watched(bytes_per_s: float, delay_s: float, sockets: int, *, width: int = 1280) -> list[Sent]:
-    """Return what a page gets in 11 s over a link that carries one byte after the other."""
+    """Return the pictures of 11 s over a link of constant bandwidth."""
     budget, sent = LinkBudget(), list[Sent]()
     free_s = [0.0] * sockets
     link_s = now_s = 0.0

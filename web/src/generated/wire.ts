@@ -1176,7 +1176,7 @@ export interface CameraEntry {
   robot: string | null;
 }
 
-/** Page asks for the next picture, as it has received the one before. */
+/** Request for the next picture; acknowledges the previous one. */
 export interface PictureRequest {
   /** Width of the pane, in pixels of the screen. */
   width: number;

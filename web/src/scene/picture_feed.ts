@@ -1,5 +1,5 @@
-// Pictures of cameras: sockets on which the page asks for one picture at a time, and the age of the
-// newest. The dashboard sends each picture once to this page, whichever socket is free.
+// Pictures of cameras: WebSockets that deliver one picture per request, and the age of the latest
+// picture. The dashboard sends each picture once to this page, over any free WebSocket.
 
 import { computed, effect, type Signal, signal } from "@preact/signals";
 import type { CameraEntry, PictureRequest } from "../generated/wire";
@@ -13,7 +13,7 @@ export const LATE_MS = 300;
 /** From this age on it is greyed, and nothing is driven by it. */
 export const OLD_MS = 1000;
 
-const MAX_SOCKETS = 8; // A lost packet stalls the pictures of one socket only.
+const MAX_SOCKETS = 8; // A lost packet stalls a single socket.
 const ADD_AFTER_MS = 2000;
 const MANY_SKIPPED = 0.2; // Fraction of pictures that no free socket could take.
 const HEADER_BYTES = 24;
@@ -42,8 +42,8 @@ export class PictureFeed {
   });
   #last: CameraEntry | null = null;
   /**
-   * Camera that is looked at: the chosen one, or one of the robot, or one above the floor. One that
-   * somebody drives by stays when it is gone, with its picture ageing.
+   * Camera that is looked at: the chosen one, or one of the robot, or one above the floor. A lost
+   * camera stays selected while it is the main view, and its picture ages.
    */
   readonly camera = computed(() => {
     const [seen, chosen] = [this.seen.value, this.#key.value];
@@ -51,7 +51,7 @@ export class PictureFeed {
     const found = seen.find(({ key }) => key === (kept?.key ?? chosen)) ?? kept;
     return (this.#last = found ?? seen.find((each) => each.robot !== null) ?? seen[0] ?? null);
   });
-  /** Middle of the exposure of the newest picture on the `performance.now` clock. */
+  /** Middle of the exposure of the latest picture on the `performance.now` clock. */
   #exposedMs = -Infinity;
   #sinceMs = performance.now();
   #number = 0;
@@ -101,7 +101,7 @@ export class PictureFeed {
     this.main.value = false;
   }
 
-  /** Draw on a canvas from now on; returns a function that ends it. */
+  /** Draw on a canvas; returns a function that ends it. */
   drawOn(canvas: HTMLCanvasElement): () => void {
     this.#canvas = canvas;
     return () => (this.#canvas = null);
@@ -112,7 +112,7 @@ export class PictureFeed {
     return this.#exposedMs > -Infinity;
   }
 
-  /** Age of the newest picture; before the first one, the time since it is waited for. */
+  /** Age of the latest picture; before the first one, the waiting time. */
   ageMs(): number {
     return performance.now() - (this.isShown ? this.#exposedMs : this.#sinceMs);
   }

@@ -1,4 +1,4 @@
-"""Routes of the cameras: which there are, and a socket on which a page asks for each picture."""
+"""Routes of the cameras: their list, and WebSockets that send one picture per request."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ MAX_SOCKETS = 8
 LIMITS = SocketLimits(
     messages=Quota(120.0, 240.0), size=Quota(16e3, 48e3), kinds={}, other=Quota(120.0, 240.0)
 )
-"""A page asks once for each picture, and cameras have at most 60 a second."""
+"""One request per picture; cameras have at most 60 pictures per second."""
 _WIDEST = 4096
 _HEARTBEAT_S = 10.0
 
 
 @dataclass(slots=True)
 class _Shared:
-    """What the sockets of one page and camera share."""
+    """Shared state of the sockets of a page and camera."""
 
     viewer: Viewer
     sockets: set[web.WebSocketResponse] = field(default_factory=set[web.WebSocketResponse])
@@ -129,7 +129,7 @@ class PictureRoutes:
 
 @dataclass(slots=True)
 class _Credit:
-    """Credit of one socket: at most one picture, and that which was sent last."""
+    """Credit of a socket, at most one picture, and the latest picture sent."""
 
     width: int = 1
     sent_s: float = 0.0

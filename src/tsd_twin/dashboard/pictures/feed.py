@@ -1,4 +1,4 @@
-"""Cameras on the bus, and their newest pictures; event loop only."""
+"""Cameras on the bus, and their latest pictures; event loop only."""
 
 from __future__ import annotations
 
@@ -26,9 +26,8 @@ LARGEST_OUTLINES = 8192
 MOST_PIXELS = 4096 * 4096
 """A JPEG of a few kilobytes may claim 65,535 x 65,535, and would be decoded into gigabytes."""
 HEADER = struct.Struct("<ddII")
-"""Of a picture to a page: its age when it is sent and the time then, ms; its number since the feed
-began; bytes of the outlines that follow, after which the JPEG follows."""
-_CLOCKS_AGREE_S = 2.0
+"""Header of a picture to a page: age and time when it is sent, ms; sequence number; length of the
+outlines in bytes. Outlines and JPEG follow."""
 _STAMPS = 100
 """Pictures in the comparison of the clocks of camera and dashboard."""
 
@@ -51,7 +50,7 @@ _OUTLINES = msgspec.json.Decoder(_Outlines)
 
 @dataclass(slots=True, eq=False)
 class Picture:
-    """Picture of a camera, and what has been made of it."""
+    """Picture of a camera, and its encodings."""
 
     number: int
     jpeg: bytes
@@ -69,7 +68,9 @@ class Picture:
 class ExposureClock:
     """Converts time stamps of a camera to the monotonic clock of this machine.
 
-    If its clock is plainly another one, the least delay of recent pictures counts as none.
+    Stamps are believed unless they are in the future: then the camera's clock is ahead, and the
+    least delay of recent pictures counts as none. Pictures of a clock that is behind look too old,
+    so that nobody drives by them, as by those that a network holds back.
     """
 
     def __init__(self) -> None:
@@ -79,9 +80,7 @@ class ExposureClock:
         """Return the time of an exposure for a picture that arrives now."""
         delay_s = wall_s - stamp_s
         self._delays_s.append(delay_s)
-        least_s = min(self._delays_s)
-        agrees = 0.0 <= least_s <= _CLOCKS_AGREE_S
-        return now_s - delay_s + (0.0 if agrees else least_s)
+        return now_s - delay_s + min(0.0, *self._delays_s)
 
 
 class PictureSession:
@@ -112,11 +111,12 @@ class PictureSession:
 
 
 class CameraFeed:
-    """One camera: subscribed to while somebody looks, and only its newest picture is kept."""
+    """A camera: subscribed to while it is watched; keeps the latest picture."""
 
     def __init__(self, name: CameraName, session: PictureSession, encoder: Executor) -> None:
         self.name = name
         self.newest: Picture | None = None
+        self.is_alive = True
         self._session, self._encoder = session, encoder
         self._loop = asyncio.get_running_loop()
         self._clock = ExposureClock()
@@ -124,6 +124,11 @@ class CameraFeed:
         self._number = 0
         self._end: Callable[[], None] | None = None
         self._arrived = asyncio.Event()
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a page watches it."""
+        return self._viewers > 0
 
     @asynccontextmanager
     async def watched(self) -> AsyncGenerator[None]:
@@ -141,7 +146,7 @@ class CameraFeed:
                 self._end = self.newest = None
 
     async def newer_than(self, number: int) -> Picture:
-        """Wait for a picture after one with a number, and return the newest."""
+        """Wait for a picture with a higher number, and return the latest."""
         while self.newest is None or self.newest.number <= number:
             await self._arrived.wait()
         return self.newest
@@ -217,7 +222,7 @@ class Cameras:
     def __init__(self, bus: Bus, opened: Callable[[], Bus]) -> None:
         """`bus` shows which cameras there are; `opened` opens a session for their pictures."""
         self.on_changed: Callable[[], None] = lambda: None
-        """Called when a camera comes or goes."""
+        """Called when a camera appears or disappears."""
         self._session = PictureSession(opened)
         self._loop = asyncio.get_running_loop()
         self._encoder = ThreadPoolExecutor(1, "pictures")
@@ -227,8 +232,8 @@ class Cameras:
 
     @property
     def feeds(self) -> Mapping[str, CameraFeed]:
-        """Cameras by the keys of their pictures."""
-        return self._feeds
+        """Cameras that are there, by the keys of their pictures."""
+        return {key: feed for key, feed in self._feeds.items() if feed.is_alive}
 
     async def close(self) -> None:
         """Close the session, once nobody looks."""
@@ -240,12 +245,16 @@ class Cameras:
 
     def _change(self, key: str, there: bool) -> None:
         name = CameraName.of(key)
-        if name is None or (there and len(self._feeds) >= MAX_CAMERAS):
+        if name is None or (there and len(self.feeds) >= MAX_CAMERAS):
             return
         if there:
             self._feeds.setdefault(name.key, CameraFeed(name, self._session, self._encoder))
-        else:
-            self._feeds.pop(name.key, None)  # Whoever looks at it keeps its feed.
+        if name.key in self._feeds:
+            self._feeds[name.key].is_alive = there
+        # A page that watches a lost camera sees it again once it is back.
+        self._feeds = {
+            key: feed for key, feed in self._feeds.items() if feed.is_alive or feed.is_watched
+        }
         self.on_changed()
 
 

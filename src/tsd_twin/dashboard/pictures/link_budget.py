@@ -13,7 +13,7 @@ from typing import NamedTuple
 SHARE = 0.8
 """Fraction of the link that pictures use: on a full link each waits for the one before."""
 LEAST_HZ = 15.0
-"""Rate for which the format is chosen; a picture is made smaller before it comes more rarely."""
+"""Rate for which the format is chosen; the size is reduced first, then the rate."""
 _FRAMES = 25
 """Frames in the estimate of the link."""
 
@@ -46,7 +46,7 @@ class _Frame(NamedTuple):
 
 
 class LinkBudget:
-    """Choice for one page, from the times after which it asks for the next picture."""
+    """Choice for one page, from the intervals between sending and the next request."""
 
     def __init__(self) -> None:
         self._frames: deque[_Frame] = deque(maxlen=_FRAMES)
@@ -55,7 +55,7 @@ class LinkBudget:
 
     def add(self, size_bytes: int, took_s: float, round_trip_s: float) -> None:
         """Add a picture: its size, the time from sending it to the next request, and the round trip
-        of an empty message, which is no use of the link.
+        of an empty message, which is subtracted.
         """
         self._frames.append(_Frame(size_bytes, max(0.0, took_s - max(0.0, round_trip_s))))
 
@@ -69,7 +69,7 @@ class LinkBudget:
     def format_for(self, own_bytes: int, own_width: int, width: int) -> PictureFormat:
         """Return the best format that a pane of `width` pixels can show and the link carries.
 
-        `own_bytes` and `own_width` are those of the camera's picture. A better format than the one
+        `own_bytes` and `own_width` describe the camera's picture. A better format than the one
         before is chosen only with a tenth of the link in reserve.
         """
         s_per_byte = self.s_per_byte
@@ -95,5 +95,5 @@ class LinkBudget:
 
 
 def _smallest_size(formats: list[PictureFormat]) -> PictureFormat:
-    """Return the first, and so best, of the formats with the fewest pixels."""
+    """Return the first of the formats with the fewest pixels, which has the best quality."""
     return min(formats, key=lambda each: each.eighths)

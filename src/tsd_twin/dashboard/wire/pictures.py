@@ -21,7 +21,7 @@ class CameraEntry(msgspec.Struct, frozen=True):
 
 
 class PictureRequest(msgspec.Struct, frozen=True):
-    """Page asks for the next picture, as it has received the one before."""
+    """Request for the next picture; acknowledges the previous one."""
 
     width: int
     """Width of the pane, in pixels of the screen."""
