@@ -73,6 +73,16 @@ TARGETS: dict[str, Target] = {
         1, "stick to command, p99", "bare page and 8 ms", "ms", provisional=False
     ),
     "response.block": Target(1, "longest block while driving", "allowed", "ms", provisional=False),
+    "pictures.age_p50": Target(3, "exposure to screen", "bare socket", "ms"),
+    "pictures.age_p99": Target(3, "exposure to screen", "bare socket", "ms"),
+    "pictures.command": Target(1.3, "heartbeat, p99", "without pictures and 5 ms", "ms"),
+    "pictures.thin_rate": Target(
+        1, "pictures", "required", "/s", "the requirement", at_least=True, provisional=False
+    ),
+    "pictures.thin_old": Target(
+        1, "time older than 300 ms", "allowed", "%", "the requirement", provisional=False
+    ),
+    "pictures.thin_command": Target(1.3, "heartbeat, p99", "without pictures and 30 ms", "ms"),
     "plots.browser": Target(2.8, "browser, 8 plots of 10 min", "View tab", _CPU),
     "plots.dashboard": Target(1.3, "dashboard, 8 plots", "View tab", _CPU),
     "start.demo": Target(2, "tsd-demo ready", "imports", "s"),

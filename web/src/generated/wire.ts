@@ -1182,6 +1182,8 @@ export interface PictureRequest {
   width: number;
   /** Recent round trip between page and dashboard. */
   rtt_ms: number;
+  /** Time from the arrival of the previous picture to this request. */
+  held_ms: number;
 }
 
 /** Details of a recording, read in the background. */

@@ -162,9 +162,12 @@ export class PictureFeed {
     return this.open.peek() && this.link.connected.peek() && this.camera.peek()?.key === key;
   }
 
-  #ask(socket: WebSocket): void {
-    const rtt_ms = this.link.pageMs ?? 0;
-    const request: PictureRequest = { width: Math.round(this.widthPx), rtt_ms };
+  #ask(socket: WebSocket, arrivedMs = performance.now()): void {
+    const request: PictureRequest = {
+      width: Math.round(this.widthPx),
+      rtt_ms: this.link.pageMs ?? 0,
+      held_ms: performance.now() - arrivedMs,
+    };
     if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(request));
   }
 
@@ -178,7 +181,7 @@ export class PictureFeed {
     this.#add(key, number);
     const jpeg = new Blob([new Uint8Array(data, HEADER_BYTES + outlines)], { type: "image/jpeg" });
     const bitmap = await createImageBitmap(jpeg).catch(() => null);
-    this.#ask(socket);
+    this.#ask(socket, arrivedMs);
     if (bitmap === null) return;
     if (number < this.#number || !this.#sockets.has(socket)) return bitmap.close();
     this.#draw(bitmap);

@@ -118,8 +118,9 @@ class PictureRoutes:
                 except msgspec.MsgspecError:
                     continue
                 if credit.size:
-                    took_s = time.monotonic() - credit.sent_s
-                    viewer.budget.add(credit.size, took_s, 1e-3 * asked.rtt_ms)
+                    now_s = time.monotonic()
+                    took_s = now_s - credit.sent_s - 1e-3 * max(asked.held_ms, 0.0)
+                    viewer.budget.add(credit.size, took_s, 1e-3 * asked.rtt_ms, now_s)
                     credit.size = 0
                 credit.width = min(max(asked.width, 1), _WIDEST)
                 credit.given.set()

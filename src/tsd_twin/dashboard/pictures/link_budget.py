@@ -7,15 +7,21 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from statistics import median
 from typing import NamedTuple
 
 SHARE = 0.8
 """Fraction of the link that pictures use: on a full link each waits for the one before."""
+FORMAT_SHARE = 0.65
+"""Fraction for which the format is chosen; larger pictures queue after each lost packet."""
 LEAST_HZ = 15.0
 """Rate for which the format is chosen; the size is reduced first, then the rate."""
-_FRAMES = 25
-"""Frames in the estimate of the link."""
+_RESERVE = 0.1
+"""Further fraction of the link that must be free for a better format than the one before."""
+_LEAST_FRAMES, _MOST_FRAMES = 5, 25
+_FRAMES_S = 2.0
+"""The estimate of the link is from these frames, or fewer if the rest is older than this."""
+_ROUND_TRIP_S = 60.0
+"""Time for which a round trip is remembered; a slower route shows up after it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,34 +49,54 @@ FORMATS = (
 class _Frame(NamedTuple):
     size_bytes: int
     took_s: float
+    acknowledged_s: float
 
 
 class LinkBudget:
     """Choice for one page, from the intervals between sending and the next request."""
 
     def __init__(self) -> None:
-        self._frames: deque[_Frame] = deque(maxlen=_FRAMES)
+        self._frames: deque[_Frame] = deque(maxlen=_MOST_FRAMES)
+        self._round_trips: deque[tuple[float, float]] = deque()
+        """Times and round trips of the last minute that are below all later ones."""
         self._before = FORMATS[-2]
         self._next_s = 0.0
 
-    def add(self, size_bytes: int, took_s: float, round_trip_s: float) -> None:
-        """Add a picture: its size, the time from sending it to the next request, and the round trip
-        of an empty message, which is subtracted.
+    def add(self, size_bytes: int, took_s: float, round_trip_s: float, now_s: float) -> None:
+        """Add a picture: its size, the interval between sending it and the next request, and the
+        round trip of an empty message at present.
+
+        The least round trip of a minute is subtracted: the present one includes the queue, so that
+        a full link would look fast.
         """
-        self._frames.append(_Frame(size_bytes, max(0.0, took_s - max(0.0, round_trip_s))))
+        if round_trip_s > 0.0:
+            while self._round_trips and self._round_trips[-1][1] >= round_trip_s:
+                self._round_trips.pop()
+            self._round_trips.append((now_s, round_trip_s))
+        while self._round_trips and now_s - self._round_trips[0][0] > _ROUND_TRIP_S:
+            self._round_trips.popleft()
+        least_s = self._round_trips[0][1] if self._round_trips else 0.0
+        self._frames.append(_Frame(size_bytes, max(0.0, took_s - least_s), now_s))
+        while (
+            len(self._frames) > _LEAST_FRAMES and now_s - self._frames[0].acknowledged_s > _FRAMES_S
+        ):
+            self._frames.popleft()
 
     @property
     def s_per_byte(self) -> float | None:
-        """Time that the link takes for a byte, or None before the first pictures."""
+        """Time that the link takes for a byte, or None before the first pictures.
+
+        The lower quartile: jitter and a busy page delay single pictures.
+        """
         if not self._frames:
             return None
-        return median(each.took_s / each.size_bytes for each in self._frames)
+        all_s = sorted(each.took_s / each.size_bytes for each in self._frames)
+        return all_s[len(all_s) // 4]
 
     def format_for(self, own_bytes: int, own_width: int, width: int) -> PictureFormat:
         """Return the best format that a pane of `width` pixels can show and the link carries.
 
-        `own_bytes` and `own_width` describe the camera's picture. A better format than the one
-        before is chosen only with a tenth of the link in reserve.
+        `own_bytes` and `own_width` describe the camera's picture.
         """
         s_per_byte = self.s_per_byte
         if s_per_byte is None:
@@ -78,7 +104,8 @@ class LinkBudget:
         needed = [each for each in FORMATS if 8 * width <= each.eighths * own_width]
         top = FORMATS.index(_smallest_size(needed)) if needed else 0
         for each in FORMATS[top:]:
-            limit = SHARE if each.bytes_share <= self._before.bytes_share else SHARE - 0.1
+            is_better = each.bytes_share > self._before.bytes_share
+            limit = FORMAT_SHARE - (_RESERVE if is_better else 0.0)
             if each.bytes_share * own_bytes * s_per_byte * LEAST_HZ <= limit:
                 self._before = each
                 return each

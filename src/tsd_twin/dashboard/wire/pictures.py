@@ -27,3 +27,5 @@ class PictureRequest(msgspec.Struct, frozen=True):
     """Width of the pane, in pixels of the screen."""
     rtt_ms: float
     """Recent round trip between page and dashboard."""
+    held_ms: float
+    """Time from the arrival of the previous picture to this request."""
