@@ -19,7 +19,6 @@ from http import HTTPStatus
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from playwright.sync_api import Page
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
@@ -46,7 +45,7 @@ _MORE_MS, _MORE_THIN_MS = 5.0, 30.0
 _QUALITY = 80
 _BITS, _COLUMNS, _BLOCK_PX = 40, 20, 64
 _ACROSS_DEG = 62.0
-_NOISE = 1.6
+_NOISE = 3
 _SETTLED_S = 20.0
 _CONNECT_S = 10.0
 _PATIENCE_MS = 60_000.0
@@ -219,9 +218,10 @@ class StampedPictures:
         random = np.random.default_rng(0)
         width, height = SIZE
         coarse = random.integers(40, 215, (height // 80, 2 * width // 80, 3), np.uint8)
-        smooth = cv2.resize(coarse, (2 * width, height), interpolation=cv2.INTER_CUBIC)
-        noisy = np.asarray(smooth, float) + random.normal(0.0, _NOISE, smooth.shape)
-        self._ground: NDArray[np.uint8] = np.clip(noisy, 0.0, 255.0).astype(np.uint8)
+        size = 2 * width, height
+        smooth = np.asarray(cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+        noise = random.integers(-_NOISE, _NOISE + 1, smooth.shape, np.int16)
+        self._ground = np.clip(noise + smooth, 0, 255).astype(np.uint8)
         self._number = itertools.count()
 
     def next(self) -> CameraFrame:
