@@ -19,6 +19,8 @@ from tsd_twin.simulation import Motors
 
 with program.requires("tsd-bridge", "bridge"):
     from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
+    from tsd_twin.hardware.commissioning.check import check, leave_on_signals
+    from tsd_twin.hardware.commissioning.walk import Commissioned
     from tsd_twin.hardware.dynamixel_wheels import DynamixelWheelsIO
     from tsd_twin.hardware.joints import ServoCalibration
     from tsd_twin.hardware.receiver_setup import set_up_receiver
@@ -40,6 +42,7 @@ PARSER = program.parser(
         "tsd-bridge --servos /dev/ttyUSB0 --can socketcan:can0 --calibration mine.toml",
         "tsd-bridge --robot my_kiwi.toml --servos /dev/ttyUSB0     wheels are Dynamixel X servos",
         "tsd-bridge --port /dev/ttyACM0 --calibration mine.toml --setup   learn the radio control",
+        "tsd-bridge --port /dev/ttyACM0 --calibration mine.toml --check sheet.json",
         "tsd-bridge --port socket://192.168.1.7:4004   a board behind ser2net or socat",
     ],
 )
@@ -47,6 +50,29 @@ PARSER = program.parser(
 
 def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
     """Return the connected hardware interface."""
+    if args.check:
+        if args.setup:
+            raise HardwareError("--check and --setup are two programs: use one at a time")
+        leave_on_signals()
+        receiver = _calibration(args).receiver is not None
+        passed = check(
+            robot, _kind(robot, args), Path(args.check), lambda: _connected(robot, args),
+            receiver=receiver,
+        )  # fmt: skip
+        sys.exit(0 if passed else 1)
+    return _connected(robot, args)
+
+
+def _kind(robot: RobotDescription, args: argparse.Namespace) -> str:
+    """Return the kind of machine, for the steps of `--check`."""
+    if isinstance(robot, OmniDescription):
+        return "can" if args.can else "dynamixel_wheels"
+    if args.can:
+        return "u2d2+can"
+    return "u2d2" if args.servos else "mega"
+
+
+def _connected(robot: RobotDescription, args: argparse.Namespace) -> Commissioned:
     if isinstance(robot, OmniDescription):
         return _omni(robot, args)
     calibration = _calibration(args)
@@ -75,7 +101,7 @@ def _calibration(args: argparse.Namespace) -> ServoCalibration:
     return ServoCalibration.read(args.calibration)
 
 
-def _omni(robot: OmniDescription, args: argparse.Namespace) -> RobotIO:
+def _omni(robot: OmniDescription, args: argparse.Namespace) -> Commissioned:
     """Return the interface of a robot whose wheels are servos, or have motor controllers on CAN."""
     if args.port or bool(args.servos) == bool(args.can):
         raise HardwareError(
@@ -91,7 +117,7 @@ def _omni(robot: OmniDescription, args: argparse.Namespace) -> RobotIO:
 
 def _with_can(
     robot: SingularityDescription, args: argparse.Namespace, calibration: ServoCalibration
-) -> RobotIO:
+) -> Commissioned:
     """Return the interface of a robot with gimbals on a U2D2 and wheels on CAN."""
     if args.port or not args.servos:
         raise HardwareError(
@@ -144,6 +170,11 @@ def main() -> None:
         "into the file and end"
     )
     PARSER.add_argument("--setup", action="store_true", help=text)
+    text = (
+        "walk through commissioning, save each result in the sheet FILE, print it and end; the "
+        "same FILE continues"
+    )
+    flags.add(PARSER, "--check", text, metavar="FILE")
     node_program.serve(PARSER, joints)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import adapters
@@ -14,6 +15,7 @@ import side_view
 import sphere
 import top_view
 import wiring
+import wiring_plan
 
 DRAWINGS = {
     "adapters": adapters.draw,
@@ -25,6 +27,9 @@ DRAWINGS = {
     "sphere": sphere.draw,
     "top_view": top_view.draw,
     "wiring": wiring.draw,
+    "wiring_bus_wheels": partial(wiring_plan.draw, "bus_wheels"),
+    "wiring_mega": partial(wiring_plan.draw, "mega"),
+    "wiring_u2d2_can": partial(wiring_plan.draw, "u2d2_can"),
 }
 
 

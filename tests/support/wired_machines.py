@@ -1,0 +1,215 @@
+"""Simulated machines with wiring errors, and a person who measures, pushes and watches them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+from tests.support.can_motors import Motor
+from tests.support.faulty_devices import PretendBoard
+from tests.support.servo_chain import ServoChain
+from tests.support.x_series import XServo
+from tsd_twin.hardware.dynamixel.control_table import ZERO_THROTTLE, BoardCommand, ResetCause
+
+PUSH_STEPS = 12
+BATTERY_V = 12.0
+MEASURED = {
+    "Resistance from + to -": "8000",
+    "at the fuse holder": "12.4",
+    "diode test": "0.6",
+    "precharge button": "15",
+    "board's 5 V wire off": "5.05",
+    "board's 5 V pin": "0",
+    "are all lights": "y",
+    "Mean voltage at D15": "4.9",
+    "CAN high": "60",
+    "Voltage of the battery": "12.0",
+    "Pull the fuse": "y",
+    "beep once for zero": "y",
+    "hard-wired stop, then release": "y",
+}
+"""Answers at a machine without errors, by part of the question."""
+
+
+class WiredMega(PretendBoard):
+    """Board at a machine whose wires may be wrong."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.closed = self.welded = self.a1_upstream = False
+        self.recloses = self.ineffective_stop = self.no_seal_in = False
+        self.drive_fuse = True
+        self.divider = 1.0
+        self.servo_order = list(range(6))
+        self.servo_signs = [1] * 6
+        self.esc_order = [0, 1, 2]
+        self.esc_signs = [1, 1, 1]
+        self.speed_factor = 1.0
+        self.noise = 0
+        """Servo errors for each telemetry."""
+        self.pushed: int | None = None
+        """Gimbal that a hand deflects."""
+        self.agreed = False
+        self.moved_unasked = False
+        self.throttles = [ZERO_THROTTLE] * 3
+        """Largest throttles since they were last read."""
+        self.telemetry = replace(
+            self.telemetry,
+            supply_mv=5000,
+            voltage=(120,) * 6,
+            temperature=(30,) * 6,
+            rc=(1500, 1500, 1500, 1100, 1900, 1100),
+        )
+
+    def start(self) -> None:
+        self.closed = self.drive_fuse and not self.no_seal_in
+
+    def stop(self) -> None:
+        self.closed = self.closed and (self.recloses or self.ineffective_stop)
+
+    def _write(self, address: int, data: bytes) -> None:
+        super()._write(address, data)
+        if address == BoardCommand.ADDRESS:
+            command = BoardCommand.unpack(data)
+            moves = bool(command.arm == 1 or any(command.goal))
+            self.moved_unasked |= moves and not self.agreed
+            if command.arm == 1:
+                pairs = zip(self.throttles, command.throttle, strict=True)
+                self.throttles = [max(pair) for pair in pairs]
+
+    def _refresh(self) -> None:
+        goal = self.commands[-1].goal if self.commands else (0,) * 6
+        position = list(goal)
+        if self.pushed is not None:
+            i = self.pushed
+            position[self.servo_order[i]] += self.servo_signs[i] * PUSH_STEPS
+        power = self.closed or self.welded or self.a1_upstream
+        drive_mv = round(1000 * BATTERY_V) if power else 100
+        self.telemetry = replace(
+            self.telemetry,
+            position=tuple(position),
+            drive_mv=drive_mv,
+            drive_on=int(power),
+            battery_mv=round(1000 * BATTERY_V * self.divider),
+            servo_errors=self.telemetry.servo_errors + self.noise,
+        )
+        super()._refresh()
+
+    def turned(self) -> tuple[int, bool]:
+        """Return the wheel that turned, from 1, and whether along its arrow."""
+        esc = max(range(3), key=lambda i: self.throttles[i])
+        self.throttles = [ZERO_THROTTLE] * 3
+        return self.esc_order[esc] + 1, self.esc_signs[esc] > 0
+
+    def young(self) -> None:
+        """Be reset by the opened port."""
+        self.telemetry = replace(
+            self.telemetry, millis=1000, reset_cause=int(ResetCause.EXTERNAL), battery_mv=12000
+        )
+
+
+@dataclass
+class WatchedMotor(Motor):
+    """Motor on CAN whose largest speed a person sees."""
+
+    peak_hz: float = 0.0
+
+    def live(self, seconds: float, now_s: float) -> None:
+        super().live(seconds, now_s)
+        if abs(self.speed_hz) > abs(self.peak_hz):
+            self.peak_hz = self.speed_hz
+
+
+@dataclass
+class WatchedServo(XServo):
+    """Wheel servo whose largest speed a person sees."""
+
+    peak_hz: float = 0.0
+
+    def live(self, seconds: float, silent_s: float) -> None:
+        super().live(seconds, silent_s)
+        speed_hz = self.speed_rad_per_s / (2.0 * math.pi)
+        if abs(speed_hz) > abs(self.peak_hz):
+            self.peak_hz = speed_hz
+
+
+@dataclass
+class Person:
+    """Person at the machine, who answers truthfully."""
+
+    answers: dict[str, str] = field(default_factory=dict[str, str])
+    """Answers that differ from `MEASURED`, because of an error that only a person can see."""
+    mega: WiredMega | None = None
+    chain: ServoChain | None = None
+    push_sign: int = 1
+    """-1 for servos that are mounted the other way round."""
+    wheels: Sequence[WatchedMotor | WatchedServo] = ()
+    """Motors in the order of the wheels at which they are mounted."""
+    wheel_signs: Sequence[int] = (1, 1, 1)
+    rpm: float = 0.0
+    """Speed that the wheels of a board must have."""
+    shown: list[str] = field(default_factory=list[str])
+    interrupt: Callable[[str], None] | None = None
+    _wheel: int = 0
+
+    def ask(self, question: str) -> str:
+        self.shown.append(question)
+        if self.interrupt is not None:
+            self.interrupt(question)
+        if self.mega is not None:
+            self.mega.agreed = "start? [y/n]" in question or "Connect?" in question
+        for part in (*self.answers, *MEASURED):
+            if part in question:
+                return self.answers[part] if part in self.answers else MEASURED[part]
+        self._act(question)
+        return self._look(question)
+
+    def _act(self, question: str) -> None:
+        if self.chain is not None:
+            self._push(question, self.chain)
+        if self.mega is None:
+            return
+        if "press and release start" in question or "Start again" in question:
+            self.mega.start()
+        elif "Press and release the hard-wired stop" in question:
+            self.mega.stop()
+        gimbal = _gimbal(question)
+        self.mega.pushed = gimbal if "by hand in its" in question else None
+
+    def _push(self, question: str, chain: ServoChain) -> None:
+        for i, servo in enumerate(chain.servos):
+            if servo.jammed:
+                servo.jammed = False
+                chain._angles[i] = 0.0
+        gimbal = _gimbal(question)
+        if "by hand in its" in question and gimbal is not None:
+            chain.servos[gimbal].jammed = True
+            chain._angles[gimbal] = self.push_sign * PUSH_STEPS * 2.0 * math.pi / 4096.0
+
+    def _look(self, question: str) -> str:
+        if "Number of the wheel" in question:
+            self._wheel, along = self._turned()
+            self._along = along
+            return str(self._wheel)
+        if "direction of its arrow" in question:
+            return "y" if self._along else "n"
+        if "tachometer" in question:
+            return f"{self._speed_rpm:.0f}"
+        return "y"
+
+    def _turned(self) -> tuple[int, bool]:
+        if self.mega is not None:
+            self._speed_rpm = self.rpm * self.mega.speed_factor
+            return self.mega.turned()
+        i = max(range(len(self.wheels)), key=lambda i: abs(self.wheels[i].peak_hz))
+        peak_hz = self.wheels[i].peak_hz
+        self._speed_rpm = 60.0 * abs(peak_hz)
+        for wheel in self.wheels:
+            wheel.peak_hz = 0.0
+        return i + 1, self.wheel_signs[i] * peak_hz > 0.0
+
+
+def _gimbal(question: str) -> int | None:
+    names = [f"module{m}_{angle}" for m in (1, 2, 3) for angle in ("alpha", "beta")]
+    return next((i for i, name in enumerate(names) if name in question), None)
