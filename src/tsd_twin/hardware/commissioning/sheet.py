@@ -12,7 +12,7 @@ from tsd_twin.hardware.serial_transport import HardwareError
 
 
 class Result(msgspec.Struct, frozen=True):
-    """Result of one step."""
+    """Result of a step."""
 
     step: str
     at: str
