@@ -68,6 +68,7 @@ class MotorBus:
         self._bus = can.Bus(interface=interface, channel=channel, fd=self._fd)
         self._ended = threading.Event()
         self.off_s = self._since_s = 0.0
+        self._lived_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -85,25 +86,26 @@ class MotorBus:
         self._bus.shutdown()
 
     def _run(self) -> None:
-        before_s = time.monotonic()
         while not self._ended.is_set():
-            message = self._bus.recv(0.002)
-            now_s = time.monotonic()
+            self.step(self._bus.recv(0.002), time.monotonic())
+
+    def step(self, message: can.Message | None, now_s: float) -> None:
+        """Let time pass until now, obey a message, and send what is due."""
+        for motor in self.motors:
+            motor.live(now_s - self._lived_s, now_s)
+        self._lived_s = now_s
+        if self._since_s and not self.off_s and not self.driven:
+            self.off_s = now_s - self._since_s
+        if message is not None:
             for motor in self.motors:
-                motor.live(now_s - before_s, now_s)
-            before_s = now_s
-            if self._since_s and not self.off_s and not self.driven:
-                self.off_s = now_s - self._since_s
-            if message is not None:
-                for motor in self.motors:
-                    if not motor.deaf:
-                        (self._vesc if motor.kind == "vesc" else self._moteus)(
-                            motor, message.arbitration_id, bytes(message.data), now_s
-                        )
-            for motor in self.motors:
-                if motor.kind == "vesc" and now_s - motor.sent_s > STATUS_S:
-                    motor.sent_s = now_s
-                    self._send_status(motor)
+                if not motor.deaf:
+                    (self._vesc if motor.kind == "vesc" else self._moteus)(
+                        motor, message.arbitration_id, bytes(message.data), now_s
+                    )
+        for motor in self.motors:
+            if motor.kind == "vesc" and now_s - motor.sent_s > STATUS_S:
+                motor.sent_s = now_s
+                self._send_status(motor)
 
     def _send(self, identifier: int, data: bytes) -> None:
         self._bus.send(

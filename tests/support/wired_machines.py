@@ -1,15 +1,32 @@
-"""Simulated machines with wiring errors, and a person who measures, pushes and watches them."""
+"""Simulated machines with wiring errors, in virtual time, and a person who tends them."""
 
 from __future__ import annotations
 
 import math
+import threading
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from types import SimpleNamespace
 
-from tests.support.can_motors import Motor
+import can
+import pytest
+
+from tests.support.can_motors import Motor, MotorBus
 from tests.support.faulty_devices import PretendBoard
 from tests.support.servo_chain import ServoChain
+from tests.support.virtual_robot import TurnTaking, VirtualPort
+from tests.support.virtual_time import VirtualClock
 from tests.support.x_series import XServo
+from tsd_twin.hardware import (
+    arduino_mega,
+    can_wheels,
+    dynamixel_wheels,
+    serial_transport,
+    u2d2,
+    wheel_bus,
+)
 from tsd_twin.hardware.dynamixel.control_table import ZERO_THROTTLE, BoardCommand, ResetCause
 
 PUSH_STEPS = 12
@@ -27,9 +44,124 @@ MEASURED = {
     "Voltage of the battery": "12.0",
     "Pull the fuse": "y",
     "beep once for zero": "y",
-    "hard-wired stop, then release": "y",
+    "press and release the stop: did": "y",
+    "Press the stop: did": "y",
+    "do all controllers have power": "y",
 }
 """Answers at a machine without errors, by part of the question."""
+
+
+Answer = Callable[[bytes, float], bytes]
+_IDLE_S = 0.02
+_ASKED_S = 1.0
+
+
+class Bench:
+    """Devices in virtual time, at which the program takes its turns."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.clock = VirtualClock(patch)
+        self.ports: dict[str, Answer] = {}
+        self.motors: VirtualMotors | None = None
+        bench = self
+
+        class Turns(TurnTaking):
+            """Device that also idles while the program waits for a person."""
+
+            def __init__(self, port: str, device: serial_transport.Device) -> None:
+                super().__init__(port, device)
+                bench.idle.append(self.cycle)
+
+            def close(self) -> None:
+                bench.idle.remove(self.cycle)
+                super().close()
+
+        self.idle: list[Callable[[], object]] = []
+        self.most_driven = 0
+        """Most wheels that were driven at once."""
+        patch.setattr(serial_transport, "open_port", self._open)
+        for module in (arduino_mega, dynamixel_wheels, u2d2):
+            patch.setattr(module, "DeviceThread", Turns)
+        patch.setattr(can_wheels, "open_bus", lambda *_, **__: self.motors)
+        for made in (can_wheels.CanWheels, wheel_bus.WheelBus):  # Their default is the real clock.
+            patch.setattr(made.__init__, "__defaults__", (lambda: self.clock.now_s,))
+        patch.setattr(can_wheels.CanWheels, "cycle", can_wheels.CanWheels._cycle)
+        turn = partial(_CanTurn, self.idle)
+        patch.setattr(can_wheels, "threading", SimpleNamespace(Event=threading.Event, Thread=turn))
+
+    def _open(self, name: str, _baud: int, _timeout_s: float) -> VirtualPort:
+        answers: deque[bytes] = deque()
+
+        def send(data: bytes) -> None:
+            answers.append(self.ports[name](data, self.clock.now_s))
+
+        return VirtualPort(
+            self.clock, send, lambda: b"".join(answers.popleft() for _ in range(len(answers)))
+        )
+
+    def watch(self, wheels: Sequence[WatchedMotor | WatchedServo]) -> None:
+        """Count how many wheels are driven at once."""
+
+        def count(_now_s: float) -> None:
+            self.most_driven = max(self.most_driven, sum(wheel.driven for wheel in wheels))
+
+        self.clock.machines.append(count)
+
+    def think(self) -> None:
+        """Let the time pass in which a person reads, acts and answers."""
+        end_s = self.clock.now_s + _ASKED_S
+        while self.clock.now_s < end_s:
+            for cycle in self.idle:
+                cycle()
+            self.clock.advance(_IDLE_S)
+
+
+class _CanTurn:
+    """What the I/O thread of CAN does, in turn with the program."""
+
+    def __init__(
+        self, idle: list[Callable[[], object]], target: Callable[[], None], **_: object
+    ) -> None:
+        self._idle, self._target = idle, target
+        wheels = target.__self__  # type: ignore[attr-defined]
+        self._cycle: Callable[[], object] = wheels._cycle
+
+    def start(self) -> None:
+        self._idle.append(self._cycle)
+
+    def join(self, _timeout_s: float) -> None:
+        self._idle.remove(self._cycle)
+        self._target()
+
+
+class VirtualMotors(MotorBus):
+    """Controllers on a CAN bus in virtual time, and the bus as the program sees it."""
+
+    def __init__(self, clock: VirtualClock, motors: Sequence[Motor]) -> None:
+        self.motors = list(motors)
+        self._fd = self.motors[0].kind == "moteus"
+        self.off_s = self._since_s = 0.0
+        self._lived_s = clock.now_s
+        self._clock = clock
+        self._waiting: deque[can.Message] = deque()
+        clock.machines.append(lambda now_s: self.step(None, now_s))
+
+    def _send(self, identifier: int, data: bytes) -> None:
+        self._waiting.append(can.Message(arbitration_id=identifier, data=data, is_fd=self._fd))
+
+    def send(self, message: can.Message, timeout: float | None = None) -> None:
+        """Deliver a message of the program; `timeout` as in python-can."""
+        del timeout
+        self.step(message, self._clock.now_s)
+
+    def recv(self, timeout: float) -> can.Message | None:
+        """Return the next message, or None after the timeout."""
+        if not self._waiting:
+            self._clock.advance(max(timeout, 1e-6))
+        return self._waiting.popleft() if self._waiting else None
+
+    def shutdown(self) -> None:
+        """End nothing, because no thread runs."""
 
 
 class WiredMega(PretendBoard):
@@ -138,6 +270,7 @@ class WatchedServo(XServo):
 class Person:
     """Person at the machine, who answers truthfully."""
 
+    bench: Bench
     answers: dict[str, str] = field(default_factory=dict[str, str])
     """Answers that differ from `MEASURED`, because of an error that only a person can see."""
     mega: WiredMega | None = None
@@ -155,10 +288,12 @@ class Person:
 
     def ask(self, question: str) -> str:
         self.shown.append(question)
+        self.bench.think()
         if self.interrupt is not None:
             self.interrupt(question)
         if self.mega is not None:
             self.mega.agreed = "start? [y/n]" in question or "Connect?" in question
+
         for part in (*self.answers, *MEASURED):
             if part in question:
                 return self.answers[part] if part in self.answers else MEASURED[part]

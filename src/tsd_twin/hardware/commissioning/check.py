@@ -10,7 +10,14 @@ from types import FrameType
 
 from tsd_twin.hardware.commissioning.sheet import read_sheet
 from tsd_twin.hardware.commissioning.steps import steps_for
-from tsd_twin.hardware.commissioning.walk import Ask, Commissioned, Machine, Pace, Say, Walk
+from tsd_twin.hardware.commissioning.walk import (
+    LEAVING,
+    Ask,
+    Commissioned,
+    Machine,
+    Say,
+    Walk,
+)
 from tsd_twin.hardware.receiver_setup import ask_line
 from tsd_twin.robots import OmniDescription, RobotDescription, SingularityDescription
 
@@ -27,7 +34,6 @@ def check(
     receiver: bool = False,
     ask: Ask = ask_line,
     say: Say = print,
-    pace: Pace | None = None,
 ) -> bool:
     """Walk through the steps, print the sheet, and return whether all passed.
 
@@ -39,7 +45,6 @@ def check(
         receiver: Whether the calibration has a receiver.
         ask: Shows a question and returns the answer.
         say: Prints a line.
-        pace: Durations; by default those for a person.
 
     Raises:
         HardwareError: If the sheet cannot be used, or the input has ended.
@@ -48,9 +53,7 @@ def check(
     sheet = read_sheet(file, robot.name, kind)
     wheels = kind == "dynamixel_wheels" or kind.endswith("can")
     machine = Machine(joints, _slow(robot), wheels, connect)
-    finding = Walk(machine, sheet, file, ask, say, pace).run(
-        steps_for(kind, joints, receiver=receiver)
-    )
+    finding = Walk(machine, sheet, file, ask, say).run(steps_for(kind, joints, receiver=receiver))
     say(sheet.page())
     if finding is not None:
         say(f"{finding.code}: {finding.sentence()}")
@@ -60,11 +63,13 @@ def check(
 
 def leave_on_signals() -> None:
     """Let termination and a closed terminal end the program through its cleanup."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in LEAVING:
         signal.signal(number, _leave)
 
 
 def _leave(number: int, _frame: FrameType | None) -> None:
+    for each in LEAVING:  # A second signal must not interrupt the cleanup.
+        signal.signal(each, signal.SIG_IGN)
     sys.exit(128 + number)
 
 

@@ -90,6 +90,9 @@ Step = Measure | Confirm | Connect | Watch | CompareBattery | Tilt | Swing | Tur
 MOVING = (Connect, Swing, Turn)
 """Steps that may move something; a person agrees to each of them."""
 
+_PULLED = "Motors' plugs pulled. "
+_START = "Hold precharge for 2 s, press and release start"
+_PLUG_IN = "plug in the motors, wheels off the ground, nobody near"
 _SUPPLY: tuple[Step, ...] = (
     Measure(
         "short_circuit",
@@ -109,14 +112,20 @@ _SUPPLY: tuple[Step, ...] = (
     ),
 )
 _CONTACTOR: tuple[Step, ...] = (
-    Measure(
-        "coil_diode",
-        "Coil unplugged from the supply, diode test of the meter, red lead at the coil's minus and "
-        "black at its plus; type 9 if it shows OL",
-        "V",
-        0.3,
-        1.5,
-        "diode and Zener at the coil are missing or reversed; without them the stop contacts burn",
+    *(
+        Measure(
+            name,
+            "Coil unplugged from its clamp, diode test of the meter: red lead at the clamp's "
+            f"{end} end, black lead where diode and Zener meet; type 9 if it shows OL",
+            "V",
+            0.3,
+            1.5,
+            f"the {part} at the coil is missing or reversed; without it the stop contacts burn",
+        )
+        for name, end, part in (
+            ("coil_diode", "minus", "diode"),
+            ("coil_zener", "plus", "Zener"),
+        )
     ),
     Measure(
         "precharge",
@@ -127,6 +136,8 @@ _CONTACTOR: tuple[Step, ...] = (
         47.0,
         "precharge resistor missing or wrong; its absence welds the contacts",
     ),
+)
+_REGULATOR: tuple[Step, ...] = (
     Measure(
         "regulator",
         "Main fuse in, contactor open, board's 5 V wire off. Voltage of the one BEC or regulator",
@@ -137,7 +148,7 @@ _CONTACTOR: tuple[Step, ...] = (
     ),
     Measure(
         "second_supply",
-        "Regulator off, contactor closed, motors' plugs pulled. Voltage at the board's 5 V pin",
+        f"Regulator off. {_PULLED}{_START}. Voltage at the board's 5 V pin",
         "V",
         -0.2,
         0.5,
@@ -167,12 +178,10 @@ _CAN: tuple[Step, ...] = (
         "120 ohm belong at both ends of the bus, and nowhere else",
     ),
 )
-_AFTER_START: tuple[Step, ...] = (
-    Confirm(
-        "coil_supply",
-        "Pull the fuse of the servos, and put it back: did the contactor open, and stay open?",
-        "feed the coil behind the fuse of the servos, through the seal-in contact",
-    ),
+_COIL_SUPPLY = Confirm(
+    "coil_supply",
+    "Pull the fuse of the servos, and put it back: did the contactor open, and stay open?",
+    "feed the coil behind the fuse of the servos, through the seal-in contact",
 )
 
 
@@ -187,19 +196,15 @@ def steps_for(kind: str, joints: Sequence[Joint], *, receiver: bool = False) -> 
     """
     gimbals = [i for i, joint in enumerate(joints) if joint.kind is JointKind.POSITION]
     wheels = [i for i, joint in enumerate(joints) if joint.kind is JointKind.VELOCITY]
-    has_board = kind in ("mega", "u2d2")
-    before = _SUPPLY + (_CONTACTOR if has_board else _CAN if kind.endswith("can") else ())
-    connect = Connect(
-        "connection",
-        "Wheels off the ground, motors' plugs pulled, contactor open. Connect? Gimbals within "
-        "9 deg of upright get torque and turn upright"
-        if has_board
-        else "Wheels off the ground, nobody near. Connect? Wheels and gimbals get torque; gimbals "
-        "within 9 deg of upright turn upright",
-    )
+    has_board, has_can = kind in ("mega", "u2d2"), kind.endswith("can")
+    has_contactor = has_board or has_can
     return (
-        *before,
-        connect,
+        *_SUPPLY,
+        *(_CONTACTOR if has_contactor else ()),
+        *(_REGULATOR if has_board else ()),
+        *(_CAN if has_can else ()),
+        *(() if has_board else _stop_steps(contactor=has_contactor, servos=bool(gimbals))),
+        _connection(board=has_board, plugs=has_contactor),
         *(_board_steps(receiver=receiver) if has_board else ()),
         CompareBattery("battery", "Voltage of the battery at the robot's plug, V"),
         *_line_steps(joints, gimbals, kind),
@@ -207,14 +212,43 @@ def steps_for(kind: str, joints: Sequence[Joint], *, receiver: bool = False) -> 
         *(_start_steps() if has_board else ()),
         Watch("faults", "Nothing touched. Press Enter to read faults", verdicts.faults),
         *(_swing(joints, i) for i in gimbals),
-        *_wheel_steps(joints, wheels, plugs=has_board),
-        Confirm(
-            "stop",
-            "Press the hard-wired stop, then release it: did power go off, and stay off until the "
-            "start button?",
-            "the stop must latch: seal-in contact, and a start button",
-        ),
+        *_plug_steps(board=has_board, plugs=has_contactor),
+        *(_turn(joints, joint, number) for number, joint in enumerate(wheels, 1)),
     )
+
+
+def _connection(*, board: bool, plugs: bool) -> Connect:
+    ready = "Wheels off the ground, nobody near"
+    if plugs:
+        ready += ", motors' plugs pulled, contactor " + ("open" if board else "closed")
+    torque = "" if plugs else "Wheels get torque. "
+    return Connect(
+        "connection",
+        f"{ready}. {torque}Gimbals within 9 deg of upright get torque and turn upright. Connect?",
+    )
+
+
+def _stop_steps(*, contactor: bool, servos: bool) -> tuple[Step, ...]:
+    """Return the test of the stop at a machine that does not measure behind it."""
+    if not contactor:
+        return (
+            Confirm(
+                "stop",
+                "Power on. Press the stop: did all servos lose their power until it was released?",
+                "the stop must interrupt the plus of all servos",
+            ),
+        )
+    start = Confirm(
+        "stop",
+        f"{_PULLED}{_START}, then press and release the stop: did power go off, and stay off?",
+        "the stop must latch: seal-in contact, and a start button",
+    )
+    again = Confirm(
+        "started",
+        f"{_PULLED}{_START} again: do all controllers have power?",
+        "check the coil, the seal-in contact and the fuse of the drive",
+    )
+    return (start, *((_COIL_SUPPLY,) if servos else ()), again)
 
 
 def _board_steps(*, receiver: bool) -> tuple[Step, ...]:
@@ -241,25 +275,43 @@ def _line_steps(joints: Sequence[Joint], gimbals: Sequence[int], kind: str) -> t
 
 def _start_steps() -> tuple[Step, ...]:
     return (
-        Watch(
-            "start",
-            "Motors' plugs pulled. Hold precharge for 2 s, press and release start, then Enter",
-            verdicts.drive_closed,
-        ),
+        Watch("start", f"{_PULLED}{_START}, then Enter", verdicts.drive_closed),
         Watch(
             "stop_opens",
             "Press and release the hard-wired stop. Do not press start. Then Enter",
             verdicts.drive_open,
         ),
-        *_AFTER_START,
+        _COIL_SUPPLY,
         Confirm(
             "esc_zero",
             "Calibrate each ESC with a servo tester in place of the board: full throttle, ESC on, "
             "beeps, zero throttle, beep. Reconnect and start: does each ESC beep once for zero?",
             "stop here: an ESC that misses zero at 1000 us may spin its motor while disarmed",
         ),
-        Watch("started", "Start again, then Enter", verdicts.drive_closed),
+        Watch("started", f"{_PULLED}Start again, then Enter", verdicts.drive_closed),
     )
+
+
+def _plug_steps(*, board: bool, plugs: bool) -> tuple[Step, ...]:
+    """Return how motors are plugged in, after all else is proven and without power."""
+    if board:
+        return (
+            Watch(
+                "plugged",
+                f"Press and release the hard-wired stop. Then {_PLUG_IN}. Then Enter",
+                verdicts.drive_open,
+            ),
+            Watch("restarted", "Start again, then Enter", verdicts.drive_closed),
+        )
+    if plugs:
+        return (
+            Watch(
+                "plugged",
+                f"Press and release the stop. Then {_PLUG_IN}. Start again, then Enter",
+                verdicts.faults,
+            ),
+        )
+    return ()
 
 
 def _tilt(joints: Sequence[Joint], i: int) -> Step:
@@ -277,14 +329,7 @@ def _swing(joints: Sequence[Joint], i: int) -> Step:
     return Swing(f"swing_{name}", f"{name} tilts by 3 deg and returns", i)
 
 
-def _wheel_steps(joints: Sequence[Joint], wheels: Sequence[int], *, plugs: bool) -> list[Step]:
-    first = "Motors' plugs in, wheels off the ground. " if plugs else "Wheels off the ground. "
-    return [
-        Turn(
-            f"turn_{joints[joint].name}",
-            f"{first}Wheel {number} ({joints[joint].name}) turns slowly",
-            joint,
-            number,
-        )
-        for number, joint in enumerate(wheels, 1)
-    ]
+def _turn(joints: Sequence[Joint], joint: int, number: int) -> Step:
+    name = joints[joint].name
+    text = f"Wheels off the ground. Wheel {number} ({name}) turns slowly"
+    return Turn(f"turn_{name}", text, joint, number)

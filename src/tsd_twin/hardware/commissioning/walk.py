@@ -7,8 +7,10 @@ the wheels off: commands end with each motion, and the watchdog of the hardware 
 from __future__ import annotations
 
 import math
+import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -43,30 +45,31 @@ from tsd_twin.safety import Heartbeat
 Ask = Callable[[str], str]
 """Shows a question and returns the entered line."""
 Say = Callable[[str], None]
+_WATCH_S = 3.0
+"""Time for which readings are watched."""
+_ARM_S = 6.0
+"""Maximum time until the robot is armed, with 2 s for the speed controllers."""
+_OFF_S = 2.5
+"""Time disarmed before arming."""
+_SWING_S = 1.5
+"""Time of a tilt, and of its return."""
+_TURN_S = 6.0
 _CYCLE_S = 0.01
+_DISARM_S = 0.1
+_RAMP = 0.5
+"""Fraction of the time of a swing in which the setpoint moves."""
 _RECENT_S = 0.2
 _FRESH, _FRESH_S = 4, 2.0
 """New measurements before a reading counts, and the maximum time until they arrive."""
 _YES = ("y", "yes")
-_SKIPPED = (Measure, Confirm)
+_SKIPPED = (Measure, Confirm, Tilt, Swing, Turn)
 """Steps that are not repeated after an interruption; the others are quick and read live values."""
+LEAVING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that end the program: Ctrl-C, termination and a closed terminal."""
 
 
 class Commissioned(RobotIO, HasWatchdog, Protocol):
     """Hardware interface with a command watchdog."""
-
-
-@dataclass(frozen=True, slots=True)
-class Pace:
-    """Durations of the steps, seconds."""
-
-    watch_s: float = 3.0
-    arm_s: float = 6.0
-    """Maximum time until the robot is armed, with 2 s for the speed controllers."""
-    hold_s: float = 2.5
-    """Time disarmed before arming."""
-    swing_s: float = 1.5
-    turn_s: float = 6.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,28 +84,30 @@ class Machine:
     connect: Callable[[], Commissioned]
 
 
+@contextmanager
+def signals_held() -> Generator[None]:
+    """Hold back signals that end the program; they take effect at the end of the block."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, LEAVING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 class Walk:
     """One walk through the steps."""
 
-    def __init__(
-        self,
-        machine: Machine,
-        sheet: Sheet,
-        file: Path,
-        ask: Ask,
-        say: Say,
-        pace: Pace | None = None,
-    ) -> None:
+    def __init__(self, machine: Machine, sheet: Sheet, file: Path, ask: Ask, say: Say) -> None:
         self._machine = machine
         self._sheet = sheet
         self._file = file
         self._ask, self._say = ask, say
-        self._pace = pace or Pace()
         self._io: Commissioned | None = None
         self._beats = 0
         self._joints = np.full(len(machine.joints), np.nan)
         self._value: float | None = None
         self._names = [joint.name for joint in machine.joints]
+        self._rest = np.zeros(len(machine.joints))
 
     def run(self, steps: Sequence[Step]) -> Finding | None:
         """Run the steps until one finds an error; return it, or None if all passed.
@@ -116,7 +121,7 @@ class Walk:
         done = self._sheet.passed()
         try:
             for number, step in enumerate(steps, 1):
-                if step.name in done and isinstance(step, (*_SKIPPED, Swing, Turn, Tilt)):
+                if step.name in done and isinstance(step, _SKIPPED):
                     continue
                 self._say(f"Step {number} of {len(steps)}: {step.name}")
                 finding = self._checked(step)
@@ -131,9 +136,10 @@ class Walk:
 
     def close(self) -> None:
         """Stop the robot and close its connection."""
-        io, self._io = self._io, None
-        if io is not None:
-            io.close()
+        with signals_held():
+            io, self._io = self._io, None
+            if io is not None:
+                io.close()
 
     def _checked(self, step: Step) -> Finding | None:
         self._value = None
@@ -145,7 +151,7 @@ class Walk:
         if not isinstance(step, Turn):
             return step.text
         rpm = self._machine.wheel_rad_per_s * 30.0 / math.pi
-        return f"{step.text}, at {rpm:.0f} rpm for {self._pace.turn_s:.0f} s"
+        return f"{step.text}, at {rpm:.0f} rpm for {_TURN_S:.0f} s"
 
     def _run(self, step: Step) -> Finding | None:
         match step:
@@ -175,13 +181,14 @@ class Walk:
 
     def _connect(self) -> Finding | None:
         try:
-            self._io = self._machine.connect()
+            with signals_held():  # Or an open connection would not be closed.
+                self._io = self._machine.connect()
         except HardwareError as error:
             return found(FindingCode.NO_CONNECTION, text=str(error))
         return None
 
     def _judge(self, step: Watch) -> Finding | None:
-        readings = self._watch(self._pace.watch_s)
+        readings = self._watch(_WATCH_S)
         if not readings or readings[-1].status.get("battery_v") is None:
             return found(FindingCode.NO_STATUS)
         return step.verdict(readings)
@@ -194,26 +201,25 @@ class Walk:
         return verdicts.moved(self._names, step.joint, before, after, verdicts.HAND_DEG)
 
     def _swing(self, step: Swing) -> Finding | None:
-        rest = np.zeros(len(self._names))
-        goal = rest.copy()
+        goal = self._rest.copy()
         goal[step.joint] = math.radians(verdicts.SWING_DEG)
         try:
             if finding := self._arm():
                 return finding
             before = self._position(armed=True)
-            finding = self._hold(goal, self._pace.swing_s)
+            finding = self._hold(goal, _SWING_S, since=self._rest)
             after = self._joints.copy()
-            finding = finding or self._hold(rest, self._pace.swing_s)
+            finding = finding or self._hold(self._rest, _SWING_S, since=goal)
         finally:
             self._disarm()
         least_deg = verdicts.SWING_DEG / 2.0
         return finding or verdicts.moved(self._names, step.joint, before, after, least_deg)
 
     def _turn(self, step: Turn) -> Finding | None:
-        goal = np.zeros(len(self._names))
+        goal = self._rest.copy()
         goal[step.joint] = self._machine.wheel_rad_per_s
         try:
-            finding = self._arm() or self._hold(goal, self._pace.turn_s)
+            finding = self._arm() or self._hold(goal, _TURN_S)
             speed_rpm = self._speed_rpm(step)
         finally:
             self._disarm()
@@ -242,15 +248,14 @@ class Walk:
 
     def _arm(self) -> Finding | None:
         """Arm with all joints at rest."""
-        rest = np.zeros(len(self._names))
-        self._cycle_for(rest, self._pace.hold_s, armed=False)
-        end_s = time.monotonic() + self._pace.arm_s
+        self._cycle_for(_OFF_S)
+        end_s = time.monotonic() + _ARM_S
         while (fault := self._fault()) and time.monotonic() < end_s:
-            self._cycle(rest, armed=False)
+            self._cycle(self._rest, armed=False)
         if fault:
             return found(FindingCode.FAULT, text=fault)
         while time.monotonic() < end_s:
-            self._cycle(rest, armed=True)
+            self._cycle(self._rest, armed=True)
             if fault := self._fault():
                 return found(FindingCode.FAULT, text=fault)
             if self._open().hardware().get("board", "armed") == "armed":
@@ -258,27 +263,27 @@ class Walk:
         return found(FindingCode.FAULT, text="it does not arm")
 
     def _disarm(self) -> None:
-        rest = np.zeros(len(self._names))
-        self._cycle_for(rest, 0.1, armed=False)
+        self._cycle_for(_DISARM_S)
 
-    def _hold(self, goal: Array, seconds: float) -> Finding | None:
-        """Command a setpoint for a time; stop at once at a fault."""
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s:
-            self._cycle(goal, armed=True)
+    def _hold(self, goal: Array, seconds: float, since: Array | None = None) -> Finding | None:
+        """Command a setpoint for a time, with a ramp from `since`; end at once at a fault."""
+        start_s = time.monotonic()
+        while (elapsed_s := time.monotonic() - start_s) < seconds:
+            part = min(1.0, elapsed_s / (_RAMP * seconds))
+            setpoint = goal if since is None else since + part * (goal - since)
+            self._cycle(setpoint, armed=True)
             if fault := self._fault():
                 return found(FindingCode.FAULT, text=fault)
         return None
 
     def _watch(self, seconds: float) -> list[Reading]:
         """Return readings over a time; none if no new measurement arrives."""
-        rest = np.zeros(len(self._names))
         if not self._refresh(armed=False):
             return []
         readings: list[Reading] = []
         end_s = time.monotonic() + seconds
         while not readings or time.monotonic() < end_s:
-            self._cycle(rest, armed=False)
+            self._cycle(self._rest, armed=False)
             status = dict(self._open().hardware())
             readings.append(Reading(status, self._joints.copy(), self._fault()))
         return readings if self._refresh(armed=False) else []
@@ -290,18 +295,18 @@ class Walk:
 
     def _refresh(self, *, armed: bool) -> bool:
         """Cycle at rest until new measurements have arrived, which were not in flight before."""
-        rest = np.zeros(len(self._names))
         end_s, fresh = time.monotonic() + _FRESH_S, 0
         while fresh < _FRESH:
             if time.monotonic() > end_s:
                 return False
-            fresh += self._cycle(rest, armed=armed)
+            fresh += self._cycle(self._rest, armed=armed)
         return True
 
-    def _cycle_for(self, setpoint: Array, seconds: float, *, armed: bool) -> None:
+    def _cycle_for(self, seconds: float) -> None:
+        """Command rest for a time, disarmed."""
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
-            self._cycle(setpoint, armed=armed)
+            self._cycle(self._rest, armed=False)
 
     def _cycle(self, setpoint: Array, *, armed: bool) -> bool:
         """Write a setpoint, wait, and read; return whether there was a new measurement."""
@@ -334,6 +339,9 @@ class Walk:
     def _number(self, text: str) -> float:
         while True:
             try:
-                return float(self._ask(text).strip().replace(",", "."))
+                value = float(self._ask(text).strip().replace(",", "."))
             except ValueError:
-                self._say("Enter a number.")
+                value = math.nan
+            if math.isfinite(value):
+                return value
+            self._say("Enter a number.")
