@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from tests.support import wiring_errors
+
 ROOT = Path(__file__).parents[2]
 _SPEC = importlib.util.spec_from_file_location(
     "wiring_rules", ROOT / "docs/img/draw/wiring_rules.py"
@@ -38,13 +40,14 @@ def _sbus(plan: dict[str, Any]) -> None:
 ERRORS: list[tuple[str, Harm, str]] = [
     ("mega", _first("wires", fuse_a=0.0), "no fuse: main"),
     ("mega", _first("wires", mm2=4.0), "fuse above the wire's ampacity: main"),
-    ("mega", _first("wires", load_a=70.0), "load above the fuse: main"),
+    ("mega", _first("wires", to="nowhere"), "not fed: drive"),
+    ("mega", _first("wires", load_a=90.0), "load above the fuse: main"),
     (
         "mega",
-        lambda it: it["wires"][4].update(servos=6),
+        lambda it: it["wires"][-3].update(servos=6),
         "more than two servos in a branch: servos",
     ),
-    ("mega", lambda it: it.update(supply_a=80.0), "main fuse below the supply current: main"),
+    ("mega", lambda it: it.update(supply_a=90.0), "main fuse below the supply current: main"),
     ("mega", lambda it: it.pop("contactors"), "no contactor: drive"),
     ("mega", _first("contactors", dc=False), "contactor not rated for DC"),
     ("mega", _first("contactors", rated_a=40.0), "contactor rating too small"),
@@ -75,3 +78,10 @@ def test_rule_finds_its_error(name: str, harm: Harm, rule: str) -> None:
     plan = copy.deepcopy(PLANS[name])
     harm(plan)
     assert any(it.startswith(rule) for it in rules.check(plan)), rules.check(plan)
+
+
+def test_page_has_each_error_that_commissioning_finds() -> None:
+    lines = (ROOT / "docs/wiring.md").read_text(encoding="utf-8").splitlines()
+    start, rows = lines.index("| Plan | Error | Found by | Code |") + 2, wiring_errors.rows()
+    assert lines[start : start + len(rows) + 1] == [*rows, ""]
+    assert {error.machine.plan for error in wiring_errors.ERRORS} == set(PLANS)

@@ -117,7 +117,7 @@ class Bench:
 
 
 class _CanTurn:
-    """What the I/O thread of CAN does, in turn with the program."""
+    """I/O thread of CAN, in turn with the program."""
 
     def __init__(
         self, idle: list[Callable[[], object]], target: Callable[[], None], **_: object

@@ -47,7 +47,10 @@ def check(plan: Plan) -> list[str]:
 
 
 def _wires(plan: Plan) -> Iterator[str]:
+    fed = {"battery", *(wire["to"] for wire in plan["wires"])}
     for wire in plan["wires"]:
+        if wire["from"] not in fed:
+            yield f"not fed: {wire['name']}"
         name, fuse_a = wire["name"], wire.get("fuse_a", 0.0)
         if fuse_a <= 0.0:
             yield f"no fuse: {name}"

@@ -47,6 +47,7 @@ class Watch:
     name: str
     text: str
     verdict: Callable[[Sequence[Reading]], Finding | None]
+    seconds: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +88,8 @@ class Turn:
 
 
 Step = Measure | Confirm | Connect | Watch | CompareBattery | Tilt | Swing | Turn
+_LONG_S = 3.0
+"""Time for line errors to occur, capacitors to discharge, or ESCs to accept zero throttle."""
 MOVING = (Connect, Swing, Turn)
 """Steps that may move something; a person agrees to each of them."""
 
@@ -210,7 +213,7 @@ def steps_for(kind: str, joints: Sequence[Joint], *, receiver: bool = False) -> 
         *_line_steps(joints, gimbals, kind),
         *(_tilt(joints, i) for i in gimbals),
         *(_start_steps() if has_board else ()),
-        Watch("faults", "Nothing touched. Press Enter to read faults", verdicts.faults),
+        Watch("faults", "Nothing touched. Press Enter to read faults", verdicts.faults, _LONG_S),
         *(_swing(joints, i) for i in gimbals),
         *_plug_steps(board=has_board, plugs=has_contactor),
         *(_turn(joints, joint, number) for number, joint in enumerate(wheels, 1)),
@@ -255,7 +258,7 @@ def _board_steps(*, receiver: bool) -> tuple[Step, ...]:
     ready = "Press Enter to read"
     return (
         Watch("board_supply", f"Servo supply on. {ready}", verdicts.board_supply),
-        Watch("drive_open", f"Contactor open, not started. {ready}", verdicts.drive_open),
+        Watch("drive_open", f"Contactor open, not started. {ready}", verdicts.drive_open, _LONG_S),
         *((Watch("receiver", f"Transmitter on. {ready}", verdicts.receiver),) if receiver else ()),
     )
 
@@ -268,7 +271,7 @@ def _line_steps(joints: Sequence[Joint], gimbals: Sequence[int], kind: str) -> t
     return (
         Watch("servos", "Press Enter to read the servos", verdicts.servos(names)),
         Watch("controllers", "Press Enter to read the controllers", verdicts.controllers(wheels)),
-        Watch("line", text, verdicts.line),
+        Watch("line", text, verdicts.line, _LONG_S),
         Watch("warnings", "Press Enter to read warnings", verdicts.warnings),
     )
 
@@ -280,6 +283,7 @@ def _start_steps() -> tuple[Step, ...]:
             "stop_opens",
             "Press and release the hard-wired stop. Do not press start. Then Enter",
             verdicts.drive_open,
+            _LONG_S,
         ),
         _COIL_SUPPLY,
         Confirm(
@@ -300,6 +304,7 @@ def _plug_steps(*, board: bool, plugs: bool) -> tuple[Step, ...]:
                 "plugged",
                 f"Press and release the hard-wired stop. Then {_PLUG_IN}. Then Enter",
                 verdicts.drive_open,
+                _LONG_S,
             ),
             Watch("restarted", "Start again, then Enter", verdicts.drive_closed),
         )
@@ -309,6 +314,7 @@ def _plug_steps(*, board: bool, plugs: bool) -> tuple[Step, ...]:
                 "plugged",
                 f"Press and release the stop. Then {_PLUG_IN}. Start again, then Enter",
                 verdicts.faults,
+                _LONG_S,
             ),
         )
     return ()

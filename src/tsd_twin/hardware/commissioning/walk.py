@@ -45,8 +45,6 @@ from tsd_twin.safety import Heartbeat
 Ask = Callable[[str], str]
 """Shows a question and returns the entered line."""
 Say = Callable[[str], None]
-_WATCH_S = 3.0
-"""Time for which readings are watched."""
 _ARM_S = 6.0
 """Maximum time until the robot is armed, with 2 s for the speed controllers."""
 _OFF_S = 2.5
@@ -188,7 +186,7 @@ class Walk:
         return None
 
     def _judge(self, step: Watch) -> Finding | None:
-        readings = self._watch(_WATCH_S)
+        readings = self._watch(step.seconds)
         if not readings or readings[-1].status.get("battery_v") is None:
             return found(FindingCode.NO_STATUS)
         return step.verdict(readings)

@@ -1,0 +1,67 @@
+"""`tsd-bridge --check` finds each wiring error at its step, before a motion that it endangers."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from tests.support.wired_machines import Bench
+from tests.support.wiring_errors import (
+    ERRORS,
+    BusWheels,
+    CanMachine,
+    MegaMachine,
+    Wired,
+    WiringError,
+)
+from tsd_twin.hardware.commissioning.sheet import read_sheet
+from tsd_twin.hardware.commissioning.steps import Swing, Turn
+
+MACHINES = (MegaMachine, BusWheels, CanMachine)
+
+
+def walk(bench: Bench, machine: Wired, file: Path) -> list[str]:
+    _, said = machine.check(file)
+    assert not machine.driven
+    assert bench.most_driven <= 1
+    return said
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_sound_machine_passes(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, machine: type[Wired]
+) -> None:
+    bench, file = Bench(monkeypatch), tmp_path / "sheet.json"
+    it = machine(bench)  # type: ignore[call-arg]
+    said = walk(bench, it, file)
+    results = read_sheet(file, it.robot.name, it.kind).results
+    assert [result.step for result in results] == [step.name for step in it.steps()], said[-2]
+    assert all(result.finding is None for result in results)
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda it: f"{it.machine.plan}: {it.what}")
+def test_wiring_error_is_found_at_its_step(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: WiringError
+) -> None:
+    bench, file = Bench(monkeypatch), tmp_path / "sheet.json"
+    it = error.machine(bench)  # type: ignore[call-arg]
+    error.harm(it)
+    it.person.answers |= error.answers
+    names = [step.name for step in it.steps()]
+    moving = [step.name for step in it.steps() if isinstance(step, (Swing, Turn))]
+    if error.step in moving:
+        it.begin(file, error.step)
+    said = walk(bench, it, file)
+    result = read_sheet(file, it.robot.name, it.kind).results[-1]
+    assert result.finding is not None, said[-2]
+    assert (result.step, result.finding.code) == (error.step, error.code), said[-2]
+    if names.index(error.step) < names.index(moving[0]):
+        assert not bench.most_driven
+        assert not (isinstance(it, MegaMachine) and any(c.arm for c in it.board.commands))
+
+
+def test_each_plan_has_ten_errors_or_more() -> None:
+    counted = Counter(error.machine for error in ERRORS)
+    assert min(counted[machine] for machine in MACHINES) >= 10
