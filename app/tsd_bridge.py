@@ -19,7 +19,8 @@ from tsd_twin.simulation import Motors
 
 with program.requires("tsd-bridge", "bridge"):
     from tsd_twin.hardware.arduino_mega import BAUD, ArduinoMegaIO
-    from tsd_twin.hardware.commissioning.check import check, leave_on_signals
+    from tsd_twin.hardware.commissioning.check import check
+    from tsd_twin.hardware.commissioning.leaving import leave_on_signals
     from tsd_twin.hardware.commissioning.walk import Commissioned
     from tsd_twin.hardware.dynamixel_wheels import DynamixelWheelsIO
     from tsd_twin.hardware.joints import ServoCalibration

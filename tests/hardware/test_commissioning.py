@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,8 +15,10 @@ from tests.support.wired_machines import Bench, Person, WiredMega
 from tests.support.wiring_errors import TSD, CanMachine, MegaMachine
 from tsd_twin.hardware.commissioning import findings, verdicts
 from tsd_twin.hardware.commissioning.findings import FindingCode, found
+from tsd_twin.hardware.commissioning.leaving import LEAVING, leave_on_signals
 from tsd_twin.hardware.commissioning.sheet import Sheet, read_sheet
 from tsd_twin.hardware.commissioning.steps import Turn, steps_for
+from tsd_twin.hardware.commissioning.walk import Commissioned
 from tsd_twin.hardware.dynamixel.control_table import ESCS, SERVOS, ZERO_THROTTLE, BoardCommand
 from tsd_twin.hardware.joints import JointConverter
 from tsd_twin.hardware.serial_transport import HardwareError
@@ -101,6 +105,31 @@ def test_interrupted_walk_leaves_wheels_off_and_continues(
     ok, said = check_mega(file, it)
     assert ok, said[-2]
     assert not any("module3_beta tilts" in question for question in it.person.shown)
+
+
+def test_signal_while_connecting_closes_the_connection(
+    it: MegaMachine, file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    connect = it.connect
+
+    def interrupted() -> Commissioned:
+        io = connect()
+        os.kill(os.getpid(), signal.SIGTERM)
+        assert it.person.bench.idle, "connected"
+        return io
+
+    monkeypatch.setattr(it, "connect", interrupted)
+    before = {number: signal.getsignal(number) for number in LEAVING}
+    leave_on_signals()
+    try:
+        with pytest.raises(SystemExit) as ended:
+            check_mega(file, it)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert ended.value.code == 128 + signal.SIGTERM
+    assert not it.person.bench.idle, "closed"
+    assert last(file) == ("sbus_level", "")
 
 
 @pytest.mark.parametrize("answer", ["n", "", "1", "yes please"])

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import signal
-import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 
 from tsd_twin.hardware.commissioning.sheet import read_sheet
 from tsd_twin.hardware.commissioning.steps import steps_for
 from tsd_twin.hardware.commissioning.walk import (
-    LEAVING,
     Ask,
     Commissioned,
     Machine,
@@ -59,18 +55,6 @@ def check(
         say(f"{finding.code}: {finding.sentence()}")
         say(f"Stop here and mend it; the same command continues with {file}.")
     return finding is None
-
-
-def leave_on_signals() -> None:
-    """Let termination and a closed terminal end the program through its cleanup."""
-    for number in LEAVING:
-        signal.signal(number, _leave)
-
-
-def _leave(number: int, _frame: FrameType | None) -> None:
-    for each in LEAVING:  # A second signal must not interrupt the cleanup.
-        signal.signal(each, signal.SIG_IGN)
-    sys.exit(128 + number)
 
 
 def _slow(robot: RobotDescription) -> float:

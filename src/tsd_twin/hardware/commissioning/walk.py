@@ -7,10 +7,8 @@ the wheels off: commands end with each motion, and the watchdog of the hardware 
 from __future__ import annotations
 
 import math
-import signal
 import time
-from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,6 +18,7 @@ import numpy as np
 
 from tsd_twin.hardware.commissioning import verdicts
 from tsd_twin.hardware.commissioning.findings import Finding, FindingCode, found
+from tsd_twin.hardware.commissioning.leaving import signals_held
 from tsd_twin.hardware.commissioning.sheet import Result, Sheet
 from tsd_twin.hardware.commissioning.steps import (
     MOVING,
@@ -62,8 +61,6 @@ _FRESH, _FRESH_S = 4, 2.0
 _YES = ("y", "yes")
 _SKIPPED = (Measure, Confirm, Tilt, Swing, Turn)
 """Steps that are not repeated after an interruption; the others are quick and read live values."""
-LEAVING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Signals that end the program: Ctrl-C, termination and a closed terminal."""
 
 
 class Commissioned(RobotIO, HasWatchdog, Protocol):
@@ -80,16 +77,6 @@ class Machine:
     measures_wheels: bool
     """Whether the robot measures the speed of its wheels."""
     connect: Callable[[], Commissioned]
-
-
-@contextmanager
-def signals_held() -> Generator[None]:
-    """Hold back signals that end the program; they take effect at the end of the block."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, LEAVING)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class Walk:
