@@ -34,6 +34,7 @@ pytestmark = [pytest.mark.system, pytest.mark.busy]
 
 Start = Callable[..., Program]
 SETSID = str(shutil.which("setsid"))
+ANY_PORT = ("--listen", "tcp/127.0.0.1:0")
 PROMPTS = ("[y/n] ", ". ", ": ")
 QUIET_S, STAYS_S = 0.05, 0.7
 KIWI = "dynamixel_wheels"
@@ -57,7 +58,7 @@ class Terminal:
         modes[3] &= ~termios.ECHO
         termios.tcsetattr(slave, termios.TCSANOW, modes)
         self.process = subprocess.Popen(
-            [SETSID, "--ctty", sys.executable, "-m", "tsd_bridge", *arguments],
+            [SETSID, "--ctty", sys.executable, "-m", "tsd_bridge", *ANY_PORT, *arguments],
             stdin=slave,
             stdout=slave,
             stderr=slave,
