@@ -1,4 +1,4 @@
-"""`scripts/run_tests` names what it ran again, and fails if too much time was withheld."""
+"""`scripts/run_tests` runs each test once, and fails if too much time was withheld."""
 
 from __future__ import annotations
 
@@ -89,20 +89,16 @@ def test_runs_in_turn_do_not_overlap_except_those_that_only_compute(tmp_path: Pa
 
 
 @pytest.mark.system
-def test_tests_that_pass_only_alone_are_counted_and_named(tmp_path: Path) -> None:
-    tests = {f"test_{mark}.py": FAILS_ONCE.format(mark=mark) for mark in ("programs", "busy")}
-    status, output = run_in(tmp_path, {**tests, "test_sound.py": SOUND})
-    names = [f"test_{mark}.py::test_fails_once" for mark in ("programs", "busy")]
-    assert status == 0
-    assert f"run again: 2 ({', '.join(names)})\n" in output
-
-
-@pytest.mark.system
-def test_a_test_that_fails_again_fails_the_run_and_is_named(tmp_path: Path) -> None:
-    fails = "import pytest\n\n@pytest.mark.timed\ndef test_wrong(): assert False\n"
-    status, output = run_in(tmp_path, {"test_wrong.py": fails, "test_sound.py": SOUND})
+@pytest.mark.parametrize("serial", ["", "1"], ids=["together", "in turn"])
+@pytest.mark.parametrize("mark", ["programs", "busy", "slow"])
+def test_a_test_that_fails_once_fails_the_run_and_is_not_repeated(
+    tmp_path: Path, mark: str, serial: str
+) -> None:
+    tests = {"test_once.py": FAILS_ONCE.format(mark=mark), "test_sound.py": SOUND}
+    status, output = run_in(tmp_path, tests, TEST_SERIAL=serial)
     assert status == 1
-    assert "run again: 1 (test_wrong.py::test_wrong)\n" in output
+    assert output.count("FAILED test_once.py::test_fails_once") == 1
+    assert f"failed: {'timed' if mark == 'slow' else mark} (1)" in output
 
 
 @pytest.mark.system
