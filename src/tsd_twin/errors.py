@@ -43,7 +43,7 @@ class TwinError(Exception):
     """Base class of all intentional errors; programs print them and exit non-zero."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle without `__init__`, whose arguments need not be those of the base class.
+        """Pickle without `__init__`, whose arguments may differ from the base class.
 
         Otherwise an error that a worker raises breaks its pool of processes.
         """
@@ -127,7 +127,7 @@ def check_extra(what: str, extra: str) -> None:
 
 
 def _packages(extra: str) -> list[str]:
-    """Names of the packages of an extra; none without metadata, as in an unpacked wheel."""
+    """Names of the packages of an extra; empty without metadata, as in an unpacked wheel."""
     try:
         requirements = metadata.requires("tsd-twin") or []
     except metadata.PackageNotFoundError:

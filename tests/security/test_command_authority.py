@@ -34,7 +34,7 @@ REVOKED = OperatorList(2, LISTED.operators, frozenset({public_bytes(ALICE).hex()
 
 @dataclass
 class Robot:
-    """Signature check and leases of one robot; what passes is kept."""
+    """Signature check and leases of a robot; keeps what passes."""
 
     id: str
     ids: random.Random

@@ -224,7 +224,7 @@ class Bus:
 
     @classmethod
     def when_reachable(cls, config: Config, stop: threading.Event) -> Self | None:
-        """Open a session; of a client as soon as its router answers, or None once `stop` is set.
+        """Open a session. A client waits for its router; None if `stop` is set before it answers.
 
         Other sessions open at once and connect in the background.
 

@@ -1,4 +1,4 @@
-"""Signatures of one operator on the requests and commands to one robot."""
+"""Signatures of an operator on requests and commands to a robot."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class LeaseSigning:
 
 
 def signing_key_beside(certificate: Path | None) -> SigningKey | None:
-    """Read the signing key beside a certificate, None if there is none.
+    """Read the signing key in the folder of a certificate; None if it is missing.
 
     Raises:
         TwinError: If it cannot be read.

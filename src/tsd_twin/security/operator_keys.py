@@ -41,7 +41,7 @@ def provision_operators(
     operators to robots. The key of the authority is needed if the list changes.
 
     Raises:
-        TwinError: If a file is invalid, somebody to revoke is unknown, or the authority's key is
+        TwinError: If a file is invalid, a name to revoke is unknown, or the authority's key is
             needed but missing.
     """
     file = folder.path / OPERATORS

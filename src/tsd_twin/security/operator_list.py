@@ -96,7 +96,7 @@ def decode_list(content: bytes, authority: ec.EllipticCurvePublicKey) -> Operato
 
 
 class OperatorFile:
-    """List of operators in a file beside `ca.pem`; read again when it changes."""
+    """List of operators in a file in the folder of `ca.pem`; reloaded when it changes."""
 
     def __init__(self, file: Path) -> None:
         """Read the list and the authority's certificate.
@@ -116,10 +116,10 @@ class OperatorFile:
     def poll(self) -> OperatorList | None:
         """Return the list if it has changed.
 
-        A missing file leaves the present list in force.
+        If the file is missing, the current list remains valid.
 
         Raises:
-            TwinError: If the new one is invalid or older; the present list stays in force.
+            TwinError: If the new list is invalid or older; the current list remains valid.
         """
         try:
             status = self.file.stat()

@@ -1,4 +1,4 @@
-"""Signatures at a robot node: they are checked before the controller, and stripped."""
+"""Checks and strips signatures at a robot node, before the controller."""
 
 from __future__ import annotations
 

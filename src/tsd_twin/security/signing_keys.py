@@ -20,7 +20,7 @@ with needs_extra("A signing key", "tls"):
     )
 
 SIGNING_SUFFIX = ".sign"
-"""Suffix of the file of a signing key, beside the certificate of the same name."""
+"""Suffix of the file of a signing key; the stem is the name of its certificate."""
 SigningKey = Ed25519PrivateKey
 
 
