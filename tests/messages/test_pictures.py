@@ -15,11 +15,16 @@ from tsd_twin.messages.pictures import (
     CameraInfo,
     CameraName,
     CompressedImage,
+    GroundGrid,
     decode_camera_info,
+    decode_ground,
     decode_picture,
     encode_camera_info,
+    encode_ground,
     encode_picture,
 )
+
+PLACE = st.tuples(st.floats(-10, 11), st.floats(-10, 11))
 
 
 @given(st.binary(max_size=50), st.integers(0, 2**60), st.text("abc", max_size=9))
@@ -46,5 +51,44 @@ def test_what_is_not_jpeg_is_refused(data):
 @pytest.mark.parametrize("robot", [None, "tsd"])
 def test_a_camera_is_found_from_each_of_its_keys(robot):
     name = CameraName("front", robot)
-    assert all(CameraName.of(key) == name for key in (name.key, name.info_key, name.alive_key))
+    assert all(
+        CameraName.of(key) == name
+        for key in (name.key, name.info_key, name.ground_key, name.alive_key)
+    )
     assert CameraName.of("twin/tsd/state/odom") is None
+
+
+@given(
+    st.integers(2, 33).flatmap(
+        lambda n: st.lists(st.lists(PLACE, min_size=n, max_size=n), min_size=2, max_size=5)
+    )
+)
+def test_a_grid_of_the_floor_is_decoded_as_it_was_encoded(places):
+    grid = GroundGrid((-1.0, 2.0), (3.0, 0.5), places)
+    assert decode_ground(encode_ground(grid)) == grid
+
+
+SQUARE = [[(0.0, 0.0), (1.0, 0.0)], [(0.0, 1.0), (1.0, 1.0)]]
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        GroundGrid((0.0, 0.0), (0.0, 1.0), SQUARE),
+        GroundGrid((0.0, 0.0), (1.0, 1e9), SQUARE),
+        GroundGrid((0.0, 1e9), (1.0, 1.0), SQUARE),
+        GroundGrid((0.0, 0.0), (1.0, 1.0), SQUARE[:1]),
+        GroundGrid((0.0, 0.0), (1.0, 1.0), [SQUARE[0], SQUARE[1][:1]]),
+        GroundGrid((0.0, 0.0), (1.0, 1.0), [SQUARE[0] * 40] * 2),
+        GroundGrid((0.0, 0.0), (1.0, 1.0), [[(0.0, 1e6)] * 2] * 2),
+    ],
+)
+def test_an_impossible_grid_of_the_floor_is_refused(grid):
+    with pytest.raises(MessageError):
+        decode_ground(encode_ground(grid))
+
+
+@given(st.binary(max_size=30))
+def test_what_is_no_grid_of_the_floor_is_refused(payload):
+    with pytest.raises(MessageError):
+        decode_ground(payload)

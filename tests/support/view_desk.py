@@ -65,9 +65,11 @@ class ViewDesk:
         self.view(page).apply(ViewSettings(**settings), look=look)
 
     @contextmanager
-    def opened(self, page: str | None, *, plain: bool = False) -> Generator[ViserClient]:
+    def opened(
+        self, page: str | None, *, plain: bool = False, robots: str = ""
+    ) -> Generator[ViserClient]:
         """Connect a client with a view, which the server has forgotten when this ends."""
-        with viser_client(self.server.get_port(), page, plain=plain) as viewer:
+        with viser_client(self.server.get_port(), page, plain=plain, robots=robots) as viewer:
             viewer.until(lambda: "/stage/key" in viewer.own)
             if page is not None:
                 eventually(lambda: bool(self.views.of_page(page)))

@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from tsd_twin.dashboard.scene.appearance import METRES
-from tsd_twin.dashboard.scene.viser_compat import KEY_HEADER, access_key
+from tsd_twin.dashboard.scene.viser_compat import KEY_HEADER, ROBOTS_HEADER, access_key
 
 PATIENCE_S = 60.0
 CAMERA = {
@@ -206,11 +206,12 @@ def chosen(viewer: ViserClient) -> dict[str, Node]:
 
 @contextmanager
 def viser_client(
-    port: int, page: str | None = None, *, plain: bool = False
+    port: int, page: str | None = None, *, plain: bool = False, robots: str = ""
 ) -> Generator[ViserClient]:
-    """Connect a client and receive the whole scene."""
+    """Connect a client and receive the whole scene, or with `robots` that of some robots."""
     headers = {KEY_HEADER: access_key(), "X-Tsd-Look": "dark-plain" if plain else "dark"}
     headers |= {} if page is None else {"X-Tsd-Page": page}
+    headers |= {ROBOTS_HEADER: robots} if robots else {}
     socket = connect(
         f"ws://127.0.0.1:{port}",
         subprotocols=["viser-v1.1.1"],

@@ -10,6 +10,7 @@ import numpy as np
 import simplejpeg
 
 from tsd_twin.bus import Bus
+from tsd_twin.camera.ground import ground_grid
 from tsd_twin.camera.setup_file import CameraSetup
 from tsd_twin.camera.sources import CameraFrame
 from tsd_twin.camera.tracker import Observation
@@ -22,6 +23,7 @@ from tsd_twin.messages.pictures import (
     CameraName,
     CompressedImage,
     encode_camera_info,
+    encode_ground,
     encode_picture,
 )
 from tsd_twin.messages.pose import PoseStamped, encode_pose
@@ -50,6 +52,10 @@ class CameraPublisher:
         self._name, self._setup = name, setup
         self._pictures = pictures.publisher(name.key, QoS.LOG, IMAGE_TYPE)
         self._info = pictures.publisher(name.info_key, QoS.LOG, INFO_TYPE)
+        on_floor = name.robot is None and setup.place is not None
+        grid = ground_grid(setup.view) if on_floor else None
+        self._ground = None if grid is None else pictures.publisher(name.ground_key, QoS.LOG)
+        self._grid = b"" if grid is None else encode_ground(grid)
         self._token = pictures.declare_token(name.alive_key)
         topic = topics.SENSOR_POSE
         robots = sorted({tag.robot for tag in setup.tags if tag.robot is not None})
@@ -70,6 +76,8 @@ class CameraPublisher:
         if now_s - self._info_s >= _INFO_PERIOD_S:
             self._info_s = now_s
             self._info.put(encode_camera_info(self._described(frame)))
+            if self._ground is not None:
+                self._ground.put(self._grid)
         if self._pictures.has_subscribers:
             data = self._encoded(frame)
             message = CompressedImage(self._name.name, data, frame.stamp_ns)
@@ -80,8 +88,9 @@ class CameraPublisher:
     def close(self) -> None:
         """End the camera's presence on the bus."""
         self._token.close()
-        for publisher in (self._pictures, self._info, *self._poses.values()):
-            publisher.close()
+        for publisher in (self._pictures, self._info, self._ground, *self._poses.values()):
+            if publisher is not None:
+                publisher.close()
 
     def _described(self, frame: CameraFrame) -> CameraInfo:
         height, width = frame.picture.shape[:2]

@@ -6,14 +6,16 @@ import asyncio
 import ctypes
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.discovery import RobotDiscovery
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.server import HttpServer
+from tsd_twin.dashboard.ground_layer import GroundLayer
 from tsd_twin.dashboard.pictures.feed import Cameras
 from tsd_twin.dashboard.recorded.pages import RecordedPages
 from tsd_twin.dashboard.scene import viser_compat
@@ -92,12 +94,13 @@ async def run(
             on_opened=lambda: ticker.wake(),
             roster=roster,
         )
+        cameras = Cameras(bus, open_pictures) if open_pictures else None
         gateway = HttpServer(
             sessions,
             server.get_port(),
             auth=AuthMiddleware(rules),
             recorded=RecordedPages(recordings, sessions.live) if recordings else None,
-            cameras=Cameras(bus, open_pictures) if open_pictures else None,
+            cameras=cameras,
         )
         views = ClientViews(
             server,
@@ -119,24 +122,33 @@ async def run(
         )
         server.on_client_connect(on_client)
         await gateway.start(host, port, viewport_port)
-        await _serve_until(stop, gateway, ticker, on_ready)
+        ground = cameras and GroundLayer(cameras, views, worker).run()
+        await _serve_until(stop, gateway, ticker, on_ready, ground)
     finally:
         worker.close()
         server.stop()
 
 
 async def _serve_until(
-    stop: threading.Event, gateway: HttpServer, ticker: UpdateLoop, on_ready: Callable[[int], None]
+    stop: threading.Event,
+    gateway: HttpServer,
+    ticker: UpdateLoop,
+    on_ready: Callable[[int], None],
+    ground: Coroutine[Any, Any, None] | None,
 ) -> None:
     """Draw on another thread, and answer requests here, until `stop` is set."""
     ended = threading.Event()
     thread = threading.Thread(target=ticker.run, args=(ended,), name="ticker")
     thread.start()
+    drawing = ground and asyncio.create_task(ground)
     try:
         on_ready(gateway.port)
         while not stop.is_set():  # Set by a signal handler, which cannot wake a loop safely.
             await asyncio.sleep(_STOP_POLL_S)
     finally:
+        if drawing:
+            drawing.cancel()
+            await asyncio.gather(drawing, return_exceptions=True)
         await gateway.stop()
         ended.set()
         ticker.wake()

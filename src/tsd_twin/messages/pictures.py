@@ -1,13 +1,16 @@
 """Pictures of cameras: CompressedImage and CameraInfo of ROS 2, and their keys.
 
 A camera publishes JPEG on `twin/<robot>/camera/<name>` or `floor/<name>`, its `CameraInfo` on
-`<key>/info`, and holds a liveliness token on `<key>/alive`.
+`<key>/info`, and holds a liveliness token on `<key>/alive`. A calibrated camera above the floor
+publishes a `GroundGrid` on `<key>/ground`, as JSON.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from tsd_twin.errors import BusError
@@ -111,6 +114,52 @@ def decode_camera_info(payload: bytes) -> CameraInfo:
     return CameraInfo(frame, width, height, matrix, distortion, stamp_ns)
 
 
+class GroundGrid(msgspec.Struct, frozen=True):
+    """Pixels of a regular grid of floor points, for drawing a picture on the floor.
+
+    Rows have increasing y, columns increasing x of the floor frame, which is `odom`.
+    """
+
+    corner_m: tuple[float, float]
+    """Least x and y."""
+    size_m: tuple[float, float]
+    places: list[list[tuple[float, float]]]
+    """Fractions of width and height of the picture from its upper left corner; outside of 0 to 1
+    for points that the picture does not show."""
+
+
+def encode_ground(grid: GroundGrid) -> bytes:
+    """Encode a grid as JSON."""
+    return msgspec.json.encode(grid)
+
+
+def decode_ground(payload: bytes) -> GroundGrid:
+    """Decode a grid from JSON.
+
+    Raises:
+        MessageError: If it is not a grid of 2 to 33 points a side and 0.1 to 50 m (`shape`).
+    """
+    try:
+        grid = _GROUND.decode(payload)
+    except msgspec.MsgspecError as error:
+        raise MessageError("shape", f"it is no grid of the floor: {error}") from error
+    rows = {len(row) for row in grid.places}
+    numbers = [*grid.corner_m, *(n for row in grid.places for place in row for n in place)]
+    if not (
+        2 <= len(grid.places) <= _MOST_POINTS
+        and len(rows) == 1
+        and 2 <= rows.pop() <= _MOST_POINTS
+        and all(_LEAST_GROUND_M <= side <= _MOST_GROUND_M for side in grid.size_m)
+        and all(math.isfinite(n) and abs(n) <= _FARTHEST for n in numbers)
+    ):
+        raise MessageError("shape", "a grid of the floor has 2 to 33 points a side")
+    return grid
+
+
+_GROUND = msgspec.json.Decoder(GroundGrid)
+_MOST_POINTS, _LEAST_GROUND_M, _MOST_GROUND_M, _FARTHEST = 33, 0.1, 50.0, 1000.0
+
+
 @dataclass(frozen=True, slots=True)
 class CameraName:
     """Identity of a camera: its name, and the robot that carries it, or None above the floor."""
@@ -128,6 +177,11 @@ class CameraName:
     def info_key(self) -> str:
         """Key of its `CameraInfo`."""
         return f"{self.key}/info"
+
+    @property
+    def ground_key(self) -> str:
+        """Key of its `GroundGrid`."""
+        return f"{self.key}/ground"
 
     @property
     def alive_key(self) -> str:
@@ -152,5 +206,7 @@ class CameraName:
         return found
 
 
+GROUND_KEYS = "floor/*/ground"
+"""Keys of the grids of all cameras above the floor."""
 ALIVE_KEYS = "twin/*/camera/*/alive", "floor/*/alive"
 """Keys of the liveliness tokens of all cameras."""

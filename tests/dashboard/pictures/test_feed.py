@@ -18,7 +18,14 @@ from tsd_twin.bus import Bus
 from tsd_twin.dashboard.pictures import feed
 from tsd_twin.dashboard.pictures.feed import HEADER, Cameras, ExposureClock, Viewer
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.pictures import CameraName, CompressedImage, encode_picture
+from tsd_twin.messages.pictures import (
+    GROUND_KEYS,
+    CameraName,
+    CompressedImage,
+    GroundGrid,
+    encode_ground,
+    encode_picture,
+)
 
 CEILING = CameraName("ceiling")
 PIXELS = np.tile(np.linspace(0, 255, 640).astype(np.uint8)[None, :, None], (360, 1, 3))
@@ -40,6 +47,9 @@ class OneCamera:
             on_change(CEILING.alive_key, True)
 
     def subscribe(self, key: str, taker: Callable[[Sample], None]) -> Callable[[], None]:
+        if key == GROUND_KEYS:
+            self.say_ground = taker
+            return lambda: None
         assert key == CEILING.key
         self.takers.append(taker)
         return lambda: self.takers.remove(taker)
@@ -196,6 +206,24 @@ def test_a_camera_whose_clock_is_ahead_has_pictures_as_old_as_their_extra_delay(
     for more in [0.0, *more_s]:
         exposed_s = clock.exposed_s(-offset_s - more, 0.0, 0.0)
         assert -exposed_s == pytest.approx(more, abs=1e-6)
+
+
+def test_the_floor_of_a_camera_is_known_once_it_says_where_it_is() -> None:
+    grid = GroundGrid((0.0, 0.0), (1.0, 1.0), [[(0.0, 0.0)] * 2] * 2)
+
+    async def work(camera: OneCamera, cameras: Cameras) -> None:
+        for key, payload in (
+            (CEILING.ground_key, b"broken"),
+            ("floor/other/ground", encode_ground(grid)),
+        ):
+            camera.say_ground(Sample(key, payload, b""))
+            await asyncio.sleep(0)
+            assert cameras.feeds[CEILING.key].ground is None
+        camera.say_ground(Sample(CEILING.ground_key, encode_ground(grid), b""))
+        await asyncio.sleep(0)
+        assert cameras.feeds[CEILING.key].ground == grid
+
+    run(work)
 
 
 def test_whoever_looks_at_a_lost_camera_sees_it_again_when_it_comes_back() -> None:

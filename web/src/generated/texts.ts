@@ -350,6 +350,7 @@ export interface Table {
         readonly stop_envelope: string;
         readonly labels: string;
       };
+      readonly floorCamera: string;
       readonly truePose: string;
       readonly truePoses: {
         readonly when_different: string;

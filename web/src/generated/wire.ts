@@ -1054,6 +1054,8 @@ export interface ViewSettings {
   hidden?: Layer[];
   true_pose?: TruePoseDisplay;
   tilt?: TiltFactor;
+  /** Whether the pictures of cameras above the floor lie on the floor of the scene. */
+  floor_camera?: boolean;
   /** Dark or light colours; None follows the browser's preference. */
   dark?: boolean | null;
 }

@@ -8,7 +8,7 @@ import { Segmented } from "../ui/segmented";
 const THEMES = { system: null, light: false, dark: true };
 
 export function ViewTab() {
-  const { view, link } = useSession();
+  const { view, link, pictures } = useSession();
   const { view: words } = texts().panel;
   const settings = view.settings.value;
   const { hidden } = settings;
@@ -42,6 +42,10 @@ export function ViewTab() {
           {layers.map((layer) =>
             tick(words.layer[layer], !hidden.includes(layer), (on) => show(layer, on)),
           )}
+          {pictures.seen.value.some(({ robot }) => robot === null) &&
+            tick(words.floorCamera, settings.floor_camera, (floor_camera) =>
+              view.set({ floor_camera }),
+            )}
         </div>
         {choice(words.truePose, settings.true_pose, words.truePoses, (true_pose) =>
           view.set({ true_pose, hidden: hidden.filter((layer) => layer !== "true_pose") }),

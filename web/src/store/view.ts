@@ -20,6 +20,7 @@ const INITIAL: Settings = {
   hidden: [],
   true_pose: "when_different",
   tilt: "x5",
+  floor_camera: false,
   dark: null,
 };
 
@@ -27,13 +28,14 @@ const isView = (stored: unknown): stored is Settings => typeof stored === "objec
 
 /** Replace what this page does not know, because another version of it has kept the settings. */
 function known(stored: Partial<Settings>): Settings {
-  const { camera, follow, hidden, true_pose, tilt, dark } = { ...INITIAL, ...stored };
+  const { camera, follow, hidden, true_pose, tilt, floor_camera, dark } = { ...INITIAL, ...stored };
   return {
     camera: CAMERA_PRESETS.includes(camera) ? camera : INITIAL.camera,
     follow: follow !== false,
     hidden: LAYERS.filter((layer) => Array.isArray(hidden) && hidden.includes(layer)),
     true_pose: TRUE_POSE_DISPLAYS.includes(true_pose) ? true_pose : INITIAL.true_pose,
     tilt: TILT_FACTORS.includes(tilt) ? tilt : INITIAL.tilt,
+    floor_camera: floor_camera === true,
     dark: typeof dark === "boolean" ? dark : null,
   };
 }

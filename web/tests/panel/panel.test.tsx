@@ -94,12 +94,18 @@ test("On a phone, five tabs open a sheet, and the one that is open closes it.", 
 test("Settings of the View tab reach the dashboard, and those from elsewhere the tab.", () => {
   const { click, find, does, socket, take, session } = openPanel();
   click("View");
-  const trail = [...document.querySelectorAll<HTMLInputElement>(".tick input")].find(
-    (box) => box.parentElement!.textContent === "Trail",
-  )!;
+  const box = (name: string) =>
+    [...document.querySelectorAll<HTMLInputElement>(".tick input")].find(
+      ({ parentElement }) => parentElement!.textContent === name,
+    );
+  const trail = box("Trail")!;
   take();
   does(() => trail.click());
   expect(socket.sent.at(-1)).toMatchObject({ t: "view", settings: { hidden: ["trail"] } });
+  expect(box("Camera above the floor")).toBeUndefined();
+  does(() => (session.pictures.cameras.value = [{ key: "floor/a", name: "a", robot: null }]));
+  does(() => box("Camera above the floor")!.click());
+  expect(socket.sent.at(-1)).toMatchObject({ t: "view", settings: { floor_camera: true } });
   click("Dark");
   expect(document.documentElement.dataset["theme"]).toBe("dark");
   click("Light");

@@ -28,7 +28,7 @@ test("the settings that a browser has kept are sent with each connection, as the
 });
 
 test("of settings that another version has kept, those that are unknown have usual values", () => {
-  kept({ camera: "chase", hidden: ["trail", "of an older version"], tilt: 7, dark: "very" });
+  kept({ camera: "chase", hidden: ["trail", "of an older version"], tilt: 7, floor_camera: 1, dark: "very" });
   const { session } = openPage();
   expect(session.view.settings.value).toEqual({
     camera: "chase",
@@ -36,6 +36,7 @@ test("of settings that another version has kept, those that are unknown have usu
     hidden: ["trail"],
     true_pose: "when_different",
     tilt: "x5",
+    floor_camera: false,
     dark: null,
   });
   for (const damaged of [null, 7, [], "top", { camera: "above", hidden: 3 }]) {

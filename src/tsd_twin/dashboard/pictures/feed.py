@@ -19,7 +19,14 @@ from tsd_twin.bus import Bus
 from tsd_twin.dashboard.pictures.link_budget import LinkBudget, PictureFormat
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.errors import MessageError
-from tsd_twin.messages.pictures import ALIVE_KEYS, CameraName, decode_picture
+from tsd_twin.messages.pictures import (
+    ALIVE_KEYS,
+    GROUND_KEYS,
+    CameraName,
+    GroundGrid,
+    decode_ground,
+    decode_picture,
+)
 
 MAX_CAMERAS = 64
 LARGEST_OUTLINES = 8192
@@ -116,6 +123,8 @@ class CameraFeed:
     def __init__(self, name: CameraName, session: PictureSession, encoder: Executor) -> None:
         self.name = name
         self.newest: Picture | None = None
+        self.ground: GroundGrid | None = None
+        """Where its pictures show the floor, if it is calibrated."""
         self.is_alive = True
         self._session, self._encoder = session, encoder
         self._loop = asyncio.get_running_loop()
@@ -229,6 +238,7 @@ class Cameras:
         self._feeds: dict[str, CameraFeed] = {}
         for keys in ALIVE_KEYS:
             bus.subscribe_liveliness(keys, self._hand_over)
+        bus.subscribe(GROUND_KEYS, self._hand_over_ground)
 
     @property
     def feeds(self) -> Mapping[str, CameraFeed]:
@@ -242,6 +252,19 @@ class Cameras:
 
     def _hand_over(self, key: str, there: bool) -> None:
         self._loop.call_soon_threadsafe(self._change, key, there)
+
+    def _hand_over_ground(self, sample: Sample) -> None:
+        self._loop.call_soon_threadsafe(self._take_ground, sample)
+
+    def _take_ground(self, sample: Sample) -> None:
+        name = CameraName.of(sample.key)
+        feed = self._feeds.get(name.key) if name is not None else None
+        if feed is None:
+            return
+        try:
+            feed.ground = decode_ground(sample.payload)
+        except MessageError:
+            return  # Anybody on the bus can send bytes.
 
     def _change(self, key: str, there: bool) -> None:
         name = CameraName.of(key)

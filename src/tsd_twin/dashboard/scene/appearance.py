@@ -95,6 +95,8 @@ ROUTES = f"{ROOT}/p"
 """Parent node of all planned paths."""
 METRES = f"{ROOT}/l"
 """Parent node of the metre labels."""
+GROUND_NODE = f"{ROOT}/f"
+"""Parent node of the pictures of cameras above the floor."""
 PAST_NODE = f"{ROOT}/h"
 """Node of a robot's past state, in the scene of its page."""
 _SHARED_NODES = {

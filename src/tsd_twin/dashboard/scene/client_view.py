@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from tsd_twin.client.monitor import Snapshot
 from tsd_twin.dashboard.scene.appearance import (
@@ -28,11 +29,12 @@ from tsd_twin.dashboard.scene.picking import floor_points, off_screen_direction,
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose
 from tsd_twin.dashboard.scene.robot_visual import RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.stage import add_ground, add_lights
+from tsd_twin.dashboard.scene.stage import GroundPictures, add_ground, add_lights
 from tsd_twin.dashboard.scene.viser_compat import FIELD_OF_VIEW_RAD, set_theme
 from tsd_twin.dashboard.wire.to_page import CameraState
 from tsd_twin.dashboard.wire.view import CameraPreset, Layer, TruePoseDisplay, ViewSettings
 from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.pictures import GroundGrid
 
 _LABEL_STEP_M, _LABEL_TURN_RAD = 0.25, 0.35
 """Motions of the robot after which the metre labels are placed again."""
@@ -77,6 +79,7 @@ class ClientView:
         self._past: tuple[Snapshot | None, float] = None, 0.0
         self._ghost = HistoryGhost(client, self._palette)
         self._student = StudentRobot(client, self._palette)
+        self._ground_pictures = GroundPictures(client)
         self._camera = ClientCamera(client, frame)
         self._metres = MetreLabels(client)
         self._labelled: tuple[int, ...] | None = None
@@ -240,6 +243,22 @@ class ClientView:
                 self._student.draw(self.visual, self._settings.tilt)
         self.client.flush()
 
+    # Cameras above the floor.
+
+    @property
+    def shows_ground(self) -> bool:
+        """Whether it shows pictures of cameras above the floor, on which are all robots."""
+        return self._visible is None and self._settings.floor_camera
+
+    def draw_ground(
+        self, key: str, picture: NDArray[np.uint8] | None, grid: GroundGrid | None
+    ) -> None:
+        """Draw the picture (h, w, 3) of a camera on the floor; None removes it."""
+        shown = picture if self.shows_ground else None
+        with self.client.atomic():
+            self._ground_pictures.draw(key, shown, grid)
+        self.client.flush()
+
     # History.
 
     def show_past(self, past: Snapshot | None, ago_s: float) -> None:
@@ -286,6 +305,7 @@ class ClientView:
                     self._tilt.hide_links(body, None)
             self._student.clear(self._scene.visuals.values())
             own.reset()
+            self._ground_pictures.clear()
             self._preview.palette = self._ghost.palette = self._student.palette = self._palette
             self._preview.clear()
             self._tilt.clear()
@@ -325,7 +345,12 @@ class ClientView:
         its pose even if it is zero.
         """
         followed = self._robot_id == self._scene.default_robot_id
-        if self._fixed_world_xy is not None or not followed or self._is_chasing:
+        if (
+            self._fixed_world_xy is not None
+            or not followed
+            or self._is_chasing
+            or self.shows_ground  # Its node would get an ancestor of this client.
+        ):
             self._has_own_world = True
         if not self._has_own_world:
             return None

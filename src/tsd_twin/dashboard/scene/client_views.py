@@ -10,6 +10,7 @@ from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.framing import WHOLE_PICTURE, Rectangle
@@ -25,6 +26,7 @@ from tsd_twin.dashboard.scene.viser_compat import (
 from tsd_twin.dashboard.wire.to_page import CameraState
 from tsd_twin.dashboard.wire.view import ViewSettings
 from tsd_twin.lie import Array
+from tsd_twin.messages.pictures import GroundGrid
 
 _LOG = logging.getLogger(__name__)
 _Answer = TypeVar("_Answer")
@@ -77,6 +79,19 @@ class ClientViews:
         """Return the views of a page: none before its frame has connected."""
         with self._scene.lock:
             return [view for view in self._connected() if view.page == page]
+
+    @property
+    def show_ground(self) -> bool:
+        """Whether a client shows pictures of cameras above the floor; those show all robots."""
+        return any(view.shows_ground for view in self._connected())
+
+    def draw_ground(
+        self, key: str, picture: NDArray[np.uint8] | None = None, grid: GroundGrid | None = None
+    ) -> None:
+        """Draw the picture of a camera on the floor, for all clients that show it."""
+        with self._scene.lock:
+            for view in self._connected():
+                view.draw_ground(key, picture, grid)
 
     def pick_floor(self, page: str, shares: Array) -> Array:
         """Return floor points (m, 2) in `odom` at a page's screen positions, see `floor_points`."""

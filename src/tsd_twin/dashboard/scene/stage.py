@@ -1,4 +1,4 @@
-"""Stage of a client: lights, ground, grid and metre labels in its theme."""
+"""Stage of a client: lights, ground, grid, and pictures of the floor."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from tsd_twin.dashboard.scene.appearance import PALETTES, ROOT, Rgb, Theme
+from tsd_twin.dashboard.scene.appearance import GROUND_NODE, PALETTES, ROOT, Rgb, Theme
 from tsd_twin.dashboard.scene.unlit import coloured, line_colour, mixed, unlit_glb
 from tsd_twin.lie import Array
+from tsd_twin.messages.pictures import GroundGrid
 
 _KEY_RAD, _RIM_RAD = math.radians(62.0), math.radians(205.0)
 """Azimuths of key and rim light from the camera's, seen from the robot."""
@@ -27,6 +28,7 @@ _GROUND_M = 60.0
 _POOL_M = 2.64
 """Radius of the pool of light around the robot."""
 _GROUND_Z_M = -0.002
+_PICTURE_Z_M, _PICTURE_QUALITY = 0.0005, 60
 _SHADOW_Z_M = 0.0033
 """Above the overlays on the floor, which would hide it."""
 _SECTORS = 72
@@ -130,3 +132,39 @@ def contact_shadow(outline: Array) -> bytes:
         disc_faces(len(scales), len(outline)),
         np.column_stack([black, alpha]),
     )
+
+
+class GroundPictures:
+    """Pictures of cameras on the floor of a client's scene, by the camera's key."""
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        self._scene = client.scene
+        self._drawn: dict[str, tuple[GroundGrid, viser.ImageHandle]] = {}
+
+    def draw(
+        self, key: str, picture: npt.NDArray[np.uint8] | None, grid: GroundGrid | None
+    ) -> None:
+        """Draw a picture (h, w, 3) over the floor of a grid; None removes it."""
+        before, image = self._drawn.get(key, (None, None))
+        if picture is None or grid is None:
+            if image is not None:
+                image.remove()
+                del self._drawn[key]
+        elif image is not None and before == grid and image.image.shape == picture.shape:
+            image.image = picture
+        else:
+            (x, y), (width, depth) = grid.corner_m, grid.size_m
+            image = self._scene.add_image(
+                f"{GROUND_NODE}/{key.replace('/', '-')}",
+                picture,
+                width,
+                depth,
+                format="jpeg",
+                jpeg_quality=_PICTURE_QUALITY,
+                position=(x + 0.5 * width, y + 0.5 * depth, _PICTURE_Z_M),
+            )
+            self._drawn[key] = grid, image
+
+    def clear(self) -> None:
+        """Forget this client's nodes."""
+        self._drawn.clear()

@@ -65,5 +65,7 @@ class ViewSettings(msgspec.Struct, frozen=True):
     hidden: Annotated[Sequence[Layer], Meta(max_length=len(Layer))] = ()
     true_pose: TruePoseDisplay = TruePoseDisplay.DIFFERS
     tilt: TiltFactor = TiltFactor.FIVE
+    floor_camera: bool = False
+    """Whether the pictures of cameras above the floor lie on the floor of the scene."""
     dark: bool | None = None
     """Dark or light colours; None follows the browser's preference."""
