@@ -4,7 +4,7 @@
 import { computed, effect, type Signal, signal } from "@preact/signals";
 import type { CameraEntry, PictureRequest } from "../generated/wire";
 import type { Drive } from "../drive/drive";
-import type { Link } from "../store/link";
+import { type Link, socketAddress } from "../store/link";
 import { isFlag, isText, remembered } from "../store/memory";
 import { answer } from "../timeline/library";
 
@@ -51,6 +51,11 @@ export class PictureFeed {
     const found = seen.find(({ key }) => key === (kept?.key ?? chosen)) ?? kept;
     return (this.#last = found ?? seen.find((each) => each.robot !== null) ?? seen[0] ?? null);
   });
+  /** Key of the camera whose pictures the page receives, or null. */
+  readonly #watched = computed(() => {
+    const isShown = this.open.value && this.link.connected.value;
+    return isShown ? (this.camera.value?.key ?? null) : null;
+  });
   /** Middle of the exposure of the latest picture on the `performance.now` clock. */
   #exposedMs = -Infinity;
   #sinceMs = performance.now();
@@ -71,12 +76,8 @@ export class PictureFeed {
     const refresh = () => void this.#fetch();
     link.on("welcome", refresh);
     link.on("cameras_changed", refresh);
-    const watched = computed(() => {
-      const isShown = this.open.value && link.connected.value;
-      return isShown ? (this.camera.value?.key ?? null) : null;
-    });
     effect(() => {
-      const key = watched.value;
+      const key = this.#watched.value;
       if (key !== null) this.#start(key);
       return () => this.#stop();
     });
@@ -138,28 +139,20 @@ export class PictureFeed {
   }
 
   #connect(key: string): void {
-    const address = new URL("pictures", document.baseURI);
-    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
-    address.search = new URLSearchParams({ page: this.link.page, camera: key }).toString();
-    const socket = new WebSocket(address);
+    const socket = new WebSocket(socketAddress("pictures", { page: this.link.page, camera: key }));
     socket.binaryType = "arraybuffer";
     this.#sockets.add(socket);
     socket.onopen = () => this.#ask(socket);
     socket.onmessage = ({ data }) => void this.#take(socket, data as ArrayBuffer, key);
     socket.onclose = () => {
-      const retries = this.#sockets.delete(socket) && this.#sockets.size === 0;
-      if (!retries) return;
+      if (!this.#sockets.delete(socket) || this.#sockets.size > 0) return;
       this.#delays = [];
       this.#number = 0;
       setTimeout(
-        () => this.#sockets.size === 0 && this.#isWatched(key) && this.#connect(key),
+        () => this.#sockets.size === 0 && this.#watched.peek() === key && this.#connect(key),
         RETRY_MS,
       );
     };
-  }
-
-  #isWatched(key: string): boolean {
-    return this.open.peek() && this.link.connected.peek() && this.camera.peek()?.key === key;
   }
 
   #ask(socket: WebSocket, arrivedMs = performance.now()): void {
@@ -184,20 +177,13 @@ export class PictureFeed {
     this.#ask(socket, arrivedMs);
     if (bitmap === null) return;
     if (number < this.#number || !this.#sockets.has(socket)) return bitmap.close();
-    this.#draw(bitmap);
+    const canvas = this.#canvas;
+    if (canvas && (canvas.width !== bitmap.width || canvas.height !== bitmap.height))
+      Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
+    canvas?.getContext("2d")?.drawImage(bitmap, 0, 0);
+    bitmap.close();
     this.#exposedMs = sentMs + clockMs - ageMs;
     this.outlines.value = parsed(data.slice(HEADER_BYTES, HEADER_BYTES + outlines));
-  }
-
-  #draw(bitmap: ImageBitmap): void {
-    const { width, height } = bitmap;
-    const canvas = this.#canvas;
-    if (canvas !== null) {
-      if (canvas.width !== width || canvas.height !== height)
-        Object.assign(canvas, { width, height });
-      canvas.getContext("2d")?.drawImage(bitmap, 0, 0);
-    }
-    bitmap.close();
   }
 
   /** Count a picture; open another socket where many wait for a free one. */

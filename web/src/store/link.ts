@@ -32,6 +32,13 @@ const MAX_ROUND_TRIPS = 50; // Five seconds.
 const MAX_STATES = 100;
 const MAX_HISTORY = 100;
 
+/** Address of a WebSocket of the dashboard. */
+export function socketAddress(path: string, query: Record<string, string>): URL {
+  const address = new URL(`${path}?${new URLSearchParams(query)}`, document.baseURI);
+  address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+  return address;
+}
+
 export class Link {
   readonly connected = signal(false);
   readonly welcome = signal<SessionInfo | null>(null);
@@ -115,11 +122,9 @@ export class Link {
   }
 
   #connect(): void {
-    const address = new URL(`teleop?page=${this.page}`, document.baseURI);
-    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
-    if (this.recording !== null) address.searchParams.set("recording", this.recording);
-    if (this.name !== "") address.searchParams.set("name", this.name);
-    const socket = new WebSocket(address);
+    const { page, recording, name } = this;
+    const more = { ...(recording !== null && { recording }), ...(name !== "" && { name }) };
+    const socket = new WebSocket(socketAddress("teleop", { page, ...more }));
     this.#socket = socket;
     socket.onopen = () => {
       this.#silentMs = 0;
