@@ -144,7 +144,9 @@ class GroundPictures:
     def draw(
         self, key: str, picture: npt.NDArray[np.uint8] | None, grid: GroundGrid | None
     ) -> None:
-        """Draw a picture (h, w, 3) over the floor of a grid; None removes it."""
+        """Draw a picture (h, w, 3) over the floor of a grid, y upwards; None removes it."""
+        if picture is not None:
+            picture = np.ascontiguousarray(picture[::-1])  # The y axis of viser's images is down.
         before, image = self._drawn.get(key, (None, None))
         if picture is None or grid is None:
             if image is not None:
@@ -161,6 +163,7 @@ class GroundPictures:
                 depth,
                 format="jpeg",
                 jpeg_quality=_PICTURE_QUALITY,
+                cast_shadow=False,
                 position=(x + 0.5 * width, y + 0.5 * depth, _PICTURE_Z_M),
             )
             self._drawn[key] = grid, image
