@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Mapping
 from contextlib import AsyncExitStack
 
 import numpy as np
@@ -40,7 +41,7 @@ class GroundLayer:
         finally:
             await self._follow({})
 
-    async def _follow(self, wanted: dict[str, CameraFeed]) -> None:
+    async def _follow(self, wanted: Mapping[str, CameraFeed]) -> None:
         """Watch the calibrated ones of the wanted cameras only."""
         wanted = {key: feed for key, feed in wanted.items() if feed.ground is not None}
         for key in set(self._watched) - set(wanted):

@@ -114,6 +114,10 @@ def decode_camera_info(payload: bytes) -> CameraInfo:
     return CameraInfo(frame, width, height, matrix, distortion, stamp_ns)
 
 
+UNKNOWN_PLACE = -10.0
+"""Place of a point behind the camera or far outside its picture."""
+
+
 class GroundGrid(msgspec.Struct, frozen=True):
     """Pixels of a regular grid of floor points, for drawing a picture on the floor.
 
@@ -124,8 +128,8 @@ class GroundGrid(msgspec.Struct, frozen=True):
     """Least x and y."""
     size_m: tuple[float, float]
     places: list[list[tuple[float, float]]]
-    """Fractions of width and height of the picture from its upper left corner; outside of 0 to 1
-    for points that the picture does not show."""
+    """Fractions of width and height of the picture from its upper left corner; `UNKNOWN_PLACE` for
+    points that the camera cannot show."""
 
 
 def encode_ground(grid: GroundGrid) -> bytes:

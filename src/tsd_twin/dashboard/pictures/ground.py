@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsd_twin.lie import Array
-from tsd_twin.messages.pictures import GroundGrid
+from tsd_twin.messages.pictures import UNKNOWN_PLACE, GroundGrid
 
 MOST_PX = 320
 """Pixels along the longer side; a robot drives by the picture of the pane, not by this one."""
@@ -28,7 +28,9 @@ def seen_from_above(picture: NDArray[np.uint8], grid: GroundGrid) -> NDArray[np.
     shares = np.einsum("ai,ijk,bj->abk", upwards, places, across, optimize=True)
     size = np.array(picture.shape[1::-1])
     pixels = np.floor(shares * size).astype(int)
+    is_unknown = np.any(places <= UNKNOWN_PLACE, axis=-1).astype(float)
     shown = ((pixels >= 0) & (pixels < size)).all(axis=-1)
+    shown &= upwards @ is_unknown @ across.T == 0.0
     flat = np.empty((height, width, 3), np.uint8)
     flat[:] = picture[::16, ::16].mean(axis=(0, 1))
     columns, rows = pixels[shown].T
