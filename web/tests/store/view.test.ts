@@ -28,7 +28,13 @@ test("the settings that a browser has kept are sent with each connection, as the
 });
 
 test("of settings that another version has kept, those that are unknown have usual values", () => {
-  kept({ camera: "chase", hidden: ["trail", "of an older version"], tilt: 7, floor_camera: 1, dark: "very" });
+  kept({
+    camera: "chase",
+    hidden: ["trail", "of an older version"],
+    tilt: 7,
+    floor_camera: 1,
+    dark: "very",
+  });
   const { session } = openPage();
   expect(session.view.settings.value).toEqual({
     camera: "chase",
