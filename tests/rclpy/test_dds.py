@@ -24,6 +24,7 @@ import tsd_twin
 from tests.app.conftest import Program, starting
 from tests.support.robot_node import QUICK
 from tsd_twin import robots
+from tsd_twin.adapters.cmd_vel import PAUSE_S
 from tsd_twin.adapters.ros.port import types_of
 from tsd_twin.adapters.ros_messages import PUBLISHED, READ, SERVICES, RosNames, RosQoS
 
@@ -260,10 +261,24 @@ def test_a_publisher_that_is_killed_leaves_a_robot_at_rest(stage: Stage) -> None
     finally:
         other.close()
     assert stage.x_m - last_m < ALLOWANCE_M + LONGEST_GAP_S * SPEED_MPS
-    # The graph of ROS has it until its lease is over; until then a new one is one of two.
+    # The graph of ROS has it until its lease is over; until then a new one is one of two. The
+    # adapter may notice that after this peer.
     stage.peer.until(
         lambda: not stage.peer.ask("endpoints", topic="/cmd_vel")["publishers"], "it is kept"
     )
+    stage.peer.until(lambda: drives(stage), "it hinders another publisher")
+
+
+def drives(stage: Stage) -> bool:
+    """Return whether a publisher that pauses, and then publishes for a second, moves the robot."""
+    stage.peer.ask("let_go")
+    time.sleep(2.0 * PAUSE_S)
+    stage.peer.ask("push", vx_mps=0.3)
+    time.sleep(1.5)
+    moves = stage.speed_mps > 0.2
+    stage.peer.ask("let_go")
+    stage.until_still()
+    return moves
 
 
 def test_a_person_who_takes_over_has_control_and_ros_is_told(stage: Stage) -> None:
