@@ -191,7 +191,7 @@ def test_what_is_not_a_number_is_asked_again(it: MegaMachine, file: Path) -> Non
         number = asked[question] = asked.get(question, -1) + 1
         return nonsense[number] if number < len(nonsense) else Person.ask(person, question)
 
-    person.ask = ask  # type: ignore[method-assign]
+    person.ask = ask
     ok, said = check_mega(file, it)
     assert ok, said[-2]
     assert said.count("Enter a number.") == len(nonsense) * len(asked)

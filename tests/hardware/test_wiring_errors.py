@@ -34,7 +34,7 @@ def test_sound_machine_passes(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, machine: type[Wired]
 ) -> None:
     bench, file = Bench(monkeypatch), tmp_path / "sheet.json"
-    it = machine(bench)  # type: ignore[call-arg]
+    it = machine(bench)
     said = walk(bench, it, file)
     results = read_sheet(file, it.robot.name, it.kind).results
     assert [result.step for result in results] == [step.name for step in it.steps()], said[-2]
@@ -46,7 +46,7 @@ def test_wiring_error_is_found_at_its_step(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: WiringError
 ) -> None:
     bench, file = Bench(monkeypatch), tmp_path / "sheet.json"
-    it = error.machine(bench)  # type: ignore[call-arg]
+    it = error.machine(bench)
     error.harm(it)
     it.person.answers |= error.answers
     names = [step.name for step in it.steps()]

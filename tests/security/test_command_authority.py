@@ -34,7 +34,7 @@ REVOKED = OperatorList(2, LISTED.operators, frozenset({public_bytes(ALICE).hex()
 
 @dataclass
 class Robot:
-    """Signature check and leases of a robot; keeps what passes."""
+    """Signature check and leases of a robot; collects the commands that pass."""
 
     id: str
     ids: random.Random

@@ -90,7 +90,7 @@ class MotorBus:
             self.step(self._bus.recv(0.002), time.monotonic())
 
     def step(self, message: can.Message | None, now_s: float) -> None:
-        """Let time pass until now, obey a message, and send what is due."""
+        """Advance to the current time, process a message, and send the replies that are due."""
         for motor in self.motors:
             motor.live(now_s - self._lived_s, now_s)
         self._lived_s = now_s

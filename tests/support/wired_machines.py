@@ -123,7 +123,7 @@ class _CanTurn:
         self, idle: list[Callable[[], object]], target: Callable[[], None], **_: object
     ) -> None:
         self._idle, self._target = idle, target
-        wheels = target.__self__  # type: ignore[attr-defined]
+        wheels = target.__self__
         self._cycle: Callable[[], object] = wheels._cycle
 
     def start(self) -> None:

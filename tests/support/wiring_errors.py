@@ -114,7 +114,7 @@ class MegaMachine(Wired):
 
     def telemetry(self, **values: object) -> None:
         """Replace what the board measures."""
-        self.board.telemetry = replace(self.board.telemetry, **values)  # type: ignore[arg-type]
+        self.board.telemetry = replace(self.board.telemetry, **values)
 
 
 class BusWheels(Wired):

@@ -73,7 +73,7 @@ async def run(
     `rules` are the access settings; `first` are ids of the robots that come first in the menu.
 
     Raises:
-        TwinError: the address cannot be used, or not with these rules.
+        TwinError: If the address cannot be used, or not with these rules.
     """
     rules.check(host)
     sys.setswitchinterval(_SWITCH_S)

@@ -31,7 +31,7 @@ const MIN_SEND_INTERVAL_MS = 9.5; // Timers may fire a few tenths of a milliseco
 export class Drive {
   /** Speed limit of the operator: a fraction of the limits of the robot. */
   readonly level = signal(0.5);
-  /** Fraction of that limit while the operator drives by a picture that comes late; 0 stops. */
+  /** Fraction of that limit while the operator drives by a late picture; 0 stops. */
   readonly caution = signal(1);
   /** Axes of the controls. */
   readonly frame = signal<"base_link" | "odom">("base_link");

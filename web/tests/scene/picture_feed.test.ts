@@ -35,14 +35,14 @@ async function watched() {
     stick.held = true;
     page.drive.changed();
   };
-  /** Let the robot say that it is ready, while no picture comes. */
+  /** Let time pass with states of a ready robot, and without pictures. */
   const wait = async (ms: number) => {
     for (let i = 0; i < ms; i += PERIOD_MS) {
       page.pass(PERIOD_MS, {});
       await settle();
     }
   };
-  /** Deliver a picture of an age to the socket that is asked for it. */
+  /** Deliver a picture of a given age to a socket. */
   const picture = async (number: number, age_ms = 0, socket = pictureSocket()) => {
     const data = new DataView(new ArrayBuffer(25));
     data.setFloat64(0, age_ms, true);
@@ -59,7 +59,7 @@ async function watched() {
   return { ...page, pictures, settle, push, stick, wait, picture, lose };
 }
 
-/** The newest socket for pictures; the first socket of a page is for its messages. */
+/** The latest WebSocket for pictures; the first WebSocket of a page carries messages. */
 function pictureSocket(): FakeSocket {
   expect(FakeSocket.newest.address.pathname).toMatch(/pictures$/);
   return FakeSocket.newest;
