@@ -42,15 +42,18 @@ def test_the_figures_are_those_in_force() -> None:
     logins = Logins()
     assert f"after {ABSOLUTE_S / 3600:g} hours, after {IDLE_S / 60:g} minutes" in PAGE
     for throttle, words in (
-        (logins._addresses, "from one address"),
+        (logins._limits.addresses, "from one address"),
         (logins._names, "for one name"),
     ):
         assert f"{throttle._free} {words}" in PAGE
-    longest = (logins._addresses._longest_s, logins._names._longest_s)
+    longest = (logins._limits.addresses._longest_s, logins._names._longest_s)
     assert "{:g} minutes for an address and {:g} for a name".format(*(s / 60 for s in longest)) in (
         " ".join(PAGE.split())
     )
-    assert f"after {logins._all._at_once}, one in {logins._all._every_s:g} s" in PAGE
+    assert (
+        f"after {logins._limits.together._at_once}, one in {logins._limits.together._every_s:g} s"
+        in PAGE
+    )
 
 
 def test_the_limits_are_those_in_force() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.security.users import CALM_S, KEYS, LoginRateLimiter, LoginTokenBucket
+from tsd_twin.security.rate_limits import CALM_S, KEYS, LoginRateLimiter, LoginTokenBucket
 
 DAY_S = 86_400.0
 

@@ -36,6 +36,7 @@ with needs_extra("A certificate", "tls"):
     from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 Key = ec.EllipticCurvePrivateKey
+PublicKey = ec.EllipticCurvePublicKey
 Certificate = x509.Certificate
 
 
@@ -100,7 +101,12 @@ def write_certificate(file: Path, certificate: Certificate) -> None:
     Raises:
         TwinError: If the file cannot be written.
     """
-    replace_file(file, certificate.public_bytes(serialization.Encoding.PEM))
+    replace_file(file, certificate_pem(certificate).encode())
+
+
+def certificate_pem(certificate: Certificate) -> str:
+    """Encode a certificate as PEM."""
+    return certificate.public_bytes(serialization.Encoding.PEM).decode()
 
 
 def replace_file(file: Path, content: bytes, mode: int = 0o644) -> None:
@@ -188,7 +194,7 @@ class CertificateAuthority:
         return self._sign(builder, ExtendedKeyUsageOID.SERVER_AUTH)
 
     def issue_client(
-        self, key: Key, person: BusIdentity, now: datetime, days: int
+        self, key: Key | PublicKey, person: BusIdentity, now: datetime, days: int
     ) -> x509.Certificate:
         """Issue a client certificate, which is not valid for servers.
 
@@ -198,7 +204,7 @@ class CertificateAuthority:
         return self._sign(self._leaf(key, person, now, days), ExtendedKeyUsageOID.CLIENT_AUTH)
 
     def _leaf(
-        self, key: Key, identity: BusIdentity, now: datetime, days: int
+        self, key: Key | PublicKey, identity: BusIdentity, now: datetime, days: int
     ) -> x509.CertificateBuilder:
         # Certificates store whole seconds.
         end, last = (now + timedelta(days=days)).replace(microsecond=0), self.end
@@ -260,15 +266,18 @@ def _name(common_name: str, unit: str) -> x509.Name:
     )
 
 
-def _builder(key: Key, subject: x509.Name, now: datetime, end: datetime) -> x509.CertificateBuilder:
+def _builder(
+    key: Key | PublicKey, subject: x509.Name, now: datetime, end: datetime
+) -> x509.CertificateBuilder:
+    public = key.public_key() if isinstance(key, Key) else key
     return (
         x509.CertificateBuilder()
         .subject_name(subject)
-        .public_key(key.public_key())
+        .public_key(public)
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - _EARLIER)
         .not_valid_after(end)
-        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(public), critical=False)
     )
 
 

@@ -23,12 +23,17 @@ from tsd_twin.security.access_rules import (
     merged,
 )
 from tsd_twin.security.certificates import (
+    CertificateAuthority,
     KeyFolder,
+    PublicKey,
+    certificate_pem,
     check_days,
     checked_host,
     issue,
     replace_file,
 )
+from tsd_twin.security.enrolment import Joined
+from tsd_twin.security.operator_list import OPERATORS
 from tsd_twin.security.router_rules import (
     EVERY_ROBOT,
     RobotRights,
@@ -78,6 +83,35 @@ def robot_identity(name: str) -> BusIdentity:
         TwinError: If the name is not valid as an id, too long, or reserved.
     """
     return client(name, Role.ROBOT)
+
+
+def enrol_robot(
+    folder: KeyFolder,
+    authority: CertificateAuthority,
+    name: str,
+    key: PublicKey,
+    now: datetime,
+    days: int,
+) -> Joined:
+    """Issue the certificate of a reserved robot for its own key, and return its files.
+
+    The certificate replaces the one that reserved the name, whose private key is deleted.
+
+    Raises:
+        TwinError: If the name is not reserved, or a file cannot be read or written.
+    """
+    robot = robot_identity(name)
+    if robot not in folder.robots():
+        raise TwinError(f"'{name}' is not a robot of this router: add --robot {name}")
+    try:
+        settings = folder.settings_file(name).read_text("utf-8")
+        operators = (folder.path / OPERATORS).read_text("utf-8")
+    except OSError as error:
+        raise TwinError(f"{error.filename} cannot be read: {error.strerror}") from error
+    certificate = authority.issue_client(key, robot, now, days)
+    folder.write_certificate(name, certificate)
+    folder.key_file(name).unlink(missing_ok=True)
+    return Joined(name, certificate_pem(certificate), settings, operators)
 
 
 def provision_router(

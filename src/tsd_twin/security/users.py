@@ -1,4 +1,4 @@
-"""Users of a dashboard: password file, login sessions, and rate limits for login attempts."""
+"""Users of a dashboard: password file and login sessions."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ import msgspec
 from tsd_twin.errors import TwinError
 from tsd_twin.security.access_rules import Role, client
 from tsd_twin.security.certificates import replace_file
+from tsd_twin.security.rate_limits import AttemptLimits, LoginRateLimiter
 from tsd_twin.security.router_rules import EVERY_ROBOT, RobotRights, parse_robots, show_robots
 
 _OTHERS = stat.S_IWGRP | stat.S_IRWXO
@@ -213,105 +214,6 @@ def _check(file: Path, name: str, entry: _UserRecord) -> None:
         ) from error
 
 
-KEYS = 1024
-"""Maximum number of keys; the one with the shortest wait, then the fewest tries, is evicted."""
-CALM_S = 3600.0
-"""The count of a key restarts after this time without attempts."""
-
-
-@dataclass(slots=True)
-class _Attempts:
-    tries: int
-    last_s: float
-    until_s: float
-
-
-class LoginRateLimiter:
-    """Rate limiter for login attempts by key, with exponential backoff.
-
-    Each attempt counts as failed until it succeeds, so parallel attempts gain nothing.
-    """
-
-    def __init__(self, free: int, first_s: float, longest_s: float) -> None:
-        """Allow `free` tries, then delay by `first_s`, doubled with each try up to `longest_s`."""
-        self._free = free
-        self._first_s = first_s
-        self._longest_s = longest_s
-        self._records: dict[str, _Attempts] = {}
-
-    def wait_s(self, key: str, now_s: float) -> float:
-        """Return the wait before the next try of a key, or 0."""
-        record = self._records.get(key)
-        return 0.0 if record is None else max(0.0, record.until_s - now_s)
-
-    def count_attempt(self, key: str, now_s: float) -> None:
-        """Count an attempt."""
-        record = self._records.get(key)
-        if record is None or now_s - record.last_s > CALM_S:
-            self._make_room(key, now_s)
-            record = self._records[key] = _Attempts(0, now_s, now_s)
-        record.tries += 1
-        record.last_s = now_s
-        over = record.tries - self._free
-        if over >= 0:
-            # Bound the exponent to avoid overflow.
-            wait_s = min(self._longest_s, self._first_s * 2.0 ** min(over, 32))
-            record.until_s = now_s + wait_s
-
-    def refund(self, key: str) -> None:
-        """Remove one successful try and the wait that it caused."""
-        record = self._records.get(key)
-        if record is not None:
-            record.tries -= 1
-            record.until_s = record.last_s
-            if record.tries <= 0:
-                del self._records[key]
-
-    def forget(self, key: str) -> None:
-        """Remove all tries of a key."""
-        self._records.pop(key, None)
-
-    def _make_room(self, key: str, now_s: float) -> None:
-        if key not in self._records and len(self._records) >= KEYS:
-            # Otherwise many invented keys would evict one that has nearly used up its tries.
-            del self._records[
-                min(
-                    self._records,
-                    key=lambda k: (max(now_s, self._records[k].until_s), self._records[k].tries),
-                )
-            ]
-
-
-class LoginTokenBucket:
-    """Token bucket that limits the attempts of all keys together."""
-
-    def __init__(self, at_once: int, every_s: float) -> None:
-        """Allow `at_once` tries at once, refilled by one every `every_s`."""
-        self._at_once = at_once
-        self._every_s = every_s
-        self._left = float(at_once)
-        self._now_s = 0.0
-
-    def wait_s(self, now_s: float) -> float:
-        """Return the wait before the next try, or 0."""
-        self._refill(now_s)
-        return max(0.0, 1.0 - self._left) * self._every_s
-
-    def count_attempt(self, now_s: float) -> None:
-        """Count an attempt."""
-        self._refill(now_s)
-        self._left -= 1.0
-
-    def refund(self) -> None:
-        """Return the token of a successful try."""
-        self._left = min(self._at_once, self._left + 1.0)
-
-    def _refill(self, now_s: float) -> None:
-        gained = max(0.0, now_s - self._now_s) / self._every_s
-        self._left = min(self._at_once, self._left + gained)
-        self._now_s = max(now_s, self._now_s)
-
-
 IDLE_S = 30 * 60.0
 """Idle timeout: a login ends after this time without open pages or requests."""
 ABSOLUTE_S = 12 * 3600.0
@@ -337,43 +239,26 @@ class Logins:
         self._idle_s = idle_s
         self._absolute_s = absolute_s
         self._logins: dict[str, Login] = {}
-        # The waits are bounded, so that an attacker behind the same address or with a known name
-        # cannot lock others out for long.
-        self._addresses = LoginRateLimiter(free=5, first_s=5.0, longest_s=900.0)
+        self._limits = AttemptLimits()
         self._names = LoginRateLimiter(free=10, first_s=10.0, longest_s=300.0)
-        # This limit is independent of addresses, because any local process can forge the headers of
-        # a proxy.
-        self._all = LoginTokenBucket(at_once=60, every_s=5.0)
 
     # Attempts.
 
     def wait_s(self, address: str, name: str, now_s: float) -> float:
         """Return the wait before the next try; if 0, count the try until `right` is called."""
-        wait_s = max(self._wait_of_all_s(address, now_s), self._names.wait_s(name, now_s))
+        wait_s = self._limits.wait_s(address, now_s, self._names.wait_s(name, now_s))
         if wait_s <= 0.0:
-            self._count_attempt(address, now_s)
             self._names.count_attempt(name, now_s)
         return wait_s
 
     def wait_nameless_s(self, address: str, now_s: float) -> float:
         """Return the wait before the next try without a name; if 0, count the try."""
-        wait_s = self._wait_of_all_s(address, now_s)
-        if wait_s <= 0.0:
-            self._count_attempt(address, now_s)
-        return wait_s
+        return self._limits.wait_s(address, now_s)
 
     def right(self, address: str, name: str) -> None:
         """Record that a try succeeded. Other tries from the address still count."""
-        self._all.refund()
-        self._addresses.refund(address)
+        self._limits.right(address)
         self._names.forget(name)
-
-    def _wait_of_all_s(self, address: str, now_s: float) -> float:
-        return max(self._addresses.wait_s(address, now_s), self._all.wait_s(now_s))
-
-    def _count_attempt(self, address: str, now_s: float) -> None:
-        self._all.count_attempt(now_s)
-        self._addresses.count_attempt(address, now_s)
 
     # Sessions.
 

@@ -18,7 +18,8 @@ from tsd_twin.dashboard.gateway.auth import LOGGED_OUT_CODE, AccessSettings, Aut
 from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY, Principal, operator_name
 from tsd_twin.errors import TwinError
 from tsd_twin.security import BusIdentity, Role
-from tsd_twin.security.users import ABSOLUTE_S, LoginRateLimiter
+from tsd_twin.security.rate_limits import LoginRateLimiter
+from tsd_twin.security.users import ABSOLUTE_S
 
 PAGE = "0123456789abcdef"
 OTHER = "fedcba9876543210"
@@ -109,7 +110,9 @@ def test_wrong_passwords_are_slowed_down_with_a_sentence_and_also_for_who_is_rig
     fresh: Site,
 ) -> None:
     # As shipped, but that a slow machine cannot outwait it.
-    fresh.gateway._auth.logins._addresses = LoginRateLimiter(free=5, first_s=500.0, longest_s=900.0)
+    fresh.gateway._auth.logins._limits.addresses = LoginRateLimiter(
+        free=5, first_s=500.0, longest_s=900.0
+    )
     for name in ("alice", "nobody", "alice", "alice", "bob"):
         assert log_in(fresh.port, name, "wrong wrong wrong")[0].status == 401
     for name in ("alice", "guest"):

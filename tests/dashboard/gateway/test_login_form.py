@@ -14,7 +14,7 @@ from tests.support.page_client import Site, site
 from tests.support.raw_http import FORM, MALFORMED, answer, malformed, request
 from tsd_twin.dashboard.gateway.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.gateway.login import LoginFormError, parse_login_form
-from tsd_twin.security.users import LoginRateLimiter
+from tsd_twin.security.rate_limits import LoginRateLimiter
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def test_each_field_comes_once_and_there_is_no_other(fields: list[tuple[str, str
 def test_malformed_bodies_are_400_without_a_traceback(
     fresh: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
-    fresh.gateway._auth.logins._addresses = LoginRateLimiter(
+    fresh.gateway._auth.logins._limits.addresses = LoginRateLimiter(
         free=1000, first_s=5.0, longest_s=900.0
     )
     for what, kind, body in MALFORMED:
@@ -79,7 +79,9 @@ def test_malformed_bodies_are_400_without_a_traceback(
 
 
 def test_malformed_bodies_count_as_wrong_passwords_of_their_address(fresh: Site) -> None:
-    fresh.gateway._auth.logins._addresses = LoginRateLimiter(free=5, first_s=500.0, longest_s=900.0)
+    fresh.gateway._auth.logins._limits.addresses = LoginRateLimiter(
+        free=5, first_s=500.0, longest_s=900.0
+    )
     for _ in range(5):
         assert ask(fresh.port, "POST", "/login", "name")[0].status == 400
     for body in ("name", "name=alice&password=x"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 import re
 import ssl
 import time
@@ -19,6 +18,7 @@ from tsd_twin.dashboard.gateway.listener import LISTENER, Listener, check_viewpo
 from tsd_twin.dashboard.sessions.principal import DEFAULT_IDENTITY, Principal, bus_identity_of
 from tsd_twin.errors import TwinError
 from tsd_twin.security import BusIdentity
+from tsd_twin.security.rate_limits import parse_address, subscriber_network
 from tsd_twin.security.router_rules import ALL
 from tsd_twin.security.users import Logins, Users
 from tsd_twin.security.web_access import is_loopback
@@ -108,26 +108,9 @@ def is_proxy(peer: str, proxy: str | None) -> bool:
     if is_loopback(peer):
         return True
     try:
-        return _parse_address(peer) == _parse_address(proxy)
+        return parse_address(peer) == parse_address(proxy)
     except ValueError:
         return False
-
-
-def subscriber_network(address: str) -> str:
-    """Return the rate-limit key of an address: for IPv6 the subscriber's /64 network."""
-    try:
-        parsed = _parse_address(address)
-    except ValueError:
-        return "unknown"
-    if parsed.version == 4:
-        return str(parsed)
-    return str(ipaddress.ip_network((parsed, 64), strict=False))
-
-
-def _parse_address(address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
-    parsed = ipaddress.ip_address(address)
-    mapped = parsed.ipv4_mapped if parsed.version == 6 else None
-    return mapped or parsed
 
 
 LOGGED_OUT_CODE = 4401

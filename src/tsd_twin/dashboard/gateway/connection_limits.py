@@ -22,7 +22,8 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 
-from tsd_twin.dashboard.gateway.auth import PRINCIPAL, subscriber_network
+from tsd_twin.dashboard.gateway.auth import PRINCIPAL
+from tsd_twin.security.rate_limits import subscriber_network
 
 _SWEEP_S = 0.5
 _BACKLOG = 1024
