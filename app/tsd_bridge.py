@@ -45,6 +45,8 @@ PARSER = program.parser(
         "tsd-bridge --port /dev/ttyACM0 --calibration mine.toml --setup   learn the radio control",
         "tsd-bridge --port /dev/ttyACM0 --calibration mine.toml --check sheet.json",
         "tsd-bridge --port socket://192.168.1.7:4004   a board behind ser2net or socat",
+        "tsd-bridge --port /dev/ttyACM0 --join https://lab.example:7448 --code 7K3M-9Q2X-HT4W-0B8N",
+        "                                           joins a router with a code of tsd-certs",
     ],
 )
 

@@ -17,10 +17,17 @@ from tsd_twin.security import AUTHORITY, ROBOT, ROUTER, BusIdentity, Role
 from tsd_twin.security.router_rules import RobotRights, rights_of_flags, show_robots
 
 with program.requires("tsd-certs", "tls"):
-    from tsd_twin.security.certificates import KeyFolder, provision
+    from tsd_twin.security.certificates import KeyFolder, PublicKey, provision
+    from tsd_twin.security.enrolment import VALID_S, EnrolmentCode, Enrolments, Joined
+    from tsd_twin.security.enrolment_server import DEFAULT_PORT, EnrolmentServer, boot_time_s
     from tsd_twin.security.operator_keys import provision_operators
     from tsd_twin.security.operator_list import OPERATORS
-    from tsd_twin.security.router_keys import provision_router, read_rights, robot_identity
+    from tsd_twin.security.router_keys import (
+        enrol_robot,
+        provision_router,
+        read_rights,
+        robot_identity,
+    )
 
 
 SOON = timedelta(days=30)
@@ -50,6 +57,8 @@ PARSER = program.parser(
         "--operator alice --robots lab1",
         "                                                 a router; Alice has the first robot only",
         "tsd-certs fleet --operator alice --robots lab1 --watch lab2    and watches the second",
+        "tsd-certs fleet --enrol lab1                     prints a code for the first robot, which",
+        "                                                 joins with tsd-bridge --join URL --code",
     ],
 )
 
@@ -60,6 +69,8 @@ def make(args: argparse.Namespace) -> None:
     folder = KeyFolder(args.folder)
     identities = [security.client(name, role) for role in ROLES for name in getattr(args, role)]
     identities += [security.client(name, Role.OPERATOR) for name in args.gateway]
+    if args.enrol and not (args.router_host or folder.is_of_router):
+        raise TwinError("--enrol is for robots that dial a router, which --router-host makes")
     if args.router_host or args.robot or folder.is_of_router:
         make_router(args, folder, now, identities)
         return
@@ -112,9 +123,51 @@ def make_router(
         folder, now, rights=read_rights(folder), gateways=args.gateway, revoked=args.revoke
     )
     for each in (*folder.robots(), *folder.identities()):
-        from_file(str(folder.settings_file(each.name)))
+        if not has_joined(folder, each.name):
+            from_file(str(folder.settings_file(each.name)))
     router_file(str(folder.settings_file(ROUTER)))
-    print("\n".join(router_report(folder, now)))
+    if folder.made or not args.enrol:
+        print("\n".join(router_report(folder, now)))
+    if args.enrol:
+        enrol(args, folder, now)
+
+
+def enrol(args: argparse.Namespace, folder: KeyFolder, now: datetime) -> None:
+    """Print a code for each robot, and serve until all have joined or the codes have expired.
+
+    Raises:
+        TwinError: If a name is not reserved, a file is missing, or a robot has not joined.
+    """
+    known = [robot.name for robot in folder.robots()]
+    for name in args.enrol:
+        if name not in known:
+            raise TwinError(f"'{name}' is not a robot of this router: add --robot {name}")
+    authority = folder.authority(now)
+
+    def issue(robot: str, key: PublicKey) -> Joined:
+        joined = enrol_robot(folder, authority, robot, key, datetime.now(UTC), args.days)
+        print(f"{robot} has got its certificate", flush=True)
+        return joined
+
+    stop, enrolments = program.stop_event(args), Enrolments(issue)
+    with EnrolmentServer(enrolments, folder, args.enrol_port) as server:
+        where = program.url("https", folder.hosts(ROUTER)[0], server.port)
+        for name in dict.fromkeys(args.enrol):
+            code = EnrolmentCode.new(authority.certificate)
+            enrolments.offer(name, code.key(authority.certificate), boot_time_s())
+            print(f"on the computer of {name}, within {VALID_S / 60.0:.0f} minutes:")
+            print(f"  tsd-bridge --join {where} --code {code.text}")
+        program.say_ready(f"tsd-certs enrols on {where}")
+        while enrolments.open_robots(boot_time_s()) and not stop.wait(0.2):
+            pass
+    if enrolments.missing and not stop.is_set():
+        names = ", ".join(enrolments.missing)
+        raise TwinError(f"{names} did not join in time: run this again for a new code")
+
+
+def has_joined(folder: KeyFolder, name: str) -> bool:
+    """Return whether a robot has joined with a key that only its own computer has."""
+    return not folder.key_file(name).exists()
 
 
 def given_rights(
@@ -172,6 +225,8 @@ def term(folder: KeyFolder, name: str, now: datetime, flag: str = "name") -> str
     end = folder.end_of(name)
     text = f", until {end:%F}"
     if end - now < SOON:
+        if has_joined(folder, name):
+            return f"{text}: to renew it, say --enrol {name}"
         again = f"say --robot {name}" if flag == "robot" else f"name {name}"
         text += f": to renew it, remove {name}.pem and {again} again"
     return text
@@ -180,6 +235,8 @@ def term(folder: KeyFolder, name: str, now: datetime, flag: str = "name") -> str
 def copying(folder: KeyFolder, name: str, command: str) -> list[str]:
     """Return the files to copy to a machine, and the command to run there."""
     settings = folder.settings_file(name)
+    if has_joined(folder, name):
+        return ["  has its own key, and nothing to copy"]
     return [
         f"  copy to its machine  {shown(folder.files_of(name))}",
         f"  and run there        {command} --zenoh-config {shown([settings])}",
@@ -210,6 +267,10 @@ def main() -> None:
     flags.add(PARSER, "--gateway", text, metavar="NAME", repeated=True)
     text = "an operator whose signing key robots obey no longer, once they have operators.json"
     flags.add(PARSER, "--revoke", text, metavar="NAME", repeated=True)
+    text = "print a code with which this robot of the router joins, and serve until it has"
+    flags.add(PARSER, "--enrol", text, metavar="ID", repeated=True)
+    text = f"port for --enrol; default {DEFAULT_PORT}, 0 is a free one"
+    flags.add(PARSER, "--enrol-port", text, flags.PORT, DEFAULT_PORT, "PORT")
     for role, text in ROLES.items():
         flags.add(PARSER, f"--{role}", text, metavar="NAME", repeated=True)
     text = "how long new certificates are good"

@@ -42,6 +42,7 @@ PARSER = program.parser(
         "tsd-mock --noise 1 --camera                and a camera above the floor, which it fuses",
         "tsd-mock --plant mujoco                    rigid bodies on a floor, not equations",
         "tsd-mock --id lab --count 20               twenty robots, lab1 to lab20",
+        "tsd-mock --join https://lab.example:7448 --code 7K3M-9Q2X-HT4W-0B8N      joins a router",
     ],
 )
 

@@ -52,6 +52,7 @@ FLAGS: dict[str, str] = {
         keys --days 0
         keys --days -1
         keys --days 99999999
+        keys --enrol-port 65536
     """,
     "tsd_users": """
         --operator alice
@@ -170,6 +171,13 @@ OTHERS: dict[str, str] = {
         --zenoh-config nowhere.json5
         --zenoh-config folder
         --zenoh-config binary
+        --code 7K3M-9Q2X-HT4W-0B8N
+        --join https://127.0.0.1:1 --keys new
+        --join https://127.0.0.1:1 --keys new --code 7K3M
+        --join https://127.0.0.1:1 --keys text --code 7K3M-9Q2X-HT4W-0B8N
+        --join https://no-such-host.invalid --keys new --code 7K3M-9Q2X-HT4W-0B8N
+        --join lab.example --keys new --code 7K3M-9Q2X-HT4W-0B8N
+        --join https://127.0.0.1:1 --count 2
     """,
     "tsd_bridge": """
 
@@ -218,6 +226,9 @@ OTHERS: dict[str, str] = {
         new --router-host lab.example --robot lab1 --operator alice --robots lab1,,
         new --router-host lab.example --robot router
         new --robot lab1
+        new --robot-host robot.local --operator alice --enrol lab1
+        new --router-host lab.example --robot lab1 --enrol lab2 --enrol-port 0
+        new --router-host lab.example --robot lab1 --enrol lab1 --enrol-port BUSY
     """,
     "tsd_users": """
         folder

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tsd_twin import models, robots
 from tsd_twin.bus import Bus, dialling_config
-from tsd_twin.cli import program
+from tsd_twin.cli import joining, program
 from tsd_twin.errors import TwinError
 from tsd_twin.hardware.robot_io import RobotIO
 from tsd_twin.lie import SE2, SO3
@@ -42,9 +42,11 @@ def serve(
     """
     program.add_robot_flags(made)
     program.add_node_flags(made)
+    joining.add_join_flags(made)
 
     def body(args: Flags) -> None:
         stop = program.stop_event(args)
+        joining.join(args)
         text = robots.read_description(args.robot)
         robot = robots.parse_description(text, args.robot)
         shown = Description(text, models.robot_urdf(robot))

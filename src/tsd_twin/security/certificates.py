@@ -84,15 +84,19 @@ def write_key(file: Path, key: Key) -> None:
     Raises:
         TwinError: If the file exists or cannot be written.
     """
-    content = key.private_bytes(
+    try:
+        create_file(file, key_pem(key))
+    except OSError as error:
+        raise TwinError(f"{file} cannot be written: {error.strerror}") from error
+
+
+def key_pem(key: Key) -> bytes:
+    """Encode a private key as PKCS #8 without a passphrase."""
+    return key.private_bytes(
         serialization.Encoding.PEM,
         serialization.PrivateFormat.PKCS8,
         serialization.NoEncryption(),
     )
-    try:
-        create_file(file, content)
-    except OSError as error:
-        raise TwinError(f"{file} cannot be written: {error.strerror}") from error
 
 
 def write_certificate(file: Path, certificate: Certificate) -> None:

@@ -3,8 +3,8 @@
 A code has 50 random bits and a fingerprint of the authority of 30 bits. The random bits, stretched
 by scrypt together with the whole certificate of the authority, are the key of both messages. A
 gateway with another authority therefore derives another key, even if it has made a certificate with
-the same fingerprint. Whoever has recorded a message must test 2^50 codes at 30 ms and 16 MiB each,
-and only as long as the code is good. Network and clock are elsewhere.
+the same fingerprint. Whoever has recorded a message must test up to 2^50 codes, with 16 MiB and
+tens of milliseconds each, while the code is good. Network and clock are elsewhere.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class EnrolmentCode:
         return "-".join(plain[i : i + _GROUP] for i in range(0, len(plain), _GROUP))
 
     def key(self, authority: Certificate) -> bytes:
-        """Derive the key of the messages (32 bytes) for an authority; takes about 30 ms."""
+        """Derive the key of the messages (32 bytes) for an authority, slowly."""
         salt = authority.fingerprint(hashes.SHA256())
         return hashlib.scrypt(self.secret.encode(), salt=salt, dklen=KEY_BYTES, **_SCRYPT)
 
@@ -163,7 +163,7 @@ def unseal(key: bytes, message: bytes, kind: type[Struct], answers: bytes = b"")
 
 
 def _canonical(body: bytes, answers: bytes) -> bytes:
-    return canonical(b"joined" if answers else b"join", answers, body)
+    return canonical(b"join", answers, body)
 
 
 class Refusal(StrEnum):
@@ -249,6 +249,11 @@ class Enrolments:
         offer.is_done = request.is_done
         self._limits.right(address)
         return seal(offer.key, offer.joined, message)
+
+    @property
+    def missing(self) -> list[str]:
+        """Robots that have not confirmed."""
+        return [each.robot for each in self._offers if not each.is_done]
 
     def open_robots(self, now_s: float) -> list[str]:
         """Return the robots that may still join or confirm."""

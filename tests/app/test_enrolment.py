@@ -1,0 +1,94 @@
+"""A robot joins a router with one line, as `tsd-certs` prints it: all are processes."""
+
+from __future__ import annotations
+
+import shlex
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.app.conftest import PATIENCE_S, Program
+from tsd_twin.bus import Bus, from_file
+from tsd_twin.messages.topics import Service
+
+pytestmark = pytest.mark.system
+
+Start = Callable[..., Program]
+
+
+@pytest.fixture
+def fleet(start: Start, tmp_path: Path) -> Path:
+    """Folder of a router with two reserved robots."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        where = f"tls/127.0.0.1:{probe.getsockname()[1]}"
+    robots = ("--robot", "lab1", "--robot", "lab2", "--operator", "alice", "--robots", "lab1")
+    flags = ("--router-host", "127.0.0.1", "--listen", where, *robots)
+    assert start("tsd_certs", str(tmp_path / "fleet"), *flags).wait() == 0
+    return tmp_path / "fleet"
+
+
+def printed_flags(certs: Program) -> list[list[str]]:
+    """Return the flags in the printed line of each robot."""
+    lines = [shlex.split(line) for line in certs.output if "--join" in line]
+    assert all(line.pop(0) == "tsd-bridge" for line in lines)
+    return lines
+
+
+def test_a_robot_joins_with_one_line_and_runs_without_a_restart(
+    start: Start, fleet: Path, tmp_path: Path
+) -> None:
+    router = start("tsd_router", str(fleet / "router.json5"))
+    router.ready()
+    enrolment = ("--enrol", "lab1", "--enrol", "lab2", "--enrol-port", "0")
+    certs = start("tsd_certs", str(fleet), *enrolment)
+    certs.ready()
+    first, second = printed_flags(certs)
+    keys = str(tmp_path / "robot")
+    mock = start("tsd_mock", *first, "--keys", keys)
+    assert mock.ready().split()[2] == "lab1"
+    assert f"joined as lab1: using {keys}/lab1.json5" in mock.output
+    with Bus(from_file(str(fleet / "alice.json5"))) as alice:
+        assert alice.query(Service.DESC.key("lab1"), b"", PATIENCE_S)
+        assert alice.query(Service.LEASE.key("lab1"), b"{}", PATIENCE_S)
+    assert mock.end() == 0
+
+    # The files are there, so it does not ask again, and a second computer gets none.
+    mock = start("tsd_mock", "--join", first[1], "--keys", keys)
+    assert mock.ready().split()[2] == "lab1"
+    assert f"lab1 has joined already: using {keys}/lab1.json5" in mock.output
+    assert mock.end() == 0
+    again = start("tsd_mock", *first, "--keys", str(tmp_path / "again"))
+    assert again.wait() == 1
+    assert "the code has been used already" in again.sentence
+    assert not (tmp_path / "again").exists()
+
+    other = start("tsd_mock", *second, "--keys", str(tmp_path / "other"))
+    assert other.ready().split()[2] == "lab2"
+    assert certs.wait() == 0  # All have joined.
+    assert other.end() == router.end() == 0
+    report = start("tsd_certs", str(fleet))
+    assert report.wait() == 0
+    assert sum("has its own key" in line for line in report.output) == 2
+
+
+def test_enrolment_that_is_ended_makes_its_code_worthless(
+    start: Start, fleet: Path, tmp_path: Path
+) -> None:
+    certs = start("tsd_certs", str(fleet), "--enrol", "lab1", "--enrol-port", "0")
+    certs.ready()
+    assert certs.end() == 0
+    restarted = start("tsd_certs", str(fleet), "--enrol", "lab1", "--enrol-port", "0")
+    restarted.ready()
+    (old,), (new,) = printed_flags(certs), printed_flags(restarted)
+    late = start("tsd_mock", "--join", new[1], "--code", old[3], "--keys", str(tmp_path / "robot"))
+    assert late.wait() == 1
+    assert "the code is not that of a robot" in late.sentence
+    gone = start("tsd_mock", *old, "--keys", str(tmp_path / "robot"))
+    assert gone.wait() == 1
+    assert "does not answer" in gone.sentence
+    assert not (tmp_path / "robot").exists()
+    assert (fleet / "lab1.key").exists()
+    assert restarted.end() == 0
