@@ -7,7 +7,8 @@ import socket
 import ssl
 import stat
 from collections.abc import Callable, Generator
-from contextlib import ExitStack, contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from http.client import HTTPSConnection
 from pathlib import Path
@@ -16,10 +17,11 @@ from typing import cast
 import pytest
 
 from tests.support.provisioning import content
+from tests.support.robot_node import PATIENCE_S
 from tests.support.router_stage import make_router_keys
 from tsd_twin.bus import from_file
 from tsd_twin.errors import TwinError
-from tsd_twin.security import joining
+from tsd_twin.security import enrolment_server, joining
 from tsd_twin.security.certificates import (
     CertificateAuthority,
     KeyFolder,
@@ -344,7 +346,8 @@ def test_clients_that_stall_or_send_junk_delay_nobody(desk: Desk, tmp_path: Path
         for junk in (b"", b"", b"", b"GET / HTTP/1.0\r\n\r\n", b"\x16\x03\x01\xff\xff" + bytes(99)):
             idle = stack.enter_context(socket.create_connection(("127.0.0.1", port)))
             idle.sendall(junk)
-        context = ssl.create_default_context(cafile=str(desk.folder.path / "ca.pem"))
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        context.load_verify_locations(desk.folder.path / "ca.pem")
         for method, target, headers, status in [
             ("GET", "/ca.key", {}, 404),
             ("GET", "/../ca.key", {}, 404),
@@ -361,6 +364,36 @@ def test_clients_that_stall_or_send_junk_delay_nobody(desk: Desk, tmp_path: Path
             assert b"PRIVATE" not in response.read()
             connection.close()
         join(url, desk.code, tmp_path / "robot")
+
+
+def test_connections_are_limited_and_free_again(desk: Desk, tmp_path: Path) -> None:
+    with desk.serving() as url:
+        with ExitStack() as stack:
+            address = ("127.0.0.1", int(url.rpartition(":")[2]))
+            for _ in range(enrolment_server.CONNECTIONS):
+                stack.enter_context(socket.create_connection(address))
+            with pytest.raises(TwinError, match="does not answer"):
+                join(url, desk.code, tmp_path / "robot")
+        end_s = boot_time_s() + PATIENCE_S
+        while not (tmp_path / "robot").exists() and boot_time_s() < end_s:
+            with suppress(TwinError):
+                join(url, desk.code, tmp_path / "robot")
+    assert desk.issued == ["lab1"]
+
+
+def test_one_of_several_computers_at_the_same_time_gets_the_code(
+    desk: Desk, tmp_path: Path
+) -> None:
+    def attempt(number: int) -> bool:
+        try:
+            return join(url, desk.code, tmp_path / str(number)).exists()
+        except EnrolmentError:
+            return False
+
+    with desk.serving() as url, ThreadPoolExecutor(4) as pool:
+        assert sorted(pool.map(attempt, range(4))) == [False, False, False, True]
+    assert desk.issued == ["lab1"]
+    assert len(list(tmp_path.glob("*/lab1.key"))) == 1
 
 
 @pytest.mark.parametrize(

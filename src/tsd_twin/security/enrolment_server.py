@@ -24,7 +24,7 @@ _LOG = logging.getLogger(__name__)
 DEFAULT_PORT = 7448
 AUTHORITY_PATH, JOIN_PATH = "/ca.pem", "/join"
 _TIMEOUT_S = 10.0
-_CONNECTIONS = 32
+CONNECTIONS = 32
 """Connections at the same time; others are closed."""
 
 
@@ -107,7 +107,7 @@ class _Server(ThreadingHTTPServer):
         self.authority = authority
         self._enrolments = enrolments
         self._lock = threading.Lock()
-        self._free = threading.BoundedSemaphore(_CONNECTIONS)
+        self._free = threading.BoundedSemaphore(CONNECTIONS)
 
     def answer(self, message: bytes, address: str) -> bytes:
         """Return the reply to a request; errors as for `Enrolments.answer`."""
