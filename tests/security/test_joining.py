@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
 from http.client import HTTPSConnection
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import pytest
@@ -408,3 +409,23 @@ def test_names_that_are_not_reserved_are_not_enrolled(desk: Desk) -> None:
     for name in ("lab3", "alice"):
         with pytest.raises(TwinError, match="is not a robot of this router"):
             enrol_robot(desk.folder, desk.authority, name, new_key().public_key(), NOW, 30)
+
+
+@pytest.mark.parametrize(
+    "reply", [b"", b"\xff", b"[]", b'{"refusal":"none"}', b'{"x":' + b"[" * 9000]
+)
+def test_a_gateway_that_fails_in_another_way_is_named(
+    desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reply: bytes
+) -> None:
+    encoder = SimpleNamespace(json=SimpleNamespace(encode=lambda _: reply))
+    monkeypatch.setattr(enrolment_server, "msgspec", encoder)
+
+    def refuse(_message: bytes) -> bytes:
+        raise EnrolmentError(Refusal.USED)
+
+    with (
+        desk.serving(answering(refuse)) as url,
+        pytest.raises(TwinError, match=r"failed, see the output of tsd-certs there \(status 403\)"),
+    ):
+        join(url, desk.code, tmp_path / "robot")
+    assert not (tmp_path / "robot").exists()

@@ -25,7 +25,6 @@ from tsd_twin.security.certificates import (
     replace_file,
 )
 from tsd_twin.security.enrolment import (
-    LARGEST_BYTES,
     EnrolmentCode,
     EnrolmentError,
     Joined,
@@ -49,6 +48,8 @@ with needs_extra("Joining a router", "tls"):
     from cryptography.exceptions import InvalidSignature
 
 _TIMEOUT_S = 10.0
+_LARGEST_REPLY_BYTES = 1_000_000
+"""A list of several thousand operators."""
 _DRAFT = ".joining"
 """Name of the key until the name of the robot is known; it is not a valid id."""
 
@@ -109,7 +110,7 @@ class Gateway:
             return content
         try:
             reply = msgspec.json.decode(content, type=RefusalReply)
-        except msgspec.DecodeError:
+        except (msgspec.DecodeError, RecursionError):
             raise TwinError(
                 f"{self.url} failed, see the output of tsd-certs there (status {status})"
             ) from None
@@ -124,7 +125,7 @@ class Gateway:
         try:
             connection.request(method, path, body)
             response = connection.getresponse()
-            return response.status, response.read(LARGEST_BYTES)
+            return response.status, response.read(_LARGEST_REPLY_BYTES)
         except ssl.SSLCertVerificationError as error:
             raise TwinError(
                 f"{self.url} has no valid certificate of the authority in the code: "
