@@ -92,3 +92,19 @@ def test_enrolment_that_is_ended_makes_its_code_worthless(
     assert not (tmp_path / "robot").exists()
     assert (fleet / "lab1.key").exists()
     assert restarted.end() == 0
+
+
+def test_a_folder_that_cannot_be_used_is_named(start: Start, fleet: Path, tmp_path: Path) -> None:
+    certs = start("tsd_certs", str(fleet), "--enrol", "lab1", "--enrol-port", "0")
+    certs.ready()
+    (flags,) = printed_flags(certs)
+    (tmp_path / "file").write_text("")
+    for keys, words in (("n" * 300, "cannot be used"), ("file", "cannot be made")):
+        mock = start("tsd_mock", *flags, "--keys", str(tmp_path / keys))
+        assert mock.wait() == 1
+        assert words in mock.sentence
+        assert len(mock.errors) == 1
+    several = start("tsd_mock", *flags, "--keys", str(fleet))
+    assert several.wait() == 1
+    assert "choose one with --id: alice, lab1, lab2, router" in several.sentence
+    assert certs.end() == 0

@@ -166,6 +166,7 @@ def test_each_code_gives_one_key_one_certificate_in_time(tries: list[Try]) -> No
     assert gateway.issued == [(code, requested_key(CSRS[csr])) for code, csr in used.items()]
     still = [robot for robot in SEALING if robot not in done and now_s < VALID_S]
     assert gateway.enrolments.open_robots(now_s) == still
+    assert gateway.enrolments.missing == [robot for robot in SEALING if robot not in done]
 
 
 @pytest.mark.parametrize("addresses", [1, 100, 10_000])

@@ -46,14 +46,26 @@ def join(args: argparse.Namespace) -> None:
     if args.id is not None:
         topics.checked(args.id)
     folder: Path = args.keys or default_keys()
+    try:
+        args.zenoh_config = str(_configuration(args, folder))
+    except OSError as error:
+        raise TwinError(f"{folder} cannot be used: {error.strerror}") from error
+
+
+def _configuration(args: argparse.Namespace, folder: Path) -> Path:
+    """Return the configuration in a folder, which the robot gets if it has none.
+
+    Raises:
+        TwinError: If it is ambiguous, or the robot may not join.
+        OSError: If a file cannot be read.
+    """
     found = sorted(folder.glob(f"{args.id or '*'}.json5"))
     if len(found) > 1:
         names = ", ".join(file.stem for file in found)
         raise TwinError(f"{folder} has keys of several robots: choose one with --id: {names}")
     if found:
-        args.zenoh_config = str(found[0])
         _say(f"{found[0].stem} has joined already: using {found[0]}")
-        return
+        return found[0]
     if args.code is None:
         raise TwinError(f"{folder} has no keys yet: add --code, which tsd-certs --enrol prints")
     # Late, because it needs the extra `tls`.
@@ -61,8 +73,8 @@ def join(args: argparse.Namespace) -> None:
     from tsd_twin.security.joining import join as ask
 
     file = ask(args.join, EnrolmentCode.parse(args.code), folder, args.id)
-    args.zenoh_config = str(file)
     _say(f"joined as {file.stem}: using {file}")
+    return file
 
 
 def _say(text: str) -> None:
