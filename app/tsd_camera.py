@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, as_client, client_config, from_file
+from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, as_client, client_config
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
@@ -106,7 +106,7 @@ def serve(args: argparse.Namespace) -> None:
 def _bus(args: argparse.Namespace) -> Bus:
     """Open a session as a client: sessions of peers, as dashboards are, would not see it."""
     if args.zenoh_config:
-        config = from_file(args.zenoh_config)
+        config = program.renewed_file(args.zenoh_config)
     else:
         config = client_config(args.connect or [DEFAULT_ENDPOINT])
     return Bus(as_client(config, _CONNECT_S))

@@ -8,6 +8,7 @@ import shlex
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from tsd_twin import security
 from tsd_twin.bus import client_config, dialling_config, from_file, node_config, router_file
@@ -17,20 +18,34 @@ from tsd_twin.security import AUTHORITY, ROBOT, ROUTER, BusIdentity, Role
 from tsd_twin.security.router_rules import RobotRights, rights_of_flags, show_robots
 
 with program.requires("tsd-certs", "tls"):
+    from tsd_twin.security.authority_server import AuthorityServer, Request, boot_time_s
     from tsd_twin.security.certificates import KeyFolder, PublicKey, provision
-    from tsd_twin.security.enrolment import VALID_S, EnrolmentCode, Enrolments, Joined
-    from tsd_twin.security.enrolment_server import DEFAULT_PORT, EnrolmentServer, boot_time_s
+    from tsd_twin.security.enrolment import (
+        JOIN_PATH,
+        PORT,
+        VALID_S,
+        EnrolmentCode,
+        Enrolments,
+        Joined,
+    )
     from tsd_twin.security.operator_keys import provision_operators
     from tsd_twin.security.operator_list import OPERATORS
+    from tsd_twin.security.renewal import PORT as RENEWAL_PORT
+    from tsd_twin.security.renewal import Renewals
     from tsd_twin.security.router_keys import (
+        LASTING_DAYS,
+        RENEWED_DAYS,
+        default_days,
         enrol_robot,
         provision_router,
         read_rights,
+        renewal_url,
         robot_identity,
     )
 
 
-SOON = timedelta(days=30)
+SOON, OVERDUE = timedelta(days=30), timedelta(days=7)
+_RENEWAL_CHECK_S = 60.0
 
 ROLES = {
     Role.OPERATOR: "an operator, who sees, drives and stops",
@@ -59,6 +74,8 @@ PARSER = program.parser(
         "tsd-certs fleet --operator alice --robots lab1 --watch lab2    and watches the second",
         "tsd-certs fleet --enrol lab1                     prints a code for the first robot, which",
         "                                                 joins with tsd-bridge --join URL --code",
+        "tsd-certs fleet --renewal-port 7449              new certificates last 30 days and are",
+        "tsd-certs fleet --renew                          renewed at this port while this runs",
     ],
 )
 
@@ -69,8 +86,11 @@ def make(args: argparse.Namespace) -> None:
     folder = KeyFolder(args.folder)
     identities = [security.client(name, role) for role in ROLES for name in getattr(args, role)]
     identities += [security.client(name, Role.OPERATOR) for name in args.gateway]
-    if args.enrol and not (args.router_host or folder.is_of_router):
-        raise TwinError("--enrol is for robots that dial a router, which --router-host makes")
+    serves = args.enrol or args.renew or args.renewal_port is not None
+    if serves and not (args.router_host or folder.is_of_router):
+        raise TwinError("--enrol and --renew are for a router, which --router-host makes")
+    if args.renew and args.enrol:
+        raise TwinError("--enrol and --renew are two processes: run this twice")
     if args.router_host or args.robot or folder.is_of_router:
         make_router(args, folder, now, identities)
         return
@@ -83,7 +103,7 @@ def make(args: argparse.Namespace) -> None:
         lambda endpoint: json.loads(client_config([endpoint]).json5),
         hosts=args.robot_host,
         identities=identities,
-        days=args.days,
+        days=args.days or LASTING_DAYS,
         listen=args.listen,
     )
     signed = args.signed or args.gateway or args.revoke
@@ -118,6 +138,7 @@ def make_router(
         rights=given_rights(args, identities),
         days=args.days,
         listen=args.listen,
+        renewal_port=args.renewal_port,
     )
     provision_operators(
         folder, now, rights=read_rights(folder), gateways=args.gateway, revoked=args.revoke
@@ -126,10 +147,31 @@ def make_router(
         if not has_joined(folder, each.name):
             from_file(str(folder.settings_file(each.name)))
     router_file(str(folder.settings_file(ROUTER)))
-    if folder.made or not args.enrol:
+    if folder.made or not (args.enrol or args.renew):
         print("\n".join(router_report(folder, now)))
     if args.enrol:
         enrol(args, folder, now)
+    if args.renew:
+        renew(args, folder, now)
+
+
+def renew(args: argparse.Namespace, folder: KeyFolder, now: datetime) -> None:
+    """Renew certificates until SIGINT or SIGTERM.
+
+    Raises:
+        TwinError: If the folder has no address for it, or a file is missing.
+    """
+    url = renewal_url(folder)
+    if url is None:
+        raise TwinError("these certificates are not renewed: say --renewal-port once")
+    renewals = Renewals(folder, folder.authority(now), args.days or default_days(url))
+    stop = program.stop_event(args)
+    with AuthorityServer(folder, urlsplit(url).port or 0, renewals.answers) as server:
+        program.say_ready(f"tsd-certs renews at {url}")
+        while not stop.is_set():
+            if renewals.renew_router():
+                server.reload()
+            stop.wait(_RENEWAL_CHECK_S)
 
 
 def enrol(args: argparse.Namespace, folder: KeyFolder, now: datetime) -> None:
@@ -144,13 +186,19 @@ def enrol(args: argparse.Namespace, folder: KeyFolder, now: datetime) -> None:
             raise TwinError(f"'{name}' is not a robot of this router: add --robot {name}")
     authority = folder.authority(now)
 
+    days = args.days or default_days(renewal_url(folder))
+
     def issue(robot: str, key: PublicKey) -> Joined:
-        joined = enrol_robot(folder, authority, robot, key, datetime.now(UTC), args.days)
+        joined = enrol_robot(folder, authority, robot, key, datetime.now(UTC), days)
         print(f"{robot} has got its certificate", flush=True)
         return joined
 
     stop, enrolments = program.stop_event(args), Enrolments(issue)
-    with EnrolmentServer(enrolments, folder, args.enrol_port) as server:
+
+    def answer(request: Request) -> bytes:
+        return enrolments.answer(request.body, request.network, boot_time_s())
+
+    with AuthorityServer(folder, args.enrol_port, {("POST", JOIN_PATH): answer}) as server:
         where = program.url("https", folder.hosts(ROUTER)[0], server.port)
         for name in dict.fromkeys(args.enrol):
             code = EnrolmentCode.new(authority.certificate)
@@ -199,7 +247,7 @@ def router_report(folder: KeyFolder, now: datetime) -> list[str]:
     return [
         *lines,
         "",
-        "A router obeys the rules it was started with: copy router.json5 and start it again.",
+        "tsd-router takes a new router.json5 within seconds; copy it to its machine.",
         f"Keep {folder.key_file(AUTHORITY)} offline: its holder can issue operator certificates.",
     ]
 
@@ -224,7 +272,7 @@ def term(folder: KeyFolder, name: str, now: datetime, flag: str = "name") -> str
     """Return the expiry of a certificate, with a remedy if it is near."""
     end = folder.end_of(name)
     text = f", until {end:%F}"
-    if end - now < SOON:
+    if end - now < (OVERDUE if folder.is_of_router and renewal_url(folder) else SOON):
         if has_joined(folder, name):
             return f"{text}: to renew it, say --enrol {name}"
         again = f"say --robot {name}" if flag == "robot" else f"name {name}"
@@ -269,12 +317,18 @@ def main() -> None:
     flags.add(PARSER, "--revoke", text, metavar="NAME", repeated=True)
     text = "print a code with which this robot of the router joins, and serve until it has"
     flags.add(PARSER, "--enrol", text, metavar="ID", repeated=True)
-    text = f"port for --enrol; default {DEFAULT_PORT}, 0 is a free one"
-    flags.add(PARSER, "--enrol-port", text, flags.PORT, DEFAULT_PORT, "PORT")
+    text = f"port for --enrol; default {PORT}, 0 is a free one"
+    flags.add(PARSER, "--enrol-port", text, flags.PORT, PORT, "PORT")
+    text = "renew the certificates of the router and its clients, until SIGINT or SIGTERM"
+    PARSER.add_argument("--renew", action="store_true", help=text)
+    text = f"port of --renew, such as {RENEWAL_PORT}; new certificates are then good for "
+    text += f"{RENEWED_DAYS} days"
+    flags.add(PARSER, "--renewal-port", text, flags.PORT, metavar="PORT")
     for role, text in ROLES.items():
         flags.add(PARSER, f"--{role}", text, metavar="NAME", repeated=True)
     text = "how long new certificates are good"
-    flags.add(PARSER, "--days", text, flags.whole(1, 3_650), 365)
+    text += f"; default {LASTING_DAYS}, or {RENEWED_DAYS} if they are renewed"
+    flags.add(PARSER, "--days", text, flags.whole(1, 3_650))
     text = f"where the robot or router listens; default {security.LISTEN}"
     flags.add(PARSER, "--listen", text, metavar="ENDPOINT")
     program.run(PARSER, make)

@@ -17,7 +17,6 @@ from tsd_twin.bus import (
     Config,
     client_config,
     clients_of,
-    from_file,
 )
 from tsd_twin.cli import flags, program
 from tsd_twin.errors import TwinError, needs_extra
@@ -87,7 +86,7 @@ def record(args: argparse.Namespace) -> None:
 def sessions(args: argparse.Namespace) -> list[Config]:
     """Return a session configuration for each robot."""
     if args.zenoh_config:
-        return clients_of(from_file(args.zenoh_config), START_TIMEOUT_S)
+        return clients_of(program.renewed_file(args.zenoh_config), START_TIMEOUT_S)
     return clients_of(client_config(args.connect or [DEFAULT_ENDPOINT]), START_TIMEOUT_S)
 
 

@@ -17,7 +17,7 @@ from tests.support.markdown_pages import ROOT
 
 DEPLOY = ROOT / "deploy"
 UNITS = sorted(DEPLOY.glob("*.service"))
-SERVER = ("tsd-router", "tsd-dashboard", "tsd-record")
+SERVER = ("tsd-certs", "tsd-router", "tsd-dashboard", "tsd-record")
 
 
 class Unit(configparser.RawConfigParser):
@@ -111,9 +111,14 @@ def test_one_command_makes_what_the_units_need_and_again_keeps_it(
         for file in unit.credentials.values():
             assert (root / file.removeprefix("/")).is_file(), file
     keys = root / "etc/tsd-twin/keys"
-    assert keys.stat().st_mode & 0o077 == 0
-    bridge = Unit(DEPLOY / "tsd-bridge.service")
-    assert all((root / f.removeprefix("/")).is_file() for f in bridge.credentials.values())
+    assert keys.stat().st_mode & 0o066 == 0
+    private = {file.name for file in keys.iterdir() if not file.stat().st_mode & 0o004}
+    assert private == {file.name for file in keys.iterdir() if file.suffix in (".key", ".sign")}
+    assert '"renewal": "https://lab.example:7449"' in (keys / "lab1.json5").read_text("utf-8")
+    for name in SERVER:
+        start = Unit(root / f"etc/systemd/system/{name}.service")["Service"]["ExecStart"]
+        for file in re.findall(r"/etc/tsd-twin/keys/\S+", start):
+            assert (root / file.removeprefix("/")).is_file(), file
     before = {file.name: file.read_bytes() for file in keys.iterdir()}
 
     again = set_up(root, programs, "lab.example", "lab1,lab2,lab3", "alice")

@@ -22,7 +22,8 @@ from tests.support.robot_node import PATIENCE_S
 from tests.support.router_stage import make_router_keys
 from tsd_twin.bus import from_file
 from tsd_twin.errors import TwinError
-from tsd_twin.security import enrolment_server, joining
+from tsd_twin.security import authority_server, joining
+from tsd_twin.security.authority_server import AuthorityServer, Request, boot_time_s
 from tsd_twin.security.certificates import (
     CertificateAuthority,
     KeyFolder,
@@ -34,6 +35,7 @@ from tsd_twin.security.certificates import (
     read_key,
 )
 from tsd_twin.security.enrolment import (
+    JOIN_PATH,
     LARGEST_BYTES,
     EnrolmentCode,
     EnrolmentError,
@@ -46,7 +48,6 @@ from tsd_twin.security.enrolment import (
     seal,
     unseal,
 )
-from tsd_twin.security.enrolment_server import EnrolmentServer, boot_time_s
 from tsd_twin.security.joining import join
 from tsd_twin.security.operator_keys import provision_operators
 from tsd_twin.security.operator_list import OperatorFile
@@ -89,7 +90,12 @@ class Desk:
     @contextmanager
     def serving(self, enrolments: Enrolments | None = None) -> Generator[str]:
         """Serve these keys, possibly with the answers of another."""
-        with EnrolmentServer(enrolments or self.enrolments, self.folder, 0) as server:
+        served = enrolments or self.enrolments
+
+        def answer(request: Request) -> bytes:
+            return served.answer(request.body, request.network, boot_time_s())
+
+        with AuthorityServer(self.folder, 0, {("POST", JOIN_PATH): answer}) as server:
             yield f"https://127.0.0.1:{server.port}"
 
 
@@ -371,7 +377,7 @@ def test_connections_are_limited_and_free_again(desk: Desk, tmp_path: Path) -> N
     with desk.serving() as url:
         with ExitStack() as stack:
             address = ("127.0.0.1", int(url.rpartition(":")[2]))
-            for _ in range(enrolment_server.CONNECTIONS):
+            for _ in range(authority_server.CONNECTIONS):
                 stack.enter_context(socket.create_connection(address))
             with pytest.raises(TwinError, match="does not answer"):
                 join(url, desk.code, tmp_path / "robot")
@@ -418,7 +424,7 @@ def test_a_gateway_that_fails_in_another_way_is_named(
     desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reply: bytes
 ) -> None:
     encoder = SimpleNamespace(json=SimpleNamespace(encode=lambda _: reply))
-    monkeypatch.setattr(enrolment_server, "msgspec", encoder)
+    monkeypatch.setattr(authority_server, "msgspec", encoder)
 
     def refuse(_message: bytes) -> bytes:
         raise EnrolmentError(Refusal.USED)

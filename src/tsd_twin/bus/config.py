@@ -76,15 +76,33 @@ class Config:
     @property
     def robot(self) -> str | None:
         """Id of the robot that dials a router with this configuration, or None."""
+        return self._metadata("robot")
+
+    @property
+    def renewal(self) -> str | None:
+        """URL at which the certificate of this configuration is renewed, or None."""
+        return self._metadata("renewal")
+
+    def _metadata(self, key: str) -> str | None:
         metadata = json.loads(zenoh.Config.from_json5(self.json5).get_json("metadata"))
         if not isinstance(metadata, dict):
             return None
-        return cast("dict[str, str]", metadata).get("robot")
+        return cast("dict[str, str]", metadata).get(key)
 
     @property
     def certificate(self) -> Path | None:
         """Own certificate for mutual TLS, or None."""
         return self.files.get(f"{_TLS}/connect_certificate")
+
+    @property
+    def key(self) -> Path | None:
+        """Private key of the certificate, or None."""
+        return self.files.get(f"{_TLS}/connect_private_key")
+
+    @property
+    def authority(self) -> Path | None:
+        """Certificate of the authority, or None."""
+        return self.files.get(f"{_TLS}/root_ca_certificate")
 
     def parsed(self) -> zenoh.Config:
         """Return the zenoh configuration object.

@@ -19,7 +19,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from tsd_twin import __version__, robots
-from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
+from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, Config, client_config, from_file, node_config
 from tsd_twin.cli import flags
 from tsd_twin.errors import MissingExtraError, TwinError, check_extra
 from tsd_twin.messages import topics
@@ -177,7 +177,8 @@ def node_bus(args: argparse.Namespace, stop: threading.Event) -> Bus | None:
     first.
     """
     if args.zenoh_config:
-        return Bus.when_reachable(from_file(args.zenoh_config), stop)
+        config = renewed_file(args.zenoh_config, operators_file(args))
+        return Bus.when_reachable(config, stop)
     bus = Bus(node_config([args.listen], args.connect or []))
     # A duplicate robot id can be detected only once the other nodes are connected.
     if args.connect and not bus.wait_for_peer(_PATIENCE_S):
@@ -277,15 +278,39 @@ def url(scheme: str, host: str, port: int) -> str:
 def client_bus(args: argparse.Namespace) -> Bus:
     """Open the bus that the flags of `add_client_flags` ask for."""
     if args.zenoh_config:
-        return Bus(from_file(args.zenoh_config))
+        return Bus(renewed_file(args.zenoh_config))
     return Bus(client_config(args.connect or [DEFAULT_ENDPOINT]))
 
 
 def client_bus_when_reachable(args: argparse.Namespace, stop: threading.Event) -> Bus | None:
     """Open the same bus; behind a router, once it is there, or None if `stop` was set first."""
     if args.zenoh_config:
-        return Bus.when_reachable(from_file(args.zenoh_config), stop)
+        return Bus.when_reachable(renewed_file(args.zenoh_config), stop)
     return client_bus(args)
+
+
+def renewed_file(path: str, operators: Path | None = None) -> Config:
+    """Load a Zenoh configuration, and keep its certificate valid if it names a place to renew it.
+
+    `operators` is a robot's list of operators, which is kept current, too.
+
+    Raises:
+        TwinError: If the configuration or its address of the authority is invalid.
+    """
+    config = from_file(path)
+    if config.renewal and config.certificate and config.key and config.authority:
+        # Late, because it needs the extra `tls`, without which a robot still runs.
+        try:
+            from tsd_twin.security.authority_client import ClientFiles
+            from tsd_twin.security.renewal import CertificateRenewal
+        except MissingExtraError as error:
+            _LOG.warning("%s is not renewed: %s", config.certificate, error)
+            return config
+        own = ClientFiles(config.certificate, config.key)
+        renewal = CertificateRenewal(config.renewal, own, config.authority, operators)
+        stop = threading.Event()  # The thread ends with the process.
+        threading.Thread(target=renewal.run, args=(stop,), daemon=True, name="renewal").start()
+    return config
 
 
 def certificate(args: argparse.Namespace) -> BusIdentity | None:

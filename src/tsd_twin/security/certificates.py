@@ -185,7 +185,12 @@ class CertificateAuthority:
         return self.issue_server(key, BusIdentity(ROBOT, Role.ROBOT), hosts, now, days)
 
     def issue_server(
-        self, key: Key, server: BusIdentity, hosts: Sequence[str], now: datetime, days: int
+        self,
+        key: Key | PublicKey,
+        server: BusIdentity,
+        hosts: Sequence[str],
+        now: datetime,
+        days: int,
     ) -> x509.Certificate:
         """Issue a certificate of a listening robot or router for host names and addresses.
 
@@ -247,8 +252,11 @@ def identity_of(certificate: x509.Certificate) -> BusIdentity:
 
 
 def hosts_of(certificate: x509.Certificate) -> list[str]:
-    """Return the names and addresses in a server certificate, in order."""
-    extension = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+    """Return the names and addresses in the certificate of a server; a client has none."""
+    try:
+        extension = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+    except x509.ExtensionNotFound:
+        return []
     return [str(name.value) for name in extension.value]
 
 

@@ -37,6 +37,8 @@ with needs_extra("Enrolment", "tls"):
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import ec
 
+PORT = 7448
+JOIN_PATH = "/join"
 VALID_S = 600.0
 """Time for which a code is good."""
 LARGEST_BYTES = 65536
@@ -175,6 +177,7 @@ class Refusal(StrEnum):
     OTHER_ROBOT = "other_robot"
     MALFORMED = "malformed"
     WAIT = "wait"
+    REVOKED = "revoked"
 
 
 _SENTENCES = {
@@ -183,6 +186,7 @@ _SENTENCES = {
     Refusal.USED: "the code has been used already: run tsd-certs --enrol again for a new one",
     Refusal.OTHER_ROBOT: "the code is for a robot with another name than --id",
     Refusal.MALFORMED: "the gateway cannot read this request: use the same version on both sides",
+    Refusal.REVOKED: "this certificate is not, or no longer, in the folder of tsd-certs",
     Refusal.WAIT: "too many codes were tried: repeat this in {} s",
 }
 

@@ -41,7 +41,8 @@ from tsd_twin.security.router_rules import (
     router_settings,
 )
 
-_RIGHTS = "rights.json"
+LASTING_DAYS, RENEWED_DAYS = 365, 30
+_RIGHTS, _RENEWAL = "rights.json", "renewal"
 _ROUTER_HEAD = """\
 // Configuration of a router, for tsd-router or zenohd. tsd-certs writes `access_control` anew from
 // the certificates and rights.json; all else is yours to change and is kept, as long as it is JSON.
@@ -124,8 +125,9 @@ def provision_router(
     robots: Sequence[BusIdentity] = (),
     identities: Sequence[BusIdentity] = (),
     rights: Mapping[str, RobotRights],
-    days: int = 365,
+    days: int | None = None,
     listen: str | None = None,
+    renewal_port: int | None = None,
 ) -> None:
     """Write missing files of a router, and update its rules for all robots, clients and rights.
 
@@ -140,14 +142,15 @@ def provision_router(
         robots: New robots.
         identities: New people and tools.
         rights: New or changed rights, by name.
-        days: Validity of new certificates.
+        days: Validity of new certificates; None is 30 days if they are renewed, else a year.
         listen: Listening endpoint; None keeps the existing one, or uses `LISTEN`.
+        renewal_port: Port of the router's first host at which new clients renew their certificates;
+            None keeps the existing one, or none.
 
     Raises:
         TwinError: If names conflict, rights are missing or name an unknown robot, a host is missing
             or malformed, `days` is out of range, or a file is invalid.
     """
-    check_days(days)
     everyone = merged([*folder.robots(), *folder.identities()], [*robots, *identities])
     robot_ids = [each.name for each in everyone if each.role is Role.ROBOT]
     people = [each for each in everyone if each.role is not Role.ROBOT]
@@ -162,14 +165,35 @@ def provision_router(
         settings["access_control"] = router_access_control(robot_ids, people, granted)
         if listen is not None:
             settings["listen"] = {"endpoints": [listen]}
+    if renewal_port is not None:
+        host = f"[{hosts[0]}]" if ":" in hosts[0] else hosts[0]
+        settings["metadata"] = {_RENEWAL: f"https://{host}:{renewal_port}"}
+    renewal = _renewal(settings)
+    days = days or default_days(renewal)
+    check_days(days)
     where = endpoint(hosts[0], settings, ROUTER)
     issue(folder, now, days, BusIdentity(ROUTER, Role.ROUTER), hosts, everyone)
     _write_rights(folder, granted)
     folder.write_settings(ROUTER, _ROUTER_HEAD, settings)
     for each in everyone:
         if not folder.settings_file(each.name).exists():
-            own = _dialling_settings(client_base(where), each)
+            own = _dialling_settings(client_base(where), each, renewal)
             folder.write_settings(each.name, _DIALLING_HEAD.format(name=each.name), own)
+
+
+def renewal_url(folder: KeyFolder) -> str | None:
+    """Return the URL at which clients of a router renew their certificates, None if they do not."""
+    return _renewal(folder.settings(ROUTER) or {})
+
+
+def _renewal(router: Mapping[str, Any]) -> str | None:
+    metadata: dict[str, str] = router.get("metadata") or {}
+    return metadata.get(_RENEWAL)
+
+
+def default_days(renewal: str | None) -> int:
+    """Return the validity of certificates that are renewed at a URL, or not."""
+    return LASTING_DAYS if renewal is None else RENEWED_DAYS
 
 
 def _checked_rights(
@@ -205,9 +229,12 @@ def _write_rights(folder: KeyFolder, rights: Mapping[str, RobotRights]) -> None:
         folder.made.append(file)
 
 
-def _dialling_settings(base: Mapping[str, Any], owner: BusIdentity) -> dict[str, Any]:
+def _dialling_settings(
+    base: Mapping[str, Any], owner: BusIdentity, renewal: str | None
+) -> dict[str, Any]:
     settings = copy.deepcopy(dict(base))
+    # For programs without the package of certificates.
+    settings["metadata"] = {_RENEWAL: renewal} if renewal else {}
     if owner.role is Role.ROBOT:
-        # The id that the router's rules allow, for programs without the package of certificates.
-        settings["metadata"] = {"robot": owner.name}
+        settings["metadata"]["robot"] = owner.name  # The id that the router's rules allow.
     return client_settings(settings, owner.name)

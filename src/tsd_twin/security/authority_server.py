@@ -1,4 +1,7 @@
-"""HTTPS server that enrols robots; only the process with the authority's key runs it."""
+"""HTTPS server of the certificate authority, for enrolment and renewal.
+
+Only the process with the authority's key runs it.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +11,26 @@ import socket
 import ssl
 import threading
 import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any, Self, cast
 
 import msgspec
 
-from tsd_twin.errors import TwinError
+from tsd_twin.errors import TwinError, needs_extra
 from tsd_twin.security.access_rules import AUTHORITY, ROUTER
-from tsd_twin.security.certificates import KeyFolder
-from tsd_twin.security.enrolment import LARGEST_BYTES, EnrolmentError, Enrolments, Refusal
+from tsd_twin.security.certificates import Certificate, KeyFolder
+from tsd_twin.security.enrolment import LARGEST_BYTES, EnrolmentError, Refusal
 from tsd_twin.security.rate_limits import subscriber_network
 
+with needs_extra("A certificate authority", "tls"):
+    from cryptography import x509
+
 _LOG = logging.getLogger(__name__)
-DEFAULT_PORT = 7448
-AUTHORITY_PATH, JOIN_PATH = "/ca.pem", "/join"
+AUTHORITY_PATH = "/ca.pem"
 _TIMEOUT_S = 10.0
 CONNECTIONS = 32
 """Connections at the same time; others are closed."""
@@ -40,11 +48,30 @@ class RefusalReply(msgspec.Struct, frozen=True):
     wait_s: int = 0
 
 
-class EnrolmentServer:
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Request of a robot or another client."""
+
+    body: bytes
+    network: str
+    """Address of the client, for IPv6 its subscriber's network."""
+    client: Certificate | None
+    """Certificate of this authority, not expired, whose key the client has proven to own."""
+
+
+Answer = Callable[[Request], bytes]
+"""Returns the reply to a request; an `EnrolmentError` refuses it. Calls do not overlap."""
+
+
+class AuthorityServer:
     """Server on all addresses of this machine; use it as a context manager."""
 
-    def __init__(self, enrolments: Enrolments, folder: KeyFolder, port: int) -> None:
+    def __init__(
+        self, folder: KeyFolder, port: int, answers: Mapping[tuple[str, str], Answer]
+    ) -> None:
         """Listen, with the certificate of the router in the folder.
+
+        `answers` has the methods and paths that are served besides the authority's certificate.
 
         Raises:
             TwinError: If a file cannot be read, or the port is in use.
@@ -53,10 +80,12 @@ class EnrolmentServer:
             authority = folder.certificate_file(AUTHORITY).read_bytes()
             context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
             context.minimum_version = ssl.TLSVersion.TLSv1_3
-            context.load_cert_chain(folder.certificate_file(ROUTER), folder.key_file(ROUTER))
+            context.load_cert_chain(*_server_files(folder))
+            context.load_verify_locations(cadata=authority.decode())
+            context.verify_mode = ssl.CERT_OPTIONAL  # A robot that joins has none yet.
         except OSError as error:
             raise TwinError(
-                f"enrolment needs {ROUTER}.pem and {ROUTER}.key in {folder.path}: {error.strerror}"
+                f"clients need {ROUTER}.pem and {ROUTER}.key in {folder.path}: {error.strerror}"
             ) from error
         try:
             listening = _listen(port)
@@ -64,8 +93,14 @@ class EnrolmentServer:
             reason = os.strerror(error.errno or 0)
             raise TwinError(f"port {port} cannot be opened: {reason}") from error
         self.port: int = listening.getsockname()[1]
-        self._server = _Server(enrolments, authority, context, listening)
+        public: dict[tuple[str, str], Answer] = {("GET", AUTHORITY_PATH): lambda _: authority}
+        self._context, self._folder = context, folder
+        self._server = _Server(public | dict(answers), context, listening)
         self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,))
+
+    def reload(self) -> None:
+        """Use the router's new certificate for new connections."""
+        self._context.load_cert_chain(*_server_files(self._folder))
 
     def __enter__(self) -> Self:
         self._thread.start()
@@ -75,6 +110,10 @@ class EnrolmentServer:
         self._server.shutdown()
         self._thread.join()
         self._server.server_close()
+
+
+def _server_files(folder: KeyFolder) -> tuple[Path, Path]:
+    return folder.certificate_file(ROUTER), folder.key_file(ROUTER)
 
 
 def _listen(port: int) -> socket.socket:
@@ -93,8 +132,7 @@ class _Server(ThreadingHTTPServer):
 
     def __init__(
         self,
-        enrolments: Enrolments,
-        authority: bytes,
+        answers: Mapping[tuple[str, str], Answer],
         context: ssl.SSLContext,
         listening: socket.socket,
     ) -> None:
@@ -104,15 +142,14 @@ class _Server(ThreadingHTTPServer):
         self.socket = context.wrap_socket(
             listening, server_side=True, do_handshake_on_connect=False
         )
-        self.authority = authority
-        self._enrolments = enrolments
+        self.answers = answers
         self._lock = threading.Lock()
         self._free = threading.BoundedSemaphore(CONNECTIONS)
 
-    def answer(self, message: bytes, address: str) -> bytes:
-        """Return the reply to a request; errors as for `Enrolments.answer`."""
+    def answer(self, answer: Answer, request: Request) -> bytes:
+        """Return the reply to a request."""
         with self._lock:
-            return self._enrolments.answer(message, subscriber_network(address), boot_time_s())
+            return answer(request)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         if self._free.acquire(blocking=False):
@@ -134,30 +171,27 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = _TIMEOUT_S
 
     def do_GET(self) -> None:
-        """Send the certificate of the authority, which is public."""
-        if self.path == AUTHORITY_PATH:
-            self._reply(HTTPStatus.OK, self._enrolling.authority)
-        else:
-            self.send_error(HTTPStatus.NOT_FOUND)
+        """Answer a request without a body."""
+        self._answer(b"")
 
     def do_POST(self) -> None:
-        """Answer a request for a certificate."""
+        """Answer a request with a body."""
         length = self.headers.get("Content-Length", "")
-        if self.path != JOIN_PATH:
-            self.send_error(HTTPStatus.NOT_FOUND)
-        elif not (length.isascii() and length.isdigit() and int(length) <= LARGEST_BYTES):
+        if not (length.isascii() and length.isdigit() and int(length) <= LARGEST_BYTES):
             self.send_error(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
-            self._join(self.rfile.read(int(length)))
+            self._answer(self.rfile.read(int(length)))
 
-    @property
-    def _enrolling(self) -> _Server:
-        return cast("_Server", self.server)
-
-    def _join(self, message: bytes) -> None:
+    def _answer(self, body: bytes) -> None:
+        server = cast("_Server", self.server)
+        answer = server.answers.get((self.command, self.path))
+        if answer is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
         address = self.client_address[0]
         try:
-            self._reply(HTTPStatus.OK, self._enrolling.answer(message, address))
+            request = Request(body, subscriber_network(address), self._client())
+            self._reply(HTTPStatus.OK, server.answer(answer, request))
         except EnrolmentError as error:
             _LOG.warning("%s: %s", address, error)
             refusal = RefusalReply(error.refusal, error.wait_s)
@@ -165,6 +199,11 @@ class _Handler(BaseHTTPRequestHandler):
         except TwinError as error:
             _LOG.error("%s", error)
             self.send_error(HTTPStatus.INTERNAL_SERVER_ERROR)
+
+    def _client(self) -> Certificate | None:
+        # TLS has checked authority and dates, and that the client has the key.
+        shown = cast("ssl.SSLSocket", self.connection).getpeercert(binary_form=True)
+        return x509.load_der_x509_certificate(shown) if shown else None
 
     def _reply(self, status: HTTPStatus, body: bytes) -> None:
         self.send_response(status)
