@@ -17,7 +17,7 @@ from tsd_twin import robots
 from tsd_twin.calibration.collect import PerturbedRobot, with_calibration
 from tsd_twin.calibration.drive_log import Recording
 from tsd_twin.calibration.fit import CalibrationProblem, fit_calibration
-from tsd_twin.calibration.guided_drive import POSE_TIMEOUT_S, CalibrationDriver, plan_route
+from tsd_twin.calibration.guided_drive import POSE_TIMEOUT_S, GuidedDriver, plan_calibration
 from tsd_twin.calibration.zeroing import twist_by_zero_offsets
 from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.errors import TwinError
@@ -56,8 +56,8 @@ class Stage:
         self.machine = PerturbedRobot(ROBOT, true, 0, noise=1.0, errors=1.0)
         self.volts = float(str(self.machine.hardware()["battery_v"]))
         self.robot = VirtualRobot(ROBOT, self.machine)
-        self.tour = plan_route(ROBOT, ROOM_M, self.speed_mps)
-        self.guide = CalibrationDriver(ROBOT, self.tour)
+        self.tour = plan_calibration(ROBOT, ROOM_M, self.speed_mps)
+        self.guide = GuidedDriver(ROBOT, self.tour)
         noise = CameraNoise(latency_s=self.late_s)
         self.camera = Camera(noise, np.random.default_rng(1))
 
@@ -138,7 +138,7 @@ def test_a_robot_that_turns_by_itself_against_its_way_still_turns_both_ways() ->
     """By 12 degrees a second, slowly driven."""
     stage = Stage(speed_mps=0.5, zeros_deg=np.array([[0.17, 0.0]] * 3))
     turns = replace(stage.tour, legs=stage.tour.legs[1::2])
-    stage.guide = CalibrationDriver(ROBOT, turns)
+    stage.guide = GuidedDriver(ROBOT, turns)
     stage.run()
     assert stage.farthest_m < stage.tour.fence_m
 
@@ -193,7 +193,7 @@ def test_a_camera_that_is_wrong_ends_the_drive_and_it_rests_within_its_room(
 
 
 def test_nothing_is_commanded_before_the_robot_was_seen() -> None:
-    guide = CalibrationDriver(ROBOT, plan_route(ROBOT, ROOM_M, SPEED_MPS))
+    guide = GuidedDriver(ROBOT, plan_calibration(ROBOT, ROOM_M, SPEED_MPS))
     with pytest.raises(TwinError, match="no pose measurement for"):
         guide.advance(1.0)
 
@@ -204,9 +204,9 @@ def test_the_tour_fits_into_its_room_or_is_refused(room_m: float, speed_mps: flo
     needed_m = 0.15 + 0.1 + 0.42 * speed_mps + speed_mps**2 / 12.0
     if room_m < needed_m or not 0.1 <= speed_mps <= 1.0:
         with pytest.raises(TwinError, match=r"--room must be|--speed must be"):
-            plan_route(ROBOT, room_m, speed_mps)
+            plan_calibration(ROBOT, room_m, speed_mps)
         return
-    ways = plan_route(ROBOT, room_m, speed_mps)
+    ways = plan_calibration(ROBOT, room_m, speed_mps)
     limits = ROBOT.limits
     # Under a lease of twice the usual age: 0.42 s, and braking; docs/safety.md.
     braking_m = 0.42 * speed_mps + speed_mps**2 / (2 * limits.deceleration_mps2)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from tsd_twin.calibration import report
+from tsd_twin.calibration.bus_drive import add_drive_flags
 from tsd_twin.calibration.collect import (
     LOG_TABLE,
     CalibrationData,
@@ -22,7 +23,7 @@ from tsd_twin.calibration.collect import (
     spin_ratio_of,
 )
 from tsd_twin.calibration.fit import CalibrationFit, fit_calibration
-from tsd_twin.calibration.operator import add_bus_flags, ask_line, print_line
+from tsd_twin.calibration.operator import ask_line, print_line
 from tsd_twin.calibration.report import write_description
 from tsd_twin.cli import flags
 from tsd_twin.cli.experiment import Experiment, Output
@@ -103,26 +104,7 @@ def _write_description(
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--drive",
-        action="store_true",
-        help="drive a robot on the bus, guided; else a simulated one, or --log",
-    )
-    parser.add_argument(
-        "--room",
-        type=flags.POSITIVE,
-        default=1.0,
-        metavar="METRES",
-        help="free floor on all sides of its centre, beyond its own size; default 1",
-    )
-    parser.add_argument(
-        "--speed",
-        type=flags.POSITIVE,
-        default=0.5,
-        metavar="MPS",
-        help="at most, m/s; default 0.5",
-    )
-    add_bus_flags(parser)
+    add_drive_flags(parser, "drive a robot on the bus, guided; else a simulated one, or --log")
     parser.add_argument(
         "--log",
         metavar="FILE",

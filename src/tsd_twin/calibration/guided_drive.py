@@ -1,10 +1,11 @@
-"""Guided calibration drive: route, closed-loop driver, and camera consistency check."""
+"""Guided drives by a camera: routes, closed-loop driver, and camera consistency check."""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.paths import line, polyline
 from tsd_twin.motion.routes import FixedHeading, Route, SampledHeading
 from tsd_twin.motion.tracking import ExecutionPhase, TrajectoryExecutor
-from tsd_twin.motion.trajectory import Trajectory, plan
+from tsd_twin.motion.trajectory import Reference, Trajectory, plan
 from tsd_twin.robots import RobotDescription, SingularityDescription
 from tsd_twin.robots.description import Limits
 from tsd_twin.safety.lease import speed_cap_mps
@@ -95,10 +96,11 @@ _TURN_PATH_M = 0.001
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CalibrationRoute:
-    """Calibration route: closed trajectories from the start pose, in its frame."""
+class GuidedRoute:
+    """Route of a guided drive: trajectories from the start pose and back to it, in its frame."""
 
     legs: list[Trajectory]
+    """Each begins at rest, where the one before ends."""
     limits: Limits
     """Limits of the commands."""
     half_m: float
@@ -112,11 +114,47 @@ class CalibrationRoute:
         return sum(leg.duration_s for leg in self.legs)
 
 
-def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -> CalibrationRoute:
-    """Plan squares and turns for a robot with `room_m` of free floor around its centre.
+def plan_calibration(robot: SingularityDescription, room_m: float, speed_mps: float) -> GuidedRoute:
+    """Plan squares and turns, both ways; for arguments and exceptions see `_plan`."""
 
-    The room includes the stopping distance after a stop or a loss of the link, anywhere on the
-    route.
+    def routes(half_m: float) -> list[Route]:
+        return [
+            route for way in (1.0, -1.0) for route in (_square_route(half_m, way), _turn_route(way))
+        ]
+
+    return _plan(robot, room_m, speed_mps, routes)
+
+
+THESIS_LEG = 1
+"""Index of the square in the route of `plan_thesis_square`."""
+
+
+def plan_thesis_square(
+    robot: SingularityDescription, room_m: float, speed_mps: float
+) -> GuidedRoute:
+    """Plan the square of the thesis from corner to corner, with the ways from the start and back.
+
+    The start is in the middle of the square. For arguments and exceptions see `_plan`.
+    """
+
+    def routes(half_m: float) -> list[Route]:
+        corners: Array = half_m * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]], float)
+        ways = (np.array([[0.0, 0.0], corners[0]]), corners, np.array([corners[0], [0.0, 0.0]]))
+        return [Route(polyline(way), FixedHeading()) for way in ways]
+
+    return _plan(robot, room_m, speed_mps, routes)
+
+
+def _plan(
+    robot: SingularityDescription,
+    room_m: float,
+    speed_mps: float,
+    routes: Callable[[float], list[Route]],
+) -> GuidedRoute:
+    """Plan routes for a robot with `room_m` of free floor around its centre.
+
+    `routes` returns them for half the side of a square. The room includes the stopping distance
+    after a stop or a loss of the link, anywhere on the route.
 
     Raises:
         TwinError: If there is too little room, or the speed is out of range.
@@ -125,8 +163,7 @@ def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -
     if not _MIN_SPEED_MPS <= speed_mps <= limits.speed_mps:
         raise TwinError(
             f"--speed must be {_MIN_SPEED_MPS:g} to {limits.speed_mps:g} m/s, which is the most "
-            f"that "
-            f"{robot.name} drives, not {speed_mps:g}"
+            f"that {robot.name} drives, not {speed_mps:g}"
         )
     unheard_m = speed_mps * max_unheard_s(limits)
     needed_m = FENCE_MARGIN_M + (unheard_m + speed_mps**2 / (2.0 * limits.deceleration_mps2))
@@ -141,12 +178,8 @@ def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -
     # The trajectory uses the full speed limit; the fraction lowers the acceleration.
     timed = replace(slower, speed_mps=_SHARE * speed_mps, turn_rate_rad_per_s=_SHARE * turn_rate)
     drive = robot.kinematics()
-    legs = [
-        plan(route, drive, timed, share=_SHARE)
-        for way in (1.0, -1.0)
-        for route in (_square_route(half_m, way), _turn_route(way))
-    ]
-    return CalibrationRoute(legs, slower, half_m, half_m + FENCE_MARGIN_M)
+    legs = [plan(route, drive, timed, share=_SHARE) for route in routes(half_m)]
+    return GuidedRoute(legs, slower, half_m, half_m + FENCE_MARGIN_M)
 
 
 def max_unheard_s(limits: Limits) -> float:
@@ -188,16 +221,30 @@ _TWIST_COVARIANCE_PER_S = np.diag([0.1, 0.1, 0.5]) ** 2 * 0.1
 correlation time of 0.1 s."""
 
 
-class CalibrationDriver:
-    """Closed-loop driver along a calibration route, on camera poses, with stop conditions.
+@dataclass(frozen=True, slots=True, eq=False)
+class GuidedStep:
+    """State of a guided drive at a command; poses and twists in the frame of the start."""
+
+    leg: int
+    """Index in the route."""
+    now_s: float
+    reference: Reference
+    pose: SE2
+    """Estimate."""
+    twist: Array
+    """(3,): measured by the wheels, in the body frame."""
+
+
+class GuidedDriver:
+    """Closed-loop driver along a route, on camera poses, with stop conditions.
 
     Between poses, the pose is predicted with the measured twist. The robot's fused pose is not
     used, because an uncalibrated robot may reject the camera poses. Times are on the robot's
     monotonic clock.
     """
 
-    def __init__(self, robot: SingularityDescription, route: CalibrationRoute) -> None:
-        self._route, self._lag_s = route, robot.lag_s
+    def __init__(self, robot: SingularityDescription, route: GuidedRoute) -> None:
+        self.route, self._lag_s = route, robot.lag_s
         self._drive = robot.kinematics()
         self._limiter = TwistLimiter(self._drive, route.limits)
         noise = robot.pose_sensor
@@ -206,8 +253,14 @@ class CalibrationDriver:
         self._filter: PoseFilter | None = None
         self._consistency, self._disagreement = OdometryConsistency(), ""
         self._last_pose_s = -math.inf
-        self._start: SE2 | None = None
-        self._legs = iter(route.legs)
+        self._twist = np.zeros(3)
+        self.start: SE2 | None = None
+        """Pose at the start, once known."""
+        self.steps: list[GuidedStep] = []
+        self.poses: list[tuple[float, SE2]] = []
+        """Camera poses with their times."""
+        self._legs = iter(enumerate(route.legs))
+        self._leg = 0
         self._follower: TrajectoryExecutor | None = None
         self._done_s = 0.0
         self._rest_until_s: float | None = None
@@ -218,6 +271,7 @@ class CalibrationDriver:
 
     def add_pose(self, pose: SE2, seen_s: float) -> None:
         """Add a camera pose with its time."""
+        self.poses.append((seen_s, pose))
         if self._filter is None:
             self._filter = PoseFilter(
                 self._drive, pose, self._noise, now_s=seen_s, memory_s=_FILTER_MEMORY_S
@@ -229,6 +283,7 @@ class CalibrationDriver:
 
     def add_twist(self, now_s: float, twist: Array) -> None:
         """Add the measured twist (3,) of the robot, in the body frame, until `now_s`."""
+        self._twist = twist
         self._consistency.add_twist(now_s, twist)
         if self._filter is not None:
             self._filter.advance(now_s, twist, _TWIST_COVARIANCE_PER_S)
@@ -244,11 +299,11 @@ class CalibrationDriver:
         if self._disagreement:
             raise TwinError(self._disagreement)
         here = self._filter.pose
-        if self._start is None:
-            self._start = here
-        local = self._start.inverse() @ here
+        if self.start is None:
+            self.start = here
+        local = self.start.inverse() @ here
         x_m, y_m, _ = local.xy_heading.tolist()
-        if not max(abs(x_m), abs(y_m)) <= self._route.fence_m:
+        if not max(abs(x_m), abs(y_m)) <= self.route.fence_m:
             raise TwinError(
                 f"it has left its area: it is {math.hypot(x_m, y_m):.2f} m from where it began"
             )
@@ -259,8 +314,10 @@ class CalibrationDriver:
         if step.why is not None:
             raise TwinError(sentence(step.why))
         trajectory = follower.trajectory
+        reference = trajectory.at(step.reference_s)
+        self.steps.append(GuidedStep(self._leg, now_s, reference, local, self._twist))
         share = min(step.done_m / trajectory.length_m, 1.0)
-        self.progress = (self._done_s + share * trajectory.duration_s) / self._route.duration_s
+        self.progress = (self._done_s + share * trajectory.duration_s) / self.route.duration_s
         if step.phase is ExecutionPhase.ARRIVED:
             self._done_s += trajectory.duration_s
             self._follower, self._rest_until_s = None, None
@@ -274,9 +331,10 @@ class CalibrationDriver:
             self._rest_until_s = now_s + _REST_S
         if now_s < self._rest_until_s:
             return None
-        leg = next(self._legs, None)
-        if leg is None:
+        following = next(self._legs, None)
+        if following is None:
             self.finished, self.progress = True, 1.0
             return None
+        self._leg, leg = following
         self._follower = TrajectoryExecutor(leg, self._limiter.cap, lag_s=self._lag_s)
         return self._follower

@@ -154,11 +154,19 @@ def fit_floor(
         distance_m: Between the centres of the first two tags, if measured.
 
     Raises:
-        TwinError: If fewer than three tags are seen, or they do not determine the place.
+        TwinError: If fewer than three tags are seen, or one of the first two is not, or they do
+            not determine the place.
     """
     numbers = sorted(set(sightings) & set(tags))
     if len(numbers) < _LEAST_TAGS:
         raise TwinError(f"{len(numbers)} tags on the floor are too few: {_LEAST_TAGS} or more")
+    # Others in their place would get their origin and distance.
+    unseen = [str(number) for number in sorted(tags)[:2] if number not in sightings]
+    if unseen:
+        raise TwinError(
+            f"tag {' and '.join(unseen)} is not seen: the two lowest numbers define origin and "
+            "distance, so all of both must be in view"
+        )
     problem = _FloorProblem(lens, numbers, sightings, tags, origin, distance_m)
     solution: Any = _least_squares(
         problem.residuals, problem.start(), jac=problem.jacobian, method="lm"

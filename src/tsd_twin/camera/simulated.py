@@ -167,8 +167,8 @@ def _answer(bus: Bus, key: str) -> bytes:
 
 FLOOR_TAGS = 100
 """Number of the first tag on the floor of the simulated camera."""
-_SPOTS = (-0.6, -0.5), (0.6, -0.5), (0.6, 0.5), (-0.6, 0.5), (0.0, 0.6), (0.0, -0.6)
-"""Tags on the floor, relative to half of the width and height of the visible floor."""
+_SPOTS = np.array([[-0.6, -0.5], [0.6, -0.5], [0.6, 0.5], [-0.6, 0.5], [0.0, 0.6], [0.0, -0.6]])
+"""Tags on the floor, relative to half of the width and height of the picture, from its middle."""
 _LENS_SPREAD = np.array([8.0, 8.0, 8.0, 8.0, 0.03, 0.01, 0.0005, 0.0005])
 """Standard deviations of a webcam's lens around the ideal one (assumed)."""
 _DISTORTION = np.array([0.0, 0.0, 0.0, 0.0, -0.08, 0.02, 0.0, 0.0])
@@ -188,17 +188,11 @@ def random_view(
 
 def floor_tags(view: View, size_m: float, random: np.random.Generator) -> tuple[Tag, ...]:
     """Return six tags on the floor in view, at any heading."""
-    height = float(view.place.position_m[2])
-    half = height * np.array([view.lens.width, view.lens.height]) / (2.0 * view.lens.parameters[0])
+    half = 0.5 * np.array([view.lens.width, view.lens.height])
+    places = view.on_plane(half * (1.0 + _SPOTS * [1.0, -1.0])).tolist()
     return tuple(
-        Tag(
-            FLOOR_TAGS + i,
-            size_m,
-            x_m=float(half[0] * x),
-            y_m=float(half[1] * y),
-            heading_rad=float(random.uniform(-3.0, 3.0)),
-        )
-        for i, (x, y) in enumerate(_SPOTS)
+        Tag(FLOOR_TAGS + i, size_m, x_m=x, y_m=y, heading_rad=float(random.uniform(-3.0, 3.0)))
+        for i, (x, y) in enumerate(places)
     )
 
 

@@ -19,11 +19,13 @@ import msgspec
 import numpy as np
 
 from tsd_twin import robots
+from tsd_twin.calibration.bus_drive import add_drive_flags
 from tsd_twin.cli import experiment, flags
 from tsd_twin.cli.experiment import Experiment, Output
 from tsd_twin.client.virtual import PERIOD_S
 from tsd_twin.client.virtual_robot import VirtualRobot
 from tsd_twin.lab import tracking
+from tsd_twin.lab.bus_square import drive_square
 from tsd_twin.lab.observer import Loop, PoseObserver, Slip, make_observer
 from tsd_twin.lab.tracking import TrackingErrors, TrackingRecord, add_loop_flag, follow_trajectory
 from tsd_twin.lie import SE2, Array
@@ -260,6 +262,8 @@ def _draw_errors(percent: Array, title: str, out: Output) -> None:
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """The experiment of the thesis: a square of 1 m at 1 m/s, seen by a camera."""
+    if args.drive:
+        return drive_square(args, out)
     if args.seeds > 1:
         return run_seeds([Square.of(args, args.seed + i) for i in range(args.seeds)], out)
     loop = Loop(args.loop)
@@ -340,6 +344,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         default=True,
         help="with a gyro: first turn in place to measure the wheel speeds; default: do",
     )
+    add_drive_flags(parser, "drive a robot on the bus, guided, by its camera; else a simulated one")
 
 
 EXPERIMENT = Experiment(
@@ -352,6 +357,7 @@ EXPERIMENT = Experiment(
         "tsd-lab square --loop camera --plant mujoco      on a floor with friction; needs MuJoCo",
         "tsd-lab square --loop gyro --plant mujoco --seeds 20     by 20 robots; needs MuJoCo",
         "tsd-lab square --errors 0 --noise 0      a perfect robot",
+        "tsd-lab square --drive --room 1.2 --speed 1      the robot of this machine, guided",
     ],
     robot="tsd",
     noise=True,

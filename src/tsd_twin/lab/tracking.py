@@ -209,17 +209,24 @@ def follow_trajectory(
             robot.drive(tracker.feed_forward(t_s + _COMMAND_LEAD_S))
         else:
             robot.drive(tracker.advance(t_s, pose, PERIOD_S, _COMMAND_LEAD_S))
-    s_m = np.linspace(0.0, trajectory.length_m, 2001)
-    joints = np.array([*trajectory.route.breaks_m])
-    path_xy = trajectory.route.path.at(np.sort(np.concatenate([s_m, joints]))).xy
+    path_xy = path_points(trajectory)
     at_s = PERIOD_S * np.arange(len(steps), dtype=np.float64)
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     reference, truth, estimated, reference_twist, true_twist = columns
     return TrackingRecord(at_s, reference, truth, estimated, reference_twist, true_twist, path_xy)
 
 
-def draw_positions(axes: Axes, record: TrackingRecord, frames: list[Frame], title: str) -> None:
-    """Draw the path, the true positions and the camera frames, from above."""
+def path_points(trajectory: Trajectory) -> Array:
+    """Return densely spaced points (m, 2) along the path of a trajectory, with its corners."""
+    s_m = np.linspace(0.0, trajectory.length_m, 2001)
+    joints = np.array([*trajectory.route.breaks_m])
+    return trajectory.route.path.at(np.sort(np.concatenate([s_m, joints]))).xy
+
+
+def draw_positions(
+    axes: Axes, record: TrackingRecord, frames: list[Frame], title: str, robot: str = "robot"
+) -> None:
+    """Draw the path, the positions of the `robot` and the camera frames, from above."""
     axes.plot(
         *record.path_xy.T,
         color=experiment.REFERENCE_COLOUR,
@@ -227,7 +234,7 @@ def draw_positions(axes: Axes, record: TrackingRecord, frames: list[Frame], titl
         linestyle="--",
         label="path",
     )
-    axes.plot(*record.truth[:, :2].T, color=experiment.TRUTH_COLOUR, linewidth=1.8, label="robot")
+    axes.plot(*record.truth[:, :2].T, color=experiment.TRUTH_COLOUR, linewidth=1.8, label=robot)
     if frames:
         seen = camera_xy(record, frames)
         axes.plot(*seen.T, ".", color=experiment.CAMERA_COLOUR, markersize=4, label="camera")
@@ -238,11 +245,13 @@ def draw_positions(axes: Axes, record: TrackingRecord, frames: list[Frame], titl
     experiment.add_legend(axes, loc="best")
 
 
-def draw_speeds(axes: Axes, record: TrackingRecord, frames: list[Frame], title: str) -> None:
-    """Draw the ground speed over time, and the speed between camera frames."""
+def draw_speeds(
+    axes: Axes, record: TrackingRecord, frames: list[Frame], title: str, robot: str = "robot"
+) -> None:
+    """Draw the speed of the `robot` over time, and the speed between camera frames."""
     for twists, colour, style, name in (
         (record.reference_twist, experiment.REFERENCE_COLOUR, "--", "reference"),
-        (record.true_twist, experiment.TRUTH_COLOUR, "-", "robot"),
+        (record.true_twist, experiment.TRUTH_COLOUR, "-", robot),
     ):
         speed = np.hypot(twists[:, 0], twists[:, 1])
         axes.plot(record.t_s, speed, style, color=colour, linewidth=1.3, label=name)
