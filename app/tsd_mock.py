@@ -10,6 +10,7 @@ from typing import Self
 
 import numpy as np
 
+from tsd_twin import robots
 from tsd_twin.bus import Bus
 from tsd_twin.cli import flags, node_program, program
 from tsd_twin.cli.node_program import Companion
@@ -19,7 +20,7 @@ from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
 from tsd_twin.messages.cdr import decode_odometry
 from tsd_twin.messages.pose import PoseStamped, encode_pose
-from tsd_twin.robots import RobotDescription
+from tsd_twin.robots import RobotDescription, SingularityDescription, description_of_kind
 from tsd_twin.sensors.pose import Camera, CameraNoise
 from tsd_twin.simulation import BoardModel, DegradedRobot, StuckJoint, Wear
 from tsd_twin.simulation.wear import USUAL_LEAN_DEG
@@ -39,6 +40,7 @@ PARSER = program.parser(
         "tsd-mock --jam module2_alpha@3             with a gimbal that sticks at 3 degrees",
         "tsd-mock --wear module2_wheel=-5%@20       with a wheel that loses speed after 20 s",
         "tsd-mock --noise 1 --errors 1              and all that is wrong with a built robot",
+        "tsd-mock --robot my.toml --machine built.toml      a machine that has been calibrated",
         "tsd-mock --noise 1 --camera                and a camera above the floor, which it fuses",
         "tsd-mock --plant mujoco                    rigid bodies on a floor, not equations",
         "tsd-mock --id lab --count 20               twenty robots, lab1 to lab20",
@@ -91,8 +93,12 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
     pose = pose_at(robot, args)
     jams = [StuckJoint.parse(text, robot) for text in args.jam]
     wear = [Wear.parse(text, robot) for text in args.wear]
+    machine, believed = robot, None
+    if args.machine:
+        believed = description_of_kind(robot, SingularityDescription)
+        machine = robots.load_robot(args.machine)
     simulated = DegradedRobot(
-        robot,
+        machine,
         wear,
         jams=jams,
         seed=args.seed,
@@ -100,6 +106,7 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
         pose=pose,
         plant=args.plant,
         errors=args.errors,
+        believed=believed,
     )
     return BoardModel(robot, simulated)
 
@@ -138,6 +145,8 @@ def main() -> None:
     flags.add(PARSER, "--seed", "of the noise", flags.SEED, 0)
     flags.add(PARSER, "--noise", "times [noise]", flags.SCALE, 0.0, "SCALE")
     program.add_errors_flag(PARSER)
+    text = "description of the simulated machine, if the controller has another: a calibrated one"
+    flags.add(PARSER, "--machine", text, metavar="FILE")
     text = "where it stands at the start, m and degrees; default 0,0,0"
     flags.add(PARSER, "--at", text, metavar="X,Y,DEGREES")
     text = f"let a gimbal stick once it leans so far, {USUAL_LEAN_DEG:g} degrees unless given"

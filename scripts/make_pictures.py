@@ -1,8 +1,9 @@
 """Generate the pictures of README and docs from the current programs: `make pictures`.
 
 Pages are captured in Chromium, which renders on the CPU, so nothing else should run. Parts: `drive`
-(the animation), `page`, `robots`, `ros`, `lab` and `drawings`; by default all. Two pictures of
-docs/lab.md are not generated: `lab_zero` and `lab_calibrate_drive` require guided drives.
+(the animation), `page`, `robots`, `ros`, `lab` and `drawings`; by default all. Three pictures
+of docs/lab.md are not generated: `lab_zero`, `lab_calibrate_drive` and `lab_square_drive` require
+guided drives.
 """
 
 from __future__ import annotations

@@ -34,10 +34,12 @@ BUILT = re.sub(r"zero_deg = \S+", "zero_deg = 0.3", PATIENT)
 """And one whose gimbals are off by more than thumbs would leave."""
 
 
-def drive(start: Start, endpoint: str, folder: Path, *flags: str) -> Program:
-    """Calibrate the robot there; nobody is asked."""
+def drive(
+    start: Start, endpoint: str, folder: Path, *flags: str, experiment: str = "calibrate"
+) -> Program:
+    """Drive the robot there; nobody is asked."""
     return start(
-        "tsd_lab", "calibrate", "--drive", "--yes", "--connect", endpoint, "--out", str(folder),
+        "tsd_lab", experiment, "--drive", "--yes", "--connect", endpoint, "--out", str(folder),
         *flags,
     )  # fmt: skip
 
@@ -85,8 +87,9 @@ def test_a_mock_under_a_camera_is_driven_and_what_is_wrong_with_it_found(
     assert "would be written over" in again.sentence
 
 
+@pytest.mark.parametrize("experiment", ["calibrate", "square"])
 def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
-    start: Start, tmp_path: Path
+    start: Start, tmp_path: Path, experiment: str
 ) -> None:
     with (
         running() as node,
@@ -94,7 +97,8 @@ def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
         node.client() as bus,
         OverheadCamera(bus, node.id),
     ):
-        lab = drive(start, node.endpoint, tmp_path, "--room", "1.2", "--speed", "1")
+        fast = ("--room", "1.2", "--speed", "1")
+        lab = drive(start, node.endpoint, tmp_path, *fast, experiment=experiment)
         alice.wait_until(lambda: lab.process.poll() or np.hypot(*alice.truth.twist[:2]) > 0.3)
         assert lab.end(signal.SIGKILL) == -signal.SIGKILL, lab.sentence
         withheld = WithheldTime()
@@ -106,6 +110,27 @@ def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
         travel_m = np.hypot(*(alice.truth.xy_heading[:2] - killed_at))
         assert travel_m < 0.35 + 1.0 * withheld.total_s
         alice.wait_until(lambda: alice.status.lease.holder is None)
+
+
+@pytest.mark.parametrize("ends", ["Ctrl-C", "SIGTERM", "camera lost"])
+def test_square_that_ends_on_the_way_leaves_the_robot_disarmed_and_released(
+    start: Start, tmp_path: Path, ends: str
+) -> None:
+    with running() as node, BusOperator(node) as alice, node.client() as bus:
+        camera = OverheadCamera(bus, node.id)
+        with camera:
+            lab = drive(start, node.endpoint, tmp_path, "--room", "1.2", experiment="square")
+            alice.wait_until(lambda: lab.process.poll() or np.hypot(*alice.truth.twist[:2]) > 0.2)
+            if ends != "camera lost":
+                assert lab.end(signal.SIGINT if ends == "Ctrl-C" else signal.SIGTERM) != 0
+        # The camera has ended.
+        assert lab.wait() != 0
+        says = "no pose measurement for 1.5 s" if ends == "camera lost" else "interrupted"
+        assert says in lab.sentence
+        alice.wait_until(lambda: alice.status.mode == "disarmed")
+        alice.wait_until(lambda: alice.status.lease.holder is None)
+        assert np.abs(alice.truth.twist).max() < 0.05
+        assert not list(tmp_path.iterdir())
 
 
 def test_without_a_camera_nothing_moves(start: Start, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from tests.support.experiment_runs import is_picture, run, table
 from tests.support.robot_node import PATIENCE_S, QUICK, RunningNode, matched, running
 from tsd_mock import OverheadCamera
 from tsd_twin import connect, robots
-from tsd_twin.calibration.collect import PerturbedRobot, with_calibration
+from tsd_twin.calibration.collect import with_calibration
 from tsd_twin.calibration.operator import ask_displacement, hold_control
 from tsd_twin.calibration.zeroing import (
     PoseTracker,
@@ -35,7 +35,7 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.topics import QoS
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.simulation import simulate
+from tsd_twin.simulation import SimRobot, simulate
 
 ROBOT = robots.description_of_kind(robots.parse_description(QUICK, "quick"), SingularityDescription)
 STEP_RAD = 2 * np.pi / 4096
@@ -114,7 +114,7 @@ def test_a_robot_on_the_bus_creeps_is_put_right_and_stands(tmp_path: Path) -> No
         believed = robots.description_of_kind(
             robots.parse_description(toml, "mine"), SingularityDescription
         )
-        with running(toml=toml, io=PerturbedRobot(believed, true, 0, 0.0)) as node:
+        with running(toml=toml, io=SimRobot(true, believed=believed)) as node:
             lines = run(
                 tmp_path, "zero", "--connect", node.endpoint, "--seconds", "3", "--yes", *flags
             )
@@ -137,7 +137,7 @@ def test_a_robot_on_the_bus_creeps_is_put_right_and_stands(tmp_path: Path) -> No
 @pytest.mark.timed
 def test_a_camera_on_the_bus_is_asked_before_the_ruler_and_the_simulator(tmp_path: Path) -> None:
     zeros_deg = np.array([0.5, -0.3, 0.2, 0.6, -0.4, 0.1])
-    io = PerturbedRobot(ROBOT, off_by(zeros_deg), 0, 0.0)
+    io = SimRobot(off_by(zeros_deg), believed=ROBOT)
     with running(io=io) as node, node.client() as bus, OverheadCamera(bus, node.id):
         lines = run(tmp_path, "zero", "--connect", node.endpoint, "--seconds", "2", "--yes")
     assert "seen by a camera" in lines[0]

@@ -60,3 +60,25 @@ def test_tags_that_are_fewer_than_three_determine_no_place(tmp_path: Path) -> No
         guide.calibrate_floor(
             setup, [camera.draw([])], known, SE2.identity(), None, str(tmp_path / "camera.toml")
         )
+
+
+def test_tag_of_the_origin_out_of_view_is_named_instead_of_replaced(tmp_path: Path) -> None:
+    view = random_view(SIZE, 60.0, 2.0, np.random.default_rng(1))
+    tags = floor_tags(view, 0.16, np.random.default_rng(1))
+    camera = SimulatedCamera(view, tags[1:])
+    setup = CameraSetup(view.lens, covariance=np.eye(14))
+    known = {tag.number: tag for tag in tags}
+    with pytest.raises(TwinError, match="tag 100 is not seen"):
+        guide.calibrate_floor(
+            setup, [camera.draw([])], known, SE2.identity(), 1.0, str(tmp_path / "camera.toml")
+        )
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_floor_tags_of_a_simulated_camera_are_in_view_however_it_is_turned(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    view = random_view(SIZE, 94.0, 2.5, random)
+    corners = [tag.place.transform(tag.corners_m) for tag in floor_tags(view, 0.16, random)]
+    pixels = view.project(np.column_stack([np.concatenate(corners), np.zeros(24)]))
+    assert (pixels > 0.0).all()
+    assert (pixels < np.array(SIZE) - 1.0).all()

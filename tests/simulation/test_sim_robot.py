@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tsd_twin.calibration.collect import with_calibration
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import Array
-from tsd_twin.robots import load_robot
+from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 from tsd_twin.simulation import SimRobot
 
 ROBOT = load_robot("tsd")
@@ -214,3 +215,15 @@ def test_rigid_bodies_stand_behind_the_same_face() -> None:
 def test_a_robot_that_no_such_plant_moves_is_refused_in_one_sentence() -> None:
     with pytest.raises(RobotFileError, match=r"kiwi: the plant `mujoco` cannot move it \(only"):
         SimRobot(load_robot("kiwi"), plant="mujoco")
+
+
+def test_machine_with_another_calibration_than_its_controller_is_off_by_the_difference() -> None:
+    robot = description_of_kind(ROBOT, SingularityDescription)
+    offset_deg = np.array([[0.5, -0.3], [0.2, 0.6], [-0.4, 0.1]])
+    own = with_calibration(robot, offset_deg, np.ones(3), 0.04, 0.15)
+    simulated = SimRobot(own, believed=robot)
+    assert simulated.read(0.0).reshape(3, 3)[:, :2] == pytest.approx(0.0)
+    joints = simulated.truth(0.0).joints.reshape(3, 3)[:, :2]
+    assert np.degrees(joints) == pytest.approx(offset_deg)
+    alone = SimRobot(own)
+    assert np.degrees(alone.read(0.0).reshape(3, 3)[:, :2]) == pytest.approx(offset_deg, abs=0.05)

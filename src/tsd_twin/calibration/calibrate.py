@@ -43,6 +43,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         robot.joint_errors(),
         volt_share,
         drives.learned,
+        robot.errors.layer_m,
     )
     rows = report.parameter_table(robot, found, drives.true)
     out.table("calibrate", report.parameter_columns(rows))

@@ -31,33 +31,6 @@ RADIUS_SIGMA_SHARE, SPIN_SIGMA_SHARE = 0.01, 0.01
 """Standard deviations of both radii, as measured with a ruler, and of a motor curve (assumed)."""
 
 
-class PerturbedRobot(SimRobot):
-    """Simulator of the robot `true` for a controller that is configured with `believed`.
-
-    The interface carries servo angles and throttles; each side converts them to joints with its own
-    calibration.
-    """
-
-    def __init__(
-        self,
-        believed: SingularityDescription,
-        true: SingularityDescription,
-        seed: int,
-        noise: float,
-        errors: float = 0.0,
-    ) -> None:
-        super().__init__(true, seed=seed, noise=noise, errors=errors)
-        self._believed, self._true = believed.actuator_offsets(), true.actuator_offsets()
-
-    def read(self, now_s: float) -> Array:
-        """Return the measurement (n,) as joints of the description `believed`."""
-        return self._believed.from_servos(self._true.to_servos(super().read(now_s)))
-
-    def write(self, setpoint: Array, now_s: float) -> None:
-        """Apply setpoints (n,) given as joints of the description `believed`."""
-        super().write(self._true.from_actuators(self._believed.to_actuators(setpoint)), now_s)
-
-
 def random_robot(
     believed: SingularityDescription, random: np.random.Generator
 ) -> SingularityDescription:
@@ -146,7 +119,7 @@ def excitation_twists() -> Array:
 
 def simulate_run(
     believed: SingularityDescription,
-    machine: PerturbedRobot,
+    machine: SimRobot,
     ratio: list[float],
     seed: int,
     start_s: float = 0.0,
@@ -292,7 +265,7 @@ def _simulated(
 ) -> list[Recording]:
     ratios = spin_ratios(robot.drive.modules)
     ratios = ratios[:1] if args.same_speed else ratios
-    machine = PerturbedRobot(robot, true, args.seed, noise=1.0, errors=args.errors)
+    machine = SimRobot(true, args.seed, 1.0, errors=args.errors, believed=robot)
     return [
         simulate_run(
             robot,

@@ -35,15 +35,25 @@ class Corrections:
     """Factor on the pivot radius."""
     spin: Array
     """(k,): factors on the wheel-speed setpoints."""
+    layers: Array
+    """(k, 2): sine and cosine of the periodic error of each printed wheel's radius, relative."""
     delay_s: float
     """Delay of joint measurements relative to the camera: clock offset and actuator bus."""
 
 
 class CalibrationProblem:
-    """Least-squares problem for gimbal zeros, both radii, wheel-speed differences and delay."""
+    """Least-squares problem for gimbal zeros, both radii, wheel-speed differences and delay.
 
-    def __init__(self, drive: SingularityKinematics, recordings: Sequence[Recording]) -> None:
+    Printed wheels with layers of `layer_m` have a radius that depends on their tilt
+    (`WheelSurface`), by as much as a wrong zero of 0.02° or a pivot radius that is off by 0.3 %.
+    Amplitude and phase of each wheel are unknowns as well.
+    """
+
+    def __init__(
+        self, drive: SingularityKinematics, recordings: Sequence[Recording], layer_m: float = 0.0
+    ) -> None:
         self.drive = drive
+        self._layers_per_radius = drive.wheel_radius_m / layer_m if layer_m > 0.0 else 0.0
         self.modules = k = drive.modules
         self._drives: dict[float, SingularityKinematics] = {}
         self.measured = all(bool(np.isfinite(run.spin_rad_per_s).all()) for run in recordings)
@@ -51,23 +61,35 @@ class CalibrationProblem:
         # radius.
         differences = np.linalg.svd(np.ones((1, k)))[2][1:].T
         self._spins = np.zeros((k, 0)) if self.measured else differences
+        spins = self._spins.shape[1]
+        layers = 2 * k if layer_m > 0.0 else 0
+        self._spin_part = slice(2 * k + 2, 2 * k + 2 + spins)
+        self._layer_part = slice(self._spin_part.stop, self._spin_part.stop + layers)
+        self.is_reported = np.ones(self._layer_part.stop + 1, dtype=bool)
+        """Whether each unknown is a result, not only a disturbance."""
+        self.is_reported[self._layer_part] = False
         self.prior = np.array(
             [PRIOR_OFFSET_RAD] * (2 * k)
-            + [PRIOR_SHARE] * (2 + self._spins.shape[1])
+            + [PRIOR_SHARE] * (2 + spins)
+            + [0.5 * layer_m / drive.wheel_radius_m * np.sqrt(0.5)] * layers
             + [PRIOR_DELAY_S]
         )
         self.names = [f"module{i + 1}_{part}" for i in range(k) for part in ("alpha", "beta")]
         self.names += ["wheel radius", "pivot radius"]
-        self.names += [f"spin difference {i + 1}" for i in range(self._spins.shape[1])]
+        self.names += [f"spin difference {i + 1}" for i in range(spins)]
+        self.names += [f"module{i // 2 + 1} layers" for i in range(layers)]
         self.names += ["lateness of the joints"]
 
     def corrections(self, unknowns: Array) -> Corrections:
         """Return the corrections for a vector (u,) of unknowns."""
         k = self.modules
-        spin = 1.0 + self._spins @ unknowns[2 * k + 2 : -1]
+        spin = 1.0 + self._spins @ unknowns[self._spin_part]
+        layers = np.resize(unknowns[self._layer_part], (k, 2))
         offset = unknowns[: 2 * k].reshape(k, 2)
         radii = 1.0 + unknowns[2 * k : 2 * k + 2]
-        return Corrections(offset, float(radii[0]), float(radii[1]), spin, float(unknowns[-1]))
+        return Corrections(
+            offset, float(radii[0]), float(radii[1]), spin, layers, float(unknowns[-1])
+        )
 
     def start(self, learned: Mapping[str, BiasStatus]) -> Array:
         """Return the vector (u,) of the biases estimated by the robot, named as in its status.
@@ -82,18 +104,19 @@ class CalibrationProblem:
         start[: 2 * self.modules] = [found.get(name, 0.0) for name in names]
         faster = np.array([found.get(name, 0.0) for name in shares])
         start[2 * self.modules] = faster.mean()
-        start[2 * self.modules + 2 : -1] = self._spins.T @ faster
+        start[self._spin_part] = self._spins.T @ faster
         return start
 
     def sigma(self, covariance: Array) -> Corrections:
         """Return the standard deviation of each correction, from the covariance (u, u)."""
         k = self.modules
         own = np.sqrt(np.diag(covariance))
-        spins = covariance[2 * k + 2 : -1, 2 * k + 2 : -1]
+        spins = covariance[self._spin_part, self._spin_part]
         spread = np.sqrt(np.einsum("ij,jk,ik->i", self._spins, spins, self._spins))
         radii, late_s = own[2 * k : 2 * k + 2], float(own[-1])
+        layers = np.resize(own[self._layer_part], (k, 2))
         return Corrections(
-            own[: 2 * k].reshape(k, 2), float(radii[0]), float(radii[1]), spread, late_s
+            own[: 2 * k].reshape(k, 2), float(radii[0]), float(radii[1]), spread, layers, late_s
         )
 
     def residual(self, run: Recording, unknowns: Array, start: Array) -> Array:
@@ -107,7 +130,7 @@ class CalibrationProblem:
         speeds = run.spin_rad_per_s if self.measured else run.commanded_rad_per_s * right.spin
         joints = np.empty((len(run.t_s), self.modules, 3))
         joints[..., :2] = run.angles_rad.reshape(-1, self.modules, 2) + right.offset_rad
-        joints[..., 2] = speeds
+        joints[..., 2] = speeds * self._surface(joints[..., :2], right.layers)
         flat = joints.reshape(len(joints), -1)
         dt_s = np.diff(run.t_s)[:, None]
         middle, rates = 0.5 * (flat[1:] + flat[:-1]), np.diff(flat, axis=0) / dt_s
@@ -121,6 +144,14 @@ class CalibrationProblem:
         for i in range(3):
             there[:, i] = np.interp(run.camera_s + right.delay_s, run.t_s, poses[:, i])
         return there
+
+    def _surface(self, angles_rad: Array, layers: Array) -> Array | float:
+        """Return the radius (n, k) of printed wheels at gimbal angles (n, k, 2), relative."""
+        if self._layers_per_radius == 0.0:
+            return 1.0
+        lowered = 1.0 - np.cos(angles_rad).prod(axis=-1)
+        phase = 2.0 * np.pi * self._layers_per_radius * lowered
+        return 1.0 + layers[:, 0] * np.sin(phase) + layers[:, 1] * np.cos(phase)
 
     def by_unknowns(self, run: Recording, unknowns: Array, start: Array) -> Array:
         """Return the Jacobian (m, 3, u + 3) of the residuals w.r.t. scaled unknowns and start."""
@@ -223,6 +254,7 @@ def fit_calibration(
     joints: JointErrors,
     speed_share: float = 0.0,
     learned: Mapping[str, BiasStatus] | None = None,
+    layer_m: float = 0.0,
 ) -> CalibrationFit:
     """Fit the corrections to camera poses, weighted by camera and joint noise.
 
@@ -231,12 +263,12 @@ def fit_calibration(
     That first fit starts from the biases `learned` by the robot.
 
     `speed_share` is the relative standard deviation of a common factor on all wheel speeds, due to
-    the battery voltage.
+    the battery voltage. `layer_m` is the height of the layers of printed wheels.
 
     Raises:
         TwinError: If the fit does not converge.
     """
-    problem = CalibrationProblem(drive, recordings)
+    problem = CalibrationProblem(drive, recordings, layer_m)
     weights = 1.0 / np.array([noise.sigma_m, noise.sigma_m, noise.sigma_rad])
     whitenings = [whitening(drive, run, noise, joints) for run in recordings]
     count = len(problem.prior)
@@ -299,11 +331,15 @@ def _make_fit(
     unknowns, starts = scaled[:count] * problem.prior, scaled[count:].reshape(-1, 3) / weights
     covariance: Array = np.linalg.inv(jacobian.T @ jacobian)[:count, :count].astype(float)
     covariance = covariance * np.outer(problem.prior, problem.prior)
-    data, free = jacobian[:-count, :count], jacobian[:-count, count:]
+    # Start poses are free, and so are disturbances within their prior.
+    known = problem.is_reported
+    rows = np.r_[: len(jacobian) - count, len(jacobian) - count + np.flatnonzero(~known)]
+    data = jacobian[np.ix_(rows, np.flatnonzero(known))]
+    free = jacobian[np.ix_(rows, np.r_[np.flatnonzero(~known), count : jacobian.shape[1]])]
     observed = data - free @ np.linalg.lstsq(free, data, rcond=None)[0]
     _, strengths, directions = np.linalg.svd(observed, full_matrices=False)
     unseen = [
-        _combination(direction, problem.names)
+        _combination(direction, [n for n, k in zip(problem.names, known, strict=True) if k])
         for strength, direction in zip(strengths, directions, strict=True)
         if strength < _UNOBSERVABLE
     ]

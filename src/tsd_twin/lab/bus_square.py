@@ -12,7 +12,7 @@ from tsd_twin.cli import experiment
 from tsd_twin.cli.experiment import Output
 from tsd_twin.errors import TwinError
 from tsd_twin.lab import tracking
-from tsd_twin.lab.tracking import TrackingRecord, tracking_errors
+from tsd_twin.lab.tracking import TrackingErrors, TrackingRecord, tracking_errors
 from tsd_twin.lie import SE2
 from tsd_twin.motion.trajectory import Trajectory
 from tsd_twin.sensors.pose import Frame
@@ -32,12 +32,13 @@ def drive_square(args: argparse.Namespace, out: Output) -> list[str]:
         args, out, lambda robot: plan_thesis_square(robot, args.room, args.speed), _WHAT
     )
     record, frames = tracking_record(driven)
-    seen_s = np.array([frame.taken_s for frame in frames])
-    seen_xy = tracking.camera_xy(record, frames)
-    goals = np.column_stack([np.interp(seen_s, record.t_s, x) for x in record.reference.T])
-    errors = tracking_errors(seen_xy, goals[:, :2], record.path_xy)
+    errors = camera_errors(record, frames)
+    x_m, y_m = tracking.camera_xy(record, frames).T
     out.table("square", record.columns())
-    out.table("square_camera", {"t_s": seen_s, "x_m": seen_xy[:, 0], "y_m": seen_xy[:, 1]})
+    out.table(
+        "square_camera",
+        {"t_s": [frame.taken_s for frame in frames], "x_m": x_m, "y_m": y_m},
+    )
     side = f"square of {errors.size_m:.2f} m"
     figure = experiment.new_figure(10.5, 4.6, f"{driven.robot_id}: {side} by a camera")
     left, right = figure.subplots(1, 2)
@@ -54,10 +55,18 @@ def drive_square(args: argparse.Namespace, out: Output) -> list[str]:
     ]
 
 
-def tracking_record(driven: BusDrive) -> tuple[TrackingRecord, list[Frame]]:
-    """Return the record of the square in the axes of its path, and the frames taken meanwhile.
+def camera_errors(record: TrackingRecord, frames: list[Frame]) -> TrackingErrors:
+    """Return the errors of the positions in the frames, against the references at their times."""
+    taken_s = np.array([frame.taken_s for frame in frames])
+    x, y = (np.interp(taken_s, record.t_s, record.reference[:, i]) for i in (0, 1))
+    seen_xy = tracking.camera_xy(record, frames)
+    return tracking_errors(seen_xy, np.column_stack([x, y]), record.path_xy)
 
-    The path is the robot's own estimate; the frames are relative to the first reference.
+
+def tracking_record(driven: BusDrive) -> tuple[TrackingRecord, list[Frame]]:
+    """Return the record of the square in the axes of its path, and its frames.
+
+    Its truth is the estimate of the guided drive; frames are relative to the first reference.
 
     Raises:
         TwinError: If there are too few frames, or a gap between them.
@@ -83,7 +92,7 @@ def tracking_record(driven: BusDrive) -> tuple[TrackingRecord, list[Frame]]:
 
 
 def _record(steps: list[GuidedStep], trajectory: Trajectory) -> TrackingRecord:
-    """Return the record of the steps, with the estimate for the true path."""
+    """Return the record of the steps."""
     pose = np.array([step.pose.xy_heading for step in steps])
     return TrackingRecord(
         np.array([step.now_s - steps[0].now_s for step in steps]),

@@ -213,6 +213,7 @@ class TrajectoryExecutor:
         *,
         lag_s: float = 0.0,
         delay_s: float = 0.0,
+        integral_limits: tuple[float, float] = (0.05, 0.2),
     ) -> None:
         """Initialize the executor.
 
@@ -221,6 +222,7 @@ class TrajectoryExecutor:
             cap: Scales a twist (3,) to the limits.
             lag_s: Lag of the joints.
             delay_s: Round-trip time of the link.
+            integral_limits: Anti-windup limits of position and heading, m/s and rad/s.
         """
         self.trajectory = trajectory
         self._cap = cap
@@ -228,8 +230,8 @@ class TrajectoryExecutor:
         self._tracker = TrackingController(
             trajectory,
             lag_s=lag_s,
-            position=Gains(1.0, 0.25, integral_limit=0.05),
-            heading=Gains(1.0, 0.25, integral_limit=0.2),
+            position=Gains(1.0, 0.25, integral_limit=integral_limits[0]),
+            heading=Gains(1.0, 0.25, integral_limit=integral_limits[1]),
         )
         self._t_s = 0.0
         self._last_s: float | None = None

@@ -9,7 +9,7 @@ import numpy as np
 
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.robots import RobotDescription
+from tsd_twin.robots import RobotDescription, SingularityDescription, description_of_kind
 from tsd_twin.simulation.factory import simulate
 
 _MIN_STEP_S = 1e-9
@@ -37,6 +37,10 @@ class SimRobot:
     `noise` scales the described standard deviations. Wheel speeds are measured if robots of this
     kind do so, unless `measures_spin` overrides it. For `plant`, `errors` and exceptions see
     `simulate`.
+
+    The controller is configured with the description `believed`, by default that of the robot. The
+    interface carries servo angles and throttles, and each side converts them to joints by its own
+    `[calibration]`.
     """
 
     def __init__(
@@ -50,6 +54,7 @@ class SimRobot:
         pose: SE2 | SO3 | None = None,
         plant: str = "kinematic",
         errors: float = 0.0,
+        believed: SingularityDescription | None = None,
     ) -> None:
         self._simulation = simulate(
             robot,
@@ -60,6 +65,10 @@ class SimRobot:
             plant=plant,
             errors=errors,
         )
+        self._offsets = None
+        if believed is not None:
+            own = description_of_kind(robot, SingularityDescription)
+            self._offsets = own.actuator_offsets(), believed.actuator_offsets()
         joints = self._simulation.kinematics.joints
         measured = robot.measures_spin if measures_spin is None else measures_spin
         self._shape = (len(joints),)
@@ -81,6 +90,9 @@ class SimRobot:
         self._advance(now_s)
         measured = self._simulation.measure()
         measured[self._unmeasured] = np.nan
+        if self._offsets is not None:
+            (own, believed), count = self._offsets, self._shape[0]
+            measured[:count] = believed.from_servos(own.to_servos(measured[:count]))
         return measured
 
     def write(self, setpoint: Array, now_s: float) -> None:
@@ -94,7 +106,10 @@ class SimRobot:
                 f"set-points must have the shape {self._shape}, these have {np.shape(setpoint)}"
             )
         self._advance(now_s)
-        self._simulation.command(setpoint)
+        if self._offsets is not None:
+            own, believed = self._offsets
+            setpoint = own.from_actuators(believed.to_actuators(setpoint))
+        self._simulation.command(self._reachable(setpoint))
 
     def truth(self, now_s: float) -> SimulationTruth:
         """Return the true state."""
@@ -108,6 +123,10 @@ class SimRobot:
 
     def close(self) -> None:
         """Do nothing, because the simulation holds no resources."""
+
+    def _reachable(self, setpoint: Array) -> Array:
+        """Return the setpoints (n,) that the joints can follow."""
+        return setpoint
 
     def _advance(self, now_s: float) -> None:
         if self._now_s is None:

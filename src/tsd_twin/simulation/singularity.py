@@ -91,7 +91,8 @@ class Actuation:
         self._angle_noise_rad = noise * float(np.radians(robot.noise.gimbal_angle_deg))
         spin_errors = noise * robot.noise.speed_scale_sigma * self._random.standard_normal(shape)
         self._nominal_v = nominal_v
-        self._sound_share = (1.0 + spin_errors) * self._offsets.scale[self.wheels]
+        self.sound_shares: Array = (1.0 + spin_errors) * self._offsets.scale[self.wheels]
+        """(..., k): speed of each healthy wheel relative to the motor table."""
         self._wheel_shares: Array = np.ones(shape)
         self._unloaded: Array = np.zeros(shape)
         """(..., k): speeds from the motor table for the latest signals."""
@@ -173,7 +174,7 @@ class Actuation:
 
     def _set_speed_goals(self) -> None:
         # The curves were measured at nominal voltage.
-        share = self.battery_v / self._nominal_v * self._sound_share * self._wheel_shares
+        share = self.battery_v / self._nominal_v * self.sound_shares * self._wheel_shares
         self.speed_goals[...] = self._unloaded * share
         self._all_on = bool(self.speed_goals.all())
 

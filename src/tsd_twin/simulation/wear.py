@@ -115,19 +115,18 @@ class DegradedRobot(SimRobot):
         """Block a gimbal servo."""
         self._block_angles[self._names.index(jam.joint)] = jam.lean_rad
 
-    def write(self, setpoint: Array, now_s: float) -> None:
-        """Write setpoints (n,); a blocked joint keeps its current angle."""
+    def _reachable(self, setpoint: Array) -> Array:
+        """Return the setpoints (n,); a blocked joint keeps its current angle."""
         if not self._block_angles:
-            super().write(setpoint, now_s)
-            return
-        joints = self.truth(now_s).joints
+            return setpoint
+        joints = self._simulation.joints
         for place, lean_rad in self._block_angles.items():
             if abs(joints[place]) >= lean_rad:
                 self._held.setdefault(place, float(joints[place]))
-        if self._held and np.shape(setpoint) == np.shape(joints):
+        if self._held:
             setpoint = setpoint.copy()
             setpoint[list(self._held)] = list(self._held.values())
-        super().write(setpoint, now_s)
+        return setpoint
 
     def wear(self, wear: Wear) -> None:
         """Apply wear to a part."""

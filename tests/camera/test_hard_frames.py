@@ -1,0 +1,47 @@
+"""No pose is far off, and whole tags are used, in pictures that are hard to read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.support.hard_frames import SMALLEST_PX, hard_frames, tally
+from tsd_twin.camera.detect import find_tags
+from tsd_twin.camera.lens import CameraPlace, Lens, View
+from tsd_twin.camera.render import Body, SimulatedCamera, cylinder
+from tsd_twin.camera.tags import Tag
+
+
+@pytest.mark.timeout(1500)
+@pytest.mark.parametrize(("count", "seed"), [(60, 0), (10_000, 1)])
+def test_no_pose_is_five_centimetres_off_and_whole_tags_are_used(count: int, seed: int) -> None:
+    """Glare, covers, other tags, sides of 25 to 80 px, and tilts of up to 3 degrees."""
+    found = tally(count, seed)
+    assert found.frames == count
+    assert not found.wrong, found.refused
+    assert found.whole > 0.2 * count
+    # Of few frames, one may be missed.
+    assert found.whole_used >= min(0.95 * found.whole, found.whole - 1), found.refused
+    assert found.used > found.whole_used
+
+
+def test_frames_are_as_hard_as_described() -> None:
+    view = View(Lens.ideal(1280, 720, 60.0), CameraPlace.looking_down(2.8))
+    frames = list(hard_frames(SimulatedCamera(view), np.random.default_rng(2)))
+    whole = sum(is_whole for *_, is_whole in frames)
+    assert 0.2 < whole / len(frames) < 0.8
+    assert min(side for _, _, side, _ in frames) > SMALLEST_PX
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_white_border_on_a_dark_robot_does_not_hide_its_tag(seed: int) -> None:
+    """Tags of 70 px: both edges of the border are outlines of squares."""
+    random = np.random.default_rng(seed)
+    view = View(Lens.ideal(1280, 720, 60.0), CameraPlace.looking_down(2.8))
+    camera = SimulatedCamera(view, seed=seed)
+    tag = Tag(3, 0.16, "tsd", 0.3)
+    robot = Body([cylinder(0.2, 0.29)], [tag])
+    for _ in range(10):
+        pose = np.array([*random.uniform([-1.0, -0.5], [1.0, 0.5]), random.uniform(-3.1, 3.1)])
+        seen = find_tags(camera.draw([(robot, [pose])]), [tag.family])
+        assert [each.number for each in seen] == [3]
