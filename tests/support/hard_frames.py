@@ -28,7 +28,7 @@ MOST_TILT_RAD = math.radians(3.0)
 MOST_WRONG_M = 0.05
 _SPOILT, _OTHERS = 0.4, 3
 """Probability of glare, and of a cover; largest number of other robots with tags."""
-_VIEWED = 50
+_VIEWED = 100
 """Frames of each camera."""
 
 

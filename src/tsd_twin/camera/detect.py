@@ -26,8 +26,8 @@ _CORRECTED_SHARE = 0.3
 _NESTED_SHARE = 0.02
 """Distance between outlines that count as one, relative to the circumference.
 
-With OpenCV's 0.125, the edge of the white border on a dark robot replaces the tag inside it, and 3
-of 100 tags of 65 px and more are not found.
+With OpenCV's 0.125, the edge of the white border on a dark robot may replace the tag inside it: 3
+of 100 tags of 65 px and more are not found, most of them near the edge of the picture.
 """
 LEAST_SIDE_PX = 16.0
 """Smallest side of a tag: below it two cells share a pixel."""
