@@ -7,9 +7,9 @@
 #include <stdint.h>
 
 #define CT_MODEL 2014
-#define CT_FW_VERSION 5
+#define CT_FW_VERSION 6
 #define CT_BOARD_ID 200
-#define CT_TABLE_VERSION 5
+#define CT_TABLE_VERSION 6
 #define CT_SERVOS 6
 #define CT_ESCS 3
 #define CT_RC_CHANNELS 6
@@ -17,7 +17,7 @@
 #define CT_STICKS 4
 #define CT_ZERO_THROTTLE 2000
 #define CT_FULL_THROTTLE 4000
-#define CT_SIZE 305
+#define CT_SIZE 343
 
 typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
@@ -71,23 +71,27 @@ typedef enum {  // Signal type of the radio receiver.
 
 // Identity of the board and fixed parameters.
 #define CT_IDENTITY 0
-#define CT_IDENTITY_SIZE 22
+#define CT_IDENTITY_SIZE 26
 
 // Robot parameters in EEPROM. Written as a whole, at least 2 s after the last throttle.
-#define CT_SETUP 22
+#define CT_SETUP 26
 #define CT_SETUP_SIZE 79
 
 // Joint commands: one WRITE of the whole block per cycle; a partial one is error 5.
-#define CT_COMMAND 101
+#define CT_COMMAND 105
 #define CT_COMMAND_SIZE 26
 
 // Measurements and states: one READ per cycle.
-#define CT_TELEMETRY 127
+#define CT_TELEMETRY 131
 #define CT_TELEMETRY_SIZE 134
 
 // All receiver channels of both types, for setting up the receiver.
-#define CT_RADIO 261
+#define CT_RADIO 265
 #define CT_RADIO_SIZE 44
+
+// Geometry and limits of the robot that the firmware was built for, used by radio control.
+#define CT_GEOMETRY 309
+#define CT_GEOMETRY_SIZE 34
 
 typedef struct __attribute__((packed)) {
   // identity: read only
@@ -102,76 +106,88 @@ typedef struct __attribute__((packed)) {
   uint16_t esc_hold_ms;  // 17: Required duration of zero throttle before arming. [ms]
   uint16_t neutral_band;  // 19: Tolerance of the neutral position. [step]
   uint8_t servo_hot_c;  // 21: Servo temperature that prevents arming and trips. [deg C]
+  uint32_t build;  // 22: Hash of the firmware's sources.
   // setup: read; write while disarmed
-  uint8_t servo_id[6];  // 22: Unique servo ids: alpha and beta of module 1, then 2, then 3.
-  uint16_t neutral[6];  // 28: Servo position at neutral. [step]
-  uint8_t reverse;  // 40: Bit i: servo i turns in the opposite direction.
-  uint16_t goal_limit;  // 41: Goals are clamped to ± this value. [step]
-  uint8_t servos_expected;  // 43: Bit i: servo i must respond to arm and stay armed; 0 if the board drives no servos.
-  uint16_t battery_arm_mv;  // 44: Minimum battery voltage for arming. [mV]
-  uint16_t battery_stop_mv;  // 46: Trips if the battery is below this voltage for 1 s. [mV]
-  uint16_t bandgap_mv;  // 48: Bandgap voltage of the chip, the reference for its supply voltage. [mV]
-  uint8_t receiver_expected;  // 50: 1: arming and staying armed requires a receiver, even if none was seen since power-on.
-  uint16_t stick_low[4];  // 51: Pulses at the low ends of forward, left, turn, speed. [us]
-  uint16_t stick_centre[4];  // 59: Pulses at rest; unused for speed. [us]
-  uint16_t stick_high[4];  // 67: Pulses at the high ends. [us]
-  uint8_t stick_dead;  // 75: Dead band at the centre and at both ends. [us]
-  uint8_t receiver_kind;  // 76: Signal type of the receiver: `ReceiverKind`.
-  uint32_t receiver_map;  // 77: Channels of forward, left, turn, speed, kill, manual: 4 bits each, lowest first.
-  uint16_t pulse_low[3];  // 81: Pulse at zero throttle per speed controller; writable only while they have no power. [0.5 us]
-  uint16_t pulse_high[3];  // 87: Pulse at full throttle. [0.5 us]
-  uint16_t throttle_limit[3];  // 93: Maximum throttle from any source.
-  uint16_t throttle_rise;  // 99: Maximum throttle increase per 10 ms; decreases are immediate.
+  uint8_t servo_id[6];  // 26: Unique servo ids: alpha and beta of module 1, then 2, then 3.
+  uint16_t neutral[6];  // 32: Servo position at neutral. [step]
+  uint8_t reverse;  // 44: Bit i: servo i turns in the opposite direction.
+  uint16_t goal_limit;  // 45: Goals are clamped to ± this value. [step]
+  uint8_t servos_expected;  // 47: Bit i: servo i must respond to arm and stay armed; 0 if the board drives no servos.
+  uint16_t battery_arm_mv;  // 48: Minimum battery voltage for arming. [mV]
+  uint16_t battery_stop_mv;  // 50: Trips if the battery is below this voltage for 1 s. [mV]
+  uint16_t bandgap_mv;  // 52: Bandgap voltage of the chip, the reference for its supply voltage. [mV]
+  uint8_t receiver_expected;  // 54: 1: arming and staying armed requires a receiver, even if none was seen since power-on.
+  uint16_t stick_low[4];  // 55: Pulses at the low ends of forward, left, turn, speed. [us]
+  uint16_t stick_centre[4];  // 63: Pulses at rest; unused for speed. [us]
+  uint16_t stick_high[4];  // 71: Pulses at the high ends. [us]
+  uint8_t stick_dead;  // 79: Dead band at the centre and at both ends. [us]
+  uint8_t receiver_kind;  // 80: Signal type of the receiver: `ReceiverKind`.
+  uint32_t receiver_map;  // 81: Channels of forward, left, turn, speed, kill, manual: 4 bits each, lowest first.
+  uint16_t pulse_low[3];  // 85: Pulse at zero throttle per speed controller; writable only while they have no power. [0.5 us]
+  uint16_t pulse_high[3];  // 91: Pulse at full throttle. [0.5 us]
+  uint16_t throttle_limit[3];  // 97: Maximum throttle from any source.
+  uint16_t throttle_rise;  // 103: Maximum throttle increase per 10 ms; decreases are immediate.
   // command: read and write
-  uint16_t heartbeat;  // 101: Heartbeat counter; must change to arm. While armed, an older counter is error 7.
-  uint8_t arm;  // 103: Changing 0 to 1 arms unless refused; 0 disarms. After a trip, 0 must be written first; repeating 1 never re-arms. 2 is STOP, also for the radio control: no source gets control until a 0 is written in this session.
-  uint8_t torque;  // 104: 0 switches servo torque off; only while disarmed.
-  uint16_t throttle[3];  // 105: Throttle per speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; applied while armed.
-  int16_t goal[6];  // 111: Gimbal goals from neutral: alpha and beta of module 1, then 2, then 3; used if armed. [step]
-  uint16_t session[2];  // 123: Must equal `nonce`; else the block can only disarm or stop, and `arm` 1 is error 7.
+  uint16_t heartbeat;  // 105: Heartbeat counter; must change to arm. While armed, an older counter is error 7.
+  uint8_t arm;  // 107: Changing 0 to 1 arms unless refused; 0 disarms. After a trip, 0 must be written first; repeating 1 never re-arms. 2 is STOP, also for the radio control: no source gets control until a 0 is written in this session.
+  uint8_t torque;  // 108: 0 switches servo torque off; only while disarmed.
+  uint16_t throttle[3];  // 109: Throttle per speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; applied while armed.
+  int16_t goal[6];  // 115: Gimbal goals from neutral: alpha and beta of module 1, then 2, then 3; used if armed. [step]
+  uint16_t session[2];  // 127: Must equal `nonce`; else the block can only disarm or stop, and `arm` 1 is error 7.
   // telemetry: read only
-  uint32_t millis;  // 127: Time since the reset. [ms]
-  uint8_t mode;  // 131: Source of the joint commands: `BoardMode`.
-  uint8_t trip;  // 132: Reason of the last trip, until the board is armed: `Trip`.
-  uint8_t refusal;  // 133: Reason of the last refusal to arm: `Refusal`.
-  uint8_t reset_cause;  // 134: Reason of the last reset: `ResetCause`.
-  uint16_t beat;  // 135: Echo of the last written heartbeat.
-  uint16_t nonce[2];  // 137: Session number; changes at each start, each disarming, and each 1 in `arm` that does not arm.
-  uint8_t setup_known;  // 141: 1: a setup was ever written.
-  uint8_t drive_on;  // 142: 1: the speed controllers have power, behind the contactor.
-  uint8_t esc_ready;  // 143: 1: zero throttle was output for `esc_hold_ms` since the speed controllers got power and since the last disarming.
-  uint8_t servo_found;  // 144: Bit i: servo i responded to a ping.
-  uint8_t servo_alive;  // 145: Bit i: servo i responded within the last 50 ms.
-  uint8_t servo_protocol;  // 146: Bit i: servo i uses Protocol 2.0, else 1.0.
-  uint8_t servo_fault;  // 147: Bit i: servo i reports a hardware error.
-  uint8_t servo_torque;  // 148: Bit i: servo i reported torque on within the last 150 ms.
-  uint8_t servo_checked;  // 149: Bit i: the settings of servo i have the required values.
-  uint8_t wrong_servo;  // 150: Number (from 1) of a servo with a wrong setting, see the next two items; else 0.
-  uint8_t wrong_register;  // 151: Address of the setting in the servo's table; 0: model number.
-  uint32_t wrong_value;  // 152: Value of the setting.
-  uint16_t throttle_out[3];  // 156: Current throttle output.
-  int16_t position[6];  // 162: Gimbal positions from neutral. [step]
-  int16_t velocity[6];  // 174: Gimbal velocities. [step/s]
-  int16_t current[6];  // 186: Servo currents. [mA]
-  uint8_t voltage[6];  // 198: Servo voltages. [0.1 V]
-  uint8_t temperature[6];  // 204: Servo temperatures. [deg C]
-  uint16_t rc[6];  // 210: Receiver pulses: forward, left, turn, speed, kill, manual; 0 if missing. [us]
-  uint16_t battery_mv;  // 222: Battery voltage. [mV]
-  uint16_t drive_mv;  // 224: Speed-controller voltage, behind the contactor. [mV]
-  uint16_t supply_mv;  // 226: Board supply voltage, the reference for the other two. [mV]
-  uint16_t crc_errors;  // 228: Packets from the PC with a wrong CRC.
-  uint16_t rx_errors;  // 230: Lost bytes and abandoned incomplete packets from the PC.
-  uint16_t servo_errors;  // 232: Missing or invalid servo responses.
-  uint16_t overruns;  // 234: Cycles longer than 10 ms.
-  uint16_t trips;  // 236: Number of trips since power-on.
-  uint16_t resets;  // 238: Number of resets since power-on.
-  uint8_t stop_proven;  // 240: 1: the stop circuit has been open since power-on.
-  uint8_t servo_far;  // 241: Bit i: servo i has not been within 100 steps of `neutral` since power-on or a change of `neutral`, so it gets no torque.
-  uint8_t servo_stuck;  // 242: Bit i: servo i did not follow its goal at the last trip.
-  uint16_t servo_model[6];  // 243: Servo model numbers; 0 if not read.
-  uint8_t servo_missed[6];  // 255: Missing or invalid responses per servo; wraps from 255 to 0.
+  uint32_t millis;  // 131: Time since the reset. [ms]
+  uint8_t mode;  // 135: Source of the joint commands: `BoardMode`.
+  uint8_t trip;  // 136: Reason of the last trip, until the board is armed: `Trip`.
+  uint8_t refusal;  // 137: Reason of the last refusal to arm: `Refusal`.
+  uint8_t reset_cause;  // 138: Reason of the last reset: `ResetCause`.
+  uint16_t beat;  // 139: Echo of the last written heartbeat.
+  uint16_t nonce[2];  // 141: Session number; changes at each start, each disarming, and each 1 in `arm` that does not arm.
+  uint8_t setup_known;  // 145: 1: a setup was ever written.
+  uint8_t drive_on;  // 146: 1: the speed controllers have power, behind the contactor.
+  uint8_t esc_ready;  // 147: 1: zero throttle was output for `esc_hold_ms` since the speed controllers got power and since the last disarming.
+  uint8_t servo_found;  // 148: Bit i: servo i responded to a ping.
+  uint8_t servo_alive;  // 149: Bit i: servo i responded within the last 50 ms.
+  uint8_t servo_protocol;  // 150: Bit i: servo i uses Protocol 2.0, else 1.0.
+  uint8_t servo_fault;  // 151: Bit i: servo i reports a hardware error.
+  uint8_t servo_torque;  // 152: Bit i: servo i reported torque on within the last 150 ms.
+  uint8_t servo_checked;  // 153: Bit i: the settings of servo i have the required values.
+  uint8_t wrong_servo;  // 154: Number (from 1) of a servo with a wrong setting, see the next two items; else 0.
+  uint8_t wrong_register;  // 155: Address of the setting in the servo's table; 0: model number.
+  uint32_t wrong_value;  // 156: Value of the setting.
+  uint16_t throttle_out[3];  // 160: Current throttle output.
+  int16_t position[6];  // 166: Gimbal positions from neutral. [step]
+  int16_t velocity[6];  // 178: Gimbal velocities. [step/s]
+  int16_t current[6];  // 190: Servo currents. [mA]
+  uint8_t voltage[6];  // 202: Servo voltages. [0.1 V]
+  uint8_t temperature[6];  // 208: Servo temperatures. [deg C]
+  uint16_t rc[6];  // 214: Receiver pulses: forward, left, turn, speed, kill, manual; 0 if missing. [us]
+  uint16_t battery_mv;  // 226: Battery voltage. [mV]
+  uint16_t drive_mv;  // 228: Speed-controller voltage, behind the contactor. [mV]
+  uint16_t supply_mv;  // 230: Board supply voltage, the reference for the other two. [mV]
+  uint16_t crc_errors;  // 232: Packets from the PC with a wrong CRC.
+  uint16_t rx_errors;  // 234: Lost bytes and abandoned incomplete packets from the PC.
+  uint16_t servo_errors;  // 236: Missing or invalid servo responses.
+  uint16_t overruns;  // 238: Cycles longer than 10 ms.
+  uint16_t trips;  // 240: Number of trips since power-on.
+  uint16_t resets;  // 242: Number of resets since power-on.
+  uint8_t stop_proven;  // 244: 1: the stop circuit has been open since power-on.
+  uint8_t servo_far;  // 245: Bit i: servo i has not been within 100 steps of `neutral` since power-on or a change of `neutral`, so it gets no torque.
+  uint8_t servo_stuck;  // 246: Bit i: servo i did not follow its goal at the last trip.
+  uint16_t servo_model[6];  // 247: Servo model numbers; 0 if not read.
+  uint8_t servo_missed[6];  // 259: Missing or invalid responses per servo; wraps from 255 to 0.
   // radio: read only
-  uint16_t channel[22];  // 261: SBUS channels, then the pulses of the wires; 0 if missing. [us]
+  uint16_t channel[22];  // 265: SBUS channels, then the pulses of the wires; 0 if missing. [us]
+  // geometry: read only
+  uint32_t wheel_radius_um;  // 309: Radius of the wheels. [um]
+  int16_t pivot_x[3];  // 313: Position of each module's pivot, forward of the centre. [0.1 mm]
+  int16_t pivot_y[3];  // 319: Position of each module's pivot, to the left of the centre. [0.1 mm]
+  uint16_t cruise_rpm[3];  // 325: Cruising speed of each wheel. [rpm]
+  uint16_t max_tilt;  // 331: Maximum tilt of the gimbals. [0.01 deg]
+  uint16_t servo_steps;  // 333: Servo steps per turn. [step]
+  uint16_t speed;  // 335: Speed limit. [mm/s]
+  uint16_t turn_rate;  // 337: Turn rate limit. [mrad/s]
+  uint16_t acceleration;  // 339: Acceleration limit. [mm/s2]
+  uint16_t angular_acceleration;  // 341: Angular acceleration limit. [0.01 rad/s2]
 } control_table_t;
 
 _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
@@ -179,8 +195,8 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
 // X(name, address, type, count, default, increment per element): every item.
 #define CT_ITEMS(X) \
   X(model, 0, uint16_t, 1, 2014, 0) \
-  X(fw, 2, uint8_t, 1, 5, 0) \
-  X(table_version, 3, uint8_t, 1, 5, 0) \
+  X(fw, 2, uint8_t, 1, 6, 0) \
+  X(table_version, 3, uint8_t, 1, 6, 0) \
   X(id, 4, uint8_t, 1, 200, 0) \
   X(host_baud, 5, uint32_t, 1, 1000000, 0) \
   X(servo_baud, 9, uint32_t, 1, 1000000, 0) \
@@ -189,99 +205,110 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(esc_hold_ms, 17, uint16_t, 1, 2000, 0) \
   X(neutral_band, 19, uint16_t, 1, 11, 0) \
   X(servo_hot_c, 21, uint8_t, 1, 75, 0) \
-  X(servo_id, 22, uint8_t, 6, 1, 1) \
-  X(neutral, 28, uint16_t, 6, 2048, 0) \
-  X(reverse, 40, uint8_t, 1, 0, 0) \
-  X(goal_limit, 41, uint16_t, 1, 341, 0) \
-  X(servos_expected, 43, uint8_t, 1, 63, 0) \
-  X(battery_arm_mv, 44, uint16_t, 1, 0, 0) \
-  X(battery_stop_mv, 46, uint16_t, 1, 0, 0) \
-  X(bandgap_mv, 48, uint16_t, 1, 1100, 0) \
-  X(receiver_expected, 50, uint8_t, 1, 0, 0) \
-  X(stick_low, 51, uint16_t, 4, 1100, 0) \
-  X(stick_centre, 59, uint16_t, 4, 1500, 0) \
-  X(stick_high, 67, uint16_t, 4, 1900, 0) \
-  X(stick_dead, 75, uint8_t, 1, 20, 0) \
-  X(receiver_kind, 76, uint8_t, 1, 0, 0) \
-  X(receiver_map, 77, uint32_t, 1, 5517840, 0) \
-  X(pulse_low, 81, uint16_t, 3, 2000, 0) \
-  X(pulse_high, 87, uint16_t, 3, 4000, 0) \
-  X(throttle_limit, 93, uint16_t, 3, 4000, 0) \
-  X(throttle_rise, 99, uint16_t, 1, 2000, 0) \
-  X(heartbeat, 101, uint16_t, 1, 0, 0) \
-  X(arm, 103, uint8_t, 1, 0, 0) \
-  X(torque, 104, uint8_t, 1, 1, 0) \
-  X(throttle, 105, uint16_t, 3, 2000, 0) \
-  X(goal, 111, int16_t, 6, 0, 0) \
-  X(session, 123, uint16_t, 2, 0, 0) \
-  X(millis, 127, uint32_t, 1, 0, 0) \
-  X(mode, 131, uint8_t, 1, 0, 0) \
-  X(trip, 132, uint8_t, 1, 0, 0) \
-  X(refusal, 133, uint8_t, 1, 0, 0) \
-  X(reset_cause, 134, uint8_t, 1, 0, 0) \
-  X(beat, 135, uint16_t, 1, 0, 0) \
-  X(nonce, 137, uint16_t, 2, 0, 0) \
-  X(setup_known, 141, uint8_t, 1, 0, 0) \
-  X(drive_on, 142, uint8_t, 1, 0, 0) \
-  X(esc_ready, 143, uint8_t, 1, 0, 0) \
-  X(servo_found, 144, uint8_t, 1, 0, 0) \
-  X(servo_alive, 145, uint8_t, 1, 0, 0) \
-  X(servo_protocol, 146, uint8_t, 1, 0, 0) \
-  X(servo_fault, 147, uint8_t, 1, 0, 0) \
-  X(servo_torque, 148, uint8_t, 1, 0, 0) \
-  X(servo_checked, 149, uint8_t, 1, 0, 0) \
-  X(wrong_servo, 150, uint8_t, 1, 0, 0) \
-  X(wrong_register, 151, uint8_t, 1, 0, 0) \
-  X(wrong_value, 152, uint32_t, 1, 0, 0) \
-  X(throttle_out, 156, uint16_t, 3, 2000, 0) \
-  X(position, 162, int16_t, 6, 0, 0) \
-  X(velocity, 174, int16_t, 6, 0, 0) \
-  X(current, 186, int16_t, 6, 0, 0) \
-  X(voltage, 198, uint8_t, 6, 0, 0) \
-  X(temperature, 204, uint8_t, 6, 0, 0) \
-  X(rc, 210, uint16_t, 6, 0, 0) \
-  X(battery_mv, 222, uint16_t, 1, 0, 0) \
-  X(drive_mv, 224, uint16_t, 1, 0, 0) \
-  X(supply_mv, 226, uint16_t, 1, 0, 0) \
-  X(crc_errors, 228, uint16_t, 1, 0, 0) \
-  X(rx_errors, 230, uint16_t, 1, 0, 0) \
-  X(servo_errors, 232, uint16_t, 1, 0, 0) \
-  X(overruns, 234, uint16_t, 1, 0, 0) \
-  X(trips, 236, uint16_t, 1, 0, 0) \
-  X(resets, 238, uint16_t, 1, 0, 0) \
-  X(stop_proven, 240, uint8_t, 1, 0, 0) \
-  X(servo_far, 241, uint8_t, 1, 0, 0) \
-  X(servo_stuck, 242, uint8_t, 1, 0, 0) \
-  X(servo_model, 243, uint16_t, 6, 0, 0) \
-  X(servo_missed, 255, uint8_t, 6, 0, 0) \
-  X(channel, 261, uint16_t, 22, 0, 0)
+  X(build, 22, uint32_t, 1, 0, 0) \
+  X(servo_id, 26, uint8_t, 6, 1, 1) \
+  X(neutral, 32, uint16_t, 6, 2048, 0) \
+  X(reverse, 44, uint8_t, 1, 0, 0) \
+  X(goal_limit, 45, uint16_t, 1, 341, 0) \
+  X(servos_expected, 47, uint8_t, 1, 63, 0) \
+  X(battery_arm_mv, 48, uint16_t, 1, 0, 0) \
+  X(battery_stop_mv, 50, uint16_t, 1, 0, 0) \
+  X(bandgap_mv, 52, uint16_t, 1, 1100, 0) \
+  X(receiver_expected, 54, uint8_t, 1, 0, 0) \
+  X(stick_low, 55, uint16_t, 4, 1100, 0) \
+  X(stick_centre, 63, uint16_t, 4, 1500, 0) \
+  X(stick_high, 71, uint16_t, 4, 1900, 0) \
+  X(stick_dead, 79, uint8_t, 1, 20, 0) \
+  X(receiver_kind, 80, uint8_t, 1, 0, 0) \
+  X(receiver_map, 81, uint32_t, 1, 5517840, 0) \
+  X(pulse_low, 85, uint16_t, 3, 2000, 0) \
+  X(pulse_high, 91, uint16_t, 3, 4000, 0) \
+  X(throttle_limit, 97, uint16_t, 3, 4000, 0) \
+  X(throttle_rise, 103, uint16_t, 1, 2000, 0) \
+  X(heartbeat, 105, uint16_t, 1, 0, 0) \
+  X(arm, 107, uint8_t, 1, 0, 0) \
+  X(torque, 108, uint8_t, 1, 1, 0) \
+  X(throttle, 109, uint16_t, 3, 2000, 0) \
+  X(goal, 115, int16_t, 6, 0, 0) \
+  X(session, 127, uint16_t, 2, 0, 0) \
+  X(millis, 131, uint32_t, 1, 0, 0) \
+  X(mode, 135, uint8_t, 1, 0, 0) \
+  X(trip, 136, uint8_t, 1, 0, 0) \
+  X(refusal, 137, uint8_t, 1, 0, 0) \
+  X(reset_cause, 138, uint8_t, 1, 0, 0) \
+  X(beat, 139, uint16_t, 1, 0, 0) \
+  X(nonce, 141, uint16_t, 2, 0, 0) \
+  X(setup_known, 145, uint8_t, 1, 0, 0) \
+  X(drive_on, 146, uint8_t, 1, 0, 0) \
+  X(esc_ready, 147, uint8_t, 1, 0, 0) \
+  X(servo_found, 148, uint8_t, 1, 0, 0) \
+  X(servo_alive, 149, uint8_t, 1, 0, 0) \
+  X(servo_protocol, 150, uint8_t, 1, 0, 0) \
+  X(servo_fault, 151, uint8_t, 1, 0, 0) \
+  X(servo_torque, 152, uint8_t, 1, 0, 0) \
+  X(servo_checked, 153, uint8_t, 1, 0, 0) \
+  X(wrong_servo, 154, uint8_t, 1, 0, 0) \
+  X(wrong_register, 155, uint8_t, 1, 0, 0) \
+  X(wrong_value, 156, uint32_t, 1, 0, 0) \
+  X(throttle_out, 160, uint16_t, 3, 2000, 0) \
+  X(position, 166, int16_t, 6, 0, 0) \
+  X(velocity, 178, int16_t, 6, 0, 0) \
+  X(current, 190, int16_t, 6, 0, 0) \
+  X(voltage, 202, uint8_t, 6, 0, 0) \
+  X(temperature, 208, uint8_t, 6, 0, 0) \
+  X(rc, 214, uint16_t, 6, 0, 0) \
+  X(battery_mv, 226, uint16_t, 1, 0, 0) \
+  X(drive_mv, 228, uint16_t, 1, 0, 0) \
+  X(supply_mv, 230, uint16_t, 1, 0, 0) \
+  X(crc_errors, 232, uint16_t, 1, 0, 0) \
+  X(rx_errors, 234, uint16_t, 1, 0, 0) \
+  X(servo_errors, 236, uint16_t, 1, 0, 0) \
+  X(overruns, 238, uint16_t, 1, 0, 0) \
+  X(trips, 240, uint16_t, 1, 0, 0) \
+  X(resets, 242, uint16_t, 1, 0, 0) \
+  X(stop_proven, 244, uint8_t, 1, 0, 0) \
+  X(servo_far, 245, uint8_t, 1, 0, 0) \
+  X(servo_stuck, 246, uint8_t, 1, 0, 0) \
+  X(servo_model, 247, uint16_t, 6, 0, 0) \
+  X(servo_missed, 259, uint8_t, 6, 0, 0) \
+  X(channel, 265, uint16_t, 22, 0, 0) \
+  X(wheel_radius_um, 309, uint32_t, 1, 0, 0) \
+  X(pivot_x, 313, int16_t, 3, 0, 0) \
+  X(pivot_y, 319, int16_t, 3, 0, 0) \
+  X(cruise_rpm, 325, uint16_t, 3, 0, 0) \
+  X(max_tilt, 331, uint16_t, 1, 0, 0) \
+  X(servo_steps, 333, uint16_t, 1, 0, 0) \
+  X(speed, 335, uint16_t, 1, 0, 0) \
+  X(turn_rate, 337, uint16_t, 1, 0, 0) \
+  X(acceleration, 339, uint16_t, 1, 0, 0) \
+  X(angular_acceleration, 341, uint16_t, 1, 0, 0)
 
 // X(name, address, type, count, least, most): every writable item.
 #define CT_WRITABLE(X) \
-  X(servo_id, 22, uint8_t, 6, 1, 252) \
-  X(neutral, 28, uint16_t, 6, 0, 4095) \
-  X(reverse, 40, uint8_t, 1, 0, 63) \
-  X(goal_limit, 41, uint16_t, 1, 0, 1023) \
-  X(servos_expected, 43, uint8_t, 1, 0, 63) \
-  X(battery_arm_mv, 44, uint16_t, 1, 0, 65535) \
-  X(battery_stop_mv, 46, uint16_t, 1, 0, 65535) \
-  X(bandgap_mv, 48, uint16_t, 1, 1000, 1200) \
-  X(receiver_expected, 50, uint8_t, 1, 0, 1) \
-  X(stick_low, 51, uint16_t, 4, 800, 2200) \
-  X(stick_centre, 59, uint16_t, 4, 800, 2200) \
-  X(stick_high, 67, uint16_t, 4, 800, 2200) \
-  X(stick_dead, 75, uint8_t, 1, 0, 100) \
-  X(receiver_kind, 76, uint8_t, 1, 0, 1) \
-  X(receiver_map, 77, uint32_t, 1, 0, 16777215) \
-  X(pulse_low, 81, uint16_t, 3, 2000, 2400) \
-  X(pulse_high, 87, uint16_t, 3, 3000, 4400) \
-  X(throttle_limit, 93, uint16_t, 3, 2000, 4000) \
-  X(throttle_rise, 99, uint16_t, 1, 1, 2000) \
-  X(heartbeat, 101, uint16_t, 1, 0, 65535) \
-  X(arm, 103, uint8_t, 1, 0, 2) \
-  X(torque, 104, uint8_t, 1, 0, 1) \
-  X(throttle, 105, uint16_t, 3, 2000, 4000) \
-  X(goal, 111, int16_t, 6, -1023, 1023) \
-  X(session, 123, uint16_t, 2, 0, 65535)
+  X(servo_id, 26, uint8_t, 6, 1, 252) \
+  X(neutral, 32, uint16_t, 6, 0, 4095) \
+  X(reverse, 44, uint8_t, 1, 0, 63) \
+  X(goal_limit, 45, uint16_t, 1, 0, 1023) \
+  X(servos_expected, 47, uint8_t, 1, 0, 63) \
+  X(battery_arm_mv, 48, uint16_t, 1, 0, 65535) \
+  X(battery_stop_mv, 50, uint16_t, 1, 0, 65535) \
+  X(bandgap_mv, 52, uint16_t, 1, 1000, 1200) \
+  X(receiver_expected, 54, uint8_t, 1, 0, 1) \
+  X(stick_low, 55, uint16_t, 4, 800, 2200) \
+  X(stick_centre, 63, uint16_t, 4, 800, 2200) \
+  X(stick_high, 71, uint16_t, 4, 800, 2200) \
+  X(stick_dead, 79, uint8_t, 1, 0, 100) \
+  X(receiver_kind, 80, uint8_t, 1, 0, 1) \
+  X(receiver_map, 81, uint32_t, 1, 0, 16777215) \
+  X(pulse_low, 85, uint16_t, 3, 2000, 2400) \
+  X(pulse_high, 91, uint16_t, 3, 3000, 4400) \
+  X(throttle_limit, 97, uint16_t, 3, 2000, 4000) \
+  X(throttle_rise, 103, uint16_t, 1, 1, 2000) \
+  X(heartbeat, 105, uint16_t, 1, 0, 65535) \
+  X(arm, 107, uint8_t, 1, 0, 2) \
+  X(torque, 108, uint8_t, 1, 0, 1) \
+  X(throttle, 109, uint16_t, 3, 2000, 4000) \
+  X(goal, 115, int16_t, 6, -1023, 1023) \
+  X(session, 127, uint16_t, 2, 0, 65535)
 
 #endif

@@ -1,4 +1,4 @@
-// Made by `python firmware/robot.py` from src/tsd_twin/robots/tsd.toml; do not edit.
+// Made by `python firmware/robot.py` from the description of `tsd`; do not edit.
 #ifndef ROBOT_H
 #define ROBOT_H
 
@@ -25,6 +25,22 @@ static const float ROBOT_AXLES[ROBOT_MODULES][2][3] = {
     {{0.0000000f, -0.0954930f, 0.0000000f}, {0.0954930f, 0.0000000f, -0.0143239f}},
     {{0.0826993f, 0.0477465f, 0.0000000f}, {-0.0477465f, 0.0826993f, -0.0143239f}},
     {{-0.0826993f, 0.0477465f, 0.0000000f}, {-0.0477465f, -0.0826993f, -0.0143239f}},
+};
+
+// Geometry block of the control table, which the bridge compares with the robot file:
+//   wheel_radius_um: 40000
+//   pivot_x: 0, -1299, 1299
+//   pivot_y: 1500, -750, -750
+//   cruise_rpm: 2500, 2500, 2500
+//   max_tilt: 3000
+//   servo_steps: 4096
+//   speed: 1000
+//   turn_rate: 3000
+//   acceleration: 4000
+//   angular_acceleration: 2000
+static const uint8_t ROBOT_GEOMETRY[] = {
+    64, 156, 0, 0, 0, 0, 237, 250, 19, 5, 220, 5, 18, 253, 18, 253, 196, 9, 196, 9, 196, 9, 184,
+    11, 0, 16, 232, 3, 184, 11, 160, 15, 208, 7,
 };
 
 #endif

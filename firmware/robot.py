@@ -1,23 +1,25 @@
 """Generator of `robot.h`: robot parameters for driving by radio control.
 
-python firmware/robot.py > firmware/robot.h
+python firmware/robot.py [NAME_OR_FILE] > firmware/robot.h
 """
 
 from __future__ import annotations
 
 import math
 import sys
+import textwrap
 
 import numpy as np
 
 from tsd_twin.control.monitors import HOT_MARGIN_C, WARM_MARGIN_C
+from tsd_twin.hardware.board_geometry import compiled_geometry
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
 from tsd_twin.simulation import Motors
 
 
-def header() -> str:
-    """Return the text of `robot.h`, generated from the description `tsd`."""
-    robot = description_of_kind(load_robot("tsd"), SingularityDescription)
+def header(name: str = "tsd") -> str:
+    """Return the text of `robot.h`, generated from the description of a robot or its file."""
+    robot = description_of_kind(load_robot(name), SingularityDescription)
     drive = robot.kinematics()
     motors = Motors.of(robot)
     cruise = np.full(drive.modules, robot.drive.cruise_speed_rpm * RPM)
@@ -32,8 +34,14 @@ def header() -> str:
         for module in axles
     )
     limits = robot.limits
+    geometry = compiled_geometry(robot)
+    compiled = ", ".join(map(str, geometry.pack()))
+    values = "\n".join(
+        f"//   {item.name}: {getattr(geometry, item.name)}".replace("(", "").replace(")", "")
+        for item in geometry.items()
+    )
     return f"""\
-// Made by `python firmware/robot.py` from src/tsd_twin/robots/tsd.toml; do not edit.
+// Made by `python firmware/robot.py` from the description of `{robot.name}`; do not edit.
 #ifndef ROBOT_H
 #define ROBOT_H
 
@@ -60,9 +68,15 @@ static const float ROBOT_AXLES[ROBOT_MODULES][2][3] = {{
 {rows},
 }};
 
+// Geometry block of the control table, which the bridge compares with the robot file:
+{values}
+static const uint8_t ROBOT_GEOMETRY[] = {{
+    {textwrap.fill(compiled, 92, subsequent_indent="    ")},
+}};
+
 #endif
 """
 
 
 if __name__ == "__main__":
-    sys.stdout.write(header())
+    sys.stdout.write(header(*sys.argv[1:]))

@@ -5,11 +5,14 @@
 #include "gimbals.h"
 #include "power.h"
 #include "receiver.h"
+#include "robot.h"
 #include "safety.h"
 #include "servos.h"
 #include "setup.h"
 
 control_table_t table;
+
+_Static_assert(sizeof ROBOT_GEOMETRY == CT_GEOMETRY_SIZE, "made for this table");
 
 void table_start(void) {
   uint8_t *bytes = (uint8_t *)&table;
@@ -23,6 +26,8 @@ void table_start(void) {
   table.fw = CT_FW_VERSION;
   table.host_baud = HOST_BAUD;
   table.servo_baud = SERVO_BAUD;
+  table.build = BUILD_HASH;
+  memcpy(bytes + CT_GEOMETRY, ROBOT_GEOMETRY, CT_GEOMETRY_SIZE);
 }
 
 static bool within_limits(const uint8_t *bytes) {

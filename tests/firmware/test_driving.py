@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 
 import numpy as np
@@ -10,14 +11,16 @@ import pytest
 from firmware.simulator.board import FIRMWARE
 from tests.support.firmware_host import CRUISE, CYCLE_S, Bench, read
 from tests.support.markdown_pages import section, tables
+from tsd_twin.hardware.board_geometry import compiled_geometry
 from tsd_twin.hardware.dynamixel.control_table import (
     FW_VERSION,
+    Block,
     BoardCommand,
     BoardIdentity,
     BoardMode,
+    Geometry,
     ResetCause,
     Setup,
-    Telemetry,
     Trip,
 )
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
@@ -171,13 +174,19 @@ def test_a_board_that_gets_power_says_who_it_is(bench: Bench) -> None:
     pilot = bench.pilot()
     pilot.simulation.run(0.01)
     seen = BoardIdentity.unpack(pilot.ask(read_block(BoardIdentity))[1])
-    assert seen == BoardIdentity(fw=FW_VERSION)
+    sources = b"".join(path.read_bytes() for path in sorted(FIRMWARE.glob("*.[ch]")))
+    build = int(hashlib.sha256(sources).hexdigest()[:8], 16)
+    assert seen == BoardIdentity(fw=FW_VERSION, build=build)
+    robot = description_of_kind(load_robot("tsd"), SingularityDescription)
+    built_for = Geometry.unpack(pilot.ask(read_block(Geometry))[1])
+    assert built_for == compiled_geometry(robot)
+    assert built_for.pivot_y == (1500, -750, -750)
     assert Setup.unpack(pilot.ask(read_block(Setup))[1]) == Setup()
     assert BoardCommand.unpack(pilot.ask(read_block(BoardCommand))[1]) == BoardCommand()
     assert pilot.telemetry().reset_cause == ResetCause.POWER_ON
 
 
-def read_block(block: type[BoardIdentity | Setup | BoardCommand | Telemetry]) -> bytes:
+def read_block(block: type[Block]) -> bytes:
     return read(block.ADDRESS, block.LAYOUT.size)
 
 

@@ -17,6 +17,7 @@ from tests.support.faulty_devices import Peer, PretendBoard, plugged
 from tsd_twin import robots
 from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
 from tsd_twin.hardware.dynamixel.control_table import (
+    FW_VERSION,
     BoardCommand,
     BoardIdentity,
     BoardMode,
@@ -176,6 +177,7 @@ def test_the_heartbeat_is_the_count_of_words_and_nothing_else(it: Bench) -> None
             BoardIdentity(table_version=99),
             "control table 99: this program needs model 2014 with table",
         ),
+        (BoardIdentity(table_version=5), "control table 5: this program needs"),
         (BoardIdentity(model=312), "is model 312"),
     ],
 )
@@ -189,6 +191,71 @@ def test_another_board_or_table_is_refused_in_a_sentence(
             ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT))
         assert "flash the firmware that comes with it" in str(caught.value)
         assert not board.commands
+
+
+@pytest.mark.parametrize(
+    ("item", "value", "named"),
+    [
+        ("wheel_radius_um", 46000, ("drive.wheel_radius_m", "0.046", "0.04")),
+        (
+            "pivot_x",
+            (1500, -750, -750),
+            ("x_m of the modules", "0.15, -0.075, -0.075", "0, -0.1299, 0.1299"),
+        ),
+        ("pivot_y", (1700, -750, -750), ("y_m of the modules", "0.17, -0.075, -0.075", None)),
+        ("cruise_rpm", (2500, 2500, 2000), ("drive.cruise_speed_rpm", "2500, 2500, 2000", None)),
+        ("max_tilt", 2500, ("drive.max_tilt_deg", "25", "30")),
+        ("servo_steps", 1024, ("servo.steps_per_turn", "1024", "4096")),
+        ("speed", 2000, ("limits.speed_mps", "2", "1")),
+        ("turn_rate", 1000, ("limits.turn_rate_rad_per_s", "1", "3")),
+        ("acceleration", 8000, ("limits.acceleration_mps2", "8", "4")),
+        ("angular_acceleration", 500, ("limits.angular_acceleration_rad_per_s2", "5", "20")),
+        ("wheel_radius_um", 0, ("drive.wheel_radius_m", "0", "0.04")),
+    ],
+)
+def test_a_board_built_for_another_robot_does_not_arm(
+    tmp_path: Path, item: str, value: object, named: tuple[str, str, str | None]
+) -> None:
+    board = PretendBoard()
+    board.geometry = replace(board.geometry, **{item: value})  # type: ignore[arg-type]
+    with bench(tmp_path, board) as it:
+        count = len(board.commands)
+        fault = it.fault
+        assert fault is not None
+        assert fault.code == Code.BOARD_GEOMETRY
+        assert (fault.params["item"], fault.params["board"]) == named[:2]
+        assert named[2] in (None, fault.params["robot"])
+        # Even a program that ignores the fault does not arm it.
+        it.until(lambda: len(board.commands) > count + 10, "written", armed=True)
+        assert not any(command.arm for command in board.commands)
+        assert it.fault == fault
+
+
+def test_a_calibrated_robot_is_still_the_one_that_the_board_was_built_for(tmp_path: Path) -> None:
+    board = PretendBoard()
+    board.geometry = replace(
+        board.geometry, wheel_radius_um=41000, pivot_y=(1540, -770, -770), max_tilt=2990
+    )
+    with bench(tmp_path, board) as it:
+        assert it.fault is None
+        it.arm()
+
+
+def test_without_servos_at_the_board_its_geometry_does_not_matter(tmp_path: Path) -> None:
+    """Radio control needs all six servos at the board."""
+    board = PretendBoard()
+    board.geometry = replace(board.geometry, wheel_radius_um=46000)
+    with plugged(tmp_path, board) as peer:
+        robot = ArduinoMegaIO(ROBOT, peer.port, Motors.of(ROBOT), servos=False)
+        assert robot.fault(time.monotonic()) is None
+        robot.close()
+
+
+def test_the_build_of_the_firmware_is_shown(tmp_path: Path) -> None:
+    board = PretendBoard()
+    board.identity = BoardIdentity(build=0x12AB34)
+    with bench(tmp_path, board) as it:
+        assert it.robot.hardware()["firmware"] == f"{FW_VERSION}, build 0012ab34"
 
 
 def test_a_board_that_refuses_its_set_up_is_not_used(tmp_path: Path) -> None:

@@ -16,8 +16,6 @@ from tsd_twin.calibration.collect import with_calibration
 from tsd_twin.calibration.report import edit_description
 from tsd_twin.dashboard.sessions.student import solution_of
 from tsd_twin.errors import RobotFileError
-from tsd_twin.hardware.joints import check_radio_geometry
-from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.messages.modes import Mode
 from tsd_twin.models import check_room, kinematic_tree, load_parts, write_model
 from tsd_twin.robots import SingularityDescription
@@ -148,13 +146,3 @@ def test_calibrated_positions_are_written_into_the_file() -> None:
     )
     assert msgspec.to_builtins(robot)["drive"]["modules"] == modules
     assert robot.limits == ROBOT.limits
-
-
-def test_radio_control_is_refused_for_another_geometry_than_the_compiled_one() -> None:
-    check_radio_geometry(TSD)
-    slightly = TSD.drive.with_rms_radius(1.03 * TSD.drive.rms_radius_m)
-    check_radio_geometry(msgspec.structs.replace(TSD, drive=slightly))
-    other = msgspec.structs.replace(TSD.drive, azimuths_deg=[0.0, 120.0, 240.0])
-    for robot in (ROBOT, msgspec.structs.replace(TSD, drive=other)):
-        with pytest.raises(HardwareError, match="cannot be driven by radio control"):
-            check_radio_geometry(robot)

@@ -14,6 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tests.support.priorities import this_thread_is_a_robot
+from tsd_twin.hardware.board_geometry import compiled_geometry
 from tsd_twin.hardware.dynamixel.control_table import (
     TABLE_SIZE,
     BoardCommand,
@@ -23,6 +24,7 @@ from tsd_twin.hardware.dynamixel.control_table import (
     Telemetry,
 )
 from tsd_twin.hardware.dynamixel.packets import Decoder, Instruction, Packet, protocol2
+from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 
 
 class Peer:
@@ -69,6 +71,9 @@ class PretendBoard:
 
     def __init__(self) -> None:
         self.identity = BoardIdentity()
+        self.geometry = compiled_geometry(
+            description_of_kind(load_robot("tsd"), SingularityDescription)
+        )
         self.telemetry = Telemetry(
             millis=100_000,
             drive_on=1,
@@ -150,7 +155,7 @@ class PretendBoard:
 
     def _refresh(self) -> None:
         self.telemetry = replace(self.telemetry, millis=self.telemetry.millis + 10)
-        for block in (self.identity, self.telemetry):
+        for block in (self.identity, self.telemetry, self.geometry):
             packed = block.pack()
             self.table[block.ADDRESS : block.ADDRESS + len(packed)] = packed
 

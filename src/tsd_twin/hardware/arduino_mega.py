@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 
 from tsd_twin.hardware.board_faults import BoardFaults
+from tsd_twin.hardware.board_geometry import compiled_geometry, geometry_fault
 from tsd_twin.hardware.cables import BoardCables
 from tsd_twin.hardware.controller_board import (
     REST_COMMAND,
     SETTLE_S,
     ArmSwitch,
     handshake,
+    read_block,
     read_request,
     restart_reason,
     wiring_faults,
@@ -27,7 +29,9 @@ from tsd_twin.hardware.dynamixel.control_table import (
     SERVOS,
     ZERO_THROTTLE,
     BoardCommand,
+    BoardIdentity,
     BoardMode,
+    Geometry,
     ReceiverKind,
     Setup,
     Telemetry,
@@ -40,7 +44,6 @@ from tsd_twin.hardware.joints import (
     Receiver,
     ServoCalibration,
     ThrottleLaw,
-    check_radio_geometry,
     padded,
     padded_ids,
 )
@@ -90,10 +93,13 @@ class ControllerBoard:
         calibration: ServoCalibration,
         battery: Battery,
         *,
+        geometry: Geometry | None = None,
         servos: bool = True,
         baud: int = BAUD,
     ) -> None:
-        """`servos`: whether the board drives the servos too, or only the speed controllers."""
+        """`geometry`: what the firmware must be built for, or None if no radio control can drive;
+        `servos`: whether the board drives the servos too, or only the speed controllers.
+        """
         self._battery = battery
         self.cables = BoardCables(joints, joints.servos if servos else 0)
         self.battery_warning = ""
@@ -104,6 +110,11 @@ class ControllerBoard:
         self.report: BoardTelemetry | None = None
         self.wiring_faults: dict[str, str] = {}
         """Wiring faults detected so far, by a short name; replaced as a whole."""
+        self.firmware = ""
+        """Version and build of the firmware."""
+        self.other_robot: Reason | None = None
+        """Reason not to arm: the firmware is built for another robot."""
+        self._geometry = geometry
         self._was_connected = False
         self._joints = joints
         self._servos = servos
@@ -140,6 +151,11 @@ class ControllerBoard:
             HardwareError: If it is another device or does not respond.
         """
         telemetry = handshake(transport, self._setup, self.baud)
+        identity = read_block(transport, BoardIdentity)
+        self.firmware = f"{identity.fw}, build {identity.build:08x}"
+        if self._geometry is not None:
+            built_for = read_block(transport, Geometry)
+            self.other_robot = geometry_fault(built_for, self._geometry)
         self._find_wiring_faults(telemetry, opened=self.report is None)
         self._warn("usb chip", chip_warning(transport.name, self.baud))
         self._was_connected = True
@@ -223,7 +239,8 @@ class ControllerBoard:
         if not wanted.in_force(now_s):
             self._switch.mark_lost(because(Code.NODE_HANGS))
             return REST_COMMAND
-        arm = self._switch.turn(wanted.heartbeat.armed, stop=wanted.heartbeat.stopped)
+        armed = wanted.heartbeat.armed and self.other_robot is None
+        arm = self._switch.turn(armed, stop=wanted.heartbeat.stopped)
         goals = self._joints.goals(wanted.setpoint) if self._servos else ()
         return BoardCommand(
             heartbeat=wanted.heartbeat.counter & 0xFFFF,
@@ -287,16 +304,19 @@ class ArduinoMegaIO:
         """Connect; without `servos`, the board drives the speed controllers only.
 
         Raises:
-            HardwareError: If the board is missing, another device, does not respond, has too few
-                channels, or radio control would use another geometry.
+            HardwareError: If the board is missing, another device, does not respond, or has too few
+                channels.
         """
         self._joints = JointConverter(robot, throttle)
         calibration = calibration or ServoCalibration()
         calibration.check_joints(self._joints.names)
-        if servos and calibration.receiver is not None:
-            check_radio_geometry(robot)
         self._board = ControllerBoard(
-            self._joints, calibration, robot.battery, servos=servos, baud=baud
+            self._joints,
+            calibration,
+            robot.battery,
+            geometry=compiled_geometry(robot) if servos else None,
+            servos=servos,
+            baud=baud,
         )
         self._speed_controllers = calibration.speed_controllers
         self._expected = self._joints.servos if servos else 0
@@ -337,7 +357,7 @@ class ArduinoMegaIO:
         fault = self._board.health.connection_fault(report and report.received_s, now_s)
         if fault is not None or report is None:
             return fault
-        return self._faults.fault(report.telemetry, report.lost)
+        return self._board.other_robot or self._faults.fault(report.telemetry, report.lost)
 
     def battery_v(self, now_s: float) -> float | None:
         """Return the latest battery voltage, or None if unknown."""
@@ -356,7 +376,7 @@ class ArduinoMegaIO:
         board, report = self._board, self._board.report
         status: dict[str, Any] = {"kind": "mega", "connected": report is not None}
         if report is not None:
-            status |= self._status(report.telemetry)
+            status |= self._status(report.telemetry) | {"firmware": board.firmware}
             told = [board.battery_warning] if board.battery_warning else []
             if any(report.telemetry.rc) and not board.receiver_expected:
                 told.append(_UNEXPECTED_RECEIVER)

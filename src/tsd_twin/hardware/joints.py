@@ -26,7 +26,7 @@ from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import Array
 from tsd_twin.messages.codes import Code, Reason, Value, because
-from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
+from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat
 
 COMMAND_TIMEOUT_S = 0.25
@@ -247,36 +247,6 @@ class ThrottleLaw(Protocol):
     def pulse_us(self, signal: Array) -> Array:
         """Return the pulse width of a signal, microseconds."""
         ...
-
-
-_RADIO_ROBOT = "tsd"
-"""Robot whose geometry `robot.h` in the firmware contains."""
-_RADIO_TOLERANCE = 0.1
-"""Maximum tilt difference relative to the largest tilt, to allow for calibration."""
-
-
-def check_radio_geometry(robot: SingularityDescription) -> None:
-    """Check that the board can drive a robot by radio control.
-
-    The geometry and wheel speed of one robot are compiled into the firmware. Under PC control
-    it drives any robot, because the PC sends the gimbal goals.
-
-    Raises:
-        HardwareError: If module positions or wheel speed of the robot differ.
-    """
-    compiled = description_of_kind(load_robot(_RADIO_ROBOT), SingularityDescription).kinematics()
-    drive, twists = robot.kinematics(), np.eye(3)
-    ours, theirs = drive.axles(twists), compiled.axles(twists)
-    # 1 m/s and 1 rad/s require tilts of similar size.
-    if ours.shape == theirs.shape:
-        off = np.abs(ours - theirs).max(axis=(1, 2))
-        if (off <= _RADIO_TOLERANCE * np.abs(theirs).max(axis=(1, 2))).all():
-            return
-    raise HardwareError(
-        f"{robot.name} cannot be driven by radio control: the board has the module positions and "
-        f"wheel speed of `{_RADIO_ROBOT}` compiled in (firmware/robot.h), and the robot has "
-        "others; remove [receiver] from the calibration"
-    )
 
 
 class JointConverter(ServoNames):

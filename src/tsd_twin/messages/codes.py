@@ -113,6 +113,7 @@ class Code(StrEnum):
     GIMBALS_STUCK = "gimbals_stuck"
     BOARD_TRIP = "board_trip"
     BOARD_REFUSES = "board_refuses"
+    BOARD_GEOMETRY = "board_geometry"
     BOARD_RESTARTED = "board_restarted"
     BOARD_LOST = "board_lost"
     NODE_HANGS = "node_hangs"
@@ -360,6 +361,7 @@ PARAMETERS: Mapping[Code, Mapping[str, Type]] = {
     Code.GIMBALS_STUCK: {"servos": Type.SERVOS, "cause": Type.CAUSE},
     Code.BOARD_TRIP: {"trip": Type.TRIP},
     Code.BOARD_REFUSES: {"what": Type.OBSTACLE},
+    Code.BOARD_GEOMETRY: {"item": Type.NAME, "board": Type.NAME, "robot": Type.NAME},
     Code.BOARD_RESTARTED: {"reset?": Type.RESET_CAUSE},
     Code.BOARD_LOST: {},
     Code.NODE_HANGS: {},

@@ -96,6 +96,10 @@ TEMPLATES: Mapping[Code, str] = {
     Code.GIMBALS_STUCK: "{servos}: {cause}",
     Code.BOARD_TRIP: "the board disarmed itself: {trip}",
     Code.BOARD_REFUSES: "the board does not arm: {what}",
+    Code.BOARD_GEOMETRY: (
+        "the controller board is built for a robot with {item} {board}, and the robot file says "
+        "{robot}: flash firmware that is built for this robot"
+    ),
     Code.BOARD_RESTARTED: "the controller board has restarted[: {reset}]",
     Code.BOARD_LOST: "the controller board was lost",
     Code.NODE_HANGS: "the robot node hangs",

@@ -101,6 +101,7 @@ export const PARAMETERS = {
   gimbals_stuck: { servos: "servos", cause: "cause" },
   board_trip: { trip: "trip" },
   board_refuses: { what: "obstacle" },
+  board_geometry: { item: "name", board: "name", robot: "name" },
   board_restarted: { reset: "reset cause" },
   board_lost: {},
   node_hangs: {},
@@ -286,6 +287,7 @@ export interface CodeParameters {
   gimbals_stuck: { servos: string };
   board_trip: { trip: string };
   board_refuses: { what: string };
+  board_geometry: { item: string; board: string; robot: string };
   board_restarted: { reset?: string };
   board_lost: Record<string, never>;
   node_hangs: Record<string, never>;

@@ -71,6 +71,7 @@ const templates = {
   gimbals_stuck: "{servos}: {cause}",
   board_trip: "the board disarmed itself: {trip}",
   board_refuses: "the board does not arm: {what}",
+  board_geometry: "the controller board is built for a robot with {item} {board}, and the robot file says {robot}: flash firmware that is built for this robot",
   board_restarted: "the controller board has restarted[: {reset}]",
   board_lost: "the controller board was lost",
   node_hangs: "the robot node hangs",

@@ -12,8 +12,8 @@ from itertools import islice
 from struct import Struct, calcsize
 from typing import Annotated, Any, ClassVar, Literal, Self, cast, get_type_hints
 
-TABLE_VERSION = 5
-FW_VERSION = 5
+TABLE_VERSION = 6
+FW_VERSION = 6
 MODEL = 2014
 """Model number in ping responses; the year of the thesis."""
 BOARD_ID = 200
@@ -132,6 +132,8 @@ class BoardIdentity(Block):
     """Tolerance of the neutral position."""
     servo_hot_c: Annotated[int, Item("u8", unit="deg C")] = SERVO_HOT_C
     """Servo temperature that prevents arming and trips."""
+    build: Annotated[int, Item("u32")] = 0
+    """Hash of the firmware's sources."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,7 +315,43 @@ class Radio(Block):
     """SBUS channels, then the pulses of the wires; 0 if missing."""
 
 
-BLOCKS: tuple[type[Block], ...] = (BoardIdentity, Setup, BoardCommand, Telemetry, Radio)
+@dataclass(frozen=True, slots=True)
+class Geometry(Block):
+    """Geometry and limits of the robot that the firmware was built for, used by radio control."""
+
+    NAME: ClassVar[str] = "geometry"
+    ACCESS: ClassVar[Access] = "r"
+
+    wheel_radius_um: Annotated[int, Item("u32", unit="um")] = 0
+    """Radius of the wheels."""
+    pivot_x: Annotated[Ints, Item("i16", unit="0.1 mm")] = (0,) * ESCS
+    """Position of each module's pivot, forward of the centre."""
+    pivot_y: Annotated[Ints, Item("i16", unit="0.1 mm")] = (0,) * ESCS
+    """Position of each module's pivot, to the left of the centre."""
+    cruise_rpm: Annotated[Ints, Item("u16", unit="rpm")] = (0,) * ESCS
+    """Cruising speed of each wheel."""
+    max_tilt: Annotated[int, Item("u16", unit="0.01 deg")] = 0
+    """Maximum tilt of the gimbals."""
+    servo_steps: Annotated[int, Item("u16", unit="step")] = 0
+    """Servo steps per turn."""
+    speed: Annotated[int, Item("u16", unit="mm/s")] = 0
+    """Speed limit."""
+    turn_rate: Annotated[int, Item("u16", unit="mrad/s")] = 0
+    """Turn rate limit."""
+    acceleration: Annotated[int, Item("u16", unit="mm/s2")] = 0
+    """Acceleration limit."""
+    angular_acceleration: Annotated[int, Item("u16", unit="0.01 rad/s2")] = 0
+    """Angular acceleration limit."""
+
+
+BLOCKS: tuple[type[Block], ...] = (
+    BoardIdentity,
+    Setup,
+    BoardCommand,
+    Telemetry,
+    Radio,
+    Geometry,
+)
 
 
 def _place_blocks() -> dict[str, int]:
