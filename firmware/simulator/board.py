@@ -37,14 +37,16 @@ def build_native() -> Path:
 
 def table_address(elf: Path) -> int:
     """Return the address of the control table in memory; in a library, addresses start there."""
-    return 0 if elf.suffix == ".so" else _symbol(elf, "table")
+    if elf.suffix == ".bin":
+        return _symbol(elf.with_suffix(".elf"), "table", "arm-none-eabi-nm")
+    return 0 if elf.suffix == ".so" else _symbol(elf, "table") & 0xFFFF
 
 
-def _symbol(elf: Path, name: str) -> int:
-    run = ["avr-nm", str(elf)]
+def _symbol(elf: Path, name: str, lister: str = "avr-nm") -> int:
+    run = [lister, str(elf)]
     listing = subprocess.run(run, check=True, capture_output=True, text=True).stdout  # noqa: S603
     found = [line.split()[0] for line in listing.splitlines() if line.split()[-1] == name]
-    return int(found[0], 16) & 0xFFFF
+    return int(found[0], 16)
 
 
 VECTORS = {
@@ -97,6 +99,10 @@ class Board:
     board mode at `mode_address`.
     """
 
+    SUPPLY_V = 5.0
+    BROWN_OUT = ResetCause.BROWN_OUT
+    """Cause that the chip reports after a brown-out."""
+
     def __init__(self, elf: Path, mode_address: int = 0) -> None:
         self._lib = _library(elf)
         self._board = self._lib.board_open(str(elf).encode(), mode_address)
@@ -104,7 +110,7 @@ class Board:
             raise OSError(f"cannot load {elf}")
         self._native = elf.suffix == ".so"
         if not self._native:
-            self._lib.board_paint(self._board, _symbol(elf, "_end"))
+            self._lib.board_paint(self._board, _symbol(elf, "_end") & 0xFFFF)
         self._receive = ctypes.create_string_buffer(65536)
         self._call: ctypes._FuncPointer | None = None
         self._raised: BaseException | None = None

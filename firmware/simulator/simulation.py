@@ -10,6 +10,7 @@ from firmware.simulator import board as boards
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.plant import RobotPlant
 from firmware.simulator.power import AS_DRAWN, SERVO_LEAST_V, PowerSimulation, Wiring
+from firmware.simulator.rp2040_board import Rp2040Board
 from firmware.simulator.servo_bus import ServoBusSimulation
 from tsd_twin.hardware.dynamixel.control_table import ADDRESS, ResetCause
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
@@ -54,7 +55,8 @@ class FirmwareSimulation:
     ) -> None:
         elf = boards.build() if elf is None else elf
         self.table_address = boards.table_address(elf)
-        self.board = boards.Board(elf, self.table_address + ADDRESS["mode"])
+        kind = Rp2040Board if elf.suffix == ".bin" else boards.Board
+        self.board = kind(elf, self.table_address + ADDRESS["mode"])
         versions = [version] * 6 if isinstance(version, int) else version
         self.servos = [Mx64(ids[i], versions[i]) for i in range(6)]
         self.servo_bus = ServoBusSimulation(self.servos)

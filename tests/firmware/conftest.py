@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from firmware.simulator.board import build, build_native
+from firmware.simulator.rp2040_board import build_rp2040
 
 pytest.register_assert_rewrite("tests.firmware.laws", "tests.firmware.pilot")
 
@@ -22,6 +23,11 @@ def elf() -> Path:
 @pytest.fixture(scope="session")
 def native() -> Path:
     return build_native()
+
+
+@pytest.fixture(scope="session")
+def rp2040() -> Path:
+    return build_rp2040()
 
 
 def checked(program: Path, **defaults: object) -> Generator[Bench]:
@@ -42,6 +48,12 @@ def bench(elf: Path) -> Generator[Bench]:
 def native_bench(native: Path) -> Generator[Bench]:
     """As `bench`, with the program compiled for this machine: four times as fast."""
     yield from checked(native)
+
+
+@pytest.fixture
+def rp2040_bench(rp2040: Path) -> Generator[Bench]:
+    """As `bench`, with the program compiled for the RP2040 and executed by rp2040js."""
+    yield from checked(rp2040)
 
 
 @pytest.fixture

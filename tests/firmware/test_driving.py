@@ -174,7 +174,10 @@ def test_a_board_that_gets_power_says_who_it_is(bench: Bench) -> None:
     pilot = bench.pilot()
     pilot.simulation.run(0.01)
     seen = BoardIdentity.unpack(pilot.ask(read_block(BoardIdentity))[1])
-    sources = b"".join(path.read_bytes() for path in sorted(FIRMWARE.glob("*.[ch]")))
+    sources = b"".join(
+        path.read_bytes()
+        for path in sorted([*FIRMWARE.glob("*.[ch]"), *FIRMWARE.glob("rp2040/*.[chS]")])
+    )
     build = int(hashlib.sha256(sources).hexdigest()[:8], 16)
     assert seen == BoardIdentity(fw=FW_VERSION, build=build)
     robot = description_of_kind(load_robot("tsd"), SingularityDescription)

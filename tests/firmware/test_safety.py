@@ -32,6 +32,11 @@ def test_law_holds_without_the_chip(name: str, native_bench: Bench) -> None:
     LAWS[name](native_bench)
 
 
+@pytest.mark.parametrize("name", LAWS)
+def test_law_holds_on_an_rp2040(name: str, rp2040_bench: Bench) -> None:
+    LAWS[name](rp2040_bench)
+
+
 @pytest.mark.parametrize("name", OF_THE_RECEIVER)
 def test_law_holds_for_a_receiver_with_sbus(name: str, sbus_bench: Bench) -> None:
     LAWS[name](sbus_bench)

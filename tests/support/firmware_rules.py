@@ -199,7 +199,7 @@ def an_empty_battery_stops(bench: Bench) -> None:
 
 def the_supply_is_no_measure_of_the_battery(bench: Bench) -> None:
     pilot = bench.pilot()
-    for supply_v in (4.6, 5.4):
+    for supply_v in np.array([0.92, 1.08]) * pilot.simulation.board.SUPPLY_V:
         pilot.simulation.board.set_supply(supply_v)
         pilot.simulation.run(0.06)
         seen = pilot.telemetry()
@@ -875,7 +875,9 @@ def power_makes_a_new_start(bench: Bench) -> None:
         pilot.simulation.set_contactor(closed=True)
         pilot.simulation.run(HOLD_S)
         seen = pilot.telemetry()
-        assert (seen.trips, seen.resets, seen.reset_cause) == (0, 0, cause)
+        brown_out, board = ResetCause.BROWN_OUT, pilot.simulation.board
+        reported = board.BROWN_OUT if cause == brown_out else cause
+        assert (seen.trips, seen.resets, seen.reset_cause) == (0, 0, reported)
         assert pilot.arm().mode == BoardMode.ARMED, "the receiver was forgotten"
         pilot.drive(0.1, arm=0, throttle=ZERO)
 
