@@ -202,6 +202,11 @@ class Rp2040Board(Board):
         page[-2:] = struct.pack("<H", _crc16(bytes(page[:-2])))
         self._write("write", [at, bytes(page).hex()])
 
+    def break_next_page(self) -> None:
+        """Write the beginning of the next page in flash, as if power failed then."""
+        at, page = self._newest()
+        self._write("write", [at + _PAGE, bytes(page[:100]).hex()])
+
     def _newest(self) -> tuple[int, bytearray]:
         found: dict[int, tuple[int, bytearray]] = {}
         for i in range(_PAGES):

@@ -80,6 +80,18 @@ def test_setup_and_count_of_starts_outlive_more_starts_than_a_sector_has_pages(
     assert Setup.unpack(table) == setup
 
 
+def test_a_page_that_was_not_completely_written_is_skipped(rp2040_bench: Bench) -> None:
+    """The last version before counts, and later ones are stored behind the broken page."""
+    pilot = rp2040_bench.pilot()
+    pilot.simulation.run(0.1)
+    board = board_of(pilot)
+    for start in (2, 3):
+        board.break_next_page()
+        pilot.simulation.power_cycle()
+        pilot.simulation.run(0.1)
+        assert pilot.telemetry().nonce[0] == start
+
+
 def test_the_image_has_the_checksum_of_the_boot_rom_and_the_drive_file_all_of_it(
     rp2040: Path,
 ) -> None:
