@@ -49,7 +49,8 @@ static void select(bool on) { REGISTER(IO_QSPI_SS_CTRL) = (on ? 2u : 3u) << 8; }
 
 static uint8_t exchange(uint8_t byte) {
   REGISTER(SSI + 0x60u) = byte;
-  while (!(REGISTER(SSI + 0x28u) & BIT(3))) continue;
+  while (!(REGISTER(SSI + 0x28u) & BIT(3))) {
+  }
   return REGISTER(SSI + 0x60u);
 }
 

@@ -93,7 +93,7 @@ void hal_host_start(void) {
 
 uint8_t hal_host_flags(void) {
   host_received = REGISTER(UART0 + UART_DR);
-  return host_received & DR_OVERRUN ? HAL_OVERRUN : 0;
+  return (host_received & DR_OVERRUN) ? HAL_OVERRUN : 0;
 }
 
 uint8_t hal_host_receive(void) { return host_received; }
@@ -283,7 +283,7 @@ void hal_watchdog_kick(void) { REGISTER(WATCHDOG_LOAD) = WATCHDOG_COUNT; }
 // The chip does not tell a brown-out from power-on.
 uint8_t hal_reset_cause(void) {
   if (REGISTER(WATCHDOG_REASON)) return HAL_CAUSE_WATCHDOG;
-  return REGISTER(CHIP_RESET) & BIT(8) ? HAL_CAUSE_POWER : 0x02;
+  return (REGISTER(CHIP_RESET) & BIT(8)) ? HAL_CAUSE_POWER : 0x02;
 }
 
 void hal_light_start(void) {
@@ -303,22 +303,27 @@ static void start_clocks(void) {
   REGISTER(XOSC) = 0xaa0;
   REGISTER(XOSC + 0x0cu) = 94;  // Start-up of 2 ms.
   SET(XOSC) = 0xfabu << 12;
-  while (!(REGISTER(XOSC + 0x04u) & BIT(31))) continue;
+  while (!(REGISTER(XOSC + 0x04u) & BIT(31))) {
+  }
   REGISTER(CLK_REF_CTRL) = 2;
-  while (!(REGISTER(CLK_REF_SELECTED) & BIT(2))) continue;
+  while (!(REGISTER(CLK_REF_SELECTED) & BIT(2))) {
+  }
   REGISTER(WATCHDOG_TICK) = BIT(9) | 12u;
   uint32_t used = BIT(0) | BIT(5) | BIT(8) | BIT(10) | BIT(13) | BIT(14) | BIT(21) | BIT(22) | BIT(23);
   CLEAR(RESETS) = used;
-  while ((REGISTER(RESET_DONE) & used) != used) continue;
+  while ((REGISTER(RESET_DONE) & used) != used) {
+  }
   REGISTER(PLL_USB) = 1;
   REGISTER(PLL_USB + 0x08u) = 100;
   CLEAR(PLL_USB + 0x04u) = BIT(0) | BIT(5);
-  while (!(REGISTER(PLL_USB) & BIT(31))) continue;
+  while (!(REGISTER(PLL_USB) & BIT(31))) {
+  }
   REGISTER(PLL_USB + 0x0cu) = 5u << 16 | 5u << 12;
   CLEAR(PLL_USB + 0x04u) = BIT(3);
   REGISTER(CLK_SYS_CTRL) = 1u << 5;
   REGISTER(CLK_SYS_CTRL) = 1u << 5 | 1u;
-  while (!(REGISTER(CLK_SYS_SELECTED) & BIT(1))) continue;
+  while (!(REGISTER(CLK_SYS_SELECTED) & BIT(1))) {
+  }
   REGISTER(CLK_PERI_CTRL) = BIT(11);
   REGISTER(CLK_ADC_CTRL) = BIT(11);
 }
@@ -339,7 +344,8 @@ static void start(void) {
 
 // Without the safety rules the watchdog resets the chip.
 static void hang(void) {
-  while (true) continue;
+  while (true) {
+  }
 }
 
 typedef void (*vector_t)(void);

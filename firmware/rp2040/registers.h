@@ -8,7 +8,7 @@
 // Aliases that set or clear bits.
 #define SET(address) REGISTER((address) + 0x2000u)
 #define CLEAR(address) REGISTER((address) + 0x3000u)
-#define BIT(n) (1u << (n))
+#define BIT(n) ((uint32_t)1 << (n))
 
 #define SSI 0x18000000u
 #define CLOCKS 0x40008000u

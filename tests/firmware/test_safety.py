@@ -32,6 +32,7 @@ def test_law_holds_without_the_chip(name: str, native_bench: Bench) -> None:
     LAWS[name](native_bench)
 
 
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize("name", LAWS)
 def test_law_holds_on_an_rp2040(name: str, rp2040_bench: Bench) -> None:
     LAWS[name](rp2040_bench)
