@@ -17,9 +17,10 @@ README = (FIRMWARE / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: re.sub(r"\W+", "_", mutant.what))
-def test_mutant_breaks_its_law(mutant: Mutant, elf: Path, native: Path, tmp_path: Path) -> None:
-    assert elf.exists()
-    assert native.exists()
+def test_mutant_breaks_its_law(
+    mutant: Mutant, elf: Path, native: Path, rp2040: Path, tmp_path: Path
+) -> None:
+    assert all(program.exists() for program in (elf, native, rp2040))
     bench = Bench(mutant.build(tmp_path))
     broken = ""
     try:

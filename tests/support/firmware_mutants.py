@@ -24,7 +24,11 @@ class Mutant:
     @property
     def native(self) -> bool:
         """Whether its law also notices it on this machine, where the program takes no time."""
-        return self.file not in _OF_THE_CHIP
+        return self.file not in _OF_THE_CHIP and not self._rp2040
+
+    @property
+    def _rp2040(self) -> bool:
+        return self.file.startswith("rp2040/")
 
     def build(self, folder: Path) -> Path:
         """Build the firmware with this mistake in it; return where it is."""
@@ -32,6 +36,9 @@ class Mutant:
         for source in sources:
             shutil.copy2(source, folder)
         made = "build/native/libfirmware.so" if self.native else "build/firmware.elf"
+        if self._rp2040:
+            made = "build/rp2040/firmware.uf2"
+            shutil.copytree(FIRMWARE / "rp2040", folder / "rp2040")
         shutil.copytree(FIRMWARE / "native", folder / "native")
         objects = folder / Path(made).parent
         kept = (FIRMWARE / made).parent
@@ -42,7 +49,7 @@ class Mutant:
         path.write_text(text.replace(self.old, self.new), encoding="utf-8")
         run = ["make", "-s", "-C", str(folder), made]
         subprocess.run(run, check=True)
-        return folder / made
+        return (folder / made).with_suffix(".bin") if self._rp2040 else folder / made
 
 
 _OF_THE_CHIP = ("hal_avr.h", "main.c")
@@ -884,5 +891,47 @@ MUTANTS = (
         "return since_error_ms < DISTURBED_MS;",
         "return true;",
         "a_disturbance_of_the_line_is_over_after_50_ms",
+    ),
+    Mutant(
+        "the bus is released at a time half a range of the timer away",
+        "rp2040/hal.c",
+        "look_at_bus(REGISTER(TIMER_RAW));",
+        "look_at_bus(0);",
+        "silence_stops",
+    ),
+    Mutant(
+        "edges of the receiver wait until a buffer is filled",
+        "rp2040/hal.c",
+        "  REGISTER(NVIC_PRIORITY(IRQ_UART0)) = 0x4040u;\n",
+        "",
+        "a_switch_between_its_ends_does_not_chatter",
+    ),
+    Mutant(
+        "the watchdog of the RP2040 is not started",
+        "rp2040/hal.c",
+        "  REGISTER(WATCHDOG) = BIT(30);\n",
+        "",
+        "a_hang_ends_in_a_reset_and_standstill",
+    ),
+    Mutant(
+        "the first pulse of the RP2040 comes after one period",
+        "rp2040/hal.c",
+        "+ PWM_CTR) = ESC_PERIOD - 1u;",
+        "+ PWM_CTR) = 1u;",
+        "zero_throttle_from_the_first_millisecond",
+    ),
+    Mutant(
+        "changes are not stored in the flash",
+        "rp2040/flash.c",
+        "  begin(PROGRAM, SECTORS + next * PAGE);\n",
+        "",
+        "a_setup_is_kept_over_resets",
+    ),
+    Mutant(
+        "the flash of the RP2040 is not read",
+        "rp2040/flash.c",
+        "    page = found;\n",
+        "",
+        "a_setup_is_kept_over_resets",
     ),
 )
