@@ -17,11 +17,11 @@ from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
 from tests.support.withheld import WithheldTime
 from tsd_twin.hardware import servo_line, u2d2
-from tsd_twin.hardware.arduino_mega import ArduinoMegaIO
+from tsd_twin.hardware.arduino_mega import RESPONSE_TIMEOUT_S, ArduinoMegaIO
 from tsd_twin.hardware.dynamixel.servo_models import MODELS, ServoSetting
 from tsd_twin.hardware.joints import ServoCalibration
 from tsd_twin.hardware.robot_io import HasServoTemperature, HasWatchdog, RobotIO
-from tsd_twin.hardware.serial_transport import HardwareError
+from tsd_twin.hardware.serial_transport import SILENT_S, HardwareError
 from tsd_twin.hardware.u2d2 import U2D2IO
 from tsd_twin.messages.codes import Code, Reason, Value, because
 from tsd_twin.safety import Heartbeat
@@ -31,6 +31,8 @@ ANGLES = [0, 1, 3, 4, 6, 7]
 GIMBALS = [f"module{i}_{angle}" for i in (1, 2, 3) for angle in ("alpha", "beta")]
 LOSSES = 12
 HELD_UP_S = servo_line.ALIVE_S - servo_line.ANSWER_S
+BOARD_HELD_UP_S = SILENT_S - RESPONSE_TIMEOUT_S
+"""Least withheld time after which the board may be called silent."""
 
 
 class Bench:
@@ -324,6 +326,7 @@ def test_a_servo_of_another_model_is_refused(tmp_path: Path) -> None:
 def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: float) -> float:
     """Switch a servo off while armed; return how long the wheels ran on, less withheld time."""
     it.until(lambda: not it.fault and it.board.commands[-1].arm == 1, AHEAD)
+    earlier = WithheldTime()
     lost_s, faults = time.monotonic() + wait_s, [None]
     it.until(lambda: time.monotonic() > lost_s, AHEAD)
     lost_s = time.monotonic()
@@ -336,12 +339,14 @@ def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: flo
 
     it.until(off, AHEAD)
     off_s = time.monotonic()
-    withheld_s = withheld.total_s
+    withheld_s, held_up_s = withheld.total_s, earlier.total_s
     it.until(lambda: servo.torque, AHEAD)
     assert faults[0] is not None
-    # Servos in this process are silent while the machine withholds it.
-    silent = {Code.ALL_SERVOS_SILENT} if withheld_s > HELD_UP_S else set[Code]()
-    assert faults[0].code in {Code.SERVO_LIMP} | silent, withheld_s
+    # Servos and board in this process are silent while the machine withholds it, also shortly
+    # before.
+    silences = {Code.ALL_SERVOS_SILENT: HELD_UP_S, Code.DEVICE_SILENT: BOARD_HELD_UP_S}
+    silent = {code for code, least_s in silences.items() if held_up_s > least_s}
+    assert faults[0].code in {Code.SERVO_LIMP} | silent, held_up_s
     return off_s - lost_s - withheld_s
 
 
