@@ -342,8 +342,8 @@ MUTANTS = (
     Mutant(
         "the supply is taken for 5 V",
         "power.c",
-        "(uint32_t)table.supply_mv * DIVIDER",
-        "5000UL * DIVIDER",
+        "(uint32_t)table.supply_mv * HAL_DIVIDER",
+        "5000UL * HAL_DIVIDER",
         "the_supply_is_no_measure_of_the_battery",
     ),
     Mutant(
