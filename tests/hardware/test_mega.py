@@ -214,10 +214,10 @@ def test_another_board_or_table_is_refused_in_a_sentence(
     ],
 )
 def test_a_board_built_for_another_robot_does_not_arm(
-    tmp_path: Path, item: str, value: object, named: tuple[str, str, str | None]
+    tmp_path: Path, item: str, value: Any, named: tuple[str, str, str | None]
 ) -> None:
     board = PretendBoard()
-    board.geometry = replace(board.geometry, **{item: value})  # type: ignore[arg-type]
+    board.geometry = replace(board.geometry, **{item: value})
     with bench(tmp_path, board) as it:
         count = len(board.commands)
         fault = it.fault

@@ -73,7 +73,7 @@ class Peer:
             assert stream is not None
             stream.close()
 
-    # What is asked for most.
+    # Frequent requests.
 
     def call(self, service: str) -> tuple[bool, str]:
         done, text = self.ask("call", name=service)

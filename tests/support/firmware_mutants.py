@@ -12,7 +12,7 @@ from firmware.simulator.board import FIRMWARE
 
 @dataclass(frozen=True)
 class Mutant:
-    """One mistake: `old` stands once in `file` and becomes `new`."""
+    """One mistake: `old` occurs once in `file` and is replaced by `new`."""
 
     what: str
     file: str

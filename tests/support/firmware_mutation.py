@@ -1,10 +1,10 @@
 """Mutation run of the firmware: changes its safety-relevant files by operators, one place at a
 time, and runs the rules against each, on this machine. `make mutants` runs it.
 
-A mutant that compiles to the same code as the firmware, for this machine or for the chip, or to
-that of another mutant, is left out. The rest has to break a rule, or to be listed in
-`firmware/equivalent_mutants.txt` with the reason why no rule can see it. A run that was stopped
-goes on where it was when nothing has changed since.
+Mutants are skipped if they compile to the same code as the firmware or another mutant, for this
+machine or for the chip. The others must break a rule, or be listed in
+`firmware/equivalent_mutants.txt` with the reason why no rule can detect them. An interrupted run
+resumes if the sources have not changed.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ FILES = (
 )  # fmt: skip
 LISTED = FIRMWARE / "equivalent_mutants.txt"
 _JUDGED = BUILD / "mutants.jsonl"
-"""What was found of each mutant, after a line that says of which sources, and what was before."""
+"""Verdicts by mutant, after a line with the hash of the sources and the rules broken earlier."""
 _SOURCES = ("firmware/**/*.[ch]", "firmware/**/*.py", "src/**/*.py", "src/**/*.toml",
             "tests/firmware/*.py", "tests/support/*.py")  # fmt: skip
 _NATIVE = BUILD / "native"
@@ -97,7 +97,7 @@ _SKIPPED = re.compile(r"^\s*(?:#|//|_Static_assert|typedef|static const|extern|c
 
 @dataclass(frozen=True)
 class Mutant:
-    """One changed place of one file."""
+    """Change at one place of a file."""
 
     file: str
     line: int
@@ -124,7 +124,7 @@ def _lines(file: str) -> list[str]:
 
 
 class Verdict(NamedTuple):
-    """What was found of a mutant."""
+    """Verdict on a mutant."""
 
     code: str
     """Sum of its code; "" when it does not compile."""
@@ -135,7 +135,7 @@ class Verdict(NamedTuple):
 
 
 def mutants_of(file: str) -> list[Mutant]:
-    """All mutants of one file."""
+    """Return all mutants of a file."""
     found: list[Mutant] = []
     function = "file"
     seen: Counter[tuple[str, str]] = Counter()
@@ -208,7 +208,7 @@ def _holds(library: Path, test: Law) -> bool:
     try:
         test(bench)
         bench.finish()
-    except Exception:  # Whatever it is: it does not hold.
+    except Exception:  # Any error means that the rule is broken.
         return False
     finally:
         bench.close()
@@ -350,10 +350,10 @@ def _judge(mutant: Mutant, before: str | None) -> Verdict:
 
 @dataclass
 class Memory:
-    """What earlier runs found, by the names of mutants."""
+    """Verdicts of earlier runs, by the names of mutants."""
 
     broke: dict[str, str] = field(default_factory=dict[str, str])
-    """Rule that it broke last, whatever has changed since: it is tried first."""
+    """Rule that it broke last, even if sources have changed; it is tried first."""
     judged: dict[str, Verdict] = field(default_factory=dict[str, Verdict])
     """Verdicts about these very sources."""
     file: Path | None = None
@@ -367,7 +367,7 @@ class Memory:
 
     @staticmethod
     def read(file: Path, sources: str) -> Memory:
-        """Read what is in a file, and begin it anew when it is about other sources."""
+        """Read verdicts from a file; discard them if they belong to other sources."""
         lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else ['["", {}]']
         found = {name: Verdict(*rest) for name, *rest in map(json.loads, lines[1:])}
         of, broke = json.loads(lines[0])
@@ -396,7 +396,7 @@ def run(
     *,
     jobs: int = 1,
 ) -> Iterator[tuple[Mutant, str, str]]:
-    """Judge mutants of one file; yield each with its kind and the rule that it breaks."""
+    """Judge mutants of a file; yield each with its kind and the rule that it breaks."""
     memory, seen = memory or Memory(), set[str]()
     left = [mutant for mutant in mutants if mutant.name not in memory.judged]
     before = [memory.broke.get(mutant.name) for mutant in left]
@@ -435,7 +435,7 @@ def _say(words: str) -> None:
 
 
 def _run_file(file: str, referee: Referee, given: argparse.Namespace, memory: Memory) -> bool:
-    """Judge the mutants of a file and print what came of them; return whether all is right."""
+    """Judge the mutants of a file and print the verdicts; return whether all are as required."""
     listed = {it for it in read_list() if it.startswith(f"{file} ") and given.only in it}
     mutants = [it for it in mutants_of(file) if given.only in it.name]
     names = {it.name for it in mutants}

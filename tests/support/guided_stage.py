@@ -68,7 +68,7 @@ class Stage:
                     self.frames.append((frame.taken_s, seen))
                     self.guide.add_pose(SE2(seen), frame.taken_s)
             self.guide.add_twist(now_s, self.robot.odometry().twist)
-            # A guide needs to have seen the robot; it stands until then.
+            # The robot rests until the camera has seen it.
             twist = self.guide.advance(now_s) if self.frames else np.zeros(3)
             joints, told = self.robot.controller.joints, self.robot.controller.setpoint
             angles = joints.reshape(-1, 3)[:, :2].ravel()

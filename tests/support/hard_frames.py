@@ -44,7 +44,7 @@ class Tally:
     wrong: list[tuple[int, float]] = field(default_factory=list)
     """Frames with a pose that is off by more than 5 cm, and the distance."""
     errors: list[Array] = field(default_factory=list)
-    """(3,): of each pose that was used."""
+    """Error (3,) of each used pose: x, y in metres, heading in radians."""
     refused: Counter[str] = field(default_factory=Counter)
 
 

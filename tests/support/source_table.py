@@ -242,11 +242,11 @@ NO_SOURCES: Mapping[str, str] = {
     "tsd_twin.adapters.ros.zenoh_port": "as the other port",
     "tsd_mock": "publishes poses of a simulated camera",
 }
-"""Modules that can send commands and are no source of their own, with the reason."""
+"""Modules that can send commands but are not separate sources, with the reason."""
 
 
 def documented() -> str:
-    """Return the table as the page on safety has it."""
+    """Return the table of the safety page in Markdown."""
     head = "| Condition | " + " | ".join(source.name for source in SOURCES) + " |"
     lines = [head, "| --- " * (1 + len(SOURCES)) + "|"]
     for condition in CONDITIONS:

@@ -45,7 +45,7 @@ class Node:
     wxyz: Any = (1.0, 0.0, 0.0, 0.0)
     visible: bool = True
     virtual: bool = False
-    """It was not asked for, and is there for the nodes below it."""
+    """Parent that was created for its children, without a message of its own."""
 
 
 @dataclass
@@ -60,7 +60,7 @@ class Control:
 
 @dataclass
 class ViserClient:
-    """Scene of one client: shared nodes and its own, by name."""
+    """Scene that a client sees: shared and private nodes, by name."""
 
     socket: ClientConnection
     shared: dict[str, Node] = field(default_factory=dict)

@@ -100,20 +100,10 @@ def drive_on_bus(
 def add_drive_flags(parser: argparse.ArgumentParser, drives: str) -> None:
     """Add `--drive`, with its help `drives`, and the flags of a guided drive."""
     parser.add_argument("--drive", action="store_true", help=drives)
-    parser.add_argument(
-        "--room",
-        type=flags.POSITIVE,
-        default=1.0,
-        metavar="METRES",
-        help="with --drive: free floor on all sides of its centre, beyond its own size; default 1",
-    )
-    parser.add_argument(
-        "--speed",
-        type=flags.POSITIVE,
-        default=0.5,
-        metavar="MPS",
-        help="with --drive: at most, m/s; default 0.5",
-    )
+    text = "with --drive: free floor on all sides of its centre, beyond its own size; default 1"
+    flags.add(parser, "--room", text, flags.POSITIVE, 1.0, "METRES")
+    text = "with --drive: at most, m/s; default 0.5"
+    flags.add(parser, "--speed", text, flags.POSITIVE, 0.5, "MPS")
     add_bus_flags(parser)
 
 
@@ -210,9 +200,8 @@ def _wait_for_camera(subscriber: _RobotSubscriber, robot_id: str) -> None:
             raise TwinError(
                 f"the poses on twin/{robot_id}/sensor/pose are rejected: {refused}"
                 if refused
-                else f"no pose measurements on twin/{robot_id}/sensor/pose where {robot_id} is: a "
-                f"camera has "
-                "to (docs/estimation.md), or tsd-mock --camera"
+                else f"no pose measurements on twin/{robot_id}/sensor/pose: start tsd-camera there "
+                "(docs/camera.md), or tsd-mock --camera"
             )
         time.sleep(0.02)
 
