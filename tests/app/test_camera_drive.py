@@ -103,6 +103,9 @@ def test_a_robot_is_calibrated_and_drives_the_square_by_its_camera(
         lines = lab(start, endpoint, "square", tmp_path)
     assert lines[0].startswith("tsd: square of 1.00 m in 6.")
     assert is_picture(tmp_path / "square.png")
-    # The thesis has 160 mm from the path, open loop. The first number is by time: it
-    # has the delays of this machine: 24 ms are 17 mm.
-    assert (np.array(errors_mm(lines)) < [40.0, 20.0, 15.0]).all()
+    with (tmp_path / "square.csv").open(newline="", encoding="utf-8") as file:
+        pause_s = np.diff([float(row["t_s"]) for row in csv.DictReader(file)]).max()
+    # The thesis has 160 mm from the path, open loop. The first number is by time, so it includes
+    # the distance driven in a pause between commands: 3.4 mm were measured with 40 ms at most.
+    late_mm = 1000.0 * 0.7 * pause_s
+    assert (np.array(errors_mm(lines)) < [10.0 + late_mm, 20.0, 15.0]).all(), pause_s
